@@ -1,0 +1,8 @@
+"""Dynamic Expectation Maximization of linear models: arrays in, a learnt model out."""
+
+from mavdem.dem.learn import learn
+from mavdem.dem.learned import FreeEnergy, Learned, Learning
+from mavdem.dem.model import LinearModel
+from mavdem.dem.settings import Settings
+
+__all__ = ["FreeEnergy", "Learned", "Learning", "LinearModel", "Settings", "learn"]

@@ -1,0 +1,118 @@
+"""Free energy: the one place that says what F̄ is. The D, E and M steps climb it and are tested against it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.dem.generative import GenerativeModel, Samples
+from mavdem.dem.positive import logdet
+
+Array = NDArray[np.float64]
+
+
+class Belief(NamedTuple):
+    """The recognition density q: Gaussian in X (at every sample), θ and λ."""
+
+    joint: Array  # Σ_t [ỹ; η̃; X][…]ᵀ with X at its means
+    state_covariance: Array  # Σˣ of X = [x̃; ṽ], the same at every sample
+    theta: Array
+    theta_covariance: Array
+    lambda_: Array
+    lambda_covariance: Array
+
+
+def free_energy_action(model: GenerativeModel, samples: Samples, belief: Belief) -> float:
+    """F̄ = Ū + W + H, Eq. ``free_E`` summed over time; constants in 2π are left out.
+
+    W is the expectation of the curvature, ½ Σ tr(Σ U_ϑϑ): the ½ that Eq. ``F_bar_MF`` has and Eq. ``free_E`` lost.
+    """
+    joint, lambda_ = belief.joint, belief.lambda_
+    T = samples.number
+    weights = np.exp(lambda_)
+    mean_field = 0.5 * (
+        T * np.sum(belief.state_covariance * state_curvature(model, belief.theta, weights))
+        + np.sum(belief.theta_covariance * theta_curvature(model, joint, weights))
+        + np.sum(belief.lambda_covariance * lambda_curvature(model, joint, belief.theta, lambda_))
+    )
+    entropy = 0.5 * (
+        T * logdet(belief.state_covariance) + logdet(belief.theta_covariance) + logdet(belief.lambda_covariance)
+    )
+    return internal_energy(model, samples, joint, belief.theta, lambda_) + mean_field + entropy
+
+
+def internal_energy(model: GenerativeModel, samples: Samples, joint: Array, theta: Array, lambda_: Array) -> float:
+    """Ū = Σ_t U(t) with the priors counted once: log likelihood plus log priors at the means."""
+    prior = model.prior
+    E = model.error_operator(theta)
+    error = np.sum(model.precision(np.exp(lambda_)) * (E @ joint @ E.T))
+    log_precision = model.log_precision_at_zero + model.log_precision_slope @ lambda_
+    theta_error, lambda_error = theta - prior.theta_mean, lambda_ - prior.lambda_mean
+    return 0.5 * float(
+        samples.number * log_precision
+        - error
+        - theta_error @ prior.theta_precision @ theta_error
+        - lambda_error @ prior.lambda_precision @ lambda_error
+        + logdet(prior.theta_precision)
+        + logdet(prior.lambda_precision)
+    )
+
+
+def state_curvature(model: GenerativeModel, theta: Array, weights: Array) -> Array:
+    """U_XX, the same at every sample, for noise precisions ``weights`` = e^λ."""
+    of_X = model.error_operator(theta)[:, model.hidden]
+    return -of_X.T @ model.precision(weights) @ of_X
+
+
+def theta_curvature(model: GenerativeModel, joint: Array, weights: Array) -> Array:
+    """Ū_θθ (k, k): each row of [A B] and of C is a regression of its own, coupled only by the prior."""
+    curvature = -model.prior.theta_precision
+    moments, rows = model.regression(joint), model.parameter_rows
+    add_blocks(curvature, rows.dynamics, -weights[model.state_groups], moments.regressors)
+    add_blocks(curvature, rows.observation, -weights[model.output_groups], moments.states)
+    return curvature
+
+
+def add_blocks(matrix: Array, rows: NDArray[np.intp], weights: Array, block: Array) -> None:
+    """Adds ``weights[j] · block`` to ``matrix`` at the places ``rows[j]``, for every j."""
+    matrix[rows[:, :, None], rows[:, None, :]] += weights[:, None, None] * block
+
+
+def lambda_curvature(model: GenerativeModel, joint: Array, theta: Array, lambda_: Array) -> Array:
+    """Ū_λλ (g, g)."""
+    E = model.error_operator(theta)
+    squares = model.squared_errors(E @ joint @ E.T)
+    return -np.diag(0.5 * np.exp(lambda_) * squares) - model.prior.lambda_precision
+
+
+def optimal_terms(
+    model: GenerativeModel, samples: Samples, joint: Array, theta: Array, lambda_: Array
+) -> Mapping[str, float]:
+    """The named terms of F̄ᵒ, Eq. ``F_action_opt``: F̄ where every precision is the negative curvature.
+
+    They sum to F̄ᵒ, which is :func:`free_energy_action` at those precisions plus half the number of everything
+    estimated, T·dim X + dim θ + dim λ (the mean-field terms there, which the paper drops with the constants).
+    """
+    prior = model.prior
+    T = samples.number
+    weights = np.exp(lambda_)
+    precision = model.precision(weights)
+    E = model.error_operator(theta)
+    squares = precision * (E @ joint @ E.T)
+    of_y, of_v, of_x = model.errors
+    theta_error, lambda_error = theta - prior.theta_mean, lambda_ - prior.lambda_mean
+    return {
+        "noise entropy": 0.5 * T * (model.log_precision_at_zero + float(model.log_precision_slope @ lambda_)),
+        "state and input entropy": -0.5 * T * logdet(-state_curvature(model, theta, weights)),
+        "parameter entropy": 0.5 * (logdet(prior.theta_precision) - logdet(-theta_curvature(model, joint, weights))),
+        "hyperparameter entropy": 0.5
+        * (logdet(prior.lambda_precision) - logdet(-lambda_curvature(model, joint, theta, lambda_))),
+        "prediction error of outputs": -0.5 * float(squares[of_y, of_y].sum()),
+        "prediction error of inputs": -0.5 * float(squares[of_v, of_v].sum()),
+        "prediction error of states": -0.5 * float(squares[of_x, of_x].sum()),
+        "prediction error of parameters": -0.5 * float(theta_error @ prior.theta_precision @ theta_error),
+        "prediction error of hyperparameters": -0.5 * float(lambda_error @ prior.lambda_precision @ lambda_error),
+    }

@@ -1,0 +1,214 @@
+"""The generative model in generalized coordinates: what the engine believes produced the data.
+
+    ỹ = C̃ x̃ + z̃,   D x̃ = Ã x̃ + B̃ ṽ + w̃,   ṽ = η̃ + (input noise)            Eq. ``generative_process``
+
+Everything here is linear in the data, so the data enter the engine as one matrix of second moments.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.dem.coordinates import derivative_operator
+from mavdem.dem.model import unpack
+from mavdem.dem.priors import Prior
+from mavdem.dem.smoothness import temporal_precision
+
+Array = NDArray[np.float64]
+
+
+class Samples(NamedTuple):
+    """The data, as far as the steps need them: the number of generalized samples, and their second moments."""
+
+    number: int
+    gram: Array  # Σ_t [ỹ; η̃][ỹ; η̃]ᵀ
+
+    @classmethod
+    def of(cls, outputs: Array, inputs: Array) -> Samples:
+        """From generalized outputs (T, (p+1)m) and inputs (T, (d+1)r). Samples of separate stretches add up."""
+        both = np.hstack([outputs, inputs])
+        return cls(len(both), both.T @ both)
+
+
+@dataclass(frozen=True, eq=False)
+class GenerativeModel:
+    """Sizes, noise colour and priors of the model; θ and λ are what is learnt.
+
+    Attributes:
+        n, r, m: states, inputs, outputs.
+        p, d, q: embedding orders of states and outputs, of inputs, and of the process noise.
+        smoothness: kernel width s of both noises, s.
+        output_groups, state_groups: which entry of λ each output and each state has.
+        input_precision: P̃ᵛ, ((d+1)r, (d+1)r).
+        prior: of θ and λ.
+    """
+
+    n: int
+    r: int
+    m: int
+    p: int
+    d: int
+    q: int
+    smoothness: float
+    output_groups: NDArray[np.intp]
+    state_groups: NDArray[np.intp]
+    input_precision: Array
+    prior: Prior
+
+    @property
+    def errors(self) -> tuple[slice, slice, slice]:
+        """Rows of ε̃: prediction errors of outputs, of inputs, of states."""
+        y = self.m * (self.p + 1)
+        v = y + self.r * (self.d + 1)
+        return slice(0, y), slice(y, v), slice(v, v + self.n * (self.q + 1))
+
+    @property
+    def hidden(self) -> slice:
+        """Where X = [x̃; ṽ] begins in the joint vector [ỹ; η̃; X]; before it stand the data."""
+        return slice(self.m * (self.p + 1) + self.r * (self.d + 1), None)
+
+    @cached_property
+    def output_correlation(self) -> Array:
+        """S of z̃, (p + 1, p + 1)."""
+        return temporal_precision(self.p, self.smoothness)
+
+    @cached_property
+    def state_correlation(self) -> Array:
+        """S of w̃, (q + 1, q + 1)."""
+        return temporal_precision(self.q, self.smoothness)
+
+    def error_operator(self, theta: Array) -> Array:
+        """E with ε̃ = E [ỹ; η̃; x̃; ṽ]: the three prediction errors below Eq. ``free_E``, stacked."""
+        fixed, places, parameters = self._operator_parts
+        operator = fixed.copy()
+        operator.flat[places] = -theta[parameters]
+        return operator
+
+    @cached_property
+    def _operator_parts(self) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
+        """E at θ = 0, the flat places in E that hold a parameter, and which: −C̃, −Ã and −B̃."""
+        n, r, m, p, d, q = self.n, self.r, self.m, self.p, self.d, self.q
+        y, v, x = m * (p + 1), r * (d + 1), n * (p + 1)
+        of_y, of_v, of_x = self.errors
+        at_x, at_v = slice(y + v, y + v + x), slice(y + v + x, None)
+        fixed = np.zeros((of_x.stop, y + v + x + v))
+        fixed[of_y, :y] = np.eye(y)
+        fixed[of_v, y : y + v] = -np.eye(v)
+        fixed[of_v, at_v] = np.eye(v)
+        # The highest order's derivative is not modelled: D's last row is zero, or, for q < p, not there.
+        fixed[of_x, at_x] = derivative_operator(p, n)[: n * (q + 1)]
+        # Numbered from 1, so that the zeros of the Kronecker products stay no parameter's place.
+        A, B, C = (part.astype(int) for part in unpack(1.0 + np.arange(n * n + n * r + m * n), n, r, m))
+        number = np.zeros(fixed.shape, int)
+        number[of_y, at_x] = np.kron(np.eye(p + 1, dtype=int), C)
+        number[of_x, at_x] = np.kron(np.eye(q + 1, p + 1, dtype=int), A)
+        number[of_x, at_v] = np.kron(np.eye(q + 1, d + 1, dtype=int), B)
+        places = np.flatnonzero(number)
+        return fixed, places, number.flat[places] - 1
+
+    def precision(self, weights: Array) -> Array:
+        """Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) for noise precisions ``weights`` (g,), which are e^λ."""
+        unit, groups = self._precision_parts
+        # Ω is diagonal, so each error's column is scaled by its own noise precision; those of inputs by 1.
+        return np.asarray(unit * np.append(weights, 1.0)[groups])
+
+    @cached_property
+    def _precision_parts(self) -> tuple[Array, NDArray[np.intp]]:
+        """Π̃ at λ = 0, and for each column its entry of λ, or −1."""
+        of_y, of_v, of_x = self.errors
+        unit = np.zeros((of_x.stop, of_x.stop))
+        unit[of_y, of_y] = np.kron(self.output_correlation, np.eye(self.m))
+        unit[of_v, of_v] = self.input_precision
+        unit[of_x, of_x] = np.kron(self.state_correlation, np.eye(self.n))
+        groups = np.full(of_x.stop, -1)
+        groups[of_y] = np.tile(self.output_groups, self.p + 1)
+        groups[of_x] = np.tile(self.state_groups, self.q + 1)
+        return unit, groups
+
+    @cached_property
+    def group_sum(self) -> Array:
+        """(g, m + n): 1 where an output's or a state's noise has that entry of λ; adds up components by λ."""
+        groups = np.concatenate([self.output_groups, self.state_groups])
+        return np.asarray(groups == np.arange(groups.max() + 1)[:, None], float)
+
+    @cached_property
+    def log_precision_slope(self) -> Array:
+        """∂ ln|Π̃| / ∂λ, (g,): ln|Π̃| is linear in λ."""
+        return np.asarray(self.group_sum @ np.repeat([self.p + 1.0, self.q + 1.0], [self.m, self.n]))
+
+    @cached_property
+    def log_precision_at_zero(self) -> float:
+        """ln|Π̃| at λ = 0."""
+        return float(np.linalg.slogdet(self._precision_parts[0])[1])
+
+    def squared_errors(self, moments: Array) -> Array:
+        """Σ ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,), of second moments Σ ε̃ε̃ᵀ of the errors."""
+        of_y, _, of_x = self.errors
+        outputs = _by_component(self.output_correlation, moments[of_y, of_y], self.m)
+        states = _by_component(self.state_correlation, moments[of_x, of_x], self.n)
+        return np.asarray(self.group_sum @ np.concatenate([outputs, states]))
+
+    def regression(self, joint: Array) -> Regression:
+        """What the regressions of Dx̃ on [x̃; ṽ] and of ỹ on x̃ need of the joint moments Σ [ỹ; η̃; X][…]ᵀ."""
+        # One row and column of zeros stands for every derivative beyond the embedding.
+        padded = np.zeros((len(joint) + 1, len(joint) + 1))
+        padded[:-1, :-1] = joint
+        Sx, Sy = self.state_correlation, self.output_correlation
+        both, slope, states, outputs = self._orders
+        dynamics = _contract(Sx, padded, np.hstack([both, slope]), both)
+        observation = _contract(Sy, padded, np.hstack([states, outputs]), states)
+        n, size = self.n, self.n + self.r
+        return Regression(dynamics[:size], dynamics[size:], observation[:n], observation[n:])
+
+    @cached_property
+    def parameter_rows(self) -> ParameterRows:
+        """Where θ holds the parameters of each noise component."""
+        n, r, m = self.n, self.r, self.m
+        A, B, C = unpack(np.arange(n * n + n * r + m * n), n, r, m)
+        return ParameterRows(np.hstack([A, B]), C)
+
+    @cached_property
+    def _orders(self) -> tuple[NDArray[np.intp], ...]:
+        """Places, in the joint vector, of [x; v], x′, x and y of each order: (orders, components) each."""
+        start = self.hidden.start
+        x = start + np.arange(self.n * (self.p + 1)).reshape(-1, self.n)
+        v = start + x.size + np.arange(self.r * (self.d + 1)).reshape(-1, self.r)
+        beyond = start + x.size + v.size
+        x_and_beyond = np.vstack([x, np.full((1, self.n), beyond)])
+        v_and_beyond = np.vstack([v, np.full((max(self.q - self.d, 0), self.r), beyond)])
+        q = self.q + 1
+        both = np.hstack([x[:q], v_and_beyond[:q]])
+        y = np.arange(self.m * (self.p + 1)).reshape(-1, self.m)
+        return both, x_and_beyond[1 : q + 1], x, y
+
+
+class Regression(NamedTuple):
+    """S-weighted second moments over orders; each noise component's parameters are one row of a regression."""
+
+    regressors: Array  # (n + r, n + r) of [x; v], for the rows of [A B]
+    slopes: Array  # (n, n + r) of x′ with [x; v]
+    states: Array  # (n, n) of x, for the rows of C
+    outputs: Array  # (m, n) of y with x
+
+
+class ParameterRows(NamedTuple):
+    """Places in θ of each row of [A B], (n, n + r), and of each row of C, (m, n)."""
+
+    dynamics: NDArray[np.intp]
+    observation: NDArray[np.intp]
+
+
+def _contract(correlation: Array, joint: Array, left: NDArray[np.intp], right: NDArray[np.intp]) -> Array:
+    """Σᵢⱼ Sᵢⱼ · moments between the components of order i on the left and of order j on the right."""
+    blocks = joint[left.ravel()[:, None], right.ravel()[None, :]].reshape(*left.shape, *right.shape)
+    return np.asarray(np.tensordot(correlation, blocks, axes=((0, 1), (0, 2))))
+
+
+def _by_component(correlation: Array, moments: Array, components: int) -> Array:
+    orders = len(correlation)
+    return np.asarray(np.einsum("ij,iaja->a", correlation, moments.reshape(orders, components, orders, components)))

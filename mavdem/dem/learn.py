@@ -1,0 +1,115 @@
+"""Learning a flight: the fit, with what its settings leave open chosen by forecasts of what was not fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from mavdem.dem.choice import candidates, trial_mse
+from mavdem.dem.fit import Fit, fit
+from mavdem.dem.learned import Candidate, Learned
+from mavdem.dem.settings import Settings
+
+Array = NDArray[np.float64]
+
+FEWEST_SAMPLES = 50
+"""Below this there is nothing to learn and nothing left to try it on."""
+
+
+class Recorded(Protocol):
+    """What learning needs of a flight: inputs (T, r), outputs (T, m) and the sampling step, s."""
+
+    @property
+    def inputs(self) -> Array: ...  # noqa: D102
+    @property
+    def outputs(self) -> Array: ...  # noqa: D102
+    @property
+    def dt(self) -> float: ...  # noqa: D102
+
+
+def learn(train: Recorded, settings: Settings | None = None) -> Learned:
+    """Learns a linear model of a flight by Dynamic Expectation Maximization.
+
+    Args:
+        train: inputs (T, r), outputs (T, m), finite, and the sampling step dt in seconds; a ``Flight``.
+        settings: what decides the fit; ``Settings()``, for real flights, unless given.
+
+    Returns:
+        the model, its posterior, the free energy and the forecasts, in physical units.
+
+    Raises:
+        ValueError: too few samples, values that are not finite, or channels that do not vary, with their names; or
+            data of which no model can be tried.
+    """
+    # The matrices are small: waking other threads for them takes several times as long as the work.
+    with threadpool_limits(limits=1, user_api="blas"):
+        return _learn(*_checked(train), train.dt, settings or Settings())
+
+
+def _learn(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Learned:
+    trials = [
+        _trial(inputs, outputs, dt, choice) for choice in candidates(settings, outputs.shape[1], len(outputs), dt)
+    ]
+    best = min(trials, key=lambda trial: trial.candidate.error)
+    if best.candidate.error == np.inf:
+        raise ValueError("no model of one half of the training data can forecast the other: they determine none")
+    fitted = fit(inputs, outputs, dt, best.settings)
+    return Learned.of(
+        fitted,
+        inputs,
+        outputs,
+        dt,
+        best.forecast_mse,
+        tuple(trial.candidate for trial in trials),
+        _cautions(fitted, best.forecast_mse / outputs.var(axis=0)),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    settings: Settings
+    candidate: Candidate
+    forecast_mse: Array  # (H, m)
+
+
+def _trial(inputs: Array, outputs: Array, dt: float, settings: Settings) -> _Trial:
+    assert settings.order and settings.window and settings.parameter_precision
+    try:
+        mse = trial_mse(inputs, outputs, dt, settings)
+    except np.linalg.LinAlgError:
+        # Half of the data may not carry what all of it does: no forecast was made, so none is trusted.
+        mse = np.full((1, outputs.shape[1]), np.inf)
+    error = float(np.mean(mse / outputs.var(axis=0)))
+    choice = (settings.order, settings.window, settings.parameter_precision)
+    return _Trial(settings, Candidate(*choice, error if np.isfinite(error) else np.inf), mse)
+
+
+def _checked(train: Recorded) -> tuple[Array, Array]:
+    inputs, outputs = np.asarray(train.inputs, np.float64), np.asarray(train.outputs, np.float64)
+    if len(outputs) < FEWEST_SAMPLES:
+        raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(outputs)}")
+    for name, values in (("inputs", inputs), ("outputs", outputs)):
+        if not np.isfinite(values).all():
+            raise ValueError(f"{name} must be finite")
+    return inputs, outputs
+
+
+def _cautions(fitted: Fit, trial_error: Array) -> tuple[str, ...]:
+    """What a user must know before trusting the model; ``trial_error`` (H, m) in units of the training variance."""
+    model = fitted.scaling.physical_model(fitted.ascent.belief.theta, fitted.model.n)
+    cautions = []
+    useless = np.flatnonzero(~(trial_error.mean(axis=1) < 1))
+    if len(useless):
+        cautions.append(
+            f"Forecasts of {useless[0] + 1} samples or more err as much as the constant mean does, where one half of "
+            "the training data is forecast from the other: do not rely on them."
+        )
+    if model.spectral_abscissa > 0:
+        cautions.append(f"The model is unstable: it grows e-fold in {1 / model.spectral_abscissa:.3g} s.")
+    if not fitted.ascent.settled:
+        cautions.append(f"F̄ was still rising after {fitted.settings.iterations} iterations.")
+    return tuple(cautions)

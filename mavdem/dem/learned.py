@@ -1,0 +1,326 @@
+"""Learned: what DEM made of a flight, in physical units."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm
+
+from mavdem.dem.fit import Fit, generalized
+from mavdem.dem.model import LinearModel, Transition, pack, unpack
+from mavdem.dem.positive import inverse
+from mavdem.dem.prediction import Predictor
+from mavdem.dem.scaling import Scaling
+from mavdem.dem.settings import Settings
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class FreeEnergy:
+    """F̄ᵒ by iteration, row 0 being the priors' means; behaves as its array of totals, (I + 1,).
+
+    Attributes:
+        terms: the named terms of Eq. ``F_action_opt``, (I + 1,) each, which sum to the total.
+    """
+
+    terms: Mapping[str, Array]
+
+    @cached_property
+    def total(self) -> Array:
+        """F̄ᵒ by iteration, (I + 1,)."""
+        return np.asarray(np.sum(list(self.terms.values()), axis=0))
+
+    @property
+    def gained(self) -> float:
+        """Nats gained from the priors' means to the end."""
+        return float(self.total[-1] - self.total[0])
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        return np.array(self.total, dtype=dtype)
+
+    def __len__(self) -> int:
+        return len(self.total)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.total[index]
+
+    def __iter__(self) -> Iterator[float]:
+        return iter(self.total.tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class Learning:
+    """How the estimates moved, iteration by iteration: rows are those of :class:`FreeEnergy`.
+
+    Attributes:
+        theta, theta_sd: (I + 1, k) in physical units, θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] without the trim offset.
+        lambda_, lambda_sd: (I + 1, g) log noise precisions in the engine's units: measurement noise, process noise.
+    """
+
+    theta: Array
+    theta_sd: Array
+    lambda_: Array
+    lambda_sd: Array
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One way to fill what the settings left open, and how it forecast training data that it had not seen.
+
+    Attributes:
+        order, window, parameter_precision: as in :class:`Settings`.
+        error: mean squared forecast error over all horizons, in units of each output's training variance; infinite
+            where the fit broke down.
+    """
+
+    order: int
+    window: int
+    parameter_precision: float
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Learned:
+    """A learnt model with its posterior, its climb and its forecasts, in physical units.
+
+    Attributes:
+        settings: as used, with nothing left open.
+        model: posterior means.
+        theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units.
+        prior_sd: (k,) prior standard deviations of θ.
+        free_energy: by iteration, with its named terms.
+        learning: parameters and hyperparameters by iteration.
+        settled: whether F̄ had stopped rising.
+        candidates: every choice that was tried.
+        dt: sampling step, s.
+        smoothness: kernel width s of the noise, s.
+        inputs, outputs: (T, r), (T, m) the training data.
+        forecast_mse: (H, m) mean squared error by horizon in samples, of forecasts of each half of the training data
+            by a model of the other half.
+        cautions: one sentence for each thing a user must know before trusting the model.
+    """
+
+    settings: Settings
+    model: LinearModel
+    theta_covariance: Array
+    prior_sd: Array
+    free_energy: FreeEnergy
+    learning: Learning
+    settled: bool
+    candidates: tuple[Candidate, ...]
+    dt: float
+    smoothness: float
+    inputs: Array
+    outputs: Array
+    forecast_mse: Array
+    cautions: tuple[str, ...]
+    scaling: Scaling
+    predictor: Predictor
+    state_map: Array
+    theta: Array
+
+    @classmethod
+    def of(
+        cls,
+        fit: Fit,
+        inputs: Array,
+        outputs: Array,
+        dt: float,
+        forecast_mse: Array,
+        candidates: tuple[Candidate, ...],
+        cautions: tuple[str, ...],
+    ) -> Learned:
+        """The result of a fit to the training data it was made from."""
+        order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
+        scale = scaling.parameter_scale(order)
+        motors = _without_constant(fit)
+        covariance = ascent.belief.theta_covariance * np.outer(scale, scale)
+        prior_covariance = inverse(fit.model.prior.theta_precision) * np.outer(scale, scale)
+        return cls(
+            settings=fit.settings,
+            model=scaling.physical_model(ascent.belief.theta, order),
+            theta_covariance=covariance[np.ix_(motors, motors)],
+            prior_sd=np.sqrt(np.diag(prior_covariance))[motors],
+            free_energy=FreeEnergy(dict(ascent.terms)),
+            learning=Learning(
+                (ascent.theta * scale)[:, motors],
+                (ascent.theta_sd * scale)[:, motors],
+                ascent.lambda_,
+                ascent.lambda_sd,
+            ),
+            settled=ascent.settled,
+            candidates=candidates,
+            dt=dt,
+            smoothness=fit.model.smoothness,
+            inputs=inputs,
+            outputs=outputs,
+            forecast_mse=forecast_mse,
+            cautions=cautions,
+            scaling=scaling,
+            predictor=fit.predictor,
+            state_map=ascent.state_map,
+            theta=ascent.belief.theta,
+        )
+
+    @property
+    def model_sd(self) -> LinearModel:
+        """Posterior standard deviations in the places of A, B and C; the offset's and trims' are NaN."""
+        n, m = self.model.A.shape[0], self.model.C.shape[0]
+        r = self.model.B.shape[1]
+        A, B, C = unpack(np.sqrt(np.diag(self.theta_covariance)), n, r, m)
+        return LinearModel(A, B, C, np.full(n, np.nan), np.full(r, np.nan), np.full(m, np.nan))
+
+    def one_step(self) -> Array:
+        """(T, m): each training sample predicted from those before it and the inputs; row 0 is the trim."""
+        ahead = self.predictor.one_step(
+            self.scaling.scale_outputs(self.outputs), self.scaling.scale_inputs(self.inputs)
+        )
+        return np.vstack([self.scaling.output_trim, self.scaling.physical_outputs(ahead)])
+
+    def forecast(self, inputs: ArrayLike) -> Array:
+        """Outputs after the training data: row 0 is the first sample after it.
+
+        Args:
+            inputs: (H, r) motor outputs over the forecast, in the unit of the training inputs.
+
+        Returns:
+            (H, m).
+
+        Raises:
+            ValueError: inputs of another width, or not finite.
+        """
+        ahead = np.asarray(inputs, dtype=np.float64)
+        if ahead.ndim != 2 or ahead.shape[1] != self.inputs.shape[1]:
+            raise ValueError(f"inputs must have shape (H, {self.inputs.shape[1]}), not {ahead.shape}")
+        if not np.isfinite(ahead).all():
+            raise ValueError("inputs must be finite")
+        known = self.scaling.scale_inputs(np.vstack([self.inputs[-1], ahead]))
+        return self.scaling.physical_outputs(self.predictor.forecast(self._last_state, known))
+
+    def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> tuple[Array, Array]:
+        """The interval in which each sample of the forecast lies with probability ``level``.
+
+        Its width is what forecasts of that length erred (``forecast_mse``), which counts wind, start and parameters
+        together; beyond the longest such forecast it stays as wide as that.
+
+        Returns:
+            lower and upper bounds, (H, m) each.
+        """
+        centre = self.forecast(inputs)
+        horizons = np.minimum(np.arange(len(centre)), len(self.forecast_mse) - 1)
+        half = norm.ppf(0.5 + level / 2) * np.sqrt(self.forecast_mse[horizons])
+        return centre - half, centre + half
+
+    @cached_property
+    def _last_state(self) -> Array:
+        states = self.predictor.filtered(
+            self.scaling.scale_outputs(self.outputs), self.scaling.scale_inputs(self.inputs)
+        )
+        return np.asarray(states[-1])
+
+    def process_noise(self) -> tuple[NDArray[np.intp], Array]:
+        """The estimated process noise w = x′ − A x − B v: wind and all else the model leaves out.
+
+        Returns:
+            places (T′,) of the training samples that have a whole window, and w (T′, n) there, in units of the
+            states per second (for the roll rate, rad/s²).
+        """
+        n = self.settings.order
+        assert n is not None and self.settings.window is not None
+        m, r = self.outputs.shape[1], self.inputs.shape[1] + self.scaling.constant
+        y, v = generalized(self.settings, self.scaling, self.inputs, self.outputs, self.dt)
+        X = np.hstack([y, v]) @ self.state_map.T
+        A, B, _ = unpack(self.theta, n, r, m)
+        inputs = X[:, n * (self.settings.p + 1) :][:, :r]
+        noise = X[:, n : 2 * n] - X[:, :n] @ A.T - inputs @ B.T
+        return np.arange(len(noise)) + self.settings.window // 2, noise * self.scaling.state_scale(n)
+
+    def to_json(self) -> str:
+        """Everything as a JSON object, the training data included; :meth:`from_json` reads it back."""
+        return json.dumps(
+            {
+                "settings": json.loads(self.settings.to_json()),
+                "model": {name: value.tolist() for name, value in self.model._asdict().items()},
+                "theta_covariance": self.theta_covariance.tolist(),
+                "prior_sd": self.prior_sd.tolist(),
+                "free_energy": {name: term.tolist() for name, term in self.free_energy.terms.items()},
+                "learning": {name: value.tolist() for name, value in vars(self.learning).items()},
+                "settled": self.settled,
+                "candidates": [
+                    # JSON has no infinity: a candidate that broke down has no error.
+                    {**vars(c), "error": c.error if np.isfinite(c.error) else None}
+                    for c in self.candidates
+                ],
+                "dt": self.dt,
+                "smoothness": self.smoothness,
+                "inputs": self.inputs.tolist(),
+                "outputs": self.outputs.tolist(),
+                "forecast_mse": self.forecast_mse.tolist(),
+                "cautions": list(self.cautions),
+                "scaling": {
+                    **{k: np.asarray(v).tolist() for k, v in self.scaling._asdict().items()},
+                },
+                "predictor": {
+                    "transition": {k: v.tolist() for k, v in self.predictor.transition._asdict().items()},
+                    "C": self.predictor.C.tolist(),
+                    "gain": self.predictor.gain.tolist(),
+                },
+                "state_map": self.state_map.tolist(),
+                "theta": self.theta.tolist(),
+            }
+        )
+
+    @classmethod
+    def from_json(cls, text: str) -> Learned:
+        """The result that :meth:`to_json` wrote."""
+        values = json.loads(text)
+        predictor, scaling = values["predictor"], values["scaling"]
+        return cls(
+            settings=Settings.from_dict(values["settings"]),
+            model=LinearModel(**_arrays(values["model"])),
+            theta_covariance=np.array(values["theta_covariance"]),
+            prior_sd=np.array(values["prior_sd"]),
+            free_energy=FreeEnergy(_arrays(values["free_energy"])),
+            learning=Learning(**_arrays(values["learning"])),
+            settled=values["settled"],
+            candidates=tuple(
+                Candidate(**{**c, "error": np.inf if c["error"] is None else c["error"]}) for c in values["candidates"]
+            ),
+            dt=values["dt"],
+            smoothness=values["smoothness"],
+            inputs=np.array(values["inputs"]),
+            outputs=np.array(values["outputs"]),
+            forecast_mse=np.array(values["forecast_mse"]),
+            cautions=tuple(values["cautions"]),
+            scaling=Scaling(
+                np.array(scaling["input_trim"]),
+                scaling["input_scale"],
+                np.array(scaling["output_trim"]),
+                np.array(scaling["output_scale"]),
+                scaling["constant"],
+            ),
+            predictor=Predictor(
+                Transition(**_arrays(predictor["transition"])), np.array(predictor["C"]), np.array(predictor["gain"])
+            ),
+            state_map=np.array(values["state_map"]),
+            theta=np.array(values["theta"]),
+        )
+
+
+def _arrays(values: Mapping[str, Any]) -> dict[str, Array]:
+    return {name: np.array(value, dtype=np.float64) for name, value in values.items()}
+
+
+def _without_constant(fit: Fit) -> NDArray[np.bool_]:
+    """Which of the engine's θ are about the vehicle: all but the column of B for the constant input."""
+    model = fit.model
+    B = np.ones((model.n, model.r), bool)
+    B[:, model.r - fit.scaling.constant :] = False
+    return pack(np.ones((model.n, model.n)), B.astype(float), np.ones((model.m, model.n))).astype(bool)

@@ -1,0 +1,62 @@
+"""The linear model, the parameter vector it is packed into, and its motion from sample to sample."""
+
+from __future__ import annotations
+
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+Array = NDArray[np.float64]
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+class LinearModel(NamedTuple):
+    """ẋ = A x + B (u − input_trim) + offset + w,  y = C x + output_trim + z, Eq. ``general_LTI`` with its trim.
+
+    The state x is a deviation from trim, in the units of the outputs for the first states.
+    """
+
+    A: Array  # (n, n) 1/s
+    B: Array  # (n, r)
+    C: Array  # (m, n)
+    offset: Array  # (n,) what the trim inputs leave over, per second
+    input_trim: Array  # (r,)
+    output_trim: Array  # (m,)
+
+    @property
+    def spectral_abscissa(self) -> float:
+        """The largest real part among the eigenvalues of A, 1/s: positive means unstable."""
+        return float(np.linalg.eigvals(self.A).real.max())
+
+
+def pack(A: Array, B: Array, C: Array) -> Array:
+    """θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)]: the rows of A, then of B, then of C."""
+    return np.concatenate([A.ravel(), B.ravel(), C.ravel()])
+
+
+def unpack(theta: NDArray[Scalar], n: int, r: int, m: int) -> tuple[NDArray[Scalar], NDArray[Scalar], NDArray[Scalar]]:
+    """A (n, n), B (n, r) and C (m, n) out of θ (n² + n·r + m·n,)."""
+    a, b = n * n, n * n + n * r
+    return theta[:a].reshape(n, n), theta[a:b].reshape(n, r), theta[b:].reshape(m, n)
+
+
+class Transition(NamedTuple):
+    """x⁺ = Φ x + Γ₀ u + Γ₁ u⁺: one sampling step, exact for inputs that run linearly between samples."""
+
+    state: Array  # (n, n) Φ
+    input_now: Array  # (n, r) Γ₀
+    input_next: Array  # (n, r) Γ₁
+
+
+def discretize(A: Array, B: Array, dt: float) -> Transition:
+    """The exact transition over ``dt`` seconds with first-order hold (Franklin, Powell and Workman, sec. 4.3.2)."""
+    n, r = B.shape
+    generator = np.zeros((n + 2 * r, n + 2 * r))
+    generator[:n, :n] = A * dt
+    generator[:n, n : n + r] = B * dt
+    generator[n : n + r, n + r :] = np.eye(r)
+    flow = expm(generator)
+    ramp = flow[:n, n + r :]
+    return Transition(flow[:n, :n], flow[:n, n : n + r] - ramp, ramp)

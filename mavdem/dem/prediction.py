@@ -1,0 +1,109 @@
+"""Prediction: the state carried along the samples, one step ahead, and over a whole forecast.
+
+The D step reads each sample by itself, which says where the vehicle is but cannot carry a hidden state from one
+sample to the next. So the learnt model and its noises are put into a steady-state Kalman filter, in which the
+coloured w̃ counts with its power at low frequency, Σʷ · 2s√π: what a noise of that colour does to a slower state.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import LinAlgError, pinv, solve_discrete_are
+from scipy.signal import lfilter
+
+from mavdem.dem.model import Transition, discretize
+
+Array = NDArray[np.float64]
+
+WORST_MODES = 1e8
+"""Condition of the filter's eigenvectors beyond which it runs sample by sample instead of mode by mode."""
+
+
+@dataclass(frozen=True, eq=False)
+class Predictor:
+    """A discrete model with its filter gain, in the engine's units.
+
+    Attributes:
+        transition: over one sampling step.
+        C: (m, n).
+        gain: (n, m): how far a prediction error moves the state.
+    """
+
+    transition: Transition
+    C: Array
+    gain: Array
+
+    @classmethod
+    def of(
+        cls, A: Array, B: Array, C: Array, dt: float, measurement_noise: Array, process_noise: Array, smoothness: float
+    ) -> Predictor:
+        """The predictor of a continuous model with noise variances (m,) of z and (n,) of w."""
+        transition = discretize(A, B, dt)
+        Q = np.diag(process_noise) * 2 * smoothness * np.sqrt(np.pi) * dt
+        R = np.diag(measurement_noise)
+        try:
+            P = solve_discrete_are(transition.state.T, C.T, Q, R)
+            gain = np.linalg.solve(C @ P @ C.T + R, C @ P).T
+        except (LinAlgError, ValueError):
+            # No steady state exists, as when an unstable state is not seen: take the outputs as they are.
+            gain = pinv(C)
+        return cls(transition, C, np.asarray(gain, np.float64))
+
+    def filtered(self, outputs: Array, inputs: Array) -> Array:
+        """States (T, n), each given the samples up to and including its own; the first from its outputs alone."""
+        drive = self._drive(inputs)
+        keep = np.eye(len(self.gain)) - self.gain @ self.C
+        first = np.linalg.pinv(self.C) @ outputs[0]
+        pushes = drive @ keep.T + outputs[1:] @ self.gain.T
+        return np.vstack([first, _recursion(keep @ self.transition.state, pushes, first)])
+
+    def one_step(self, outputs: Array, inputs: Array) -> Array:
+        """(T − 1, m): each sample after the first, predicted from those before it and from its inputs."""
+        states = self.filtered(outputs, inputs)[:-1]
+        return (states @ self.transition.state.T + self._drive(inputs)) @ self.C.T
+
+    def forecast(self, state: Array, inputs: Array) -> Array:
+        """(H, m): outputs of the H samples after ``state`` (n,), whose own input is row 0 of inputs (H + 1, r)."""
+        return _recursion(self.transition.state, self._drive(inputs), state) @ self.C.T
+
+    def forecast_errors(self, outputs: Array, inputs: Array, horizon: int, starts: Array) -> Array:
+        """Errors (starts, horizon, m) of forecasts that begin at the given samples of a recorded stretch."""
+        states = self.filtered(outputs, inputs)[starts]
+        drive = self._drive(inputs)
+        errors = np.empty((len(starts), horizon, outputs.shape[1]))
+        for step in range(horizon):
+            states = states @ self.transition.state.T + drive[starts + step]
+            errors[:, step] = outputs[starts + step + 1] - states @ self.C.T
+        return errors
+
+    def _drive(self, inputs: Array) -> Array:
+        """What the inputs add to the state in each step, (T − 1, n)."""
+        return inputs[:-1] @ self.transition.input_now.T + inputs[1:] @ self.transition.input_next.T
+
+
+def _recursion(F: Array, pushes: Array, first: Array) -> Array:
+    """x₁ … x_T of x_{t} = F x_{t−1} + push_t from x₀ = ``first``, mode by mode, in which it is vectorized."""
+    if not len(pushes):
+        return np.empty((0, len(first)))
+    eigenvalues, modes = np.linalg.eig(F)
+    if np.linalg.cond(modes) > WORST_MODES:
+        return _recursion_by_sample(F, pushes, first)
+    inward = np.linalg.inv(modes)
+    start, driven = inward @ first, pushes @ inward.T
+    states = [
+        lfilter([1.0], [1.0, -value], driven[:, i].astype(complex), zi=[value * start[i]])[0]
+        for i, value in enumerate(eigenvalues)
+    ]
+    return np.asarray((np.stack(states, axis=1) @ modes.T).real)
+
+
+def _recursion_by_sample(F: Array, pushes: Array, first: Array) -> Array:
+    states = np.empty_like(pushes)
+    state = first
+    for t, push in enumerate(pushes):
+        state = F @ state + push
+        states[t] = state
+    return states

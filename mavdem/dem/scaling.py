@@ -1,0 +1,80 @@
+"""Between the vehicle's units and the engine's: centred, of unit size, with a constant input for the trim."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.dem.model import LinearModel, pack, unpack
+from mavdem.dem.settings import Settings
+
+Array = NDArray[np.float64]
+
+
+class Scaling(NamedTuple):
+    """y = output_trim + output_scale · (engine's y), and likewise for inputs; ``constant``: an input that is 1."""
+
+    input_trim: Array  # (r,)
+    input_scale: float
+    output_trim: Array  # (m,)
+    output_scale: Array  # (m,)
+    constant: bool
+
+    @classmethod
+    def of(cls, inputs: Array, outputs: Array, settings: Settings) -> Scaling:
+        """The scaling that ``settings.scaling`` asks for; see :class:`Settings`.
+
+        Raises:
+            ValueError: a channel that must vary does not.
+        """
+        ones = np.ones(outputs.shape[1])
+        if settings.scaling == "paper":
+            spread = float(inputs.max() - inputs.min())
+            _varies(spread, "inputs")
+            return cls(np.full(inputs.shape[1], inputs.mean()), spread, 0 * ones, ones, constant=False)
+        output_scale = outputs.std(axis=0)
+        for column, scale in enumerate(output_scale):
+            _varies(scale, f"outputs column {column}")
+        # One scale for all inputs: a motor that hardly moves must not have its noise blown up.
+        input_scale = float(np.sqrt(inputs.var(axis=0).mean()))
+        _varies(input_scale, "inputs")
+        return cls(inputs.mean(axis=0), input_scale, outputs.mean(axis=0), output_scale, constant=True)
+
+    def scale_inputs(self, inputs: Array) -> Array:
+        """(T, r) in the unit of the stream to (T, r or r + 1) in the engine's."""
+        scaled = (inputs - self.input_trim) / self.input_scale
+        return np.hstack([scaled, np.ones((len(scaled), 1))]) if self.constant else scaled
+
+    def scale_outputs(self, outputs: Array) -> Array:
+        """(T, m) in rad and rad/s to the engine's units."""
+        return (outputs - self.output_trim) / self.output_scale
+
+    def physical_outputs(self, scaled: Array) -> Array:
+        """(..., m) in the engine's units back to rad and rad/s."""
+        return self.output_trim + self.output_scale * scaled
+
+    def state_scale(self, order: int) -> Array:
+        """(n,) physical size of a unit of each state; a hidden state has the last output's."""
+        extra = max(order - len(self.output_scale), 0)
+        return np.append(self.output_scale, np.repeat(self.output_scale[-1], extra))[:order]
+
+    def parameter_scale(self, order: int) -> Array:
+        """(k,) physical size of a unit of each parameter, for the engine's θ."""
+        state, inputs = self.state_scale(order), np.full(len(self.input_trim), 1 / self.input_scale)
+        if self.constant:
+            inputs = np.append(inputs, 1.0)
+        return pack(np.outer(state, 1 / state), np.outer(state, inputs), np.outer(self.output_scale, 1 / state))
+
+    def physical_model(self, theta: Array, order: int) -> LinearModel:
+        """The model of the engine's θ (k,) in physical units."""
+        r, m = len(self.input_trim), len(self.output_trim)
+        A, B, C = unpack(theta * self.parameter_scale(order), order, r + self.constant, m)
+        offset = B[:, r] if self.constant else np.zeros(order)
+        return LinearModel(A, B[:, :r], C, offset, self.input_trim, self.output_trim)
+
+
+def _varies(spread: float, name: str) -> None:
+    if not spread > 0:
+        raise ValueError(f"{name} must vary over each half of the training data; constant samples determine no model")

@@ -1,0 +1,121 @@
+"""Settings: everything that decides a fit."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, fields
+from math import e
+from typing import Any, Literal
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that decides a fit. ``Settings()`` is for real flights, :meth:`paper` for the paper's experiments.
+
+    Three fields may be ``None``, which leaves the choice to the training data: every combination of the candidates
+    in ``mavdem.dem.choice`` is learnt, and the one whose forecasts inside the training data err least is kept.
+
+    Attributes:
+        order: number of states n; states beyond the outputs are hidden.
+        p: embedding order of outputs and states, at least 1.
+        d: embedding order of the inputs, at most p.
+        window: samples that each generalized vector is read from, at least p + 1.
+        smoothness: kernel width s of the noise, seconds; ``None``: one sampling step.
+        process_order: embedding order of the process noise: p − 1, or p as in the paper, whose D takes the
+            derivative of the highest order to be zero and counts that as evidence.
+        scaling: "channel": every output and the inputs are centred and brought to unit variance, and a constant input
+            learns the trim; "paper": outputs as they are, one mean and one range for all inputs.
+        prior: "regulated": each output tends back to its trim, rates are derivatives of angles, hidden states are
+            actuator lags, C = [I 0]; "uniform": a mean drawn from U[−1, 1] for every parameter.
+        parameter_precision: prior precision P of each free parameter, in the units of ``scaling``.
+        lambda_z, lambda_w: prior means of the log precisions of measurement and process noise.
+        lambda_z_precision, lambda_w_precision: how sure the prior is of them.
+        lambda_per_channel: one λ for each output and each state, or one λᶻ and one λʷ as in the paper.
+        input_precision: precision of the measured inputs about themselves, P̃ᵛ = ``input_precision``·I.
+        iterations: at most so many rounds of D, E and M steps; they end earlier when F̄ has settled.
+        seed: of everything random (the "uniform" prior).
+    """
+
+    order: int | None = None
+    p: int = 2
+    d: int = 2
+    window: int | None = None
+    smoothness: float | None = None
+    process_order: int = 1
+    scaling: Literal["channel", "paper"] = "channel"
+    prior: Literal["regulated", "uniform"] = "regulated"
+    parameter_precision: float | None = None
+    lambda_z: float = 20.0
+    lambda_z_precision: float = e**25
+    lambda_w: float = 3.0
+    lambda_w_precision: float = 0.01
+    lambda_per_channel: bool = True
+    input_precision: float = e**12
+    iterations: int = 20
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        _require(self.order is None or self.order >= 1, "order", "at least 1, or None to choose it", self.order)
+        _require(self.p >= 1, "p", "at least 1", self.p)
+        _require(0 <= self.d <= self.p, "d", f"between 0 and p = {self.p}", self.d)
+        _require(self.window is None or self.window > self.p, "window", f"at least p + 1 = {self.p + 1}", self.window)
+        _require(self.smoothness is None or self.smoothness > 0, "smoothness", "positive seconds", self.smoothness)
+        _require(self.process_order in (self.p - 1, self.p), "process_order", "p − 1 or p", self.process_order)
+        _require(self.scaling in ("channel", "paper"), "scaling", '"channel" or "paper"', self.scaling)
+        _require(self.prior in ("regulated", "uniform"), "prior", '"regulated" or "uniform"', self.prior)
+        _require(self.iterations >= 1, "iterations", "at least 1", self.iterations)
+        for name in ("lambda_z_precision", "lambda_w_precision", "input_precision", "parameter_precision"):
+            value = getattr(self, name)
+            _require(value is None and name == "parameter_precision" or _positive(value), name, "positive", value)
+
+    @classmethod
+    def paper(cls, order: int = 2, seed: int = 0) -> Settings:
+        """The settings of the paper, section V.D (``alg_settings``): p = 2, d = 1, s = dt, η from U[−1, 1], P = e⁴.
+
+        Where the paper and its authors' code leave a choice: outputs are not centred; the D step takes the exact
+        limit k → ∞; D's last row is zero and counts; F̄ and its mean-field terms are exact; the first step already
+        uses the prior λ; inputs are embedded over the outputs' window, so that both belong to one instant.
+        """
+        return cls(
+            order=order,
+            p=2,
+            d=1,
+            window=3,
+            process_order=2,
+            scaling="paper",
+            prior="uniform",
+            parameter_precision=e**4,
+            lambda_z=20.0,
+            lambda_z_precision=e**25,
+            lambda_w=3.0,
+            lambda_w_precision=e**20,
+            lambda_per_channel=False,
+            input_precision=e**16,
+            seed=seed,
+        )
+
+    def to_json(self) -> str:
+        """The settings as a JSON object; :meth:`from_json` reads it back."""
+        return json.dumps(asdict(self), indent=1)
+
+    @classmethod
+    def from_json(cls, text: str) -> Settings:
+        """Settings from :meth:`to_json`; ``ValueError`` names a key that is not a setting."""
+        return cls.from_dict(json.loads(text))
+
+    @classmethod
+    def from_dict(cls, values: dict[str, Any]) -> Settings:
+        """Settings from plain values by name; ``ValueError`` names a key that is not a setting."""
+        unknown = set(values) - {f.name for f in fields(cls)}
+        if unknown:
+            raise ValueError(f"not a setting: {', '.join(sorted(unknown))}")
+        return cls(**values)
+
+
+def _positive(value: float | None) -> bool:
+    return value is not None and value > 0
+
+
+def _require(holds: bool, name: str, expected: str, value: object) -> None:
+    if not holds:
+        raise ValueError(f"{name} must be {expected}, not {value!r}")

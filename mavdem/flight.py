@@ -1,0 +1,137 @@
+"""Flight: the aligned dataset a model is learnt from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+UNIFORMITY = 1e-3
+"""How far, in steps, a time stamp may lie from its place on the uniform grid."""
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """Uniformly sampled inputs and outputs of one stretch of flight; immutable. Slicing gives a ``Flight``.
+
+    Attributes:
+        time: (T,) seconds on the autopilot's boot clock, uniform.
+        inputs: (T, r) motor outputs, in the unit of the stream. A (T,) array is one input.
+        outputs: (T, m) what the vehicle did: for ``axis="roll"`` the roll angle (rad) and rate (rad/s).
+        dt: sampling step, s. Taken from ``time`` unless given; it must be given for a single sample.
+        input_names, output_names, input_units, output_units: one string a column.
+        provenance: where it came from and how it was made, as plain JSON values.
+
+    Raises:
+        ValueError: names the argument whose shape, order or values are wrong.
+    """
+
+    time: NDArray[np.float64]
+    inputs: NDArray[np.float64]
+    outputs: NDArray[np.float64]
+    dt: float = 0.0
+    input_names: tuple[str, ...] = ()
+    output_names: tuple[str, ...] = ()
+    input_units: tuple[str, ...] = ()
+    output_units: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __init__(
+        self,
+        time: ArrayLike,
+        inputs: ArrayLike,
+        outputs: ArrayLike,
+        dt: float | None = None,
+        input_names: tuple[str, ...] | None = None,
+        output_names: tuple[str, ...] | None = None,
+        input_units: tuple[str, ...] | None = None,
+        output_units: tuple[str, ...] | None = None,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> None:
+        time = _column(time, "time")
+        inputs = _table(inputs, "inputs", len(time))
+        outputs = _table(outputs, "outputs", len(time))
+        fields = {
+            "time": time,
+            "inputs": inputs,
+            "outputs": outputs,
+            "dt": _uniform_step(time, dt),
+            "input_names": _labels(input_names, "input_names", inputs, "input"),
+            "output_names": _labels(output_names, "output_names", outputs, "output"),
+            "input_units": _labels(input_units, "input_units", inputs, None),
+            "output_units": _labels(output_units, "output_units", outputs, None),
+            "provenance": dict(provenance or {}),
+        }
+        for name, value in fields.items():
+            object.__setattr__(self, name, value)
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    def __getitem__(self, part: slice) -> Flight:
+        if not isinstance(part, slice):
+            raise TypeError("a Flight is cut with a slice, flight[a:b]; its samples are in time, inputs and outputs")
+        if part.step not in (None, 1):
+            raise ValueError("a Flight is uniformly sampled: slice it with a step of 1")
+        if not len(self.time[part]):
+            raise ValueError(f"the slice {part.start}:{part.stop} of a flight of {len(self)} samples is empty")
+        return replace(self, time=self.time[part], inputs=self.inputs[part], outputs=self.outputs[part])
+
+    @property
+    def duration(self) -> float:
+        """Seconds from the first sample to one step after the last."""
+        return len(self) * self.dt
+
+
+def _column(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    array = _frozen(values, name)
+    if array.ndim != 1 or not len(array):
+        raise ValueError(f"{name} must be a non-empty array of shape (T,), not {array.shape}")
+    return array
+
+
+def _table(values: ArrayLike, name: str, length: int) -> NDArray[np.float64]:
+    array = _frozen(values, name)
+    if array.ndim == 1:
+        array = array[:, None]
+    if array.ndim != 2 or len(array) != length:
+        raise ValueError(f"{name} must have shape ({length}, columns) to match time, not {array.shape}")
+    return array
+
+
+def _frozen(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    try:
+        array = np.array(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{name} must be numbers: {error}") from None
+    if not np.isfinite(array).all():
+        raise ValueError(f"{name} must be finite; {np.count_nonzero(~np.isfinite(array))} values are NaN or infinite")
+    array.setflags(write=False)
+    return array
+
+
+def _uniform_step(time: NDArray[np.float64], dt: float | None) -> float:
+    if dt is None:
+        if len(time) < 2:
+            raise ValueError("dt must be given for a flight of one sample")
+        dt = float(time[-1] - time[0]) / (len(time) - 1)
+    if not (np.isfinite(dt) and dt > 0):
+        raise ValueError(f"time must increase: its mean step is {dt} s")
+    off_grid = np.abs(time - time[0] - dt * np.arange(len(time))).max() / dt
+    if off_grid > UNIFORMITY:
+        raise ValueError(f"time must be uniform: a stamp lies {off_grid:.3g} steps off a grid of {dt:.6g} s")
+    return float(dt)
+
+
+def _labels(
+    labels: tuple[str, ...] | None, name: str, table: NDArray[np.float64], prefix: str | None
+) -> tuple[str, ...]:
+    columns = table.shape[1]
+    if labels is None:
+        return tuple(f"{prefix} {i + 1}" if prefix else "" for i in range(columns))
+    if len(labels) != columns:
+        raise ValueError(f"{name} must have one string for each of the {columns} columns, not {len(labels)}")
+    return tuple(labels)

@@ -1,0 +1,191 @@
+"""Every step and every precision is checked against the one function that says what F̄ is."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from random_models import models, positive_definite, random_model, random_samples
+
+from mavdem.dem.ascent import ascend
+from mavdem.dem.free_energy import (
+    Belief,
+    free_energy_action,
+    internal_energy,
+    lambda_curvature,
+    optimal_terms,
+    state_curvature,
+    theta_curvature,
+)
+from mavdem.dem.steps import d_step, e_step, joint_moments, m_step, with_optimal_precisions
+
+seeds = st.integers(0, 10**6)
+
+
+def random_belief(seed, model, samples):
+    """Anything a belief may be, not only what the steps arrive at."""
+    rng = np.random.default_rng(seed + 2)
+    k, g = len(model.prior.theta_mean), len(model.prior.lambda_mean)
+    size = model.error_operator(model.prior.theta_mean).shape[1] - model.hidden.start
+    state_map = rng.standard_normal((size, model.hidden.start))
+    return state_map, Belief(
+        joint_moments(samples, state_map),
+        0.1 * positive_definite(rng, size),
+        rng.standard_normal(k),
+        0.1 * positive_definite(rng, k),
+        rng.standard_normal(g),
+        0.1 * positive_definite(rng, g),
+    )
+
+
+def gradient(function, at, scale=1e-4):
+    """Central differences."""
+    slope = np.empty(at.size)
+    for i in range(at.size):
+        step = np.zeros(at.size)
+        step[i] = scale
+        step = step.reshape(at.shape)
+        slope[i] = (function(at + step) - function(at - step)) / (2 * scale)
+    return slope.reshape(at.shape)
+
+
+def close(actual, expected, relative=1e-6):
+    np.testing.assert_allclose(actual, expected, atol=relative * (np.abs(expected).max() + 1))
+
+
+@given(model=models, seed=seeds)
+@settings(max_examples=15, deadline=None)
+def test_curvatures_are_second_derivatives_of_the_internal_energy(model, seed):
+    samples = random_samples(seed, model)
+    state_map, belief = random_belief(seed, model, samples)
+
+    def energy_of_lambda(lambda_):
+        return internal_energy(model, samples, belief.joint, belief.theta, lambda_)
+
+    def slope_of_lambda(lambda_):
+        return gradient(energy_of_lambda, lambda_)
+
+    numeric = np.array(
+        [gradient(lambda x, i=i: slope_of_lambda(x)[i], belief.lambda_) for i in range(len(belief.lambda_))]
+    )
+    close(lambda_curvature(model, belief.joint, belief.theta, belief.lambda_), numeric, 1e-4)
+
+    # Ū is quadratic in θ, so a finite step is exact: Ū(θ+a) + Ū(θ−a) − 2Ū(θ) = aᵀ Ū_θθ a, for any a.
+    direction = np.random.default_rng(seed).standard_normal(len(belief.theta))
+
+    def energy_of_theta(theta):
+        return internal_energy(model, samples, belief.joint, theta, belief.lambda_)
+
+    second = energy_of_theta(belief.theta + direction) + energy_of_theta(belief.theta - direction)
+    second -= 2 * energy_of_theta(belief.theta)
+    curvature = theta_curvature(model, belief.joint, np.exp(belief.lambda_))
+    assert direction @ curvature @ direction == pytest.approx(second, rel=1e-6, abs=1e-6)
+
+    # So is it in X: the same for a change of the linear map, whose moments are those of the data.
+    change = np.random.default_rng(seed + 1).standard_normal(state_map.shape)
+
+    def energy_of_map(state_map):
+        joint = joint_moments(samples, state_map)
+        return internal_energy(model, samples, joint, belief.theta, belief.lambda_)
+
+    second = energy_of_map(state_map + change) + energy_of_map(state_map - change) - 2 * energy_of_map(state_map)
+    curvature = state_curvature(model, belief.theta, np.exp(belief.lambda_))
+    assert np.sum(curvature * (change @ samples.gram @ change.T)) == pytest.approx(second, rel=1e-6, abs=1e-6)
+
+
+@given(model=models, seed=seeds)
+@settings(max_examples=15, deadline=None)
+def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, seed):
+    samples = random_samples(seed, model)
+    _, belief = random_belief(seed, model, samples)
+    size = samples.number
+
+    state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
+
+    def of_map(state_map):
+        return free_energy_action(model, samples, belief._replace(joint=joint_moments(samples, state_map)))
+
+    assert np.abs(gradient(of_map, state_map)).max() < 1e-5 * size * np.exp(np.abs(belief.lambda_).max())
+
+    theta = e_step(model, samples, belief)
+
+    def of_theta(theta):
+        return free_energy_action(model, samples, belief._replace(theta=theta))
+
+    start_slope = np.abs(gradient(of_theta, belief.theta)).max()
+    assert np.abs(gradient(of_theta, theta)).max() < 1e-6 * (start_slope + size)
+
+    lambda_ = m_step(model, samples, belief)
+
+    def of_lambda(lambda_):
+        return free_energy_action(model, samples, belief._replace(lambda_=lambda_))
+
+    assert np.abs(gradient(of_lambda, lambda_)).max() < 1e-5 * size
+
+
+@given(model=models, seed=seeds)
+@settings(max_examples=15, deadline=None)
+def test_each_step_and_each_precision_raises_the_free_energy(model, seed):
+    samples = random_samples(seed, model)
+    _, belief = random_belief(seed, model, samples)
+    heights = [free_energy_action(model, samples, belief)]
+
+    def record(better):
+        heights.append(free_energy_action(model, samples, better))
+        return better
+
+    belief = record(with_optimal_precisions(model, belief))
+    state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
+    belief = record(belief._replace(joint=joint_moments(samples, state_map)))
+    belief = record(belief._replace(theta=e_step(model, samples, belief)))
+    belief = record(belief._replace(lambda_=m_step(model, samples, belief)))
+    record(with_optimal_precisions(model, belief))
+    rounding = 1e-9 * np.abs(heights).max()
+    assert (np.diff(heights) >= -rounding).all()
+
+
+@given(model=models, seed=seeds)
+@settings(max_examples=15, deadline=None)
+def test_named_terms_sum_to_the_free_energy_at_optimal_precisions(model, seed):
+    samples = random_samples(seed, model)
+    _, belief = random_belief(seed, model, samples)
+    belief = with_optimal_precisions(model, belief)
+    terms = optimal_terms(model, samples, belief.joint, belief.theta, belief.lambda_)
+    estimated = samples.number * len(belief.state_covariance) + len(belief.theta) + len(belief.lambda_)
+    total = free_energy_action(model, samples, belief) + estimated / 2
+    assert sum(terms.values()) == pytest.approx(total, rel=1e-9, abs=1e-6)
+
+
+@given(model=models, seed=seeds)
+@settings(max_examples=10, deadline=None)
+def test_optimal_precisions_cannot_be_improved(model, seed):
+    samples = random_samples(seed, model)
+    _, belief = random_belief(seed, model, samples)
+    best = with_optimal_precisions(model, belief)
+    height = free_energy_action(model, samples, best)
+    rng = np.random.default_rng(seed)
+    for name in ("state_covariance", "theta_covariance", "lambda_covariance"):
+        covariance = getattr(best, name)
+        bend = 0.02 * rng.standard_normal(covariance.shape)
+        stretch = np.eye(len(covariance)) + bend
+        other = best._replace(**{name: stretch @ covariance @ stretch.T})
+        assert free_energy_action(model, samples, other) < height
+
+
+@given(model=models, seed=seeds)
+@settings(max_examples=15, deadline=None)
+def test_the_climb_never_falls(model, seed):
+    climb = ascend(model, random_samples(seed, model), 15)
+    assert (np.diff(climb.free_energy) >= 0).all()
+    assert len(climb.theta) == len(climb.lambda_) == len(climb.free_energy)
+
+
+def test_samples_of_separate_stretches_add_up():
+    model = random_model(3, 2, 1, 2, 2, 1, drop=False, groups=False)
+    rng = np.random.default_rng(0)
+    outputs, inputs = rng.standard_normal((30, 6)), rng.standard_normal((30, 2))
+    one, other = (
+        type(random_samples(0, model)).of(outputs[part], inputs[part]) for part in (slice(12), slice(12, None))
+    )
+    whole = type(one).of(outputs, inputs)
+    assert one.number + other.number == whole.number
+    np.testing.assert_allclose(one.gram + other.gram, whole.gram)

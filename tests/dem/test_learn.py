@@ -1,0 +1,220 @@
+import json
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+from mavdem import Flight, Learned, Settings, evaluate, learn
+from mavdem.dem.model import LinearModel
+from mavdem.dem.priors import derivative_pairs
+
+DT = 0.01
+RATE, GAIN = 4.0, np.array([0.08, -0.08, -0.08, 0.08])
+
+
+def simulated(seed=0, samples=850, wind=0.0, lag=0.0):
+    """A roll axis with damping, driven by four motors and, with ``wind``, by coloured moments (rad/s²)."""
+    rng = np.random.default_rng(seed)
+    fine = 10
+    motors = gaussian_filter1d(rng.standard_normal((samples, 4)), 8, axis=0) * 40
+    motors = np.repeat(motors, fine, axis=0)
+    moment = (
+        wind * gaussian_filter1d(rng.standard_normal(samples * fine), 5 * fine) * np.sqrt(10 * fine * np.sqrt(np.pi))
+    )
+    roll = rate = torque = 0.0
+    outputs = np.empty((samples, 2))
+    step = DT / fine
+    for i in range(samples * fine):
+        if i % fine == 0:
+            outputs[i // fine] = roll, rate
+        command = GAIN @ motors[i]
+        torque = command if not lag else torque + step / lag * (command - torque)
+        rate += step * (torque - RATE * rate - 9.0 * roll + moment[i])
+        roll += step * rate
+    return Flight(DT * np.arange(samples), 1500 + motors[::fine], outputs + [0.2, 0.0])
+
+
+def test_a_clean_system_is_recovered_and_forecast():
+    flight = simulated()
+    train, test = flight[:700], flight[700:]
+    learned = learn(train, Settings(order=2, parameter_precision=0.01, window=3))
+    model = learned.model
+    # Motors are held over a step and read as running linearly, half a step late at worst: gain is not affected.
+    np.testing.assert_allclose(model.A[1], [-9, -RATE], rtol=0.1)
+    np.testing.assert_allclose(model.B[1], GAIN, rtol=0.1)
+    np.testing.assert_allclose(model.A[0], [0, 1], atol=0.05)
+    assert evaluate.relative_mspe(train, test, learned.forecast(test.inputs)) < 0.02
+
+
+def test_forecast_begins_with_the_first_sample_after_training():
+    flight = simulated(wind=0.5)
+    train, test = flight[:700], flight[700:]
+    forecast = learn(train, Settings(order=2)).forecast(test.inputs)
+    errors = [np.abs(forecast[:5, 0] - flight.outputs[700 + shift : 705 + shift, 0]).max() for shift in (-1, 0, 1)]
+    assert np.argmin(errors) == 1
+
+
+def test_one_step_predictions_use_only_what_came_before():
+    flight = simulated(wind=0.5)
+    learned = learn(flight[:300], Settings(order=2, window=3, parameter_precision=1.0))
+    ahead = learned.one_step()
+    assert ahead.shape == flight[:300].outputs.shape
+    later = learned.outputs.copy()
+    later[200:] += 1.0
+    changed = type(learned)(**{**vars(learned), "outputs": later}).one_step()
+    np.testing.assert_array_equal(changed[:201], ahead[:201])
+    assert np.abs(changed[201:] - ahead[201:]).max() > 0.1
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.06])
+def test_wind_and_lag_leave_a_useful_forecast(lag):
+    ratios = []
+    for seed in range(5):
+        flight = simulated(seed, wind=0.5, lag=lag)
+        learned = learn(flight[:700])
+        ratios.append(evaluate.relative_mspe(flight[:700], flight[700:], learned.forecast(flight[700:].inputs)))
+    assert np.median(ratios) < 0.5
+
+
+def test_units_of_the_stream_do_not_matter():
+    flight = simulated(wind=0.5)
+    other = Flight(flight.time, flight.inputs / 1000 - 1, np.degrees(flight.outputs))
+    settings = Settings(order=2, window=3, parameter_precision=1.0)
+    one, two = learn(flight[:700], settings), learn(other[:700], settings)
+    np.testing.assert_allclose(two.model.A, one.model.A, rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(two.model.B, np.degrees(one.model.B) * 1000, rtol=1e-6, atol=1e-9)
+    forecast = np.degrees(one.forecast(flight[700:].inputs))
+    np.testing.assert_allclose(two.forecast(other[700:].inputs), forecast, rtol=1e-6)
+
+
+def test_posterior_is_in_physical_units_and_narrower_than_the_prior():
+    flight = simulated(wind=0.5)
+    learned = learn(flight[:700], Settings(order=2, window=3, parameter_precision=0.01))
+    r = flight.inputs.shape[1]
+    assert learned.theta_covariance.shape == (4 + 2 * r + 4,) * 2
+    assert (np.diag(learned.theta_covariance) <= learned.prior_sd**2 * (1 + 1e-9)).all()
+    np.testing.assert_allclose(learned.learning.theta_sd[-1], np.sqrt(np.diag(learned.theta_covariance)), rtol=1e-9)
+    np.testing.assert_allclose(learned.learning.theta[-1][4 : 4 + 2 * r].reshape(2, r), learned.model.B)
+    assert learned.model_sd.B.shape == (2, r)
+
+
+def test_free_energy_never_falls_and_its_terms_sum_to_it():
+    for settings in (Settings(), Settings.paper()):
+        free_energy = learn(simulated(wind=0.5)[:700], settings).free_energy
+        assert (np.diff(free_energy) >= 0).all()
+        assert free_energy.gained > 0
+        np.testing.assert_allclose(np.sum(list(free_energy.terms.values()), axis=0), np.asarray(free_energy))
+
+
+@pytest.mark.parametrize("settings", [Settings(), Settings.paper(), Settings(order=4)])
+def test_json_both_ways_keeps_every_forecast(settings):
+    flight = simulated(wind=0.5)
+    learned = learn(flight[:700], settings)
+    text = learned.to_json()
+    json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    again = Learned.from_json(text)
+    assert again.settings == learned.settings
+    assert again.candidates == learned.candidates
+    np.testing.assert_array_equal(again.forecast(flight[700:].inputs), learned.forecast(flight[700:].inputs))
+    np.testing.assert_array_equal(again.one_step(), learned.one_step())
+    np.testing.assert_array_equal(again.process_noise()[1], learned.process_noise()[1])
+    np.testing.assert_array_equal(again.free_energy, learned.free_energy)
+
+
+def test_what_is_left_open_is_chosen_among_the_candidates():
+    learned = learn(simulated(wind=0.5)[:700])
+    chosen = min(learned.candidates, key=lambda candidate: candidate.error)
+    settings = learned.settings
+    assert (settings.order, settings.window, settings.parameter_precision) == (
+        chosen.order,
+        chosen.window,
+        chosen.parameter_precision,
+    )
+    assert len(learned.candidates) > 1
+    assert len(learn(simulated()[:700], settings).candidates) == 1
+
+
+def test_process_noise_is_the_moment_of_the_wind():
+    flight = simulated(3, wind=0.5)
+    learned = learn(flight[:700], Settings(order=2, window=3, parameter_precision=0.01))
+    places, noise = learned.process_noise()
+    assert noise.shape == (len(places), 2)
+    rng = np.random.default_rng(3)
+    rng.standard_normal((850, 4))
+    moment = 0.5 * gaussian_filter1d(rng.standard_normal(8500), 50) * np.sqrt(100 * np.sqrt(np.pi))
+    assert np.corrcoef(noise[:, 1], moment[::10][places])[0, 1] > 0.9
+
+
+def test_the_band_holds_nine_samples_in_ten():
+    flights = 40
+    inside = []
+    for seed in range(flights):
+        flight = simulated(seed, wind=2.0)
+        learned = learn(flight[:700], Settings(order=2, window=3, parameter_precision=1.0))
+        lower, upper = learned.forecast_band(flight[700:].inputs)
+        assert (lower < upper).all()
+        inside.append(np.mean((lower <= flight.outputs[700:]) & (flight.outputs[700:] <= upper)))
+    # The shares of one flight hang together, those of different flights do not: three standard errors of their mean.
+    assert np.mean(inside) == pytest.approx(0.9, abs=3 * np.std(inside) / np.sqrt(flights))
+
+
+def test_a_forecast_no_better_than_the_mean_is_said_to_be():
+    rng = np.random.default_rng(0)
+    wandering = np.cumsum(np.cumsum(rng.standard_normal(700))) * 1e-3
+    flight = Flight(
+        DT * np.arange(700), rng.standard_normal((700, 4)), np.stack([wandering, np.gradient(wandering, DT)], 1)
+    )
+    learned = learn(flight, Settings.paper())
+    assert any("constant mean" in caution for caution in learned.cautions)
+
+
+def test_unstable_models_are_said_to_be():
+    model = LinearModel(np.eye(1), np.ones((1, 1)), np.ones((1, 1)), *(np.zeros(1),) * 3)
+    assert model.spectral_abscissa > 0
+    time = DT * np.arange(400)
+    growing = 1e-3 * np.exp(2 * time)
+    rng = np.random.default_rng(1)
+    flight = Flight(
+        time,
+        rng.standard_normal((400, 1)),
+        np.stack([growing, 2 * growing], axis=1) + 1e-6 * rng.standard_normal((400, 2)),
+    )
+    learned = learn(flight, Settings(order=2, parameter_precision=0.01, window=3))
+    assert learned.model.spectral_abscissa > 0
+    assert any("unstable" in caution for caution in learned.cautions)
+
+
+@pytest.mark.parametrize("m", [1, 3])
+def test_other_numbers_of_outputs(m):
+    flight = simulated(wind=0.5)
+    outputs = np.hstack([flight.outputs, flight.outputs[:, :1] ** 2])[:, :m]
+    learned = learn(Flight(flight.time, flight.inputs, outputs)[:700])
+    assert learned.forecast(flight.inputs[700:]).shape == (150, m)
+
+
+def test_derivative_pairs_are_found_whatever_their_places():
+    flight = simulated(wind=1.0)
+    assert derivative_pairs(flight.outputs, DT) == ((0, 1),)
+    assert derivative_pairs(flight.outputs[:, ::-1], DT) == ((1, 0),)
+    assert derivative_pairs(np.random.default_rng(0).standard_normal((300, 2)), DT) == ()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda f: f[:30], "at least 50 samples"),
+        (lambda f: Flight(f.time, f.inputs, f.outputs * [1, 0])[:700], "outputs column 1 must vary"),
+        (lambda f: Flight(f.time, f.inputs * 0 + 1500, f.outputs)[:700], "inputs must vary"),
+    ],
+)
+def test_data_that_determine_nothing_are_refused(change, message):
+    with pytest.raises(ValueError, match=message):
+        learn(change(simulated()))
+
+
+def test_wrong_forecast_inputs_are_named():
+    learned = learn(simulated()[:200], Settings(order=2, window=3, parameter_precision=1.0))
+    with pytest.raises(ValueError, match=r"inputs must have shape \(H, 4\)"):
+        learned.forecast(np.zeros((10, 3)))
+    with pytest.raises(ValueError, match="inputs must be finite"):
+        learned.forecast(np.full((10, 4), np.nan))

@@ -1,0 +1,45 @@
+from math import e
+
+import pytest
+
+from mavdem import Settings
+
+
+@pytest.mark.parametrize("settings", [Settings(), Settings.paper(), Settings(order=3, smoothness=0.02, window=9)])
+def test_json_both_ways(settings):
+    assert Settings.from_json(settings.to_json()) == settings
+
+
+def test_paper_settings_are_those_of_section_v_d():
+    paper = Settings.paper()
+    assert (paper.order, paper.p, paper.d, paper.smoothness) == (2, 2, 1, None)
+    assert paper.parameter_precision == pytest.approx(e**4)
+    assert (paper.lambda_z, paper.lambda_z_precision) == (20, pytest.approx(e**25))
+    assert (paper.lambda_w, paper.lambda_w_precision) == (3, pytest.approx(e**20))
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("order", 0),
+        ("p", 0),
+        ("d", 3),
+        ("window", 2),
+        ("smoothness", 0.0),
+        ("process_order", 0),
+        ("scaling", "none"),
+        ("prior", "flat"),
+        ("parameter_precision", -1.0),
+        ("lambda_z_precision", 0.0),
+        ("input_precision", float("nan")),
+        ("iterations", 0),
+    ],
+)
+def test_a_wrong_value_is_named(name, value):
+    with pytest.raises(ValueError, match=f"^{name} must be"):
+        Settings(**{name: value})
+
+
+def test_an_unknown_setting_is_named():
+    with pytest.raises(ValueError, match="not a setting: colour"):
+        Settings.from_json('{"colour": 1}')

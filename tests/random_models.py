@@ -1,0 +1,64 @@
+"""Random generative models and data for the engine's tests."""
+
+from __future__ import annotations
+
+import numpy as np
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from mavdem.dem.generative import GenerativeModel, Samples
+from mavdem.dem.priors import Prior
+
+Array = NDArray[np.float64]
+
+
+def positive_definite(rng: np.random.Generator, size: int) -> Array:
+    factor = rng.standard_normal((size, size))
+    return factor @ factor.T / size + np.eye(size)
+
+
+def random_model(seed: int, n: int, r: int, m: int, p: int, d: int, drop: bool, groups: bool) -> GenerativeModel:
+    """A model with random priors: coupled parameters, coupled hyperparameters, one λ each or one for each channel."""
+    rng = np.random.default_rng(seed)
+    # Without the highest order's dynamics, outputs must reach every state.
+    drop = drop and n <= m * (p + 1)
+    k, g = n * n + n * r + m * n, m + n if groups else 2
+    return GenerativeModel(
+        n,
+        r,
+        m,
+        p,
+        min(d, p),
+        p - drop,
+        smoothness=rng.uniform(0.3, 3.0),
+        output_groups=np.arange(m) if groups else np.zeros(m, np.intp),
+        state_groups=m + np.arange(n) if groups else np.ones(n, np.intp),
+        input_precision=10 * positive_definite(rng, r * (min(d, p) + 1)),
+        prior=Prior(
+            rng.standard_normal(k),
+            rng.uniform(0.1, 10) * positive_definite(rng, k),
+            rng.standard_normal(g),
+            # Firm enough that no noise can vanish altogether where hidden states explain everything.
+            rng.uniform(20, 50) * positive_definite(rng, g),
+        ),
+    )
+
+
+def random_samples(seed: int, model: GenerativeModel, number: int = 40) -> Samples:
+    rng = np.random.default_rng(seed + 1)
+    outputs = rng.standard_normal((number, model.m * (model.p + 1)))
+    inputs = rng.standard_normal((number, model.r * (model.d + 1)))
+    return Samples.of(outputs, inputs)
+
+
+models = st.builds(
+    random_model,
+    seed=st.integers(0, 10**6),
+    n=st.integers(1, 3),
+    r=st.integers(1, 3),
+    m=st.integers(1, 3),
+    p=st.integers(1, 4),
+    d=st.integers(0, 4),
+    drop=st.booleans(),
+    groups=st.booleans(),
+)
