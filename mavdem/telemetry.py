@@ -27,7 +27,8 @@ class Telemetry:
     Attributes:
         system: MAVLink system id.
         component: MAVLink component id (1 is the autopilot).
-        vehicle: the vehicle's MAV_TYPE without its prefix ("QUADROTOR"), outvoting stray heartbeats; "UNKNOWN" when none came.
+        vehicle: the vehicle's MAV_TYPE without its prefix ("QUADROTOR"), outvoting stray heartbeats; "UNKNOWN" when
+            none came.
         autopilot: the MAV_AUTOPILOT without its prefix ("ARDUPILOTMEGA", "PX4").
         messages: columns by message name ("ATTITUDE").
         parameters: the autopilot's parameters by name, as numbers, the last value sent.

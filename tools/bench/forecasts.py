@@ -1,0 +1,84 @@
+#!/usr/bin/env python
+"""Forecasts of every window of every recorded flight, DEM against the constant mean; prints the README's table.
+
+Usage: tools/bench/forecasts.py [--preset paper] [--json FILE]
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import click
+import numpy as np
+from flights import SHARED, recorded_flights, windows
+from rich.progress import track
+
+import mavdem
+from mavdem import evaluate
+
+Window = tuple[str, mavdem.Flight, mavdem.Flight, mavdem.Settings]
+
+
+def try_window(window: Window) -> dict[str, Any]:
+    name, train, test, settings = window
+    began = perf_counter()
+    learned = mavdem.learn(train, settings)
+    seconds = perf_counter() - began
+    lower, upper = learned.forecast_band(test.inputs)
+    return {
+        "flight": name,
+        "ratio": evaluate.relative_mspe(train, test, learned.forecast(test.inputs)),
+        "inside": float(np.mean((lower <= test.outputs) & (test.outputs <= upper))),
+        "cautioned": any("constant mean" in caution for caution in learned.cautions),
+        "order": learned.settings.order,
+        "seconds": seconds,
+    }
+
+
+def print_table(rows: list[dict[str, Any]]) -> None:
+    print("| flight | windows | median ratio | worst | below 1 | in the 90 % band |")
+    print("|---|---|---|---|---|---|")
+    medians = []
+    for name in dict.fromkeys(row["flight"] for row in rows):
+        own = [row for row in rows if row["flight"] == name]
+        ratios = np.array([row["ratio"] for row in own])
+        medians.append(np.median(ratios))
+        inside = np.mean([row["inside"] for row in own])
+        print(
+            f"| {name} | {len(own)} | {np.median(ratios):.3g} | {ratios.max():.3g} "
+            f"| {np.mean(ratios < 1):.2f} | {inside:.2f} |"
+        )
+    ratios = np.array([row["ratio"] for row in rows])
+    worse = ratios >= 1
+    cautioned = np.array([row["cautioned"] for row in rows])
+    print(
+        f"\nGeometric mean of the medians: {np.exp(np.mean(np.log(medians))):.3g}. Of {len(rows)} windows, "
+        f"{worse.sum()} were worse than the constant mean, {np.sum(worse & cautioned)} of them cautioned against "
+        f"beforehand, as were {np.sum(~worse & cautioned)} others. In the 90 % band: "
+        f"{np.mean([row['inside'] for row in rows]):.2f}. "
+        f"A window took {np.median([row['seconds'] for row in rows]):.2f} s in the median."
+    )
+
+
+@click.command(help=__doc__)
+@click.option("--preset", type=click.Choice(["real", "paper"]), default="real", show_default=True)
+@click.option("--json", "to", type=click.Path(path_type=Path), help="Also write each window's figures there.")
+def main(preset: str, to: Path | None) -> None:
+    settings = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
+    jobs = [(name, train, test, settings) for name, flight in recorded_flights() for train, test in windows(flight)]
+    if not jobs:
+        sys.exit(f"There are no recorded flights in {SHARED}; name their folder in MAVDEM_SHARED_DATA.")
+    with ProcessPoolExecutor() as pool:
+        rows = list(track(pool.map(try_window, jobs), total=len(jobs), description="Forecasting"))
+    print_table(rows)
+    if to:
+        to.write_text(json.dumps(rows, indent=1))
+
+
+if __name__ == "__main__":
+    main()
