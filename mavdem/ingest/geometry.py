@@ -1,0 +1,221 @@
+"""Which output channels drive motors, and where each motor sits.
+
+From the autopilot's parameters, or assumed and said so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import atan2, cos, degrees, radians, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+Position = tuple[float, float]
+"""(forward, right) of the centre of mass: metres where the autopilot says, a unit circle otherwise."""
+
+MOTOR_COUNTS = {
+    "TRICOPTER": 3,
+    "QUADROTOR": 4,
+    "HEXAROTOR": 6,
+    "OCTOROTOR": 8,
+    "DECAROTOR": 10,
+    "DODECAROTOR": 12,
+}
+"""Motors of each MAV_TYPE that names their number."""
+
+MULTIROTORS = (*MOTOR_COUNTS, "GENERIC_MULTIROTOR")
+"""The MAV_TYPEs that hover by the differences of fixed rotors."""
+
+_COMPASS = ("front", "front right", "right", "rear right", "rear", "rear left", "left", "front left")
+
+
+@dataclass(frozen=True)
+class Layout:
+    """The motors of one vehicle, in the order of their numbers.
+
+    Attributes:
+        motors: motor numbers, as the autopilot counts them from 1.
+        channels: the output channel, from 1, that drives each.
+        positions: where each motor sits; empty when unknown.
+        basis: what this was read from, or what was assumed; one phrase.
+        channels_assumed, positions_assumed: whether no parameter said so.
+    """
+
+    motors: tuple[int, ...]
+    channels: tuple[int, ...]
+    positions: tuple[Position, ...]
+    basis: str
+    channels_assumed: bool
+    positions_assumed: bool
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """One name a motor: ``motor 1 (front right)``, without the place when it is unknown."""
+        if not self.positions:
+            return tuple(f"motor {motor}" for motor in self.motors)
+        return tuple(f"motor {motor} ({_place(at)})" for motor, at in zip(self.motors, self.positions, strict=True))
+
+    def effect(self, axis: str) -> NDArray[np.float64] | None:
+        """(k,) weights of the motors in the torque about ``axis``, magnitudes summing to 1; None when unknown.
+
+        Thrust acts upwards, so a motor on the left rolls to the right (positive roll) and a motor in front raises the
+        nose (positive pitch). On an X quad, roll is (left motors − right motors)/4.
+        """
+        if not self.positions:
+            return None
+        forward, right = np.array(self.positions).T
+        weights = -right if axis == "roll" else forward
+        total = float(np.abs(weights).sum())
+        return weights / total if total > 0 else None
+
+
+def layout(
+    vehicle: str, autopilot: str, parameters: Mapping[str, float], moving: Sequence[int], bank: int
+) -> Layout | None:
+    """The motors of a vehicle.
+
+    Args:
+        vehicle: its MAV_TYPE without the prefix.
+        autopilot: its MAV_AUTOPILOT without the prefix.
+        parameters: the autopilot's parameters, as far as they are known.
+        moving: channels, from 1, that are seen to move.
+        bank: channels in a bank of the stream (PX4 numbers the outputs of each driver, and bank, from 1).
+
+    Returns:
+        None when no channel can be a motor.
+    """
+    if autopilot == "PX4":
+        known = _px4_channels(parameters, moving, bank)
+        places = _px4_positions(parameters)
+        basis = "the *_FUNCn and CA_ROTORn parameters" if places else "the *_FUNCn parameters"
+    else:
+        known = _ardupilot_channels(parameters)
+        places = _ardupilot_positions(vehicle, parameters)
+        basis = "the SERVOn_FUNCTION and FRAME parameters" if places else "the SERVOn_FUNCTION parameters"
+    if known:
+        motors, channels = tuple(sorted(known)), tuple(known[motor] for motor in sorted(known))
+    else:
+        count = MOTOR_COUNTS.get(vehicle, len(moving))
+        channels = tuple(sorted(moving)[:count])
+        motors = tuple(range(1, len(channels) + 1))
+        basis = "the channels seen to move"
+    if not channels:
+        return None
+    assumed = not all(motor in places for motor in motors)
+    if assumed:
+        # ArduPilot and PX4 number the motors of an X quad, by far the most common frame, the same way.
+        places = _circle(_QUAD_X) if motors == (1, 2, 3, 4) else {}
+        basis += "; motors placed as on an X quad" if places else "; motor places unknown"
+    return Layout(
+        motors=motors,
+        channels=channels,
+        positions=tuple(places[motor] for motor in motors) if places else (),
+        basis=basis,
+        channels_assumed=not known,
+        positions_assumed=assumed,
+    )
+
+
+def _place(position: Position) -> str:
+    bearing = degrees(atan2(position[1], position[0]))
+    return _COMPASS[round(bearing / 45) % 8]
+
+
+# ArduPilot: SERVOn_FUNCTION 33..40 are motors 1..8, 82..85 motors 9..12.
+
+_ARDUPILOT_MOTORS = {33 + i: 1 + i for i in range(8)} | {82 + i: 9 + i for i in range(4)}
+
+
+def _ardupilot_channels(parameters: Mapping[str, float]) -> dict[int, int]:
+    channels: dict[int, int] = {}
+    for channel in range(1, 33):
+        motor = _ARDUPILOT_MOTORS.get(int(parameters.get(f"SERVO{channel}_FUNCTION", 0)))
+        if motor is not None:
+            channels.setdefault(motor, channel)
+    return channels
+
+
+_Bearings = tuple[float, ...]
+
+_QUAD_PLUS: _Bearings = (90, -90, 0, 180)
+_QUAD_X: _Bearings = (45, -135, -45, 135)
+_QUAD_BETAFLIGHT: _Bearings = (135, 45, -135, -45)
+_OCTAQUAD_X: _Bearings = (45, -45, -135, 135, -45, 45, 135, -135)
+_Y6: _Bearings = (60, -60, -60, 180, 60, 180)
+
+_ARDUPILOT_FRAMES: dict[int, dict[int, _Bearings]] = {
+    1: {0: _QUAD_PLUS, 6: _QUAD_PLUS, 16: _QUAD_PLUS}
+    | {1: _QUAD_X, 2: _QUAD_X, 3: _QUAD_X, 17: _QUAD_X}
+    | {12: _QUAD_BETAFLIGHT, 18: _QUAD_BETAFLIGHT}
+    | {13: (45, -45, -135, 135), 14: (45, 135, -135, -45)},
+    2: {
+        0: (0, 180, -120, 60, -60, 120),
+        1: (90, -90, -30, 150, 30, -150),
+        13: (30, -30, -90, -150, 150, 90),
+        14: (30, 90, 150, -150, -90, -30),
+    },
+    3: {
+        0: (0, 180, 45, 135, -45, -135, -90, 90),
+        1: (22.5, -157.5, 67.5, 157.5, -22.5, -112.5, -67.5, 112.5),
+        13: (22.5, -22.5, -67.5, -112.5, -157.5, 157.5, 112.5, 67.5),
+        14: (22.5, 67.5, 112.5, 157.5, -157.5, -112.5, -67.5, -22.5),
+    },
+    4: {0: (0, -90, 180, 90, -90, 0, 90, 180), 14: (45, 45, 135, 135, -135, -135, -45, -45)}
+    | {1: _OCTAQUAD_X, 2: _OCTAQUAD_X, 3: _OCTAQUAD_X}
+    | {12: _QUAD_BETAFLIGHT * 2, 18: _QUAD_BETAFLIGHT * 2},
+    5: {0: _Y6, 1: _Y6, 10: (60, 60, 180, 180, -60, -60), 11: (180, 60, -60, 180, 60, -60)},
+}
+"""Bearing of each motor, degrees clockwise from the nose, by FRAME_CLASS (1 quad, 2 hexa, 3 octa, 4 octaquad, 5 Y6) and
+FRAME_TYPE. Source: ArduPilot's motor order diagrams, https://ardupilot.org/copter/docs/connect-escs-and-motors.html."""
+
+_TRICOPTER = {1: 60.0, 2: -60.0, 4: 180.0}
+_CLASS_BEFORE_FRAME_CLASS = {"QUADROTOR": 1, "HEXAROTOR": 2, "OCTOROTOR": 3}
+
+
+def _ardupilot_positions(vehicle: str, parameters: Mapping[str, float]) -> dict[int, Position]:
+    frame_class = int(parameters.get("FRAME_CLASS", 0))
+    frame_type = int(parameters.get("FRAME_TYPE", -1))
+    if "FRAME_CLASS" not in parameters and "FRAME" in parameters:
+        # Before ArduCopter 3.5 the class was compiled in and FRAME was the type.
+        frame_class, frame_type = _CLASS_BEFORE_FRAME_CLASS.get(vehicle, 0), int(parameters["FRAME"])
+    if frame_class == 7:
+        return {motor: _on_circle(bearing) for motor, bearing in _TRICOPTER.items()}
+    return _circle(_ARDUPILOT_FRAMES.get(frame_class, {}).get(frame_type, ()))
+
+
+def _circle(bearings: Sequence[float]) -> dict[int, Position]:
+    return {i + 1: _on_circle(bearing) for i, bearing in enumerate(bearings)}
+
+
+def _on_circle(bearing: float) -> Position:
+    return round(cos(radians(bearing)), 6), round(sin(radians(bearing)), 6)
+
+
+# PX4: {driver}_FUNCn 101..112 are motors 1..12; rotor n of the control allocation is motor n + 1.
+
+_PX4_DRIVERS = ("PWM_MAIN", "PWM_AUX", "UAVCAN_EC", "DSHOT", "SIM_GZ_EC", "HIL_ACT", "TAP_ESC", "VOXL_ESC", "PCA9685")
+
+
+def _px4_channels(parameters: Mapping[str, float], moving: Sequence[int], bank: int) -> dict[int, int]:
+    """The motors of the first output driver whose channels are seen to move, in whichever bank they are sent."""
+    for driver in _PX4_DRIVERS:
+        outputs = {
+            function - 100: n
+            for n in range(1, 17)
+            if 101 <= (function := int(parameters.get(f"{driver}_FUNC{n}", 0))) <= 112
+        }
+        for first in (0, bank):
+            channels = {motor: first + n for motor, n in outputs.items()}
+            if channels and set(channels.values()) <= set(moving):
+                return channels
+    return {}
+
+
+def _px4_positions(parameters: Mapping[str, float]) -> dict[int, Position]:
+    return {
+        n + 1: (float(parameters[f"CA_ROTOR{n}_PX"]), float(parameters[f"CA_ROTOR{n}_PY"]))
+        for n in range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12))
+        if f"CA_ROTOR{n}_PX" in parameters and f"CA_ROTOR{n}_PY" in parameters
+    }

@@ -1,0 +1,254 @@
+"""Which message means what: attitude, motor outputs, armed, airborne and climbing, out of a vehicle's Telemetry.
+
+The one place that knows message and field names. Every function takes a ``Telemetry`` and answers with plain arrays on
+its boot clock, in time order, each stamp once, per boot; a message that is not there answers None.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.ingest.decode import enum_name
+from mavdem.ingest.geometry import Layout, layout
+from mavdem.ingest.scale import Scale, recognise
+from mavdem.telemetry import Columns, Telemetry
+
+AXES = ("roll", "pitch")
+
+_MOTOR_MESSAGES = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS")
+_UNUSED_CHANNEL = 65535
+_ARMED = 128
+"""MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode."""
+_IN_AIR = 2
+"""MAV_LANDED_STATE_IN_AIR in EXTENDED_SYS_STATE.landed_state; 3 and 4 are taking off and landing."""
+_AS_FAST = 0.9
+"""A preferred message is passed over for another only when it comes slower than this share of the other's rate."""
+
+
+@dataclass(frozen=True, eq=False)
+class Attitude:
+    """One axis at ``time`` (N,) s of ``boot`` (N,), from ``message``.
+
+    Attributes:
+        angle: (N,) Euler angle, rad.
+        rate: (N,) body rate, rad/s: p for roll, q for pitch.
+        slope: (N,) the derivative of ``angle`` that the three body rates and the attitude imply, rad/s.
+    """
+
+    message: str
+    time: NDArray[np.float64]
+    boot: NDArray[np.int64]
+    angle: NDArray[np.float64]
+    rate: NDArray[np.float64]
+    slope: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Motors:
+    """Motor outputs (N, k) in the unit of the stream at ``time`` (N,) s of ``boot`` (N,), from ``message``."""
+
+    message: str
+    time: NDArray[np.float64]
+    boot: NDArray[np.int64]
+    outputs: NDArray[np.float64]
+    layout: Layout
+    scale: Scale
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """One quantity: ``values`` (N,) at ``time`` (N,) s of ``boot`` (N,)."""
+
+    time: NDArray[np.float64]
+    boot: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+
+def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
+    """Angle and rate of ``axis``, "roll" or "pitch".
+
+    From ATTITUDE or, where it comes clearly faster, ATTITUDE_QUATERNION.
+    Both messages give body rates p, q, r, not the derivatives of the Euler angles; near hover p and q are the same.
+
+    Raises:
+        ValueError: an axis that is neither.
+    """
+    if axis not in AXES:
+        raise ValueError(f"axis must be one of {', '.join(AXES)}, not {axis!r}")
+    message = _fastest(telemetry, ("ATTITUDE", "ATTITUDE_QUATERNION"))
+    if message is None:
+        return None
+    columns = telemetry.messages[message]
+    roll, pitch = _euler(columns) if message == "ATTITUDE_QUATERNION" else _columns(columns, "roll", "pitch")
+    p, q, r = _columns(columns, "rollspeed", "pitchspeed", "yawspeed")
+    with np.errstate(invalid="ignore"):  # rows that are not finite are left out below
+        # Z-Y-X Euler kinematics (any flight dynamics text, e.g. Stevens and Lewis, chapter 1).
+        if axis == "roll":
+            table = np.column_stack([roll, p, p + (q * np.sin(roll) + r * np.cos(roll)) * np.tan(pitch)])
+        else:
+            table = np.column_stack([pitch, q, q * np.cos(roll) - r * np.sin(roll)])
+    time, boot, table = _in_order(columns["time"], columns["boot"], table)
+    return Attitude(message, time, boot, table[:, 0], table[:, 1], table[:, 2])
+
+
+def motors(telemetry: Telemetry) -> Motors | None:
+    """Motor outputs; None when no message holds them or none of its channels ever moved.
+
+    From SERVO_OUTPUT_RAW, ACTUATOR_OUTPUT_STATUS or HIL_ACTUATOR_CONTROLS, in that order of preference.
+    """
+    message = _fastest(telemetry, _MOTOR_MESSAGES)
+    if message is None:
+        return None
+    banks = _banks(message, telemetry.messages[message])
+    moving = [bank.first + i for bank in banks for i in range(bank.values.shape[1]) if _moves(bank.values[:, i])]
+    plan = layout(telemetry.vehicle, telemetry.autopilot, telemetry.parameters, moving, banks[0].values.shape[1])
+    if plan is None or not set(plan.channels) & set(moving):
+        return None
+    # One row a message of the bank that holds most motors; the other bank's rows come a moment before or after.
+    main = max(banks, key=lambda bank: len(bank.among(plan.channels)))
+    outputs = np.full((len(main.time), len(plan.channels)), np.nan)
+    for bank in banks:
+        for channel in bank.among(plan.channels):
+            values = bank.values[:, channel - bank.first]
+            outputs[:, plan.channels.index(channel)] = values if bank is main else _onto(main, bank, values)
+    time, boot, outputs = _in_order(main.time, main.boot, outputs)
+    scale = recognise(outputs, telemetry.parameters)
+    return Motors(message, time, boot, outputs, plan, scale) if len(time) else None
+
+
+def armed(telemetry: Telemetry) -> Signal | None:
+    """Whether the vehicle was armed, from HEARTBEAT, with strays outvoted.
+
+    Heartbeats that name another type or autopilot than the vehicle's are not its own; a state that neither the
+    heartbeat before nor the one after shares is not believed.
+    """
+    columns = telemetry.messages.get("HEARTBEAT")
+    if columns is None or not len(columns["time"]):
+        return None
+    own = _named(columns["type"], "MAV_TYPE", telemetry.vehicle)
+    own &= _named(columns["autopilot"], "MAV_AUTOPILOT", telemetry.autopilot)
+    if not own.any():
+        return None
+    state = (np.asarray(columns["base_mode"]).astype(np.int64) & _ARMED) > 0
+    order = np.lexsort((columns["time"][own], columns["boot"][own]))
+    time, boot, state = columns["time"][own][order], columns["boot"][own][order], state[own][order]
+    before, after = np.concatenate([state[:1], state[:-1]]), np.concatenate([state[1:], state[-1:]])
+    return Signal(time, boot, ((state & before) | (state & after) | (before & after)).astype(np.float64))
+
+
+def in_air(telemetry: Telemetry) -> Signal | None:
+    """Whether the autopilot said it was in the air and neither taking off nor landing, from EXTENDED_SYS_STATE."""
+    columns = telemetry.messages.get("EXTENDED_SYS_STATE")
+    if columns is None:
+        return None
+    landed = _floats(columns, "landed_state")
+    said = landed > 0  # 0 is "undefined": the autopilot does not tell
+    if not said.any():
+        return None
+    time, boot, table = _in_order(columns["time"][said], columns["boot"][said], landed[said, None])
+    return Signal(time, boot, (table[:, 0] == _IN_AIR).astype(np.float64))
+
+
+def climb_rate(telemetry: Telemetry) -> Signal | None:
+    """Vertical speed, m/s, up, from LOCAL_POSITION_NED, GLOBAL_POSITION_INT or VFR_HUD."""
+    for message, field, factor in (
+        ("LOCAL_POSITION_NED", "vz", -1.0),
+        ("GLOBAL_POSITION_INT", "vz", -0.01),
+        ("VFR_HUD", "climb", 1.0),
+    ):
+        columns = telemetry.messages.get(message)
+        if columns is not None and len(columns["time"]) > 1:
+            time, boot, table = _in_order(columns["time"], columns["boot"], factor * _floats(columns, field)[:, None])
+            return Signal(time, boot, table[:, 0])
+    return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Bank:
+    """Output channels ``first``, ``first`` + 1, … as one stream sends them: values (N, width)."""
+
+    time: NDArray[np.float64]
+    boot: NDArray[np.int64]
+    values: NDArray[np.float64]
+    first: int
+
+    def among(self, channels: tuple[int, ...]) -> list[int]:
+        return [channel for channel in channels if self.first <= channel < self.first + self.values.shape[1]]
+
+
+def _banks(message: str, columns: Columns) -> list[_Bank]:
+    if message != "SERVO_OUTPUT_RAW":
+        field = "actuator" if message == "ACTUATOR_OUTPUT_STATUS" else "controls"
+        return [_bank(columns, np.atleast_2d(_floats(columns, field)), 1, np.ones(len(columns["time"]), dtype=bool))]
+    fields = [f"servo{n}_raw" for n in range(1, 17) if f"servo{n}_raw" in columns]
+    values = np.column_stack([_floats(columns, field) for field in fields])
+    values[values == _UNUSED_CHANNEL] = 0.0
+    port = _floats(columns, "port") if "port" in columns else np.zeros(len(values))
+    # The message began with 8 channels a port; firmware that fills the 16 of the extension counts ports by 16.
+    width = 16 if values.shape[1] == 16 and np.any(values[:, 8:]) else 8
+    return [_bank(columns, values[:, :width], 1 + width * int(p), port == p) for p in np.unique(port)]
+
+
+def _bank(columns: Columns, values: NDArray[np.float64], first: int, rows: NDArray[np.bool_]) -> _Bank:
+    time, boot, values = _in_order(columns["time"][rows], columns["boot"][rows], values[rows])
+    return _Bank(time, boot, values, first)
+
+
+def _moves(values: NDArray[np.float64]) -> bool:
+    """Whether a channel takes several values beside 0, which stands for "no output yet"."""
+    running = values[values != 0]
+    return len(running) > 0 and float(np.ptp(running)) > 0
+
+
+def _onto(main: _Bank, bank: _Bank, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    moved = np.full(len(main.time), np.nan)
+    for boot in np.unique(main.boot):
+        there, here = bank.boot == boot, main.boot == boot
+        if there.any():
+            moved[here] = np.interp(main.time[here], bank.time[there], values[there])
+    return moved
+
+
+def _euler(columns: Columns) -> list[NDArray[np.float64]]:
+    """Roll and pitch of the quaternion q1 + q2 i + q3 j + q4 k (body to north-east-down, Z-Y-X order)."""
+    w, x, y, z = _columns(columns, "q1", "q2", "q3", "q4")
+    return [
+        np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)),
+    ]
+
+
+def _fastest(telemetry: Telemetry, preferred: tuple[str, ...]) -> str | None:
+    """The first message of ``preferred`` that came about as often as the most frequent of them."""
+    counts = {name: len(telemetry.messages[name]["time"]) for name in preferred if name in telemetry.messages}
+    most = max(counts.values(), default=0)
+    return next((name for name, count in counts.items() if count and count >= _AS_FAST * most), None)
+
+
+def _columns(columns: Columns, *fields: str) -> list[NDArray[np.float64]]:
+    return [_floats(columns, field) for field in fields]
+
+
+def _named(values: NDArray[np.integer], enum: str, name: str) -> NDArray[np.bool_]:
+    """Which of ``values`` (N,) the MAVLink enum calls ``name``."""
+    return np.isin(values, [value for value in np.unique(values) if enum_name(enum, int(value)) == name])
+
+
+def _floats(columns: Columns, field: str) -> NDArray[np.float64]:
+    return np.asarray(columns[field], dtype=np.float64)
+
+
+def _in_order(
+    time: NDArray[np.float64], boot: NDArray[np.int64], table: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    """Rows sorted by boot and time, repeats of a stamp and rows with non-finite values left out."""
+    finite = np.isfinite(table).all(axis=1) & np.isfinite(time)
+    time, boot, table = time[finite], boot[finite], table[finite]
+    order = np.lexsort((time, boot))
+    time, boot, table = time[order], boot[order], table[order]
+    new = np.ones(len(time), dtype=bool)
+    new[1:] = (np.diff(time) > 0) | (np.diff(boot) > 0)
+    return time[new], boot[new], table[new]

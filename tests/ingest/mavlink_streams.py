@@ -1,0 +1,77 @@
+"""Streams to read, built byte by byte; checksums come from pymavlink, not from the code under test."""
+
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+from typing import Any
+
+from pymavlink.dialects.v20 import all as dialect
+from pymavlink.generator.mavcrc import x25crc
+
+SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
+SAMPLES = Path(__file__).parents[2] / "logs"
+NOW = 1_700_000_000_000_000
+
+
+def frame(
+    message_id: int,
+    payload: bytes,
+    system: int = 1,
+    component: int = 1,
+    sequence: int = 0,
+    version: int = 2,
+    signed: bool = False,
+    seed: int | None = None,
+) -> bytes:
+    """One frame; ``seed`` stands in for the dialect's CRC_EXTRA."""
+    if version == 2:
+        payload = payload.rstrip(b"\0") or b"\0"
+        body = struct.pack(
+            "<BBBBBBHB", len(payload), signed, 0, sequence, system, component, message_id & 0xFFFF, message_id >> 16
+        )
+    else:
+        body = struct.pack("<BBBBB", len(payload), sequence, system, component, message_id)
+    seed = dialect.mavlink_map[message_id].crc_extra if seed is None else seed
+    checksum = struct.pack("<H", x25crc([*body, *payload, seed]).crc)
+    return bytes([0xFD if version == 2 else 0xFE]) + body + payload + checksum + (b"\x55" * 13 if signed else b"")
+
+
+def message(
+    name: str, system: int = 1, component: int = 1, sequence: int = 0, version: int = 2, **values: Any
+) -> bytes:
+    """One frame of a named message; fields that are not given are zero."""
+    kind = next(kind for kind in dialect.mavlink_map.values() if kind.msgname == name)
+    sizes = dict(zip(kind.ordered_fieldnames, kind.array_lengths, strict=True))
+    types = dict(zip(kind.fieldnames, kind.fieldtypes, strict=True))
+    flat: list[Any] = []
+    for field in kind.ordered_fieldnames:
+        if types[field] == "char":
+            flat.append(values.get(field, b""))
+        else:
+            value = values.get(field, [0] * sizes[field] if sizes[field] else 0)
+            flat += value if sizes[field] else [value]
+    return frame(kind.id, kind.unpacker.pack(*flat), system, component, sequence, version)
+
+
+def tlog(frames: list[bytes], first: int = NOW, step: int = 10_000) -> bytes:
+    """Frames behind their receive stamps, ``step`` microseconds apart."""
+    return b"".join(struct.pack(">Q", first + step * row) + content for row, content in enumerate(frames))
+
+
+def flight(times: list[float], system: int = 1, sequence: int = 0) -> list[bytes]:
+    """ATTITUDE and SERVO_OUTPUT_RAW at boot clock times, s; the latter's clock wraps as it does on board."""
+    frames = []
+    for time in times:
+        boot_ms, boot_us = round(time * 1e3) % 2**32, round(time * 1e6) % 2**32
+        frames.append(message("ATTITUDE", system, sequence=sequence % 256, time_boot_ms=boot_ms, roll=0.1))
+        frames.append(
+            message("SERVO_OUTPUT_RAW", system, sequence=(sequence + 1) % 256, time_usec=boot_us, servo1_raw=1500)
+        )
+        sequence += 2
+    return frames
+
+
+def heartbeat(system: int = 1, component: int = 1, kind: int = 2, autopilot: int = 3) -> bytes:
+    return message("HEARTBEAT", system, component, type=kind, autopilot=autopilot)

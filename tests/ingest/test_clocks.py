@@ -1,0 +1,144 @@
+"""The boot clock undoes wraps, counts reboots, keeps gaps, and is not taken in by strays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from mavdem.ingest.clocks import BootClock, Stamps, boot_clock
+
+WRAP_US = 2.0**32 / 1e6
+WRAP_MS = 2.0**32 / 1e3
+
+
+def clock_of(times: NDArray[Any], received: NDArray[Any] | None = None, period: float = WRAP_MS) -> BootClock:
+    rows = np.arange(len(times))
+    unknown = np.full(len(times), np.nan)
+    return boot_clock([Stamps("ATTITUDE", rows, times, period)], unknown if received is None else received)
+
+
+def interleaved(times: NDArray[Any], servo: NDArray[Any]) -> BootClock:
+    """ATTITUDE and SERVO_OUTPUT_RAW in turn, received as the clock runs."""
+    rows = np.arange(len(times))
+    stamps = [Stamps("ATTITUDE", 2 * rows, times, WRAP_MS), Stamps("SERVO_OUTPUT_RAW", 2 * rows + 1, servo, WRAP_US)]
+    return boot_clock(stamps, np.full(2 * len(times), np.nan))
+
+
+@given(st.floats(1, 3e6), st.floats(0.01, 5), st.integers(10, 300))
+@settings(deadline=None)
+def test_servo_wraps_are_put_on_the_epoch_of_attitude(start: float, step: float, count: int) -> None:
+    times = start + step * np.arange(count)
+    servo = np.maximum((times + 0.001) % WRAP_US, 1e-6)
+    clock = interleaved(times, servo)
+    assert np.allclose(clock.time[::2], times, atol=1e-9)
+    assert np.allclose(clock.time[1::2], times + 0.001, atol=2e-6)
+    assert not clock.boot.any()
+
+
+def test_a_wrap_of_the_only_clock_is_undone() -> None:
+    times = 4000 + 0.5 * np.arange(2000)
+    clock = clock_of(times % WRAP_US, period=WRAP_US)
+    assert np.allclose(clock.time, times)
+    assert not clock.boot.any()
+    assert "wraps every 71.6 min" in clock.repairs[0]
+
+
+def test_49_days_are_undone() -> None:
+    times = WRAP_MS - 30 + 0.1 * np.arange(1000)
+    assert np.allclose(clock_of(times % WRAP_MS).time, times)
+
+
+@given(st.floats(20, 4200), st.floats(0.5, 15), st.floats(0.02, 1.0))
+@settings(deadline=None)
+def test_a_reboot_starts_a_new_boot(before: float, after: float, step: float) -> None:
+    first = before + step * np.arange(100)
+    second = after + step * np.arange(100)
+    times = np.concatenate([first, second])
+    received = 1e9 + np.concatenate([first - before, first[-1] - before + 10 + second])
+    clock = clock_of(times, received)
+    assert np.array_equal(clock.time, times)
+    assert clock.boot.tolist() == [0] * 100 + [1] * 100
+
+
+def test_messages_around_a_reboot_go_to_the_boot_their_own_stamp_tells() -> None:
+    times = np.concatenate([500 + 0.25 * np.arange(40), 4 + 0.25 * np.arange(40)])
+    servo = times + 0.01
+    servo[39] = 3.9
+    clock = interleaved(times, servo)
+    assert clock.boot[79] == 1 and clock.time[79] == pytest.approx(3.9)
+    assert clock.boot[77] == 0 and clock.boot[81] == 1
+
+
+def test_a_reboot_after_a_wrap_reads_its_own_time() -> None:
+    first = 4200 + 0.5 * np.arange(400)
+    second = 5 + 0.5 * np.arange(100)
+    received = 1e9 + np.concatenate([first, first[-1] + 10 + second])
+    clock = clock_of(np.concatenate([first % WRAP_US, second]), received, period=WRAP_US)
+    assert np.allclose(clock.time, np.concatenate([first, second]))
+    assert clock.boot.tolist() == [0] * 400 + [1] * 100
+
+
+@given(st.integers(0, 199), st.floats(0.001, 4e6), st.booleans())
+@settings(deadline=None)
+def test_a_stray_stamp_is_no_reboot(row: int, wrong: float, twice: bool) -> None:
+    """One anywhere; two together away from the ends, where they could as well be a boot cut short."""
+    times = 1000 + 0.1 * np.arange(200)
+    stray = times.copy()
+    stray[row : row + 1 + (twice and 2 <= row <= 196)] = wrong
+    clock = clock_of(stray)
+    assert not clock.boot.any()
+    assert np.abs(clock.time - times).max() < 10
+
+
+def test_late_and_repeated_messages_are_no_reboot() -> None:
+    times = 100 + 0.1 * np.arange(400)
+    late = times.copy()
+    late[50::2] -= 3.0
+    assert not clock_of(late).boot.any()
+    repeated = np.concatenate([times[:200], times[120:]])
+    received = np.concatenate([times[:200], times[120:]]) + 1e9
+    assert not clock_of(repeated, received).boot.any()
+
+
+def test_a_jump_forward_stays_a_gap() -> None:
+    times = np.concatenate([10 + 0.01 * np.arange(500), 600 + 0.01 * np.arange(500)])
+    clock = clock_of(times)
+    assert np.array_equal(clock.time, times)
+    assert not clock.boot.any()
+    assert clock.repairs == ()
+
+
+def test_unix_time_is_moved_to_the_boot_clock() -> None:
+    times = np.linspace(50.0, 59.9, 100)
+    rows = np.arange(100)
+    stamps = [
+        Stamps("ATTITUDE", 2 * rows, times, WRAP_MS),
+        Stamps("GPS_RAW_INT", 2 * rows + 1, times + 1.6e9, np.inf),
+    ]
+    clock = boot_clock(stamps, np.full(200, np.nan))
+    assert np.abs(clock.time[1::2] - times).max() <= 0.1 + 1e-6
+    assert "another clock" in clock.repairs[0]
+
+
+def test_messages_without_a_clock_take_the_last_before_them() -> None:
+    stamps = [Stamps("ATTITUDE", np.array([1, 3, 4]), np.array([7.0, 7.1, 7.2]), WRAP_MS)]
+    assert boot_clock(stamps, np.full(6, np.nan)).time.tolist() == [7.0, 7.0, 7.0, 7.1, 7.2, 7.2]
+
+
+def test_without_any_stamp_there_is_no_time() -> None:
+    clock = clock_of(np.zeros(5))
+    assert np.isnan(clock.time).all() and not clock.boot.any()
+
+
+@given(st.lists(st.floats(0, 4e6), min_size=1, max_size=60), st.booleans())
+@settings(deadline=None)
+def test_any_stamps_at_all_give_finite_times(times: list[float], servo: bool) -> None:
+    values = np.array(times)
+    clock = interleaved(values, values[::-1] % WRAP_US) if servo else clock_of(values)
+    assert np.isfinite(clock.time).all() or not values.any()
+    assert (np.diff(clock.boot) >= -clock.boot.max()).all() and (clock.boot >= 0).all()

@@ -1,0 +1,206 @@
+"""Whole logs: who flew, what was mended, and one clear sentence for what cannot be read."""
+
+from __future__ import annotations
+
+import os
+import random
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mavlink_streams import NOW, SAMPLES, flight, frame, heartbeat, message, tlog
+
+from mavdem.errors import Unreadable
+from mavdem.ingest import Log, read_log
+
+TIMES = [20 + 0.01 * row for row in range(300)]
+
+
+def log_of(content: bytes, folder: Path, name: str = "flight.tlog") -> Log:
+    path = folder / name
+    path.write_bytes(content)
+    return read_log(path)
+
+
+def test_columns_are_on_one_clock(tmp_path: Path) -> None:
+    (vehicle,) = log_of(tlog([heartbeat(), *flight(TIMES)]), tmp_path).vehicles
+    assert np.allclose(vehicle.messages["ATTITUDE"]["time"], TIMES)
+    assert np.allclose(vehicle.messages["SERVO_OUTPUT_RAW"]["time"], TIMES, atol=1e-6)
+    assert (vehicle.messages["SERVO_OUTPUT_RAW"]["servo1_raw"] == 1500).all()
+    assert vehicle.messages["HEARTBEAT"]["time"].tolist() == [20.0]
+    assert (vehicle.vehicle, vehicle.autopilot, vehicle.repairs) == ("QUADROTOR", "ARDUPILOTMEGA", ())
+
+
+def test_71_minute_wrap_through_a_file(tmp_path: Path) -> None:
+    times = [4290 + 0.05 * row for row in range(400)]
+    (vehicle,) = log_of(tlog([heartbeat(), *flight(times)], step=25_000), tmp_path).vehicles
+    assert np.allclose(vehicle.messages["SERVO_OUTPUT_RAW"]["time"], times, atol=1e-5)
+    assert not vehicle.messages["SERVO_OUTPUT_RAW"]["boot"].any()
+    assert any("71.6 min" in repair for repair in vehicle.repairs)
+
+
+def test_a_reboot_through_a_file(tmp_path: Path) -> None:
+    frames = [
+        heartbeat(),
+        *flight([500 + 0.1 * row for row in range(50)]),
+        *flight([3 + 0.1 * row for row in range(50)]),
+    ]
+    (vehicle,) = log_of(tlog(frames, step=50_000), tmp_path).vehicles
+    assert vehicle.messages["ATTITUDE"]["boot"].tolist() == [0] * 50 + [1] * 50
+    assert vehicle.messages["SERVO_OUTPUT_RAW"]["boot"].tolist() == [0] * 50 + [1] * 50
+
+
+def test_several_systems_are_kept_apart_and_only_vehicles_listed(tmp_path: Path) -> None:
+    one, two = flight(TIMES, system=2), flight([time + 1000 for time in TIMES], system=7)
+    frames = [heartbeat(2), heartbeat(7, kind=13, autopilot=12), heartbeat(255, 190, kind=6, autopilot=8)]
+    frames += [heartbeat(2, 154, kind=26, autopilot=8)]
+    frames += [each for pair in zip(one, two, strict=True) for each in pair]
+    log = log_of(tlog(frames), tmp_path)
+    assert [(v.system, v.component, v.vehicle, v.autopilot) for v in log.vehicles] == [
+        (2, 1, "QUADROTOR", "ARDUPILOTMEGA"),
+        (7, 1, "HEXAROTOR", "PX4"),
+    ]
+    assert np.allclose(log.vehicles[1].messages["ATTITUDE"]["time"], np.array(TIMES) + 1000)
+    assert [speaker.kind for speaker in log.speakers] == ["QUADROTOR", "GIMBAL", "HEXAROTOR", "GCS"]
+
+
+@pytest.mark.parametrize("stray", [heartbeat(kind=0, autopilot=8), heartbeat(kind=6, autopilot=8)])
+def test_stray_heartbeats_do_not_change_who_flies(tmp_path: Path, stray: bytes) -> None:
+    frames = flight(TIMES) + [heartbeat()] * 3 + [stray] * 2
+    (vehicle,) = log_of(tlog(frames), tmp_path).vehicles
+    assert (vehicle.vehicle, vehicle.autopilot) == ("QUADROTOR", "ARDUPILOTMEGA")
+
+
+def test_a_vehicle_without_heartbeats_is_one_still(tmp_path: Path) -> None:
+    (vehicle,) = log_of(tlog(flight(TIMES)), tmp_path).vehicles
+    assert (vehicle.vehicle, vehicle.autopilot) == ("UNKNOWN", "UNKNOWN")
+
+
+@pytest.mark.parametrize(("autopilot", "expected"), [(12, -7.0), (3, float(np.int32(-7).view(np.float32)))])
+def test_integer_parameters_travel_as_each_autopilot_sends_them(
+    tmp_path: Path, autopilot: int, expected: float
+) -> None:
+    copied = float(np.int32(-7).view(np.float32))
+    old = message("PARAM_VALUE", param_id=b"COUNT", param_value=99.0, param_type=9)
+    sent = message("PARAM_VALUE", param_id=b"COUNT", param_value=copied, param_type=6)
+    gain = message("PARAM_VALUE", param_id=b"GAIN_OF_16_CHARS", param_value=0.5, param_type=9)
+    (vehicle,) = log_of(tlog([heartbeat(autopilot=autopilot), *flight(TIMES), old, sent, gain]), tmp_path).vehicles
+    assert np.array_equal(vehicle.parameters["COUNT"], expected, equal_nan=True)
+    assert vehicle.parameters["GAIN_OF_16_CHARS"] == 0.5
+
+
+def test_parameters_a_ground_station_noted_fill_in(tmp_path: Path) -> None:
+    noted = [
+        message("PARAM_VALUE", component=190, param_id=name, param_value=1.0, param_type=9) for name in (b"A", b"B")
+    ]
+    own = message("PARAM_VALUE", param_id=b"A", param_value=2.0, param_type=9)
+    (vehicle,) = log_of(tlog([heartbeat(), *flight(TIMES), own, *noted]), tmp_path).vehicles
+    assert vehicle.parameters == {"A": 2.0, "B": 1.0}
+
+
+def test_failures_are_told_apart(tmp_path: Path) -> None:
+    frames = [heartbeat(), *flight(TIMES)]
+    damaged = bytearray(frames[11])
+    damaged[15] ^= 0xFF
+    frames[11] = bytes(damaged)
+    frames += [frame(64_000, b"abc", seed=3), *[frame(33, bytes(range(28)), seed=1)] * 4, heartbeat()]
+    log = log_of(tlog(frames), tmp_path)
+    causes = {(kind.message_id, kind.frames, kind.of): kind.cause for kind in log.unread}
+    assert causes == {(30, 1, 300): "damage", (33, 4, 4): "another dialect", (64_000, 1, 1): "another dialect"}
+    assert log.frames == len(frames)
+
+
+def test_sequence_gaps_count_as_lost(tmp_path: Path) -> None:
+    frames = [heartbeat(), *flight(TIMES, sequence=1)]
+    del frames[100:107]
+    assert log_of(tlog(frames), tmp_path).speakers[0].lost == 7
+
+
+def test_receive_span_is_not_taken_in_by_a_wrong_stamp(tmp_path: Path) -> None:
+    content = bytearray(tlog([heartbeat(), *flight(TIMES)]))
+    content[:8] = struct.pack(">Q", 2**58)
+    first, last = log_of(bytes(content), tmp_path).receive_time
+    assert first == pytest.approx(NOW / 1e6 + 0.01)
+    assert last == pytest.approx(NOW / 1e6 + 6.0)
+
+
+def test_a_file_transferred_as_text_is_restored(tmp_path: Path) -> None:
+    content = tlog([heartbeat(), *flight(TIMES)])
+    (intact,) = log_of(content, tmp_path).vehicles
+    (restored,) = log_of(content.replace(b"\n", b"\r\n"), tmp_path).vehicles
+    for name in intact.messages:
+        for field, values in intact.messages[name].items():
+            assert np.array_equal(values, restored.messages[name][field]), (name, field)
+    assert "0A" in restored.repairs[0]
+
+
+@given(st.integers(0, 2**32), st.floats(0.0, 0.02))
+@settings(max_examples=40, deadline=None)
+def test_damage_never_makes_an_error_or_a_false_message(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, rate: float
+) -> None:
+    chance = random.Random(seed)
+    content = bytearray(tlog([heartbeat(), *flight(TIMES[:100])] * 2))
+    for place in range(len(content) - 1, -1, -1):
+        if chance.random() < rate:
+            content[place : place + chance.randrange(2)] = chance.randbytes(chance.randrange(4))
+    try:
+        log = log_of(bytes(content), tmp_path_factory.mktemp("damaged"))
+    except Unreadable as error:
+        assert "holds" in str(error)
+        return
+    allowed = set(np.round(TIMES[:100], 3).tolist())
+    for vehicle in log.vehicles:
+        if "ATTITUDE" in vehicle.messages and (vehicle.system, vehicle.component) == (1, 1):
+            stamps = vehicle.messages["ATTITUDE"]["time_boot_ms"] / 1e3
+            assert set(np.round(stamps, 3).tolist()) <= allowed
+
+
+def unreadable(path: Path) -> str:
+    with pytest.raises(Unreadable) as failure:
+        read_log(path)
+    sentence = str(failure.value)
+    assert str(path) in sentence and sentence.endswith(".") and "\n" not in sentence
+    return sentence
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("a.tlog", b"", "empty"),
+        ("a.tlog", b"Time,Roll,Pitch\n0,1,2\n" * 50, "text"),
+        ("a.tlog", bytes(range(256)) * 40, "no MAVLink"),
+        ("a.tlog", b"\x89MCAP0\r\n" + bytes(100), "MCAP"),
+        ("a.tlog", b"ULog\x01\x12\x35\x01" + bytes(100), "ULog"),
+        ("a.tlog", b"\xa3\x95\x80" + bytes(100), "DataFlash"),
+        ("a.bin", bytes(100), "DataFlash"),
+        ("a.mcap", bytes(100), "MCAP"),
+        ("a.tlog.gz", b"\x1f\x8b\x08" + bytes(100), "gzip"),
+        ("a.tlog", tlog([frame(64_000, b"abc", seed=3)] * 20), "another dialect"),
+    ],
+)
+def test_what_cannot_be_read_is_said_in_one_sentence(tmp_path: Path, name: str, content: bytes, said: str) -> None:
+    path = tmp_path / name
+    path.write_bytes(content)
+    assert said in unreadable(path)
+
+
+def test_what_is_no_file_is_said_in_one_sentence(tmp_path: Path) -> None:
+    assert "folder" in unreadable(tmp_path)
+    assert "does not exist" in unreadable(tmp_path / "missing.tlog")
+    pipe = tmp_path / "pipe.tlog"
+    os.mkfifo(pipe)
+    assert "not a plain file" in unreadable(pipe)
+
+
+def test_a_telemetry_log_is_read_whatever_its_name(tmp_path: Path) -> None:
+    assert log_of(tlog([heartbeat(), *flight(TIMES)]), tmp_path, "flight.bin").vehicles
+
+
+def test_progress_ends_at_one() -> None:
+    seen: list[float] = []
+    read_log(SAMPLES / "px4_wind5_steps.tlog", seen.append)
+    assert seen[-1] == 1.0
