@@ -4,6 +4,7 @@ from mavdem import evaluate
 from mavdem.dem import Learned, Settings, learn
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.flight import Flight
+from mavdem.read import read_flight
 from mavdem.telemetry import Telemetry
 
 __all__ = [
@@ -15,4 +16,5 @@ __all__ = [
     "Unreadable",
     "evaluate",
     "learn",
+    "read_flight",
 ]

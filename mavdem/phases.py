@@ -1,0 +1,99 @@
+"""Which parts of a boot are settled flight: armed, off the ground, past the climb-out and before the landing."""
+
+from __future__ import annotations
+
+from math import isinf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.ingest import meaning
+from mavdem.ingest.meaning import Attitude, Motors, Signal
+from mavdem.intervals import ALWAYS, Interval, Intervals, both, where
+from mavdem.telemetry import Telemetry
+
+CARRYING = 0.2
+"""Least share of the motors' range that holds a multirotor up; autopilots idle on the ground at 0.05 to 0.15."""
+
+SETTLING = 5.0
+"""Seconds after lift-off and before touch-down that are never settled.
+
+Spool-up, ground effect and the estimator's first metres."""
+
+STEADY_CLIMB = 0.25
+"""m/s: climb-out and landing last while the vehicle rises or sinks faster. Autopilots land at 0.3 m/s and more."""
+
+UPRIGHT = np.radians(60.0)
+"""Tilt beyond which no hover model holds: half the thrust no longer carries, and Euler angles leave the body rates."""
+
+_AVERAGING = 2.0
+"""Seconds over which vertical speed and collective are averaged, so that a gust does not end a climb."""
+
+
+def settled(telemetry: Telemetry, attitude: Attitude, other: Attitude, motors: Motors, boot: int) -> Intervals:
+    """Intervals of ``boot`` in settled flight, by what the autopilot says and, where it says nothing, by the motors.
+
+    Args:
+        attitude, other: the axis to learn and the other one: both must stay upright.
+    """
+    flying = both(armed(telemetry, boot), airborne(telemetry, motors, boot))
+    climb = _of(meaning.climb_rate(telemetry), boot)
+    level = [stretch for flight in flying if (stretch := _between_transients(flight, climb)) is not None]
+    return both(both(level, _upright(attitude, boot)), _upright(other, boot))
+
+
+def armed(telemetry: Telemetry, boot: int) -> Intervals:
+    """Intervals of ``boot`` when armed; always, when no heartbeat says."""
+    return _true(_of(meaning.armed(telemetry), boot))
+
+
+def airborne(telemetry: Telemetry, motors: Motors, boot: int) -> Intervals:
+    """Intervals of ``boot`` off the ground: EXTENDED_SYS_STATE where it comes, otherwise by motors that carry."""
+    said = _of(meaning.in_air(telemetry), boot)
+    if said is not None:
+        return _true(said)
+    here = motors.boot == boot
+    collective = motors.scale.fraction(motors.outputs[here]).mean(axis=1)
+    return where(motors.time[here], _average(motors.time[here], collective) > CARRYING)
+
+
+def _between_transients(flight: Interval, climb: Signal | None) -> Interval | None:
+    """The settled part of one flight; an end of the flight that was not seen has no transient to cut."""
+    start, end = flight
+    after, before = start + SETTLING, end - SETTLING
+    if climb is not None:
+        speed = _average(climb.time, climb.values)
+        inside = (climb.time >= after) & (climb.time <= before)
+        if not isinf(start):
+            level = climb.time[inside & (speed < STEADY_CLIMB)]
+            after = float(level[0]) if len(level) else before
+        if not isinf(end):
+            level = climb.time[inside & (speed > -STEADY_CLIMB)]
+            before = float(level[-1]) if len(level) else after
+    return (after, before) if after < before else None
+
+
+def _upright(attitude: Attitude, boot: int) -> Intervals:
+    here = attitude.boot == boot
+    return where(attitude.time[here], np.abs(attitude.angle[here]) < UPRIGHT)
+
+
+def _of(signal: Signal | None, boot: int) -> Signal | None:
+    """The part of a signal in one boot; None when it has none there."""
+    if signal is None or not np.any(signal.boot == boot):
+        return None
+    here = signal.boot == boot
+    return Signal(signal.time[here], signal.boot[here], signal.values[here])
+
+
+def _true(signal: Signal | None) -> Intervals:
+    return ALWAYS if signal is None else where(signal.time, signal.values > 0)
+
+
+def _average(time: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Centred mean of the samples within half of ``_AVERAGING`` on either side."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    first = np.searchsorted(time, time - _AVERAGING / 2, side="left")
+    after = np.searchsorted(time, time + _AVERAGING / 2, side="right")
+    mean: NDArray[np.float64] = (total[after] - total[first]) / (after - first)
+    return mean

@@ -1,0 +1,74 @@
+"""read_flight: from a log to the Flight a model can be learnt from, or the reason why not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from os import PathLike
+
+from mavdem.align import align, segments
+from mavdem.errors import NotLearnable
+from mavdem.flight import Flight
+from mavdem.ingest import Log, meaning, read_log
+from mavdem.telemetry import Telemetry
+from mavdem.verdict import Verdict, judge
+
+
+def read_flight(path: str | PathLike[str], axis: str = "roll", vehicle: str | None = None) -> Flight:
+    """The longest usable segment of a log.
+
+    Args:
+        path: a log that ``mavdem.ingest.read_log`` reads.
+        axis: "roll" or "pitch".
+        vehicle: "system" or "system:component", where the log holds several.
+
+    Raises:
+        Unreadable: the log cannot be read.
+        NotLearnable: it holds no vehicle, or several and none was chosen, or the verdict is no.
+        ValueError: an axis that is neither.
+    """
+    flight, _ = learnable_flight(read_log(path), axis, vehicle)
+    return flight
+
+
+def learnable_flight(log: Log, axis: str = "roll", vehicle: str | None = None) -> tuple[Flight, Verdict]:
+    """The longest usable segment of a log that was read, and the verdict that lets it through, with its cautions.
+
+    Args:
+        log: as ``mavdem.ingest.read_log`` gives it.
+        axis, vehicle: as for :func:`read_flight`.
+
+    Raises:
+        NotLearnable: it holds no vehicle, or several and none was chosen, or the verdict is no.
+        ValueError: an axis that is neither.
+    """
+    telemetry = choose_vehicle(log.vehicles, vehicle)
+    verdict = judge(telemetry, axis)
+    if not verdict.learnable:
+        raise NotLearnable(verdict.reason, verdict.remedy)
+    return align(telemetry, segments(telemetry, axis)[0], axis), verdict
+
+
+def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> Telemetry:
+    """The one vehicle, or the one ``wanted``: "system" or "system:component". One that sends no attitude is no rival.
+
+    Raises:
+        NotLearnable: none or several match; the message lists them.
+    """
+    if wanted is not None:
+        matching = [vehicle for vehicle in vehicles if wanted in (str(vehicle.system), _name(vehicle))]
+    else:
+        moving = [vehicle for vehicle in vehicles if meaning.attitude(vehicle, "roll") is not None]
+        matching = moving or list(vehicles)
+    if len(matching) == 1:
+        return matching[0]
+    if not vehicles:
+        raise NotLearnable("There is no vehicle in it.", "Check that the autopilot's own messages are recorded.")
+    listed = ", ".join(f"{_name(vehicle)} ({vehicle.vehicle}, {vehicle.autopilot})" for vehicle in matching or vehicles)
+    example = f"Choose one, for example with `--vehicle {_name((matching or vehicles)[0])}`."
+    if not matching:
+        raise NotLearnable(f"There is no vehicle {wanted}; there are {listed}.", example)
+    raise NotLearnable(f"There are several vehicles: {listed}.", example)
+
+
+def _name(vehicle: Telemetry) -> str:
+    return f"{vehicle.system}:{vehicle.component}"

@@ -1,0 +1,121 @@
+"""A made-up hover for tests: a vehicle whose every signal is a known function of time, sampled as a stream would."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.telemetry import Telemetry
+
+Array = NDArray[np.float64]
+
+MAV_TYPES = {"FIXED_WING": 1, "QUADROTOR": 2, "GCS": 6, "GROUND_ROVER": 10, "SUBMARINE": 12, "HEXAROTOR": 13}
+MAV_AUTOPILOTS = {"ARDUPILOTMEGA": 3, "INVALID": 8, "PX4": 12}
+ARMED = 128
+X_QUAD = np.array([-1.0, 1.0, 1.0, -1.0])
+"""Sign of the roll torque of motors 1 front right, 2 rear left, 3 front left, 4 rear right."""
+
+
+@dataclass(frozen=True)
+class Hover:
+    """Armed at 5 s, off the ground at 6, climbing 2 m/s until ``level``, sinking 0.5 m/s from ``sinking``, for 20 s."""
+
+    hovering: float = 40.0
+    sway: float = 0.05
+    command: float = 20.0
+    level: float = 11.0
+
+    @property
+    def sinking(self) -> float:
+        return self.level + self.hovering
+
+    @property
+    def landed(self) -> float:
+        return self.sinking + 20.0
+
+    @property
+    def end(self) -> float:
+        return self.landed + 5.0
+
+    def roll(self, t: Array) -> Array:
+        return self.sway * (np.sin(2.1 * t) + 0.5 * np.sin(7.3 * t + 1.0))
+
+    def roll_rate(self, t: Array) -> Array:
+        return self.sway * (2.1 * np.cos(2.1 * t) + 0.5 * 7.3 * np.cos(7.3 * t + 1.0))
+
+    def roll_command(self, t: Array) -> Array:
+        """The (left − right)/4 combination of the motors, µs."""
+        return self.command * np.sin(5.0 * t)
+
+    def motors(self, t: Array) -> Array:
+        """(N, 4) pulse widths, µs: 1000 on the ground, 1600 and the command in the air."""
+        flying = (t >= 6.0) & (t < self.landed)
+        outputs = np.where(flying[:, None], 1600.0 + X_QUAD * self.roll_command(t)[:, None], 1000.0)
+        return outputs
+
+    def climb(self, t: Array) -> Array:
+        return np.where((t > 6.0) & (t < self.level), 2.0, np.where((t > self.sinking) & (t < self.landed), -0.5, 0.0))
+
+    def telemetry(
+        self,
+        attitude_time: Array | float = 100.0,
+        motor_time: Array | float = 100.0,
+        vehicle: str = "QUADROTOR",
+        autopilot: str = "ARDUPILOTMEGA",
+        parameters: dict[str, float] | None = None,
+        without: tuple[str, ...] = (),
+    ) -> Telemetry:
+        """The stream: stamps of attitude and motors are given, or a rate in Hz."""
+        at, mt = self.stamps(attitude_time), self.stamps(motor_time)
+        beat = self.stamps(1.0)
+        motors = self.motors(mt)
+        messages = {
+            "ATTITUDE": columns(
+                at,
+                roll=self.roll(at),
+                pitch=np.zeros_like(at),
+                rollspeed=self.roll_rate(at),
+                pitchspeed=np.zeros_like(at),
+                yawspeed=np.zeros_like(at),
+            ),
+            "SERVO_OUTPUT_RAW": columns(
+                mt,
+                port=np.zeros(len(mt)),
+                **{f"servo{i + 1}_raw": motors[:, i] for i in range(4)},
+                **{f"servo{i + 1}_raw": np.zeros(len(mt)) for i in range(4, 8)},
+            ),
+            "HEARTBEAT": columns(
+                beat,
+                type=np.full(len(beat), MAV_TYPES[vehicle]),
+                autopilot=np.full(len(beat), MAV_AUTOPILOTS[autopilot]),
+                base_mode=np.where((beat >= 5.0) & (beat < self.landed + 1.0), ARMED + 1, 1),
+            ),
+            "LOCAL_POSITION_NED": columns(self.stamps(10.0), vz=-self.climb(self.stamps(10.0))),
+        }
+        kept = {name: table for name, table in messages.items() if name not in without}
+        return Telemetry(1, 1, vehicle, autopilot, kept, parameters or {}, "made-up.tlog")
+
+    def stamps(self, rate_or_stamps: Array | float) -> Array:
+        if isinstance(rate_or_stamps, float):
+            return np.arange(round(self.end * rate_or_stamps)) / rate_or_stamps
+        return rate_or_stamps
+
+
+def columns(time: Array, boot: int = 0, **fields: NDArray) -> dict[str, NDArray]:
+    return {"time": time, "boot": np.full(len(time), boot), **fields}
+
+
+def changed(telemetry: Telemetry, message: str, **fields: NDArray) -> Telemetry:
+    """The telemetry with other columns in one message, or with another message."""
+    table = {**telemetry.messages.get(message, {}), **fields}
+    return Telemetry(
+        telemetry.system,
+        telemetry.component,
+        telemetry.vehicle,
+        telemetry.autopilot,
+        {**telemetry.messages, message: table},
+        telemetry.parameters,
+        telemetry.source,
+    )

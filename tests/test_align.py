@@ -1,0 +1,174 @@
+"""From Telemetry to a uniform Flight: which stretch, which step, and no lag between motors and attitude."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hover import X_QUAD, Hover, changed, columns
+
+from mavdem.align import GAP, Segment, align, segments
+from mavdem.ingest import read_log
+from mavdem.phases import SETTLING
+
+HOVER = Hover()
+DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[2] / "shared/data"))
+
+
+def recorded(name: str):
+    if not (DATA / name).exists():
+        pytest.skip(f"{name} is not on this machine")
+    return read_log(DATA / name)
+
+
+def eight_and_twelve(phase: int) -> np.ndarray:
+    """Stamps of a 100 Hz stream out of a loop of 4 ms."""
+    steps = np.resize([0.008, 0.012], round(HOVER.end * 100))
+    return np.round(phase * 0.004 + np.cumsum(steps), 3)
+
+
+def test_the_longest_segment_is_the_hover():
+    (segment,) = segments(HOVER.telemetry())
+    assert segment.boot == 0
+    assert segment.start == pytest.approx(HOVER.level, abs=1.0)
+    assert segment.end == pytest.approx(HOVER.sinking, abs=1.0)
+
+
+def test_without_climb_rate_the_ends_are_cut_by_the_clock():
+    (segment,) = segments(HOVER.telemetry(without=("LOCAL_POSITION_NED",)))
+    assert segment.start == pytest.approx(6.0 + SETTLING, abs=1.0)
+    assert segment.end == pytest.approx(HOVER.landed - SETTLING, abs=1.0)
+
+
+def test_what_the_autopilot_says_of_take_off_and_landing_is_believed():
+    time = HOVER.stamps(2.0)
+    landed = np.where(time < 6, 1, np.where(time < 20, 3, np.where(time < 40, 2, np.where(time < 60, 4, 1))))
+    telemetry = changed(HOVER.telemetry(), "EXTENDED_SYS_STATE", **columns(time, landed_state=landed))
+    (segment,) = segments(telemetry)
+    assert 20 <= segment.start <= 21 + SETTLING and 39 - SETTLING <= segment.end <= 40
+
+
+def test_a_log_cut_out_of_a_hover_is_used_whole():
+    telemetry = HOVER.telemetry()
+    for message, table in telemetry.messages.items():
+        inside = (table["time"] >= 15) & (table["time"] < 45)
+        telemetry = changed(telemetry, message, **{name: column[inside] for name, column in table.items()})
+    (segment,) = segments(telemetry)
+    assert (segment.start, segment.end) == pytest.approx((15, 44.99))
+
+
+def test_gaps_and_tumbles_end_a_segment():
+    telemetry = HOVER.telemetry()
+    table = telemetry.messages["SERVO_OUTPUT_RAW"]
+    kept = (table["time"] <= 20) | (table["time"] >= 20 + 2 * GAP)
+    telemetry = changed(telemetry, "SERVO_OUTPUT_RAW", **{name: column[kept] for name, column in table.items()})
+    roll = telemetry.messages["ATTITUDE"]["roll"].copy()
+    roll[np.abs(telemetry.messages["ATTITUDE"]["time"] - 40) < 0.5] = 2.5
+    found = segments(changed(telemetry, "ATTITUDE", roll=roll))
+    assert [round(segment.duration) for segment in found] == sorted(
+        (round(segment.duration) for segment in found), reverse=True
+    )
+    assert sorted((round(s.start, 1), round(s.end, 1)) for s in found)[1] == (20.2, 39.5)
+
+
+def test_boots_are_never_joined():
+    telemetry = HOVER.telemetry()
+    for message, table in telemetry.messages.items():
+        twice = {name: np.concatenate([column, column]) for name, column in table.items()}
+        twice["boot"] = np.repeat([0, 1], len(table["time"]))
+        telemetry = changed(telemetry, message, **twice)
+    found = segments(telemetry)
+    assert sorted(segment.boot for segment in found) == [0, 1]
+    flight = align(telemetry, found[1])
+    np.testing.assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-9)
+
+
+def test_a_disarmed_vehicle_has_no_segment():
+    telemetry = HOVER.telemetry()
+    assert segments(changed(telemetry, "HEARTBEAT", base_mode=np.ones(len(HOVER.stamps(1.0))))) == ()
+
+
+def test_a_uniform_source_keeps_its_samples():
+    telemetry = HOVER.telemetry(motor_time=HOVER.stamps(100.0) + 0.0004)
+    flight = align(telemetry, segments(telemetry)[0])
+    assert flight.dt == 0.01
+    assert flight.provenance["resampling"] == {"attitude": "samples kept", "motors": "samples kept"}
+    np.testing.assert_allclose(flight.outputs[:, 1], HOVER.roll_rate(flight.time), atol=1e-12)
+    np.testing.assert_allclose(flight.inputs @ X_QUAD / 4, HOVER.roll_command(flight.time + 0.0004), atol=1e-9)
+
+
+def test_alternating_stamps_make_one_step_of_ten_milliseconds():
+    telemetry = HOVER.telemetry(eight_and_twelve(0), eight_and_twelve(1))
+    flight = align(telemetry, segments(telemetry)[0])
+    assert flight.dt == 0.01
+    # A line errs by the second derivative times a quarter of half the step squared: (12 ms)²/8 · 25/s² of 20 µs.
+    assert np.abs(flight.inputs @ X_QUAD / 4 - HOVER.roll_command(flight.time)).max() <= 0.012**2 / 8 * 25 * 20 * 1.001
+
+
+@pytest.mark.parametrize("offset", [0.002, 0.005, 0.008])
+@pytest.mark.parametrize("stamps", [HOVER.stamps(100.0), eight_and_twelve(0)], ids=["uniform", "alternating"])
+def test_neither_motors_nor_attitude_get_a_lag(stamps, offset):
+    """The delay of the truth that best explains a column is far below half a step, wherever the stamps lie."""
+    telemetry = HOVER.telemetry(motor_time=stamps + offset)
+    flight = align(telemetry, segments(telemetry)[0])
+    delays = np.linspace(-0.01, 0.01, 201)
+    for column, truth in (
+        (flight.inputs @ X_QUAD / 4, HOVER.roll_command),
+        (flight.outputs[:, 0], HOVER.roll),
+        (flight.outputs[:, 1], HOVER.roll_rate),
+    ):
+        errors = [np.var(column - truth(flight.time - delay)) for delay in delays]
+        assert abs(delays[np.argmin(errors)]) <= 0.0002
+
+
+def test_motors_between_attitude_samples_are_not_the_ones_moved():
+    telemetry = HOVER.telemetry(motor_time=HOVER.stamps(100.0) + 0.005)
+    flight = align(telemetry, segments(telemetry)[0])
+    assert flight.provenance["resampling"] == {"attitude": "linear", "motors": "samples kept"}
+    np.testing.assert_allclose(flight.inputs @ X_QUAD / 4, HOVER.roll_command(flight.time), atol=1e-9)
+
+
+def test_the_slower_stream_sets_the_step():
+    telemetry = HOVER.telemetry(attitude_time=200.0, motor_time=50.0)
+    flight = align(telemetry, segments(telemetry)[0])
+    assert flight.dt == 0.02
+    np.testing.assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-9)
+
+
+def test_names_units_and_provenance_say_what_was_done():
+    telemetry = HOVER.telemetry()
+    flight = align(telemetry, segments(telemetry)[0], axis="pitch")
+    assert flight.output_names == ("pitch", "pitch rate") and flight.output_units == ("rad", "rad/s")
+    assert flight.input_names[0] == "motor 1 (front right)" and set(flight.input_units) == {"µs"}
+    assert json.loads(json.dumps(flight.provenance, allow_nan=False)) == flight.provenance
+    assert flight.provenance["motors"]["channels_assumed"] is True
+
+
+def test_a_segment_of_another_flight_is_refused():
+    with pytest.raises(ValueError, match="segment"):
+        align(HOVER.telemetry(), Segment(boot=3, start=0.0, end=9.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "dt", "kept"),
+    [
+        ("sitl_ardupilot/ardupilot_inertia_wind5_steps.tlog", 0.01, "samples kept"),
+        ("sitl_ardupilot/ardupilot_wind5_mav1_50hz.tlog", 0.02, "samples kept"),
+        ("sitl_px4/px4_wind5_gust.tlog", 0.01, "linear"),
+    ],
+)
+def test_a_recorded_flight_gives_its_hover(name, dt, kept):
+    (telemetry,) = recorded(name).vehicles
+    segment = segments(telemetry)[0]
+    flight = align(telemetry, segment)
+    assert flight.dt == dt
+    assert flight.provenance["resampling"]["motors"] == kept
+    assert flight.provenance["motors"]["positions_assumed"] is False
+    assert 60 < flight.duration < 110
+    height = -telemetry.messages["LOCAL_POSITION_NED"]["z"]
+    when = telemetry.messages["LOCAL_POSITION_NED"]["time"]
+    inside = (when > segment.start) & (when < segment.end)
+    assert np.ptp(height[inside]) < 1.0 < np.ptp(height)
