@@ -1,0 +1,34 @@
+"""Show: opens a recording in the native viewer, where there is a screen."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+
+def show(path: str | os.PathLike[str]) -> str:
+    """Opens the recording at ``path`` in the Rerun viewer and returns at once; the viewer lives on.
+
+    Returns:
+        "" when the viewer was started, else one sentence that says why not.
+    """
+    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return f"There is no screen here; open the recording where there is one, with `{_command(path)}`."
+    if not Path(path).is_file():
+        return f"There is no recording {path}."
+    subprocess.Popen([sys.executable, "-m", "rerun", "--bind", "127.0.0.1", os.fspath(path)], start_new_session=True)
+    return ""
+
+
+def _command(path: str | os.PathLike[str]) -> str:
+    """What to type to open ``path``: the viewer beside this Python, by its path unless a shell finds it by name."""
+    beside = Path(sys.executable).with_name("rerun")
+    if not beside.is_file() or shutil.which("rerun") == str(beside):
+        return shlex.join(["rerun", os.fspath(path)])
+    here = Path.cwd()
+    viewer = beside.relative_to(here) if here in beside.parent.parents else beside
+    return shlex.join([str(viewer), os.fspath(path)])
