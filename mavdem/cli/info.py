@@ -1,0 +1,98 @@
+"""``mavdem info``: what a log holds, and whether a model can be learnt from it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import click
+
+from mavdem.cli.output import print_json
+from mavdem.cli.source import read_source, source_options
+from mavdem.inventory import inventory
+
+WIDTH = 100
+"""Columns to which the list of messages is wrapped."""
+
+SLOW = 0.95
+"""Hz below which messages are listed together: what comes less than about once a second tells nothing of the motion."""
+
+WORTH_TELLING = 0.01
+"""Share of a vehicle's sequence numbers that do not occur; fewer is a radio link in good order."""
+
+
+@click.command()
+@source_options
+@click.pass_context
+def info(context: click.Context, source: str, axis: str, vehicle: str | None, as_json: bool) -> None:
+    """Says what a log holds, and whether a model can be learnt from it.
+
+    SOURCE is a telemetry log (.tlog). For each vehicle: the verdict (learnable or not, why, and what to change), the
+    stretches of settled flight, and its messages with their rates. --json tells everything, for example the counts.
+
+    Ends with 0 when a model can be learnt from at least one vehicle, otherwise with 1.
+    """
+    held = inventory(read_source(source), axis, vehicle)
+    if as_json:
+        print_json(held)
+    else:
+        for one in held["vehicles"]:
+            _print_vehicle(one)
+        if not held["vehicles"]:
+            click.echo("There is no vehicle in it: check that the autopilot's own messages are recorded.\n")
+        _print_stream(held)
+    context.exit(0 if held["learnable"] else 1)
+
+
+def _print_vehicle(one: dict[str, Any]) -> None:
+    verdict = one["verdict"]
+    can = "can" if verdict["learnable"] else "cannot"
+    click.echo(
+        f"A {verdict['axis']} model {can} be learnt from {_name(one)} ({one['vehicle']}, {one['autopilot']}): "
+        f"{verdict['reason']}"
+    )
+    if verdict["remedy"]:
+        click.echo(f"What to do: {verdict['remedy']}")
+    for caution in verdict["cautions"]:
+        click.echo(f"Caution: {caution}")
+    for repair in one["repairs"]:
+        click.echo(f"Repaired: {repair}")
+    if one["segments"]:
+        longest, *shorter = one["segments"]
+        others = f", and {len(shorter)} shorter" if shorter else ""
+        click.echo(
+            f"Settled flight: {longest['duration']:.1f} s from {longest['start']:.2f} s of boot {longest['boot'] + 1}"
+            f"{others}."
+        )
+    for rate, names in _by_rate(one["messages"]).items():
+        click.echo(click.wrap_text(f"{rate}: {', '.join(names)}", WIDTH, "  ", "    "))
+    click.echo()
+
+
+def _by_rate(messages: dict[str, dict[str, Any]]) -> dict[str, list[str]]:
+    """Names of the messages by their rounded rate, the fastest first."""
+    groups: dict[str, list[str]] = {}
+    for name, message in sorted(messages.items(), key=lambda message: -(message[1]["rate"] or 0)):
+        rate = message["rate"]
+        told = "at one time" if rate is None else f"{rate:.1f} Hz" if rate >= SLOW else "less than once a second"
+        groups.setdefault(told, []).append(name)
+    return groups
+
+
+def _print_stream(held: dict[str, Any]) -> None:
+    vehicles = [_name(one) for one in held["vehicles"]]
+    for speaker in held["speakers"]:
+        heard = f"Heard {_name(speaker)} {speaker['kind']}: {speaker['messages']} messages"
+        # A ground station numbers what it sends to all its links together, so its gaps say nothing.
+        if _name(speaker) in vehicles and speaker["lost_share"] >= WORTH_TELLING:
+            heard += (
+                f"; {speaker['lost_share']:.0%} of its sequence numbers do not occur, as when a link loses messages or "
+                "a log keeps only some"
+            )
+        click.echo(f"{heard}.")
+    for sender, cause in dict.fromkeys((_name(unread), unread["cause"]) for unread in held["unread"]):
+        ids = [str(u["message_id"]) for u in held["unread"] if (_name(u), u["cause"]) == (sender, cause)]
+        click.echo(f"Not read from {sender}: message id {', '.join(ids)} ({cause}).")
+
+
+def _name(sender: dict[str, Any]) -> str:
+    return f"{sender['system']}:{sender['component']}"

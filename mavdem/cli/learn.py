@@ -1,0 +1,138 @@
+"""``mavdem learn``: from a log to a model, its forecasts and pictures."""
+
+from __future__ import annotations
+
+import math
+import shlex
+from dataclasses import asdict, replace
+from pathlib import Path
+from time import perf_counter
+
+import click
+from click.core import ParameterSource
+
+from mavdem import evaluate
+from mavdem.cli.output import print_json, progress
+from mavdem.cli.results import NAMES, check_folder, write_results
+from mavdem.cli.source import read_source, source_options
+from mavdem.dem import Learned, Settings
+from mavdem.dem import learn as learn_model
+from mavdem.dem.learn import FEWEST_SAMPLES
+from mavdem.errors import NotLearnable
+from mavdem.flight import Flight
+from mavdem.read import learnable_flight
+
+MOST_STATES = 10
+"""A roll model has a few states; the memory a fit takes grows with the fourth power of their number."""
+
+
+@click.command()
+@source_options
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
+@click.option(
+    "--preset",
+    type=click.Choice(["real", "paper"]),
+    default="real",
+    show_default=True,
+    help="Settings for real flights, or the paper's.",
+)
+@click.option(
+    "--order", type=click.IntRange(1, MOST_STATES), help="Number of states. [default: the data choose; 2 for paper]"
+)
+@click.option(
+    "--train", type=click.IntRange(FEWEST_SAMPLES), default=700, show_default=True, help="Samples to learn from."
+)
+@click.option("--test", type=click.IntRange(1), default=150, show_default=True, help="Samples after them to forecast.")
+@click.option(
+    "--start", type=click.FloatRange(0), default=0.0, show_default=True, help="Seconds into the settled flight."
+)
+def learn(
+    source: str,
+    axis: str,
+    vehicle: str | None,
+    as_json: bool,
+    out: Path,
+    preset: str,
+    order: int | None,
+    train: int,
+    test: int,
+    start: float,
+) -> None:
+    """Learns a linear model from a log and forecasts with it.
+
+    SOURCE is a telemetry log (.tlog). Of the longest stretch of settled flight, --train samples are learnt from and the
+    --test samples after them forecast. The folder --out receives model.json (the model with all it needs to forecast),
+    report.json (the figures) and flight.rrd (pictures, to be opened with `rerun flight.rrd`).
+
+    \b
+    Examples:
+      mavdem learn flight.tlog --out result
+      mavdem learn flight.tlog --out result --preset paper --order 2
+    """
+    check_folder(out)
+    began = perf_counter()
+    flight, verdict = learnable_flight(read_source(source), axis, vehicle)
+    training, following = _cut(flight, start, train, test)
+    learned = _learn(training, _settings(preset, order))
+    learned = replace(learned, cautions=(*verdict.cautions, *learned.cautions))
+    report = {
+        **evaluate.report(training, following, learned),
+        "settings": asdict(learned.settings),
+        "verdict": asdict(verdict),
+        "seconds": round(perf_counter() - began, 3),
+        "files": {name: str(out / name) for name in NAMES},
+    }
+    write_results(out, report, training, following, learned)
+    if as_json:
+        print_json(report)
+    else:
+        # With it comes Rerun, which takes a second to load.
+        from mavdem.cli.summary import print_summary
+
+        print_summary(report, training, following, learned)
+
+
+def _settings(preset: str, order: int | None) -> Settings:
+    settings = Settings.paper() if preset == "paper" else Settings()
+    return settings if order is None else replace(settings, order=order)
+
+
+def _cut(flight: Flight, start: float, train: int, test: int) -> tuple[Flight, Flight]:
+    """The samples to learn from and those to forecast."""
+    if not math.isfinite(start):
+        raise click.BadParameter("it must be a number of seconds.", param_hint="--start")
+    first = min(round(start / flight.dt), len(flight))
+    left = len(flight) - first
+    if left >= train + test:
+        return flight[first : first + train], flight[first + train : first + train + test]
+    reason = (
+        f"The settled flight has {len(flight)} samples ({flight.duration:.1f} s), {left} of them from {start:g} s on, "
+        f"and {train} to learn from with {test} to forecast are more."
+    )
+    fewer_test = min(test, max(left // 6, 1))
+    fewer_train = min(train, left - fewer_test)
+    if fewer_train < FEWEST_SAMPLES:
+        raise NotLearnable(reason, "Start earlier, with a smaller --start.")
+    raise NotLearnable(reason, f"Ask for fewer: `{_again(fewer_train, fewer_test)}`.")
+
+
+def _again(train: int, test: int) -> str:
+    """The command that was given, with other numbers of samples."""
+    context = click.get_current_context()
+    kept = [
+        word
+        for name in ("out", "axis", "vehicle", "preset", "order", "start")
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+        for word in (f"--{name}", str(context.params[name]))
+    ]
+    return shlex.join(["mavdem", "learn", context.params["source"], *kept, "--train", str(train), "--test", str(test)])
+
+
+def _learn(training: Flight, settings: Settings) -> Learned:
+    try:
+        with progress("Learning", measured=False):
+            return learn_model(training, settings)
+    except ValueError as error:
+        raise NotLearnable(
+            f"No model could be learnt: {error}.", "Choose another part of the flight with --start, or more of it."
+        ) from error

@@ -1,0 +1,86 @@
+"""Where output goes: the result to standard output, progress and complaints to standard error."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+ASIDE = Console(stderr=True, highlight=False, markup=False, emoji=False)
+"""Standard error."""
+
+WIDTH_OF_A_PIPE = 120
+"""Columns a table may take where standard output is no terminal."""
+
+
+def prepare_streams() -> None:
+    """Lets no character that the terminal cannot show end a run, and shows a warning as one line."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    warnings.showwarning = lambda message, *_, **__: click.echo(f"mavdem: warning: {message}", err=True)
+
+
+def json_text(document: Any) -> str:
+    """A JSON document; numbers that JSON does not know (NaN, infinity) become null."""
+    return json.dumps(_finite(document), indent=1, allow_nan=False)
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def print_json(document: Any) -> None:
+    """The one document on standard output of ``--json``."""
+    click.echo(json_text(document))
+
+
+class _Page(Console):
+    """Standard output that leaves a closed pipe to ``main``."""
+
+    def on_broken_pipe(self) -> None:
+        raise
+
+
+def print_table(table: Table) -> None:
+    """Prints a table and an empty line on standard output."""
+    width = None if sys.stdout.isatty() else WIDTH_OF_A_PIPE
+    _Page(width=width, highlight=False, markup=False, emoji=False).print(table, "")
+
+
+def complain(reason: str, remedy: str, as_json: bool) -> None:
+    """Says on standard error what is wrong and what to do, and with ``as_json`` the same as the document."""
+    click.echo(f"mavdem: {reason} {remedy}".rstrip(), err=True)
+    if as_json:
+        print_json({"error": {"reason": reason, "remedy": remedy}})
+
+
+@contextmanager
+def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], None]]:
+    """A bar on standard error, where that is a terminal; yields what to call with the fraction done.
+
+    Args:
+        title: what is being done.
+        measured: whether the fraction will be told; otherwise the bar only shows that something is going on.
+    """
+    if not ASIDE.is_terminal:
+        yield lambda _: None
+        return
+    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+    with Progress(*columns, console=ASIDE, transient=True) as bar:
+        task = bar.add_task(title, total=1.0 if measured else None)
+        yield lambda fraction: bar.update(task, completed=fraction)

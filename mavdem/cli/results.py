@@ -1,0 +1,55 @@
+"""The files a learnt flight is kept in, each of them whole or not there."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from mavdem.cli.output import json_text
+from mavdem.dem import Learned
+from mavdem.errors import Unreadable
+from mavdem.flight import Flight
+
+NAMES = ("model.json", "report.json", "flight.rrd")
+
+
+def check_folder(folder: Path) -> None:
+    """Refuses a folder that cannot be written to, before the work is done; it makes nothing.
+
+    Raises:
+        Unreadable: it or a folder above it is a file, or not permitted.
+    """
+    existing = next(place for place in (folder, *folder.absolute().parents) if os.path.lexists(place))
+    if not existing.is_dir():
+        raise Unreadable(f"--out {folder} is no folder, because {existing} is a file: name another.")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise Unreadable(f"--out {folder} cannot be made: {existing} is not writable.")
+
+
+def write_results(folder: Path, report: dict[str, Any], train: Flight, test: Flight, learned: Learned) -> None:
+    """Writes model.json (the ``Learned``), report.json and flight.rrd; ``folder`` is made where it is missing.
+
+    Args:
+        folder: where to.
+        report: what report.json will hold.
+        train, test, learned: what flight.rrd will show.
+
+    Raises:
+        Unreadable: they cannot be written.
+    """
+    # Rerun takes a second to load, and a flight that cannot be learnt needs none of it.
+    from mavdem.view import write_recording
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=folder, prefix=".unfinished.") as unfinished:
+            model_json, report_json, recording = (Path(unfinished) / name for name in NAMES)
+            model_json.write_text(learned.to_json() + "\n")
+            report_json.write_text(json_text(report) + "\n")
+            write_recording(recording, train, test, learned)
+            for path in (model_json, report_json, recording):
+                os.replace(path, folder / path.name)
+    except OSError as error:
+        raise Unreadable(f"--out {folder} cannot be written ({error.strerror or error}): name another.") from None

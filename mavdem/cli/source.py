@@ -1,0 +1,44 @@
+"""SOURCE and the options that choose what is looked at in it, the same for every command."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+import click
+
+from mavdem.cli.output import progress
+from mavdem.errors import Unreadable
+from mavdem.ingest import Log, read_log
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+LINK = re.compile(r"(udp|tcp|mcast|ws)\w*:|/dev/(tty|cu|serial)|COM\d", re.IGNORECASE)
+"""How pymavlink's connection strings begin (``mavutil.mavlink_connection``)."""
+
+
+def source_options(command: Command) -> Command:
+    """Adds SOURCE, --axis, --vehicle and --json to a command."""
+    for decorate in (
+        click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."),
+        click.option("--vehicle", metavar="SYSTEM[:COMPONENT]", help="Which vehicle, where the log holds several."),
+        click.option("--axis", type=click.Choice(["roll", "pitch"]), default="roll", show_default=True),
+        click.argument("source", type=click.Path()),
+    ):
+        command = decorate(command)
+    return command
+
+
+def read_source(source: str) -> Log:
+    """The log that SOURCE names.
+
+    Raises:
+        Unreadable: it is a link, or ``mavdem.ingest.read_log`` says so.
+    """
+    if LINK.match(source):
+        raise Unreadable(
+            f"{source} is a MAVLink link, and this version reads files only: record a telemetry log (.tlog), name that."
+        )
+    with progress(f"Reading {source}") as done:
+        return read_log(source, done)

@@ -1,0 +1,80 @@
+"""Inventory: what a log holds, who sent it, what is damaged, and which vehicles a model can be learnt from."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.align import segments
+from mavdem.ingest import Log
+from mavdem.read import choose_vehicle
+from mavdem.telemetry import Columns, Telemetry
+from mavdem.verdict import judge
+
+
+def inventory(log: Log, axis: str = "roll", vehicle: str | None = None) -> dict[str, Any]:
+    """Everything there is to know of a log before learning, as plain JSON values; times in s, rates in Hz.
+
+    Args:
+        log: as ``mavdem.ingest.read_log`` gives it.
+        axis: "roll" or "pitch": which model the verdicts are about.
+        vehicle: "system" or "system:component", to leave the others out.
+
+    Raises:
+        NotLearnable: there is no such vehicle.
+        ValueError: an axis that is neither.
+    """
+    vehicles = log.vehicles if vehicle is None else (choose_vehicle(log.vehicles, vehicle),)
+    described = [_vehicle(telemetry, axis) for telemetry in vehicles]
+    return {
+        "source": log.source,
+        "frames": log.frames,
+        "bytes_skipped": log.bytes_skipped,
+        "receive_time": list(log.receive_time),
+        "unread": [asdict(unread) for unread in log.unread],
+        "speakers": [
+            {
+                "system": speaker.system,
+                "component": speaker.component,
+                "kind": speaker.kind,
+                "messages": sum(speaker.messages.values()),
+                "lost": speaker.lost,
+                "lost_share": speaker.lost / max(speaker.lost + sum(speaker.messages.values()), 1),
+            }
+            for speaker in log.speakers
+        ],
+        "vehicles": described,
+        "learnable": any(one["verdict"]["learnable"] for one in described),
+    }
+
+
+def _vehicle(telemetry: Telemetry, axis: str) -> dict[str, Any]:
+    return {
+        "system": telemetry.system,
+        "component": telemetry.component,
+        "vehicle": telemetry.vehicle,
+        "autopilot": telemetry.autopilot,
+        "parameters": len(telemetry.parameters),
+        "messages": {
+            name: {"count": len(columns["time"]), "rate": _rate(columns)}
+            for name, columns in sorted(telemetry.messages.items())
+        },
+        "segments": [{**asdict(segment), "duration": segment.duration} for segment in segments(telemetry, axis)],
+        "repairs": list(telemetry.repairs),
+        "verdict": asdict(judge(telemetry, axis)),
+    }
+
+
+def _rate(columns: Columns) -> float | None:
+    """Messages a second from the first to the last of each boot; None where no two are apart in time."""
+    boots = [_span(columns["time"][columns["boot"] == boot]) for boot in np.unique(columns["boot"])]
+    seconds = sum(span for _, span in boots)
+    return sum(steps for steps, _ in boots) / seconds if seconds > 0 else None
+
+
+def _span(time: NDArray[np.float64]) -> tuple[int, float]:
+    """Steps between the stamps, and the seconds they take."""
+    return len(time) - 1, float(time[-1] - time[0])

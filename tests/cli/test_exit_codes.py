@@ -1,0 +1,133 @@
+"""What the command line answers to good, poor and broken input: an exit code, one sentence, and never a traceback."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from mavdem.cli import main as command_line
+from mavdem.cli.main import main
+
+LOGS = Path(__file__).parents[2] / "logs"
+FLIGHT = LOGS / "ardupilot_wind5_steps.tlog"
+MAVDEM = [sys.executable, "-c", "import sys; from mavdem.cli.main import main; sys.exit(main())"]
+
+
+def broken_inputs(folder: Path) -> dict[str, Path]:
+    flight = FLIGHT.read_bytes()
+    contents = {
+        "empty.tlog": b"",
+        "text.tlog": b"This is a letter, not a flight.\n" * 100,
+        "noise.tlog": bytes(range(256)) * 40,
+        "renamed.ulg": b"ULog\x01\x12\x35" + bytes(1000),
+        "cut_in_the_first_frame.tlog": flight[:20],
+    }
+    paths = {name: folder / name for name in contents}
+    for name, path in paths.items():
+        path.write_bytes(contents[name])
+    return {**paths, "missing": folder / "missing.tlog", "a folder": folder}
+
+
+BROKEN = ("empty.tlog", "text.tlog", "noise.tlog", "renamed.ulg", "cut_in_the_first_frame.tlog", "missing", "a folder")
+
+
+@pytest.mark.parametrize("name", BROKEN)
+@pytest.mark.parametrize("command", ["info", "learn"])
+def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp_path, capsys):
+    source, out = broken_inputs(tmp_path)[name], tmp_path / "out"
+    assert main([command, str(source), *(["--out", str(out)] if command == "learn" else [])]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.startswith("mavdem: ")
+    assert said.err.count("\n") == 1
+    assert str(source) in said.err
+    assert "should not have happened" not in said.err
+    assert not out.exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["learn", str(FLIGHT)], "--out"),
+        (["learn", str(FLIGHT), "--out", "x", "--order", "0"], "--order"),
+        (["learn", str(FLIGHT), "--out", "x", "--start", "nan"], "--start"),
+        (["learn", str(FLIGHT), "--out", "x", "--train", "many"], "--train"),
+        (["info", str(FLIGHT), "--axis", "yaw"], "--axis"),
+        (["info"], "SOURCE"),
+        (["infos"], "infos"),
+        (["--colour"], "--colour"),
+        (["info", "udpin:127.0.0.1:14550"], "link"),
+    ],
+)
+def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(words) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert named in said.err
+    assert "should not have happened" not in said.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("words", [["--help"], ["info", "-h"], ["learn", "--help"]])
+def test_help_teaches_and_succeeds(words, capsys):
+    assert main(words) == 0
+    assert "mavdem" in capsys.readouterr().out
+
+
+def test_the_example_of_the_help_keeps_its_lines(capsys):
+    main(["--help"])
+    assert "  mavdem info flight.tlog\n" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("words", [["info", "missing.tlog", "--json"], ["learn", str(FLIGHT), "--json"]])
+def test_with_json_a_failure_is_a_document_too(words, capsys):
+    assert main(words) == 2
+    assert json.loads(capsys.readouterr().out)["error"]["reason"]
+
+
+def test_a_fault_of_our_own_is_one_sentence_with_a_hint(monkeypatch, capsys):
+    def fault(*_: object) -> None:
+        raise RuntimeError("a\nfault")
+
+    monkeypatch.delenv("MAVDEM_TRACEBACK", raising=False)
+    monkeypatch.setattr(command_line.mavdem, "invoke", fault)
+    assert main(["info", str(FLIGHT)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert "MAVDEM_TRACEBACK=1" in said
+    monkeypatch.setenv("MAVDEM_TRACEBACK", "1")
+    assert main(["info", str(FLIGHT)]) == 2
+    assert "Traceback" in capsys.readouterr().err
+
+
+def test_an_interrupt_is_130(monkeypatch, capsys):
+    def interrupted(*_: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+    monkeypatch.setattr(command_line.mavdem, "invoke", interrupted)
+    assert main(["info", str(FLIGHT)]) == 130
+    assert "Traceback" not in capsys.readouterr().err
+
+
+def test_a_closed_pipe_is_no_error():
+    reader, writer = os.pipe()
+    os.close(reader)
+    done = subprocess.run([*MAVDEM, "info", FLIGHT], stdout=writer, stderr=subprocess.PIPE, timeout=60)
+    os.close(writer)
+    assert done.returncode == 128 + signal.SIGPIPE
+    assert done.stderr == b""
+
+
+def test_a_terminal_without_unicode_gets_its_answer(tmp_path):
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    words = [*MAVDEM, "learn", FLIGHT, "--out", tmp_path, "--preset", "paper"]
+    done = subprocess.run(words, capture_output=True, env=environment, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert b"MSPE" in done.stdout

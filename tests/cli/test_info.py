@@ -1,0 +1,95 @@
+"""``mavdem info``: what it says of the sample flights, and when it says no."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mavdem.cli.main import main
+from mavdem.ingest import read_log
+
+LOGS = Path(__file__).parents[2] / "logs"
+
+
+def info(capsys, *words: str) -> tuple[int, dict]:
+    code = main(["info", *words, "--json"])
+    said = capsys.readouterr()
+    assert said.err == ""
+    return code, json.loads(said.out)
+
+
+def recorded(name: str) -> str:
+    path = LOGS / name
+    if not path.exists():
+        pytest.skip(f"{name} is not among the sample flights")
+    return str(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "system", "autopilot"),
+    [("ardupilot_wind5_steps.tlog", 1, "ARDUPILOTMEGA"), ("px4_wind5_steps.tlog", 5, "PX4")],
+)
+def test_a_sample_flight_can_be_learnt_from(name, system, autopilot, capsys):
+    code, held = info(capsys, recorded(name))
+    assert code == 0
+    assert held["learnable"]
+    (vehicle,) = held["vehicles"]
+    assert (vehicle["system"], vehicle["autopilot"], vehicle["vehicle"]) == (system, autopilot, "QUADROTOR")
+    assert vehicle["messages"]["HEARTBEAT"]["rate"] == pytest.approx(1, rel=0.05)
+    for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
+        assert vehicle["messages"][name]["rate"] == pytest.approx(100, rel=0.01)
+    assert vehicle["segments"][0]["duration"] == pytest.approx(60, abs=1)
+
+
+def test_the_rates_a_ground_station_asks_for_are_too_slow(capsys):
+    code, held = info(capsys, recorded("ardupilot_default_rates.tlog"))
+    assert code == 1
+    assert not held["learnable"]
+    (vehicle,) = held["vehicles"]
+    assert vehicle["messages"]["ATTITUDE"]["rate"] == pytest.approx(4, rel=0.1)
+    assert "Hz" in vehicle["verdict"]["reason"]
+    assert vehicle["verdict"]["remedy"]
+
+
+def test_nothing_heard_is_left_out(capsys):
+    path = recorded("ardupilot_wind5_steps.tlog")
+    _, held = info(capsys, path)
+    speakers = {(speaker.system, speaker.component): speaker for speaker in read_log(path).speakers}
+    told = {(speaker["system"], speaker["component"]): speaker["messages"] for speaker in held["speakers"]}
+    assert told == {ids: sum(speaker.messages.values()) for ids, speaker in speakers.items()}
+    (vehicle,) = held["vehicles"]
+    counts = {name: message["count"] for name, message in vehicle["messages"].items()}
+    assert counts == dict(speakers[vehicle["system"], vehicle["component"]].messages)
+
+
+def test_people_are_told_the_same(capsys):
+    assert main(["info", recorded("px4_wind5_steps.tlog"), "--axis", "pitch"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("A pitch model can be learnt from 5:1 (QUADROTOR, PX4): ")
+    assert "  100.0 Hz: ATTITUDE, SERVO_OUTPUT_RAW\n" in said
+
+
+def test_sequence_numbers_are_told_for_vehicles_and_when_they_matter(capsys):
+    """Logs that were cut by message type lack most of them; that is no loss, and is not called one."""
+    main(["info", recorded("px4_wind5_steps.tlog")])
+    vehicle, station = capsys.readouterr().out.splitlines()[-2:]
+    assert "80% of its sequence numbers do not occur" in vehicle and "keeps only some" in vehicle
+    assert station == "Heard 255:190 GCS: 60 messages."
+
+
+def test_damage_is_counted(tmp_path, capsys):
+    whole = Path(recorded("px4_wind5_steps.tlog")).read_bytes()
+    path = tmp_path / "damaged.tlog"
+    path.write_bytes(whole[:300_000] + bytes(1000) + whole[301_000:-7])
+    code, held = info(capsys, str(path))
+    assert code == 0
+    assert held["bytes_skipped"] > 900
+    (vehicle,) = held["vehicles"]
+    assert vehicle["repairs"]
+
+
+def test_the_vehicle_asked_for_must_be_there(capsys):
+    assert main(["info", recorded("px4_wind5_steps.tlog"), "--vehicle", "7"]) == 1
+    assert "5:1" in capsys.readouterr().err

@@ -1,0 +1,120 @@
+"""``mavdem learn``: its three files, its one document, and its refusals."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mavdem import Learned, Settings, evaluate
+from mavdem import learn as learn_model
+from mavdem.cli import results
+from mavdem.cli.main import main
+from mavdem.cli.output import json_text
+from mavdem.read import read_flight
+
+LOGS = Path(__file__).parents[2] / "logs"
+FLIGHT = str(LOGS / "ardupilot_wind5_steps.tlog")
+FILES = {"model.json", "report.json", "flight.rrd"}
+
+
+def strict_json(text: str) -> dict:
+    def unknown(name: str) -> None:
+        raise AssertionError(f"{name} is not JSON")
+
+    return json.loads(text, parse_constant=unknown)
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("preset", ["real", "paper"])
+def test_the_document_is_the_report_of_the_library(preset, tmp_path, capsys):
+    out = tmp_path / "new" / "folder"
+    words = ["learn", FLIGHT, "--out", str(out), "--preset", preset, "--start", "2", "--train", "600", "--test", "100"]
+    assert main([*words, "--json"]) == 0
+    report = strict_json(capsys.readouterr().out)
+    flight = read_flight(FLIGHT)
+    train, test = flight[200:800], flight[800:900]
+    learned = learn_model(train, Settings.paper() if preset == "paper" else Settings())
+    expected = json.loads(json_text(evaluate.report(train, test, learned)))
+    assert {name: report[name] for name in expected} == expected
+    assert names(out) == FILES
+    assert strict_json((out / "report.json").read_text()) == report
+    kept = Learned.from_json((out / "model.json").read_text())
+    np.testing.assert_allclose(kept.forecast(test.inputs), learned.forecast(test.inputs))
+
+
+def test_people_see_model_errors_and_files(tmp_path, capsys):
+    assert main(["learn", FLIGHT, "--out", str(tmp_path), "--axis", "pitch", "--order", "2"]) == 0
+    said = capsys.readouterr()
+    for fact in ("150 steps ahead", "constant mean", "pitch rate", "+-", "nats", "flight.rrd", "700 samples"):
+        assert fact in said.out
+    assert "Traceback" not in said.err
+
+
+def test_a_flight_too_short_names_the_command_that_fits(tmp_path, capsys):
+    words = ["learn", FLIGHT, "--out", str(tmp_path / "out"), "--start", "56", "--preset", "paper"]
+    assert main(words) == 1
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert not (tmp_path / "out").exists()
+    command = shlex.split(said.err.split("`")[1])
+    assert command[:2] == ["mavdem", "learn"]
+    assert main(command[1:]) == 0
+
+
+def test_a_start_beyond_the_flight_is_refused(tmp_path, capsys):
+    assert main(["learn", FLIGHT, "--out", str(tmp_path / "out"), "--start", "1e9", "--json"]) == 1
+    assert "--start" in json.loads(capsys.readouterr().out)["error"]["remedy"]
+
+
+def test_a_flight_that_cannot_be_learnt_from_is_refused_with_the_remedy(tmp_path, capsys):
+    slow = LOGS / "ardupilot_default_rates.tlog"
+    if not slow.exists():
+        pytest.skip("ardupilot_default_rates.tlog is not among the sample flights")
+    assert main(["learn", str(slow), "--out", str(tmp_path / "out"), "--json"]) == 1
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert "Hz" in error["reason"]
+    assert error["remedy"]
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, capsys):
+    def breaks_down(*_: object) -> None:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr("mavdem.cli.learn.learn_model", breaks_down)
+    assert main(["learn", FLIGHT, "--out", str(tmp_path / "out")]) == 1
+    assert "Singular matrix" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("place", ["file", "file/below"])
+def test_an_out_that_is_a_file_is_refused_before_the_work(place, tmp_path, capsys):
+    (tmp_path / "file").write_text("mine")
+    assert main(["learn", "missing.tlog", "--out", str(tmp_path / place)]) == 2
+    assert "--out" in capsys.readouterr().err
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_what_cannot_be_written_leaves_the_old_results(tmp_path, monkeypatch, capsys):
+    for name in FILES:
+        (tmp_path / name).write_text("old")
+
+    def no_space(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("mavdem.view.write_recording", no_space)
+    assert main(["learn", FLIGHT, "--out", str(tmp_path)]) == 2
+    assert "No space left" in capsys.readouterr().err
+    assert names(tmp_path) == set(results.NAMES)
+    assert {(tmp_path / name).read_text() for name in FILES} == {"old"}
+
+
+def test_numbers_that_json_does_not_know_become_null():
+    assert strict_json(json_text({"a": [float("nan"), (float("inf"), 1.5)]})) == {"a": [None, [None, 1.5]]}

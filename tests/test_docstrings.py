@@ -1,0 +1,82 @@
+"""Every public name is documented; every argument and attribute of what a room exports is mentioned there."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+import inspect
+import pkgutil
+import re
+from collections.abc import Iterator
+from functools import cached_property
+from typing import Any
+
+import click
+import pytest
+
+import mavdem
+
+MODULES = [importlib.import_module(found.name) for found in pkgutil.walk_packages(mavdem.__path__, "mavdem.")]
+
+
+def public(owner: Any) -> Iterator[tuple[str, Any]]:
+    """The public functions, methods, properties and classes that ``owner`` itself defines."""
+    for name, value in vars(owner).items():
+        value = getattr(value, "__func__", value)
+        if isinstance(value, click.Command):
+            value = value.callback
+        kind = inspect.isfunction(value) or inspect.isclass(value) or isinstance(value, property | cached_property)
+        if name.startswith("_") or not kind:
+            continue
+        if inspect.ismodule(owner) and value.__module__ != owner.__name__:
+            continue
+        yield f"{owner.__name__}.{name}", value
+        if inspect.isclass(value) and not getattr(value, "_is_protocol", False):
+            yield from public(value)
+
+
+def exported() -> Iterator[tuple[str, Any]]:
+    """What ``__all__`` of each room names, and the members of the classes and modules among it."""
+    for room in [mavdem, *MODULES]:
+        for name in getattr(room, "__all__", ()):
+            value = getattr(room, name)
+            yield f"{room.__name__}.{name}", value
+            if inspect.isclass(value) or inspect.ismodule(value):
+                yield from public(value)
+
+
+EVERYTHING = {name: value for module in MODULES for name, value in public(module)}
+EXPORTED = dict(exported())
+
+
+def arguments(value: Any) -> list[str]:
+    """What a caller passes or reads by name."""
+    if dataclasses.is_dataclass(value):
+        names = [field.name for field in dataclasses.fields(value)]
+    elif hasattr(value, "_fields"):
+        names = list(value._fields)
+    elif inspect.isfunction(value):
+        names = [name for name in inspect.signature(value).parameters if name not in ("self", "cls")]
+    else:
+        names = []
+    return [name for name in names if not name.startswith("_")]
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
+def test_a_module_says_what_it_holds(module):
+    assert module.__doc__, f"{module.__name__} has no docstring"
+
+
+@pytest.mark.parametrize("name", EVERYTHING)
+def test_a_public_name_is_documented(name):
+    value = EVERYTHING[name]
+    assert value.__doc__, f"{name} has no docstring"
+    generated = inspect.isclass(value) and value.__doc__.startswith(f"{value.__name__}(")
+    assert not generated, f"{name} has no docstring of its own"
+
+
+@pytest.mark.parametrize("name", [name for name, value in EXPORTED.items() if arguments(value)])
+def test_arguments_and_attributes_are_mentioned(name):
+    text = EXPORTED[name].__doc__ or ""
+    missing = [argument for argument in arguments(EXPORTED[name]) if not re.search(rf"\b{argument}\b", text)]
+    assert not missing, f"the docstring of {name} does not mention {', '.join(missing)}"
