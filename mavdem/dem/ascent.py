@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem.free_energy import Belief, optimal_terms
-from mavdem.dem.generative import GenerativeModel, Samples
+from mavdem.dem.generative import GenerativeModel, Moments, Samples
 from mavdem.dem.positive import inverse
-from mavdem.dem.steps import d_step, e_step, joint_moments, m_step, with_optimal_precisions
+from mavdem.dem.steps import d_step, e_step, m_step, with_optimal_precisions
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ def ascend(model: GenerativeModel, samples: Samples, iterations: int) -> Ascent:
     # The first D step takes the parameters for certain: a weak prior's mean-field term would erase the states.
     state_map = d_step(model, theta, certain, lambda_, inverse(prior.lambda_precision))
     belief = with_optimal_precisions(
-        model, Belief(joint_moments(samples, state_map), np.empty(0), theta, certain, lambda_, np.empty(0))
+        model, Belief(Moments.of(model, samples, state_map), np.empty(0), theta, certain, lambda_, np.empty(0))
     )
     rows = [_row(model, samples, belief)]
     settled = False
@@ -97,7 +97,7 @@ def ascend(model: GenerativeModel, samples: Samples, iterations: int) -> Ascent:
 
 def _iterate(model: GenerativeModel, samples: Samples, belief: Belief) -> tuple[Array, Belief]:
     state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
-    belief = with_optimal_precisions(model, belief._replace(joint=joint_moments(samples, state_map)))
+    belief = with_optimal_precisions(model, belief._replace(moments=Moments.of(model, samples, state_map)))
     belief = with_optimal_precisions(model, belief._replace(theta=e_step(model, samples, belief)))
     belief = with_optimal_precisions(model, belief._replace(lambda_=m_step(model, samples, belief)))
     return state_map, belief
@@ -107,7 +107,7 @@ def _row(
     model: GenerativeModel, samples: Samples, belief: Belief
 ) -> tuple[Mapping[str, float], Array, Array, Array, Array]:
     return (
-        optimal_terms(model, samples, belief.joint, belief.theta, belief.lambda_),
+        optimal_terms(model, samples, belief),
         belief.theta,
         np.sqrt(np.diag(belief.theta_covariance)),
         belief.lambda_,

@@ -1,8 +1,9 @@
-"""The choices that settings leave open, made by forecasts of training data that the fit has not seen.
+"""The choices that settings leave open, and how the chosen model's forecasts are judged: on training data alone.
 
 F̄ compares models of the same data. A wider window changes the data the engine sees, and its samples, counted as if
-independent, make F̄ prefer ever weaker priors; so the judge here is what the model is for. Each half of the training
-data is forecast by a model of the other half.
+independent, make F̄ prefer ever weaker priors; so the judge here is what the model is for, its own forecasts. Every
+candidate is judged on the data it was fitted to, which with so few candidates costs little in honesty and gives all of
+them all the data. What the winner's forecasts are worth is then told by forecasts of data that the fit has not seen.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.fit import fit
+from mavdem.dem.fit import Fit, fit
 from mavdem.dem.settings import Settings
 
 Array = NDArray[np.float64]
@@ -28,10 +29,10 @@ PARAMETER_PRECISIONS = (0.01, 1.0, 10.0, 100.0)
 """Candidate prior precisions, from hardly a prior to one that wants much evidence."""
 
 LONGEST_FORECAST = 1.5
-"""Seconds: trial forecasts reach so far, as do the paper's 150 samples at 100 Hz."""
+"""Seconds: the forecasts that judge reach so far, as do the paper's 150 samples at 100 Hz."""
 
-MOST_STARTS = 100
-"""Trial forecasts begin at so many places in each half at most."""
+MOST_STARTS = 200
+"""They begin at so many places of a stretch at most."""
 
 
 def candidates(settings: Settings, outputs: int, samples: int, dt: float) -> tuple[Settings, ...]:
@@ -43,7 +44,7 @@ def candidates(settings: Settings, outputs: int, samples: int, dt: float) -> tup
     orders = [settings.order] if settings.order else [outputs + hidden for hidden in HIDDEN_STATES]
     precisions = [settings.parameter_precision] if settings.parameter_precision else PARAMETER_PRECISIONS
     windows = [settings.window] if settings.window else sorted({_odd(seconds / dt, settings.p) for seconds in WINDOWS})
-    # Half of each half's samples must have a whole window, or derivatives come from too few of them.
+    # Half of each half's samples must have a whole window, or its derivatives come from too few of them.
     fitting = [window for window in windows if window <= samples // 4]
     if not fitting:
         fewest = 4 * windows[0]
@@ -60,11 +61,32 @@ def _odd(samples: float, p: int) -> int:
     return window + 1 - window % 2
 
 
-def trial_mse(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Array:
-    """Mean squared error (H, m) of forecasts of each half of the data by a model of the other half, by horizon.
+def forecast_mse(fitted: Fit, inputs: Array, outputs: Array, dt: float) -> Array:
+    """Mean squared error (H, m) of a model's forecasts of a recorded stretch, by horizon, in physical units.
 
     Args:
-        inputs, outputs: (T, r), (T, m) in physical units.
+        fitted: the model.
+        inputs, outputs: (T, r), (T, m), physical; forecasts begin all over the first part of them.
+        dt: sampling step, s.
+    """
+    horizon = max(1, min(round(LONGEST_FORECAST / dt), 2 * len(outputs) // 3))
+    last = len(outputs) - horizon - 1
+    # The filter needs a few samples to find hidden states.
+    starts = np.unique(np.linspace(min(horizon // 4, last), last, MOST_STARTS).astype(int))
+    scaling = fitted.scaling
+    # An unstable model's forecast may overflow; an infinite error is then the answer.
+    with np.errstate(over="ignore", invalid="ignore"):
+        errors = fitted.predictor.forecast_errors(
+            scaling.scale_outputs(outputs), scaling.scale_inputs(inputs), horizon, starts
+        )
+        return np.asarray((errors**2).mean(axis=0) * scaling.output_scale**2)
+
+
+def unseen_forecast_mse(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Array:
+    """The same (H, m), of forecasts of each half of the data by a model of the other half.
+
+    Args:
+        inputs, outputs: (T, r), (T, m), physical.
         dt: sampling step, s.
         settings: complete.
 
@@ -72,28 +94,10 @@ def trial_mse(inputs: Array, outputs: Array, dt: float, settings: Settings) -> A
         numpy.linalg.LinAlgError: a fit broke down.
         ValueError: a half in which a channel does not vary.
     """
-    middle = len(outputs) // 2
-    halves = slice(0, middle), slice(middle, None)
+    half = len(outputs) // 2
+    halves = slice(0, half), slice(len(outputs) - half, None)
     errors = [
-        _forecast_mse(inputs[learnt], outputs[learnt], inputs[unseen], outputs[unseen], dt, settings)
+        forecast_mse(fit(inputs[learnt], outputs[learnt], dt, settings), inputs[unseen], outputs[unseen], dt)
         for learnt, unseen in (halves, halves[::-1])
     ]
     return np.asarray(np.mean(errors, axis=0))
-
-
-def _forecast_mse(
-    inputs: Array, outputs: Array, unseen_inputs: Array, unseen_outputs: Array, dt: float, settings: Settings
-) -> Array:
-    fitted = fit(inputs, outputs, dt, settings)
-    # As long in both halves, of which the second may be one sample longer.
-    horizon = max(1, min(round(LONGEST_FORECAST / dt), 2 * len(outputs) // 3, 2 * len(unseen_outputs) // 3))
-    last = len(unseen_outputs) - horizon - 1
-    # The filter needs a few samples to find hidden states.
-    starts = np.unique(np.linspace(min(horizon // 4, last), last, MOST_STARTS).astype(int))
-    scaling = fitted.scaling
-    # An unstable model's forecast may overflow; an infinite error is then the answer.
-    with np.errstate(over="ignore", invalid="ignore"):
-        errors = fitted.predictor.forecast_errors(
-            scaling.scale_outputs(unseen_outputs), scaling.scale_inputs(unseen_inputs), horizon, starts
-        )
-        return np.asarray((errors**2).mean(axis=0) * scaling.output_scale**2)

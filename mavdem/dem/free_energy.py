@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.generative import GenerativeModel, Samples
+from mavdem.dem.generative import GenerativeModel, Moments, Samples
 from mavdem.dem.positive import logdet
 
 Array = NDArray[np.float64]
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 class Belief(NamedTuple):
     """The recognition density q: Gaussian in X (at every sample), θ and λ."""
 
-    joint: Array  # Σ_t [ỹ; η̃; X][…]ᵀ with X at its means
+    moments: Moments  # of the data and the means of X
     state_covariance: Array  # Σˣ of X = [x̃; ṽ], the same at every sample
     theta: Array
     theta_covariance: Array
@@ -30,25 +30,25 @@ def free_energy_action(model: GenerativeModel, samples: Samples, belief: Belief)
 
     W is the expectation of the curvature, ½ Σ tr(Σ U_ϑϑ): the ½ that Eq. ``F_bar_MF`` has and Eq. ``free_E`` lost.
     """
-    joint, lambda_ = belief.joint, belief.lambda_
+    moments, lambda_ = belief.moments, belief.lambda_
     T = samples.number
     weights = np.exp(lambda_)
     mean_field = 0.5 * (
         T * np.sum(belief.state_covariance * state_curvature(model, belief.theta, weights))
-        + np.sum(belief.theta_covariance * theta_curvature(model, joint, weights))
-        + np.sum(belief.lambda_covariance * lambda_curvature(model, joint, belief.theta, lambda_))
+        + np.sum(belief.theta_covariance * theta_curvature(model, moments, weights))
+        + np.sum(belief.lambda_covariance * lambda_curvature(model, moments, belief.theta, lambda_))
     )
     entropy = 0.5 * (
         T * logdet(belief.state_covariance) + logdet(belief.theta_covariance) + logdet(belief.lambda_covariance)
     )
-    return internal_energy(model, samples, joint, belief.theta, lambda_) + mean_field + entropy
+    return internal_energy(model, samples, moments, belief.theta, lambda_) + mean_field + entropy
 
 
-def internal_energy(model: GenerativeModel, samples: Samples, joint: Array, theta: Array, lambda_: Array) -> float:
+def internal_energy(model: GenerativeModel, samples: Samples, moments: Moments, theta: Array, lambda_: Array) -> float:
     """Ū = Σ_t U(t) with the priors counted once: log likelihood plus log priors at the means."""
     prior = model.prior
     E = model.error_operator(theta)
-    error = np.sum(model.precision(np.exp(lambda_)) * (E @ joint @ E.T))
+    error = np.sum(model.precision(np.exp(lambda_)) * (E @ moments.joint @ E.T))
     log_precision = model.log_precision_at_zero + model.log_precision_slope @ lambda_
     theta_error, lambda_error = theta - prior.theta_mean, lambda_ - prior.lambda_mean
     return 0.5 * float(
@@ -67,12 +67,12 @@ def state_curvature(model: GenerativeModel, theta: Array, weights: Array) -> Arr
     return -of_X.T @ model.precision(weights) @ of_X
 
 
-def theta_curvature(model: GenerativeModel, joint: Array, weights: Array) -> Array:
+def theta_curvature(model: GenerativeModel, moments: Moments, weights: Array) -> Array:
     """Ū_θθ (k, k): each row of [A B] and of C is a regression of its own, coupled only by the prior."""
     curvature = -model.prior.theta_precision
-    moments, rows = model.regression(joint), model.parameter_rows
-    add_blocks(curvature, rows.dynamics, -weights[model.state_groups], moments.regressors)
-    add_blocks(curvature, rows.observation, -weights[model.output_groups], moments.states)
+    regression, rows = moments.regression, model.parameter_rows
+    add_blocks(curvature, rows.dynamics, -weights[model.state_groups], regression.regressors)
+    add_blocks(curvature, rows.observation, -weights[model.output_groups], regression.states)
     return curvature
 
 
@@ -81,35 +81,29 @@ def add_blocks(matrix: Array, rows: NDArray[np.intp], weights: Array, block: Arr
     matrix[rows[:, :, None], rows[:, None, :]] += weights[:, None, None] * block
 
 
-def lambda_curvature(model: GenerativeModel, joint: Array, theta: Array, lambda_: Array) -> Array:
+def lambda_curvature(model: GenerativeModel, moments: Moments, theta: Array, lambda_: Array) -> Array:
     """Ū_λλ (g, g)."""
-    E = model.error_operator(theta)
-    squares = model.squared_errors(E @ joint @ E.T)
-    return -np.diag(0.5 * np.exp(lambda_) * squares) - model.prior.lambda_precision
+    return -np.diag(0.5 * np.exp(lambda_) * moments.squared_errors(theta)) - model.prior.lambda_precision
 
 
-def optimal_terms(
-    model: GenerativeModel, samples: Samples, joint: Array, theta: Array, lambda_: Array
-) -> Mapping[str, float]:
-    """The named terms of F̄ᵒ, Eq. ``F_action_opt``: F̄ where every precision is the negative curvature.
+def optimal_terms(model: GenerativeModel, samples: Samples, belief: Belief) -> Mapping[str, float]:
+    """The named terms of F̄ᵒ, Eq. ``F_action_opt``, of a belief whose precisions are the negative curvatures.
 
-    They sum to F̄ᵒ, which is :func:`free_energy_action` at those precisions plus half the number of everything
-    estimated, T·dim X + dim θ + dim λ (the mean-field terms there, which the paper drops with the constants).
+    They sum to F̄ᵒ, which is :func:`free_energy_action` there plus half the number of everything estimated,
+    T·dim X + dim θ + dim λ (the mean-field terms, which the paper drops with the constants).
     """
     prior = model.prior
     T = samples.number
-    weights = np.exp(lambda_)
-    precision = model.precision(weights)
-    E = model.error_operator(theta)
-    squares = precision * (E @ joint @ E.T)
+    E = model.error_operator(belief.theta)
+    squares = model.precision(np.exp(belief.lambda_)) * (E @ belief.moments.joint @ E.T)
     of_y, of_v, of_x = model.errors
-    theta_error, lambda_error = theta - prior.theta_mean, lambda_ - prior.lambda_mean
+    theta_error, lambda_error = belief.theta - prior.theta_mean, belief.lambda_ - prior.lambda_mean
+    log_precision = model.log_precision_at_zero + float(model.log_precision_slope @ belief.lambda_)
     return {
-        "noise entropy": 0.5 * T * (model.log_precision_at_zero + float(model.log_precision_slope @ lambda_)),
-        "state and input entropy": -0.5 * T * logdet(-state_curvature(model, theta, weights)),
-        "parameter entropy": 0.5 * (logdet(prior.theta_precision) - logdet(-theta_curvature(model, joint, weights))),
-        "hyperparameter entropy": 0.5
-        * (logdet(prior.lambda_precision) - logdet(-lambda_curvature(model, joint, theta, lambda_))),
+        "noise entropy": 0.5 * T * log_precision,
+        "state and input entropy": 0.5 * T * logdet(belief.state_covariance),
+        "parameter entropy": 0.5 * (logdet(belief.theta_covariance) + logdet(prior.theta_precision)),
+        "hyperparameter entropy": 0.5 * (logdet(belief.lambda_covariance) + logdet(prior.lambda_precision)),
         "prediction error of outputs": -0.5 * float(squares[of_y, of_y].sum()),
         "prediction error of inputs": -0.5 * float(squares[of_v, of_v].sum()),
         "prediction error of states": -0.5 * float(squares[of_x, of_x].sum()),

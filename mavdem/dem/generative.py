@@ -154,7 +154,7 @@ class GenerativeModel:
         return np.asarray(self.group_sum @ np.concatenate([outputs, states]))
 
     def regression(self, joint: Array) -> Regression:
-        """What the regressions of Dx̃ on [x̃; ṽ] and of ỹ on x̃ need of the joint moments Σ [ỹ; η̃; X][…]ᵀ."""
+        """What the regressions of Dx̃ on [x̃; ṽ] and of ỹ on x̃ need of second moments of [ỹ; η̃; X]."""
         # One row and column of zeros stands for every derivative beyond the embedding.
         padded = np.zeros((len(joint) + 1, len(joint) + 1))
         padded[:-1, :-1] = joint
@@ -194,6 +194,35 @@ class Regression(NamedTuple):
     slopes: Array  # (n, n + r) of x′ with [x; v]
     states: Array  # (n, n) of x, for the rows of C
     outputs: Array  # (m, n) of y with x
+
+
+@dataclass(frozen=True, eq=False)
+class Moments:
+    """Second moments of data and means, Σ_t [ỹ; η̃; X][ỹ; η̃; X]ᵀ, and what the steps need of them.
+
+    Attributes:
+        model: whose X it is.
+        joint: the matrix.
+    """
+
+    model: GenerativeModel
+    joint: Array
+
+    @classmethod
+    def of(cls, model: GenerativeModel, samples: Samples, state_map: Array) -> Moments:
+        """Those of X = L [ỹ; η̃], for L = ``state_map`` (dim X, dim [ỹ; η̃])."""
+        stack = np.vstack([np.eye(len(samples.gram)), state_map])
+        return cls(model, stack @ samples.gram @ stack.T)
+
+    @cached_property
+    def regression(self) -> Regression:
+        """The regressions' part of them; made once, for all steps until X moves again."""
+        return self.model.regression(self.joint)
+
+    def squared_errors(self, theta: Array) -> Array:
+        """Σ_t ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,)."""
+        E = self.model.error_operator(theta)
+        return self.model.squared_errors(E @ self.joint @ E.T)
 
 
 class ParameterRows(NamedTuple):

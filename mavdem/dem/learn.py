@@ -1,4 +1,4 @@
-"""Learning a flight: the fit, with what its settings leave open chosen by forecasts of what was not fitted."""
+"""Learning a flight: the fit, with what its settings leave open chosen by their forecasts."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from mavdem.dem.choice import candidates, trial_mse
+from mavdem.dem.choice import candidates, forecast_mse, unseen_forecast_mse
 from mavdem.dem.fit import Fit, fit
 from mavdem.dem.learned import Candidate, Learned
 from mavdem.dem.settings import Settings
@@ -55,37 +55,40 @@ def _learn(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Lear
         _trial(inputs, outputs, dt, choice) for choice in candidates(settings, outputs.shape[1], len(outputs), dt)
     ]
     best = min(trials, key=lambda trial: trial.candidate.error)
-    if best.candidate.error == np.inf:
-        raise ValueError("no model of one half of the training data can forecast the other: they determine none")
-    fitted = fit(inputs, outputs, dt, best.settings)
+    if best.fit is None or best.candidate.error == np.inf:
+        raise ValueError("no model of the training data can forecast any part of them: they determine none")
+    try:
+        unseen = unseen_forecast_mse(inputs, outputs, dt, best.fit.settings)
+    except np.linalg.LinAlgError:
+        unseen = np.array([np.inf])
+    if not np.isfinite(unseen).all():
+        raise ValueError("half of the training data do not determine a model that can forecast: more are needed")
     return Learned.of(
-        fitted,
+        best.fit,
         inputs,
         outputs,
         dt,
-        best.forecast_mse,
+        unseen,
         tuple(trial.candidate for trial in trials),
-        _cautions(fitted, best.forecast_mse / outputs.var(axis=0)),
+        _cautions(best.fit, unseen / outputs.var(axis=0)),
     )
 
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    settings: Settings
     candidate: Candidate
-    forecast_mse: Array  # (H, m)
+    fit: Fit | None
 
 
 def _trial(inputs: Array, outputs: Array, dt: float, settings: Settings) -> _Trial:
     assert settings.order and settings.window and settings.parameter_precision
-    try:
-        mse = trial_mse(inputs, outputs, dt, settings)
-    except np.linalg.LinAlgError:
-        # Half of the data may not carry what all of it does: no forecast was made, so none is trusted.
-        mse = np.full((1, outputs.shape[1]), np.inf)
-    error = float(np.mean(mse / outputs.var(axis=0)))
     choice = (settings.order, settings.window, settings.parameter_precision)
-    return _Trial(settings, Candidate(*choice, error if np.isfinite(error) else np.inf), mse)
+    try:
+        fitted = fit(inputs, outputs, dt, settings)
+    except np.linalg.LinAlgError:
+        return _Trial(Candidate(*choice, np.inf), None)
+    error = float(np.mean(forecast_mse(fitted, inputs, outputs, dt) / outputs.var(axis=0)))
+    return _Trial(Candidate(*choice, error if np.isfinite(error) else np.inf), fitted)
 
 
 def _checked(train: Recorded) -> tuple[Array, Array]:
@@ -98,15 +101,15 @@ def _checked(train: Recorded) -> tuple[Array, Array]:
     return inputs, outputs
 
 
-def _cautions(fitted: Fit, trial_error: Array) -> tuple[str, ...]:
-    """What a user must know before trusting the model; ``trial_error`` (H, m) in units of the training variance."""
+def _cautions(fitted: Fit, unseen_error: Array) -> tuple[str, ...]:
+    """What a user must know before trusting the model; ``unseen_error`` (H, m) in units of the training variance."""
     model = fitted.scaling.physical_model(fitted.ascent.belief.theta, fitted.model.n)
     cautions = []
-    useless = np.flatnonzero(~(trial_error.mean(axis=1) < 1))
-    if len(useless):
+    if not unseen_error.mean() < 1:
+        useless = 1 + int(np.argmin(unseen_error.mean(axis=1) < 1))
         cautions.append(
-            f"Forecasts of {useless[0] + 1} samples or more err as much as the constant mean does, where one half of "
-            "the training data is forecast from the other: do not rely on them."
+            "Where one half of the training data is forecast from the other, the forecasts err as much as the constant "
+            f"mean does, from {useless} samples on: do not rely on them."
         )
     if model.spectral_abscissa > 0:
         cautions.append(f"The model is unstable: it grows e-fold in {1 / model.spectral_abscissa:.3g} s.")

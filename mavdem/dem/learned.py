@@ -72,7 +72,7 @@ class Learning:
 
 @dataclass(frozen=True)
 class Candidate:
-    """One way to fill what the settings left open, and how it forecast training data that it had not seen.
+    """One way to fill what the settings left open, and how it forecast inside the training data.
 
     Attributes:
         order, window, parameter_precision: as in :class:`Settings`.
@@ -105,6 +105,8 @@ class Learned:
         forecast_mse: (H, m) mean squared error by horizon in samples, of forecasts of each half of the training data
             by a model of the other half.
         cautions: one sentence for each thing a user must know before trusting the model.
+        scaling, predictor, state_map, theta: the engine's own, in its units: what :meth:`one_step`, :meth:`forecast`
+            and :meth:`process_noise` compute with.
     """
 
     settings: Settings
@@ -137,7 +139,14 @@ class Learned:
         candidates: tuple[Candidate, ...],
         cautions: tuple[str, ...],
     ) -> Learned:
-        """The result of a fit to the training data it was made from."""
+        """The result of a fit to the training data it was made from.
+
+        Args:
+            fit: the settled (or given up) fit, in the engine's units.
+            inputs, outputs: (T, r), (T, m) the training data it was made from, in physical units.
+            dt: sampling step, s.
+            forecast_mse, candidates, cautions: as in :class:`Learned`, found outside the fit.
+        """
         order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
         scale = scaling.parameter_scale(order)
         motors = _without_constant(fit)
@@ -210,8 +219,15 @@ class Learned:
         Its width is what forecasts of that length erred (``forecast_mse``), which counts wind, start and parameters
         together; beyond the longest such forecast it stays as wide as that.
 
+        Args:
+            inputs: (H, r) as for :meth:`forecast`.
+            level: probability, between 0 and 1.
+
         Returns:
             lower and upper bounds, (H, m) each.
+
+        Raises:
+            ValueError: as :meth:`forecast`.
         """
         centre = self.forecast(inputs)
         horizons = np.minimum(np.arange(len(centre)), len(self.forecast_mse) - 1)
@@ -279,7 +295,7 @@ class Learned:
 
     @classmethod
     def from_json(cls, text: str) -> Learned:
-        """The result that :meth:`to_json` wrote."""
+        """The result whose :meth:`to_json` wrote ``text``."""
         values = json.loads(text)
         predictor, scaling = values["predictor"], values["scaling"]
         return cls(

@@ -75,6 +75,10 @@ class Settings:
         Where the paper and its authors' code leave a choice: outputs are not centred; the D step takes the exact
         limit k → ∞; D's last row is zero and counts; F̄ and its mean-field terms are exact; the first step already
         uses the prior λ; inputs are embedded over the outputs' window, so that both belong to one instant.
+
+        Args:
+            order: number of states n; the paper's models have two.
+            seed: of the draw of η.
         """
         return cls(
             order=order,
@@ -100,7 +104,7 @@ class Settings:
 
     @classmethod
     def from_json(cls, text: str) -> Settings:
-        """Settings from :meth:`to_json`; ``ValueError`` names a key that is not a setting."""
+        """Settings whose :meth:`to_json` wrote ``text``; ``ValueError`` names a key that is not a setting."""
         return cls.from_dict(json.loads(text))
 
     @classmethod

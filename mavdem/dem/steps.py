@@ -69,28 +69,22 @@ def blocks(matrix: Array, rows: NDArray[np.intp]) -> Array:
     return matrix[rows[:, :, None], rows[:, None, :]]
 
 
-def joint_moments(samples: Samples, state_map: Array) -> Array:
-    """Σ_t [ỹ; η̃; X][…]ᵀ for X = L [ỹ; η̃]."""
-    stack = np.vstack([np.eye(len(samples.gram)), state_map])
-    return stack @ samples.gram @ stack.T
-
-
 def e_step(model: GenerativeModel, samples: Samples, belief: Belief) -> Array:
     """The E step: θ at the maximum of F̄ given the rest, a full Newton step on a quadratic."""
     prior = model.prior
     of_errors = expected_weights(belief.lambda_, belief.lambda_covariance)
     of_states = np.exp(belief.lambda_)
-    spread = np.zeros_like(belief.joint)
+    spread = np.zeros_like(belief.moments.joint)
     spread[model.hidden, model.hidden] = samples.number * belief.state_covariance
     curvature = prior.theta_precision.copy()
     slope = prior.theta_precision @ prior.theta_mean
     rows = model.parameter_rows
-    for weights, moments in ((of_errors, model.regression(belief.joint)), (of_states, model.regression(spread))):
+    for weights, regression in ((of_errors, belief.moments.regression), (of_states, model.regression(spread))):
         of_w, of_z = weights[model.state_groups], weights[model.output_groups]
-        add_blocks(curvature, rows.dynamics, of_w, moments.regressors)
-        add_blocks(curvature, rows.observation, of_z, moments.states)
-        slope[rows.dynamics] += of_w[:, None] * moments.slopes
-        slope[rows.observation] += of_z[:, None] * moments.outputs
+        add_blocks(curvature, rows.dynamics, of_w, regression.regressors)
+        add_blocks(curvature, rows.observation, of_z, regression.states)
+        slope[rows.dynamics] += of_w[:, None] * regression.slopes
+        slope[rows.observation] += of_z[:, None] * regression.outputs
     return solve(curvature, slope)
 
 
@@ -100,15 +94,10 @@ def m_step(model: GenerativeModel, samples: Samples, belief: Belief) -> Array:
     As a function of λ, F̄ = −½ Σ_g c_g e^{λ_g} + ½ T s·λ − ½ (λ−η)ᵀP(λ−η), which is concave.
     """
     prior = model.prior
-    E = model.error_operator(belief.theta)
-    of_X = E[:, model.hidden]
-    squares = model.squared_errors(E @ belief.joint @ E.T)
+    of_X = model.error_operator(belief.theta)[:, model.hidden]
+    squares = belief.moments.squared_errors(belief.theta)
     spread = samples.number * model.squared_errors(of_X @ belief.state_covariance @ of_X.T)
-    cost = (
-        squares * (1.0 + 0.5 * np.diag(belief.lambda_covariance))
-        + spread
-        + _parameter_spread(model, belief.joint, belief.theta_covariance)
-    )
+    cost = squares * (1.0 + 0.5 * np.diag(belief.lambda_covariance)) + spread + _parameter_spread(model, belief)
     gain = 0.5 * samples.number * model.log_precision_slope
 
     def objective(lambda_: Array) -> float:
@@ -130,11 +119,11 @@ def m_step(model: GenerativeModel, samples: Samples, belief: Belief) -> Array:
     return lambda_
 
 
-def _parameter_spread(model: GenerativeModel, joint: Array, theta_covariance: Array) -> Array:
+def _parameter_spread(model: GenerativeModel, belief: Belief) -> Array:
     """tr(Σ^θ Ū_θθ) of the data, apart by λ: how much squared error the uncertainty of θ adds, (g,)."""
-    moments, rows = model.regression(joint), model.parameter_rows
-    states = np.sum(blocks(theta_covariance, rows.dynamics) * moments.regressors, axis=(1, 2))
-    outputs = np.sum(blocks(theta_covariance, rows.observation) * moments.states, axis=(1, 2))
+    regression, rows = belief.moments.regression, model.parameter_rows
+    states = np.sum(blocks(belief.theta_covariance, rows.dynamics) * regression.regressors, axis=(1, 2))
+    outputs = np.sum(blocks(belief.theta_covariance, rows.observation) * regression.states, axis=(1, 2))
     return np.asarray(model.group_sum @ np.concatenate([outputs, states]))
 
 
@@ -143,6 +132,6 @@ def with_optimal_precisions(model: GenerativeModel, belief: Belief) -> Belief:
     weights = np.exp(belief.lambda_)
     return belief._replace(
         state_covariance=inverse(-state_curvature(model, belief.theta, weights)),
-        theta_covariance=inverse(-theta_curvature(model, belief.joint, weights)),
-        lambda_covariance=inverse(-lambda_curvature(model, belief.joint, belief.theta, belief.lambda_)),
+        theta_covariance=inverse(-theta_curvature(model, belief.moments, weights)),
+        lambda_covariance=inverse(-lambda_curvature(model, belief.moments, belief.theta, belief.lambda_)),
     )

@@ -16,7 +16,8 @@ from mavdem.dem.free_energy import (
     state_curvature,
     theta_curvature,
 )
-from mavdem.dem.steps import d_step, e_step, joint_moments, m_step, with_optimal_precisions
+from mavdem.dem.generative import Moments
+from mavdem.dem.steps import d_step, e_step, m_step, with_optimal_precisions
 
 seeds = st.integers(0, 10**6)
 
@@ -28,7 +29,7 @@ def random_belief(seed, model, samples):
     size = model.error_operator(model.prior.theta_mean).shape[1] - model.hidden.start
     state_map = rng.standard_normal((size, model.hidden.start))
     return state_map, Belief(
-        joint_moments(samples, state_map),
+        Moments.of(model, samples, state_map),
         0.1 * positive_definite(rng, size),
         rng.standard_normal(k),
         0.1 * positive_definite(rng, k),
@@ -59,7 +60,7 @@ def test_curvatures_are_second_derivatives_of_the_internal_energy(model, seed):
     state_map, belief = random_belief(seed, model, samples)
 
     def energy_of_lambda(lambda_):
-        return internal_energy(model, samples, belief.joint, belief.theta, lambda_)
+        return internal_energy(model, samples, belief.moments, belief.theta, lambda_)
 
     def slope_of_lambda(lambda_):
         return gradient(energy_of_lambda, lambda_)
@@ -67,25 +68,25 @@ def test_curvatures_are_second_derivatives_of_the_internal_energy(model, seed):
     numeric = np.array(
         [gradient(lambda x, i=i: slope_of_lambda(x)[i], belief.lambda_) for i in range(len(belief.lambda_))]
     )
-    close(lambda_curvature(model, belief.joint, belief.theta, belief.lambda_), numeric, 1e-4)
+    close(lambda_curvature(model, belief.moments, belief.theta, belief.lambda_), numeric, 1e-4)
 
     # Ū is quadratic in θ, so a finite step is exact: Ū(θ+a) + Ū(θ−a) − 2Ū(θ) = aᵀ Ū_θθ a, for any a.
     direction = np.random.default_rng(seed).standard_normal(len(belief.theta))
 
     def energy_of_theta(theta):
-        return internal_energy(model, samples, belief.joint, theta, belief.lambda_)
+        return internal_energy(model, samples, belief.moments, theta, belief.lambda_)
 
     second = energy_of_theta(belief.theta + direction) + energy_of_theta(belief.theta - direction)
     second -= 2 * energy_of_theta(belief.theta)
-    curvature = theta_curvature(model, belief.joint, np.exp(belief.lambda_))
+    curvature = theta_curvature(model, belief.moments, np.exp(belief.lambda_))
     assert direction @ curvature @ direction == pytest.approx(second, rel=1e-6, abs=1e-6)
 
     # So is it in X: the same for a change of the linear map, whose moments are those of the data.
     change = np.random.default_rng(seed + 1).standard_normal(state_map.shape)
 
     def energy_of_map(state_map):
-        joint = joint_moments(samples, state_map)
-        return internal_energy(model, samples, joint, belief.theta, belief.lambda_)
+        moments = Moments.of(model, samples, state_map)
+        return internal_energy(model, samples, moments, belief.theta, belief.lambda_)
 
     second = energy_of_map(state_map + change) + energy_of_map(state_map - change) - 2 * energy_of_map(state_map)
     curvature = state_curvature(model, belief.theta, np.exp(belief.lambda_))
@@ -102,7 +103,7 @@ def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, see
     state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
 
     def of_map(state_map):
-        return free_energy_action(model, samples, belief._replace(joint=joint_moments(samples, state_map)))
+        return free_energy_action(model, samples, belief._replace(moments=Moments.of(model, samples, state_map)))
 
     assert np.abs(gradient(of_map, state_map)).max() < 1e-5 * size * np.exp(np.abs(belief.lambda_).max())
 
@@ -135,7 +136,7 @@ def test_each_step_and_each_precision_raises_the_free_energy(model, seed):
 
     belief = record(with_optimal_precisions(model, belief))
     state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
-    belief = record(belief._replace(joint=joint_moments(samples, state_map)))
+    belief = record(belief._replace(moments=Moments.of(model, samples, state_map)))
     belief = record(belief._replace(theta=e_step(model, samples, belief)))
     belief = record(belief._replace(lambda_=m_step(model, samples, belief)))
     record(with_optimal_precisions(model, belief))
@@ -149,7 +150,7 @@ def test_named_terms_sum_to_the_free_energy_at_optimal_precisions(model, seed):
     samples = random_samples(seed, model)
     _, belief = random_belief(seed, model, samples)
     belief = with_optimal_precisions(model, belief)
-    terms = optimal_terms(model, samples, belief.joint, belief.theta, belief.lambda_)
+    terms = optimal_terms(model, samples, belief)
     estimated = samples.number * len(belief.state_covariance) + len(belief.theta) + len(belief.lambda_)
     total = free_energy_action(model, samples, belief) + estimated / 2
     assert sum(terms.values()) == pytest.approx(total, rel=1e-9, abs=1e-6)
