@@ -46,6 +46,14 @@ def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
 
     Below 1 the forecast is better than knowing nothing but the mean. The scaling keeps a rate, ten times its angle
     in number, from being all that counts.
+
+    Args:
+        train: what was learnt from, whose mean and variances are taken.
+        test: the samples that were forecast.
+        forecast: (H, m), of the H samples of ``test``.
+
+    Raises:
+        ValueError: a forecast of another shape.
     """
     variance = train.outputs.var(axis=0)
     constant = np.broadcast_to(train.outputs.mean(axis=0), test.outputs.shape)
@@ -54,7 +62,7 @@ def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
 
 
 def trivial_forecasts(train: Flight, horizon: int) -> dict[str, Array]:
-    """Forecasts (horizon, m) that use no model: the training mean, the last sample held, and zero."""
+    """Forecasts (horizon, m) that use no model: the mean of ``train``, its last sample held, and zero."""
     shape = (horizon, train.outputs.shape[1])
     return {
         "constant mean": np.broadcast_to(train.outputs.mean(axis=0), shape),
@@ -64,11 +72,19 @@ def trivial_forecasts(train: Flight, horizon: int) -> dict[str, Array]:
 
 
 def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
-    """The numbers of one learnt flight, as plain JSON values; angles in rad, rates in rad/s, time in s."""
+    """The numbers of one learnt flight, as plain JSON values; angles in rad, rates in rad/s, time in s.
+
+    Args:
+        train: what was learnt from.
+        test: the samples right after it, to forecast.
+        learned: the model of ``train``.
+    """
     forecasts = {"DEM": learned.forecast(test.inputs), **trivial_forecasts(train, len(test))}
-    one_step = {"DEM": learned.one_step()[1:], "hold last": train.outputs[:-1]}
-    constant_one_step = np.broadcast_to(train.outputs.mean(axis=0), train.outputs[1:].shape)
-    one_step["constant mean"] = constant_one_step
+    one_step = {
+        "DEM": learned.one_step()[1:],
+        "hold last": train.outputs[:-1],
+        "constant mean": np.broadcast_to(train.outputs.mean(axis=0), train.outputs[1:].shape),
+    }
     lower, upper = learned.forecast_band(test.inputs)
     inside = (lower <= test.outputs) & (test.outputs <= upper)
     model, sd = learned.model, learned.model_sd
@@ -80,6 +96,7 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
         "training_samples": len(train),
         "forecast_samples": len(test),
         "order": learned.settings.order,
+        "settled": learned.settled,
         "model": {name: value.tolist() for name, value in model._asdict().items()},
         "model_sd": {name: getattr(sd, name).tolist() for name in ("A", "B", "C")},
         "spectral_abscissa": model.spectral_abscissa,
@@ -89,13 +106,16 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
             "gained": learned.free_energy.gained,
             "terms": {name: float(term[-1]) for name, term in learned.free_energy.terms.items()},
         },
-        "one_step_mspe": {name: _plain(mspe(train.outputs[1:], y)) for name, y in one_step.items()},
-        "forecast_mspe": {name: _plain(mspe(test.outputs, y)) for name, y in forecasts.items()},
+        "one_step_mspe": _ranked(train.outputs[1:], one_step),
+        "forecast_mspe": _ranked(test.outputs, forecasts),
         "forecast_over_constant_mean": relative_mspe(train, test, forecasts["DEM"]),
         "inside_90_percent_band": float(inside.mean()),
         "cautions": list(learned.cautions),
     }
 
 
-def _plain(error: Mspe) -> dict[str, Any]:
-    return {"per_output": error.per_output.tolist(), "total": error.total}
+def _ranked(measured: Array, predictions: dict[str, Array]) -> dict[str, Any]:
+    """The error of each prediction by name, the best first."""
+    errors = {name: mspe(measured, predicted) for name, predicted in predictions.items()}
+    ranked = sorted(errors.items(), key=lambda named: named[1].total)
+    return {name: {"per_output": error.per_output.tolist(), "total": error.total} for name, error in ranked}

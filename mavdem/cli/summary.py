@@ -11,7 +11,8 @@ from rich.table import Table
 from mavdem.cli.output import print_table
 from mavdem.dem import Learned
 from mavdem.flight import Flight
-from mavdem.view.units import readable
+from mavdem.view.parameters import left_free
+from mavdem.view.units import readable, state_names
 
 
 def print_summary(report: dict[str, Any], train: Flight, test: Flight, learned: Learned) -> None:
@@ -37,7 +38,8 @@ def print_summary(report: dict[str, Any], train: Flight, test: Flight, learned: 
         "Model dx/dt = A x + B (u - trim) + constant, y = C x + trim, in rad, s and the unit of the motors, +- sd:\n"
     )
     print_table(_dynamics(train, learned))
-    print_table(_outputs(train, learned))
+    if left_free(learned)["C"].any():
+        print_table(_outputs(train, learned))
     stability = report["spectral_abscissa"]
     click.echo(
         f"It is {'unstable' if stability > 0 else 'stable'}: the largest real part of its eigenvalues is "
@@ -65,8 +67,8 @@ def _errors(title: str, errors: dict[str, Any], train: Flight) -> Table:
 
 def _dynamics(train: Flight, learned: Learned) -> Table:
     model, sd = learned.model, learned.model_sd
-    states = _states(learned)
-    table = _table("drives", *(f"d{state}/dt" for state in states))
+    states = state_names(train, learned)
+    table = _table("drives", *(f"d {state}/dt" for state in states))
     for matrix, deviations, causes in ((model.A, sd.A, states), (model.B, sd.B, train.input_names)):
         for cause, values, spread in zip(causes, matrix.T, deviations.T, strict=True):
             table.add_row(cause, *map(_estimate, values, spread))
@@ -76,13 +78,9 @@ def _dynamics(train: Flight, learned: Learned) -> Table:
 
 def _outputs(train: Flight, learned: Learned) -> Table:
     table = _table("shows in", *train.output_names)
-    for state, values, spread in zip(_states(learned), learned.model.C.T, learned.model_sd.C.T, strict=True):
+    for state, values, spread in zip(state_names(train, learned), learned.model.C.T, learned.model_sd.C.T, strict=True):
         table.add_row(state, *map(_estimate, values, spread))
     return table
-
-
-def _states(learned: Learned) -> list[str]:
-    return [f"x{i + 1}" for i in range(learned.model.A.shape[0])]
 
 
 def _estimate(value: float, deviation: float) -> str:

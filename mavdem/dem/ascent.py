@@ -15,8 +15,8 @@ from mavdem.dem.steps import d_step, e_step, m_step, with_optimal_precisions
 
 Array = NDArray[np.float64]
 
-SETTLED = 1e-3
-"""An iteration that gains less than this, in nats over the whole flight, is the last."""
+SETTLED = 0.1
+"""An iteration that gains less than this, in nats over the whole flight, is the last: it would tell no models apart."""
 
 
 @dataclass(frozen=True, eq=False)

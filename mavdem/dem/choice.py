@@ -19,8 +19,8 @@ from mavdem.dem.settings import Settings
 
 Array = NDArray[np.float64]
 
-HIDDEN_STATES = (0, 1)
-"""Candidate numbers of hidden states: none, or the lag between motor output and torque."""
+HIDDEN_STATES = 1
+"""Beside the outputs, unless the order is given: the lag between motor output and torque."""
 
 WINDOWS = (0.0, 0.09, 0.25)
 """Candidate embedding windows, seconds: the shortest there is, and two that average noise and gusts away."""
@@ -41,7 +41,7 @@ def candidates(settings: Settings, outputs: int, samples: int, dt: float) -> tup
     Raises:
         ValueError: no window fits the samples.
     """
-    orders = [settings.order] if settings.order else [outputs + hidden for hidden in HIDDEN_STATES]
+    order = settings.order or outputs + HIDDEN_STATES
     precisions = [settings.parameter_precision] if settings.parameter_precision else PARAMETER_PRECISIONS
     windows = [settings.window] if settings.window else sorted({_odd(seconds / dt, settings.p) for seconds in WINDOWS})
     # Half of each half's samples must have a whole window, or its derivatives come from too few of them.
@@ -51,7 +51,7 @@ def candidates(settings: Settings, outputs: int, samples: int, dt: float) -> tup
         raise ValueError(f"train must have at least {fewest} samples for a window of {windows[0]}, not {samples}")
     return tuple(
         replace(settings, order=order, window=window, parameter_precision=precision)
-        for order, window, precision in product(orders, fitting, precisions)
+        for window, precision in product(fitting, precisions)
     )
 
 

@@ -81,8 +81,8 @@ class _Trial:
 
 
 def _trial(inputs: Array, outputs: Array, dt: float, settings: Settings) -> _Trial:
-    assert settings.order and settings.window and settings.parameter_precision
-    choice = (settings.order, settings.window, settings.parameter_precision)
+    assert settings.window and settings.parameter_precision
+    choice = (settings.window, settings.parameter_precision)
     try:
         fitted = fit(inputs, outputs, dt, settings)
     except np.linalg.LinAlgError:
@@ -113,6 +113,4 @@ def _cautions(fitted: Fit, unseen_error: Array) -> tuple[str, ...]:
         )
     if model.spectral_abscissa > 0:
         cautions.append(f"The model is unstable: it grows e-fold in {1 / model.spectral_abscissa:.3g} s.")
-    if not fitted.ascent.settled:
-        cautions.append(f"F̄ was still rising after {fitted.settings.iterations} iterations.")
     return tuple(cautions)

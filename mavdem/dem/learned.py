@@ -75,12 +75,11 @@ class Candidate:
     """One way to fill what the settings left open, and how it forecast inside the training data.
 
     Attributes:
-        order, window, parameter_precision: as in :class:`Settings`.
+        window, parameter_precision: as in :class:`Settings`.
         error: mean squared forecast error over all horizons, in units of each output's training variance; infinite
             where the fit broke down.
     """
 
-    order: int
     window: int
     parameter_precision: float
     error: float
@@ -95,6 +94,8 @@ class Learned:
         model: posterior means.
         theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units.
         prior_sd: (k,) prior standard deviations of θ.
+        known: (k,) which parameters the prior holds to what is known beforehand: that a rate is the derivative of its
+            angle, that C = [I 0]. The others are left to the data.
         free_energy: by iteration, with its named terms.
         learning: parameters and hyperparameters by iteration.
         settled: whether F̄ had stopped rising.
@@ -113,6 +114,7 @@ class Learned:
     model: LinearModel
     theta_covariance: Array
     prior_sd: Array
+    known: NDArray[np.bool_]
     free_energy: FreeEnergy
     learning: Learning
     settled: bool
@@ -150,6 +152,8 @@ class Learned:
         order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
         scale = scaling.parameter_scale(order)
         motors = _without_constant(fit)
+        weak = fit.settings.parameter_precision
+        assert weak is not None
         covariance = ascent.belief.theta_covariance * np.outer(scale, scale)
         prior_covariance = inverse(fit.model.prior.theta_precision) * np.outer(scale, scale)
         return cls(
@@ -157,6 +161,7 @@ class Learned:
             model=scaling.physical_model(ascent.belief.theta, order),
             theta_covariance=covariance[np.ix_(motors, motors)],
             prior_sd=np.sqrt(np.diag(prior_covariance))[motors],
+            known=(np.diag(fit.model.prior.theta_precision) > weak)[motors],
             free_energy=FreeEnergy(dict(ascent.terms)),
             learning=Learning(
                 (ascent.theta * scale)[:, motors],
@@ -266,6 +271,7 @@ class Learned:
                 "model": {name: value.tolist() for name, value in self.model._asdict().items()},
                 "theta_covariance": self.theta_covariance.tolist(),
                 "prior_sd": self.prior_sd.tolist(),
+                "known": self.known.tolist(),
                 "free_energy": {name: term.tolist() for name, term in self.free_energy.terms.items()},
                 "learning": {name: value.tolist() for name, value in vars(self.learning).items()},
                 "settled": self.settled,
@@ -303,6 +309,7 @@ class Learned:
             model=LinearModel(**_arrays(values["model"])),
             theta_covariance=np.array(values["theta_covariance"]),
             prior_sd=np.array(values["prior_sd"]),
+            known=np.array(values["known"], np.bool_),
             free_energy=FreeEnergy(_arrays(values["free_energy"])),
             learning=Learning(**_arrays(values["learning"])),
             settled=values["settled"],

@@ -24,9 +24,6 @@ NATURAL_FREQUENCY, DAMPING_RATE = 3.0, 5.0
 ACTUATOR_RATE = 20.0
 """1/s: the "regulated" prior of an actuator lag of 50 ms, between the 20 and 100 ms of common multirotors."""
 
-HIDDEN_LAMBDA, HIDDEN_LAMBDA_PRECISION = 6.0, 100.0
-"""λʷ of hidden states: actuators are hardly pushed by the wind."""
-
 KINEMATIC_SHARE = 0.5
 """An output is taken for the derivative of another when it explains more than this share of its motion."""
 
@@ -60,9 +57,6 @@ def hyperparameter_prior(settings: Settings, n: int, m: int) -> tuple[Array, Arr
     outputs, states = (m, n) if settings.lambda_per_channel else (1, 1)
     mean = np.repeat([settings.lambda_z, settings.lambda_w], [outputs, states])
     precision = np.repeat([settings.lambda_z_precision, settings.lambda_w_precision], [outputs, states])
-    if settings.lambda_per_channel and settings.prior == "regulated":
-        mean[outputs + m :] = HIDDEN_LAMBDA
-        precision[outputs + m :] = HIDDEN_LAMBDA_PRECISION
     return mean, np.diag(precision)
 
 

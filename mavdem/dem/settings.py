@@ -12,11 +12,11 @@ from typing import Any, Literal
 class Settings:
     """Everything that decides a fit. ``Settings()`` is for real flights, :meth:`paper` for the paper's experiments.
 
-    Three fields may be ``None``, which leaves the choice to the training data: every combination of the candidates
-    in ``mavdem.dem.choice`` is learnt, and the one whose forecasts inside the training data err least is kept.
+    ``window`` and ``parameter_precision`` may be ``None``, which leaves them to the training data: every combination of
+    the candidates in ``mavdem.dem.choice`` is learnt, and the one whose forecasts inside the data err least is kept.
 
     Attributes:
-        order: number of states n; states beyond the outputs are hidden.
+        order: number of states n; states beyond the outputs are hidden. ``None``: one more than outputs.
         p: embedding order of outputs and states, at least 1.
         d: embedding order of the inputs, at most p.
         window: samples that each generalized vector is read from, at least p + 1.
@@ -49,13 +49,15 @@ class Settings:
     lambda_z_precision: float = e**25
     lambda_w: float = 3.0
     lambda_w_precision: float = 0.01
-    lambda_per_channel: bool = True
+    lambda_per_channel: bool = False
     input_precision: float = e**12
     iterations: int = 20
     seed: int = 0
 
     def __post_init__(self) -> None:
-        _require(self.order is None or self.order >= 1, "order", "at least 1, or None to choose it", self.order)
+        _require(
+            self.order is None or self.order >= 1, "order", "at least 1, or None for one more than outputs", self.order
+        )
         _require(self.p >= 1, "p", "at least 1", self.p)
         _require(0 <= self.d <= self.p, "d", f"between 0 and p = {self.p}", self.d)
         _require(self.window is None or self.window > self.p, "window", f"at least p + 1 = {self.p + 1}", self.window)
@@ -93,7 +95,6 @@ class Settings:
             lambda_z_precision=e**25,
             lambda_w=3.0,
             lambda_w_precision=e**20,
-            lambda_per_channel=False,
             input_precision=e**16,
             seed=seed,
         )

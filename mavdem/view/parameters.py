@@ -13,16 +13,9 @@ from mavdem.view.units import state_names
 
 
 def left_free(learned: Learned) -> dict[str, NDArray[np.bool_]]:
-    """Which entries of A, B and C, each in the order of θ, the prior left to the data.
-
-    The others it holds to what is known beforehand: that a rate is the derivative of its angle, that C = [I 0].
-    """
-    settings, model = learned.settings, learned.model
-    assert settings.order is not None and settings.parameter_precision is not None
-    # The prior knows of a constant input, the model and its θ only of the motors.
-    unit = learned.scaling._replace(constant=False).parameter_scale(settings.order)
-    free = np.isclose(learned.prior_sd, unit / np.sqrt(settings.parameter_precision))
-    A, B, C = np.split(free, [model.A.size, model.A.size + model.B.size])
+    """Which entries of A, B and C, each in the order of θ, the prior left to the data."""
+    model = learned.model
+    A, B, C = np.split(~learned.known, [model.A.size, model.A.size + model.B.size])
     return {"A": A, "B": B, "C": C}
 
 

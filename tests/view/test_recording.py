@@ -45,7 +45,9 @@ TRAIN, TEST = flight()[:300], flight()[300:400]
 
 @pytest.fixture(scope="module")
 def learned() -> mavdem.Learned:
-    return mavdem.learn(TRAIN, mavdem.Settings(order=2, window=9, parameter_precision=0.1, iterations=5))
+    return mavdem.learn(
+        TRAIN, mavdem.Settings(order=2, window=9, parameter_precision=0.1, lambda_per_channel=True, iterations=5)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -160,6 +162,16 @@ def test_free_energy_and_noise_precisions_are_those_of_every_iteration(
     total = learned.free_energy.total
     np.testing.assert_allclose(sum(terms.values()), total - total[-1], atol=1e-6)
     for i, name in enumerate(("z of roll", "z of roll rate", "w of roll", "w of roll rate")):
+        mean = drawn[f"/noise_precisions/{name}/mean"][1][:, 0]
+        np.testing.assert_allclose(mean, learned.learning.lambda_[:, i], rtol=1e-12)
+
+
+def test_one_precision_for_all_outputs_and_one_for_all_states_are_named_so(tmp_path: Path) -> None:
+    path = tmp_path / "flight.rrd"
+    learned = mavdem.learn(TRAIN, mavdem.Settings(order=2, window=9, parameter_precision=0.1))
+    write_recording(path, TRAIN, TEST, learned)
+    drawn = lines(path)
+    for i, name in enumerate(("z, measurement", "w, process")):
         mean = drawn[f"/noise_precisions/{name}/mean"][1][:, 0]
         np.testing.assert_allclose(mean, learned.learning.lambda_[:, i], rtol=1e-12)
 

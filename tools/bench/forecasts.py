@@ -1,7 +1,7 @@
 #!/usr/bin/env python
 """Forecasts of every window of every recorded flight, DEM against the constant mean; prints the README's table.
 
-Usage: tools/bench/forecasts.py [--preset paper] [--json FILE]
+Usage: tools/bench/forecasts.py [--preset paper] [--settings JSON] [--json FILE]
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import sys
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -67,10 +68,12 @@ def print_table(rows: list[dict[str, Any]]) -> None:
 
 @click.command(help=__doc__)
 @click.option("--preset", type=click.Choice(["real", "paper"]), default="real", show_default=True)
+@click.option("--settings", default="{}", help='Changes to the preset, such as {"order": 2}.')
 @click.option("--json", "to", type=click.Path(path_type=Path), help="Also write each window's figures there.")
-def main(preset: str, to: Path | None) -> None:
-    settings = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
-    jobs = [(name, train, test, settings) for name, flight in recorded_flights() for train, test in windows(flight)]
+def main(preset: str, settings: str, to: Path | None) -> None:
+    base = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
+    chosen = replace(base, **json.loads(settings))
+    jobs = [(name, train, test, chosen) for name, flight in recorded_flights() for train, test in windows(flight)]
     if not jobs:
         sys.exit(f"There are no recorded flights in {SHARED}; name their folder in MAVDEM_SHARED_DATA.")
     with ProcessPoolExecutor() as pool:

@@ -1,0 +1,62 @@
+import json
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+import mavdem
+from mavdem import evaluate
+
+DT = 0.01
+
+
+def flight(samples: int = 500) -> mavdem.Flight:
+    rng = np.random.default_rng(0)
+    motors = gaussian_filter1d(rng.standard_normal((samples, 2)), 6, axis=0)
+    rate = np.cumsum(motors @ [1.0, -1.0]) * DT
+    return mavdem.Flight(DT * np.arange(samples), motors, np.stack([np.cumsum(rate) * DT, rate], axis=1))
+
+
+def test_mspe_is_per_output_and_summed():
+    measured = np.array([[0.0, 0.0], [2.0, 1.0]])
+    error = evaluate.mspe(measured, np.zeros((2, 2)))
+    np.testing.assert_array_equal(error.per_output, [2.0, 0.5])
+    assert error.total == 2.5
+
+
+@pytest.mark.parametrize("shape", [(2,), (3, 2), (2, 1), (0, 2)])
+def test_shapes_that_disagree_are_refused(shape):
+    with pytest.raises(ValueError, match=r"must be \(H, m\) alike"):
+        evaluate.mspe(np.zeros((2, 2)) if shape != (0, 2) else np.zeros(shape), np.zeros(shape))
+
+
+def test_the_constant_mean_has_a_relative_mspe_of_one_and_the_truth_of_zero():
+    train, test = flight()[:400], flight()[400:]
+    trivial = evaluate.trivial_forecasts(train, len(test))
+    assert evaluate.relative_mspe(train, test, trivial["constant mean"]) == pytest.approx(1.0)
+    assert evaluate.relative_mspe(train, test, test.outputs) == 0.0
+    np.testing.assert_array_equal(trivial["hold last"], np.tile(train.outputs[-1], (100, 1)))
+    np.testing.assert_array_equal(trivial["zero"], np.zeros((100, 2)))
+
+
+def test_relative_mspe_weighs_outputs_by_their_training_variance():
+    train, test = flight()[:400], flight()[400:]
+    wrong = test.outputs + train.outputs.std(axis=0)
+    half_wrong = test.outputs + train.outputs.std(axis=0) * [1, 0]
+    assert evaluate.relative_mspe(train, test, wrong) == pytest.approx(
+        2 * evaluate.relative_mspe(train, test, half_wrong)
+    )
+
+
+def test_the_report_is_plain_json_and_puts_the_best_first():
+    train, test = flight()[:400], flight()[400:]
+    learned = mavdem.learn(train, mavdem.Settings(window=9, parameter_precision=1.0))
+    report = evaluate.report(train, test, learned)
+    assert json.loads(json.dumps(report)) == report
+    for errors in (report["one_step_mspe"], report["forecast_mspe"]):
+        totals = [error["total"] for error in errors.values()]
+        assert totals == sorted(totals)
+    forecast = evaluate.mspe(test.outputs, learned.forecast(test.inputs))
+    assert report["forecast_mspe"]["DEM"]["total"] == forecast.total
+    assert report["one_step_mspe"]["DEM"]["total"] == evaluate.mspe(train.outputs[1:], learned.one_step()[1:]).total
+    assert report["free_energy"]["end"] == pytest.approx(sum(report["free_energy"]["terms"].values()))

@@ -1,0 +1,61 @@
+import numpy as np
+import pytest
+
+from mavdem import Flight
+
+TIME = 10 + 0.01 * np.arange(6)
+INPUTS, OUTPUTS = np.arange(12.0).reshape(6, 2), np.arange(6.0)
+
+
+def test_arrays_make_a_flight_and_slicing_gives_one():
+    flight = Flight(TIME, INPUTS, OUTPUTS, output_names=("roll",), output_units=("rad",), provenance={"source": "here"})
+    assert flight.dt == pytest.approx(0.01)
+    assert flight.outputs.shape == (6, 1)
+    assert (flight.input_names, flight.input_units) == (("input 1", "input 2"), ("", ""))
+    part = flight[2:4]
+    assert isinstance(part, Flight)
+    np.testing.assert_array_equal(part.inputs, INPUTS[2:4])
+    assert (len(part), part.dt, part.output_names, part.provenance) == (2, flight.dt, ("roll",), {"source": "here"})
+    assert part.duration == pytest.approx(0.02)
+    assert len(flight[:1]) == 1
+
+
+def test_a_flight_cannot_be_changed():
+    flight = Flight(TIME, INPUTS, OUTPUTS)
+    with pytest.raises(ValueError, match="read-only"):
+        flight.inputs[0, 0] = 1
+    with pytest.raises(AttributeError):
+        flight.dt = 1.0
+    INPUTS[0, 0] += 1
+    assert flight.inputs[0, 0] == INPUTS[0, 0] - 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"time": []}, "time must be a non-empty"),
+        ({"time": TIME[::-1]}, "time must increase"),
+        ({"time": np.append(TIME[:-1], TIME[-1] + 0.002)}, "time must be uniform"),
+        ({"time": np.append(TIME[:-1], np.nan)}, "time must be finite"),
+        ({"inputs": INPUTS[:-1]}, r"inputs must have shape \(6, columns\)"),
+        ({"inputs": [["a"]] * 6}, "inputs must be numbers"),
+        ({"outputs": np.full(6, np.inf)}, "outputs must be finite; 6 values"),
+        ({"dt": -1.0}, "time must increase"),
+        ({"input_names": ("one",)}, "input_names must have one string for each of the 2 columns"),
+    ],
+)
+def test_what_is_wrong_is_named(arguments, message):
+    with pytest.raises(ValueError, match=message):
+        Flight(**{"time": TIME, "inputs": INPUTS, "outputs": OUTPUTS, **arguments})
+
+
+def test_one_sample_needs_its_step_told():
+    with pytest.raises(ValueError, match="dt must be given"):
+        Flight([0.0], [[1.0]], [1.0])
+    assert Flight([0.0], [[1.0]], [1.0], dt=0.1).dt == 0.1
+
+
+@pytest.mark.parametrize(("part", "error"), [(slice(0, 6, 2), ValueError), (slice(4, 2), ValueError), (3, TypeError)])
+def test_only_stretches_can_be_cut_out(part, error):
+    with pytest.raises(error):
+        Flight(TIME, INPUTS, OUTPUTS)[part]
