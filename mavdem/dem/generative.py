@@ -235,7 +235,7 @@ class ParameterRows(NamedTuple):
 def _contract(correlation: Array, joint: Array, left: NDArray[np.intp], right: NDArray[np.intp]) -> Array:
     """Σᵢⱼ Sᵢⱼ · moments between the components of order i on the left and of order j on the right."""
     blocks = joint[left.ravel()[:, None], right.ravel()[None, :]].reshape(*left.shape, *right.shape)
-    return np.asarray(np.tensordot(correlation, blocks, axes=((0, 1), (0, 2))))
+    return np.asarray(np.einsum("ij,iajb->ab", correlation, blocks))
 
 
 def _by_component(correlation: Array, moments: Array, components: int) -> Array:

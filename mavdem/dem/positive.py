@@ -25,11 +25,12 @@ def solve(matrix: Array, right: Array) -> Array:
 def inverse(matrix: Array) -> Array:
     """matrix⁻¹, symmetric to the last bit; ``numpy.linalg.LinAlgError`` if it is not positive definite."""
     unit, scaled = _scaled(matrix)
-    factor, failed = dpotrf(scaled)
+    factor, failed = dpotrf(scaled, clean=1)
     _check(failed)
-    upper, _ = dpotri(factor)
-    inverted = np.triu(upper) * unit * unit[:, None]
-    return np.asarray(inverted + np.triu(inverted, 1).T)
+    # Both keep to the upper triangle and leave zeros below it.
+    upper = dpotri(factor)[0] * unit * unit[:, None]
+    upper.flat[:: len(upper) + 1] *= 0.5
+    return np.asarray(upper + upper.T)
 
 
 def logdet(matrix: Array) -> float:

@@ -52,16 +52,22 @@ def _uncertain_parameters(model: GenerativeModel, theta_covariance: Array, weigh
     observation = np.tensordot(weights[model.output_groups], blocks(theta_covariance, rows.observation), axes=1)
     x, v = n * (model.p + 1), r * (model.d + 1)
     curvature = np.zeros((x + v, x + v))
-    curvature[:x, :x] = np.kron(model.output_correlation, observation)
+    curvature[:x, :x] = _kron(model.output_correlation, observation)
     S = model.state_correlation
     both = min(model.q, model.d) + 1
     at_x, at_v = slice(0, n * (model.q + 1)), slice(x, x + r * both)
-    curvature[at_x, at_x] += np.kron(S, dynamics[:n, :n])
-    cross = np.kron(S[:, :both], dynamics[:n, n:])
+    curvature[at_x, at_x] += _kron(S, dynamics[:n, :n])
+    cross = _kron(S[:, :both], dynamics[:n, n:])
     curvature[at_x, at_v] += cross
     curvature[at_v, at_x] += cross.T
-    curvature[at_v, at_v] += np.kron(S[:both, :both], dynamics[n:, n:])
+    curvature[at_v, at_v] += _kron(S[:both, :both], dynamics[n:, n:])
     return curvature
+
+
+def _kron(left: Array, right: Array) -> Array:
+    """``numpy.kron`` of two matrices, without the generality that takes ten times as long."""
+    product = left[:, None, :, None] * right[None, :, None, :]
+    return product.reshape(left.shape[0] * right.shape[0], left.shape[1] * right.shape[1])
 
 
 def blocks(matrix: Array, rows: NDArray[np.intp]) -> Array:
