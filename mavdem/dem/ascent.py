@@ -16,7 +16,7 @@ from mavdem.dem.steps import d_step, e_step, m_step, with_optimal_precisions
 Array = NDArray[np.float64]
 
 SETTLED = 0.1
-"""An iteration that gains less than this, in nats over the whole flight, is the last: it would tell no models apart."""
+"""Two rounds that gain less than this, in nats over the whole flight, are the last: it would tell no models apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,68 +48,94 @@ class Ascent:
 
 
 def ascend(model: GenerativeModel, samples: Samples, iterations: int) -> Ascent:
-    """Climbs F̄ from the priors' means.
+    """Climbs F̄ from the priors' means, for at most so many rounds of D, E and M steps.
 
-    After each step the covariances are set to their optimum, which also raises F̄; so F̄ᵒ is what rises.
+    After each step the covariances are set to their optimum, which also raises F̄; so F̄ᵒ is what rises. Steps in turn
+    are slow where one part of the belief holds the others (X and θ, when noise is small), but steadily so: after every
+    two rounds a third starts from where their course would lead, and is kept if it ends higher.
 
     Raises:
         numpy.linalg.LinAlgError: at the priors' means a curvature is not negative definite.
     """
+    places = [_start(model, samples)]
+    settled = False
+    while not settled and len(places) <= iterations:
+        height = places[-1].height
+        for _ in range(2):
+            places.append(_round(model, samples, places[-1], places[-1].belief))
+        ahead = _course(*(place.belief for place in places[-3:]))
+        if ahead is not None:
+            places.append(_round(model, samples, places[-1], ahead))
+        settled = places[-1].height - height < SETTLED
+    return _ascent(places, settled)
+
+
+@dataclass(frozen=True, eq=False)
+class _Place:
+    """Where the climb has come to: a belief with optimal precisions, and F̄ᵒ there by its terms."""
+
+    belief: Belief
+    state_map: Array
+    terms: Mapping[str, float]
+
+    @property
+    def height(self) -> float:
+        return sum(self.terms.values())
+
+
+def _start(model: GenerativeModel, samples: Samples) -> _Place:
     prior = model.prior
     theta, lambda_ = prior.theta_mean, prior.lambda_mean
     certain = np.zeros_like(prior.theta_precision)
     # The first D step takes the parameters for certain: a weak prior's mean-field term would erase the states.
     state_map = d_step(model, theta, certain, lambda_, inverse(prior.lambda_precision))
-    belief = with_optimal_precisions(
-        model, Belief(Moments.of(model, samples, state_map), np.empty(0), theta, certain, lambda_, np.empty(0))
-    )
-    rows = [_row(model, samples, belief)]
-    settled = False
-    for _ in range(iterations):
-        try:
-            higher_map, higher = _iterate(model, samples, belief)
-            row = _row(model, samples, higher)
-        except np.linalg.LinAlgError:
-            # A noise so small that the rest is lost in rounding: what was reached stands, and is not settled.
-            break
-        gain = sum(row[0].values()) - sum(rows[-1][0].values())
-        if gain < 0:
-            # Every step is a maximization, so only rounding can lower F̄; the step is refused.
-            settled = True
-            break
-        state_map, belief = higher_map, higher
-        rows.append(row)
-        if gain < SETTLED:
-            settled = True
-            break
-    terms, thetas, theta_sds, lambdas, lambda_sds = zip(*rows, strict=True)
+    moments = Moments.of(model, samples, state_map)
+    belief = Belief(moments, np.empty(0), theta, certain, lambda_, np.empty(0))
+    belief = with_optimal_precisions(model, belief)
+    return _Place(belief, state_map, optimal_terms(model, samples, belief))
+
+
+def _round(model: GenerativeModel, samples: Samples, now: _Place, start: Belief) -> _Place:
+    """D, E and M steps from ``start``; ``now`` again if they lead no higher than that, which refuses them.
+
+    Of steps in turn from ``now`` itself only rounding can make it so; of those from elsewhere, anything.
+    """
+    try:
+        state_map = d_step(model, start.theta, start.theta_covariance, start.lambda_, start.lambda_covariance)
+        belief = with_optimal_precisions(model, start._replace(moments=Moments.of(model, samples, state_map)))
+        belief = with_optimal_precisions(model, belief._replace(theta=e_step(model, samples, belief)))
+        belief = with_optimal_precisions(model, belief._replace(lambda_=m_step(model, samples, belief)))
+        then = _Place(belief, state_map, optimal_terms(model, samples, belief))
+    except np.linalg.LinAlgError:
+        # A noise so small, or a course so wild, that the rest is lost in rounding.
+        return now
+    return then if then.height >= now.height else now
+
+
+def _course(first: Belief, second: Belief, third: Belief) -> Belief | None:
+    """Where θ and λ go on the course of three rounds; None if it does not lead beyond the third.
+
+    Squared extrapolation of a fixed-point iteration (Varadhan and Roland 2008, scheme S3), in units of the posterior.
+    """
+    unit = np.sqrt(np.concatenate([np.diag(third.theta_covariance), np.diag(third.lambda_covariance)]))
+    a, b, c = (np.concatenate([belief.theta, belief.lambda_]) / unit for belief in (first, second, third))
+    step, bend = b - a, (c - b) - (b - a)
+    if not np.linalg.norm(step) > np.linalg.norm(bend) > 0:
+        return None
+    length = float(np.linalg.norm(step) / np.linalg.norm(bend))
+    theta, lambda_ = np.split((a + 2 * length * step + length**2 * bend) * unit, [len(third.theta)])
+    return third._replace(theta=theta, lambda_=lambda_)
+
+
+def _ascent(places: list[_Place], settled: bool) -> Ascent:
+    beliefs = [place.belief for place in places]
     return Ascent(
-        belief,
-        state_map,
-        {name: np.array([t[name] for t in terms]) for name in terms[0]},
-        np.array(thetas),
-        np.array(theta_sds),
-        np.array(lambdas),
-        np.array(lambda_sds),
-        settled,
-    )
-
-
-def _iterate(model: GenerativeModel, samples: Samples, belief: Belief) -> tuple[Array, Belief]:
-    state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
-    belief = with_optimal_precisions(model, belief._replace(moments=Moments.of(model, samples, state_map)))
-    belief = with_optimal_precisions(model, belief._replace(theta=e_step(model, samples, belief)))
-    belief = with_optimal_precisions(model, belief._replace(lambda_=m_step(model, samples, belief)))
-    return state_map, belief
-
-
-def _row(
-    model: GenerativeModel, samples: Samples, belief: Belief
-) -> tuple[Mapping[str, float], Array, Array, Array, Array]:
-    return (
-        optimal_terms(model, samples, belief),
-        belief.theta,
-        np.sqrt(np.diag(belief.theta_covariance)),
-        belief.lambda_,
-        np.sqrt(np.diag(belief.lambda_covariance)),
+        belief=beliefs[-1],
+        state_map=places[-1].state_map,
+        terms={name: np.array([place.terms[name] for place in places]) for name in places[0].terms},
+        theta=np.array([belief.theta for belief in beliefs]),
+        theta_sd=np.sqrt([np.diag(belief.theta_covariance) for belief in beliefs]),
+        lambda_=np.array([belief.lambda_ for belief in beliefs]),
+        lambda_sd=np.sqrt([np.diag(belief.lambda_covariance) for belief in beliefs]),
+        settled=settled,
     )

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,7 @@ def candidates(settings: Settings, outputs: int, samples: int, dt: float) -> tup
         ValueError: no window fits the samples.
     """
     order = settings.order or outputs + HIDDEN_STATES
+    d = min(2, settings.p) if settings.d is None else settings.d
     precisions = [settings.parameter_precision] if settings.parameter_precision else PARAMETER_PRECISIONS
     windows = [settings.window] if settings.window else sorted({_odd(seconds / dt, settings.p) for seconds in WINDOWS})
     # Half of each half's samples must have a whole window, or its derivatives come from too few of them.
@@ -50,7 +52,7 @@ def candidates(settings: Settings, outputs: int, samples: int, dt: float) -> tup
         fewest = 4 * windows[0]
         raise ValueError(f"train must have at least {fewest} samples for a window of {windows[0]}, not {samples}")
     return tuple(
-        replace(settings, order=order, window=window, parameter_precision=precision)
+        replace(settings, order=order, d=d, window=window, parameter_precision=precision)
         for window, precision in product(fitting, precisions)
     )
 
@@ -82,8 +84,15 @@ def forecast_mse(fitted: Fit, inputs: Array, outputs: Array, dt: float) -> Array
         return np.asarray((errors**2).mean(axis=0) * scaling.output_scale**2)
 
 
-def unseen_forecast_mse(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Array:
-    """The same (H, m), of forecasts of each half of the data by a model of the other half.
+class Unseen(NamedTuple):
+    """Forecasts of each half of the data by a model of the other half: mean squared errors (H, m) by horizon."""
+
+    mse: Array
+    mse_at_trim: Array  # with the motors held at their trim: what the motion by itself lets one know
+
+
+def unseen_forecasts(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Unseen:
+    """Judges settings by forecasts of data that the fit has not seen.
 
     Args:
         inputs, outputs: (T, r), (T, m), physical.
@@ -96,8 +105,9 @@ def unseen_forecast_mse(inputs: Array, outputs: Array, dt: float, settings: Sett
     """
     half = len(outputs) // 2
     halves = slice(0, half), slice(len(outputs) - half, None)
-    errors = [
-        forecast_mse(fit(inputs[learnt], outputs[learnt], dt, settings), inputs[unseen], outputs[unseen], dt)
-        for learnt, unseen in (halves, halves[::-1])
-    ]
-    return np.asarray(np.mean(errors, axis=0))
+    errors = []
+    for learnt, unseen in (halves, halves[::-1]):
+        fitted = fit(inputs[learnt], outputs[learnt], dt, settings)
+        trim = np.broadcast_to(fitted.scaling.input_trim, inputs[unseen].shape)
+        errors.append([forecast_mse(fitted, drive, outputs[unseen], dt) for drive in (inputs[unseen], trim)])
+    return Unseen(*np.mean(errors, axis=0))

@@ -52,21 +52,21 @@ def fit(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Fit:
 
 def generative_model(settings: Settings, scaling: Scaling, inputs: int, outputs: Array, dt: float) -> GenerativeModel:
     """The generative model that complete settings describe, for ``inputs`` motors and outputs (T, m)."""
-    assert settings.order is not None
+    assert settings.order is not None and settings.d is not None
     n, m, r = settings.order, outputs.shape[1], inputs + scaling.constant
-    if settings.process_order < settings.p and n > m * (settings.p + 1):
-        raise ValueError(f"order must be at most m·(p + 1) = {m * (settings.p + 1)}: more states leave no trace in ỹ")
+    _require_seen(settings, n, m)
     if settings.prior == "uniform":
         theta_prior = uniform_prior(settings, n, r, m)
     else:
-        theta_prior = regulated_prior(settings, n, r, scaling.output_scale, derivative_pairs(outputs, dt))
+        pairs = derivative_pairs(outputs, dt)
+        theta_prior = regulated_prior(settings, n, inputs, scaling.constant, scaling.output_scale, pairs)
     return GenerativeModel(
         n,
         r,
         m,
         settings.p,
         settings.d,
-        settings.process_order,
+        settings.p if settings.last_derivative_zero else settings.p - 1,
         settings.smoothness or dt,
         np.arange(m) if settings.lambda_per_channel else np.zeros(m, np.intp),
         m + np.arange(n) if settings.lambda_per_channel else np.ones(n, np.intp),
@@ -75,12 +75,22 @@ def generative_model(settings: Settings, scaling: Scaling, inputs: int, outputs:
     )
 
 
+def _require_seen(settings: Settings, n: int, m: int) -> None:
+    """Refuses orders at which the regulated prior, with C = [I 0], leaves an output or a state to nothing."""
+    if settings.prior != "regulated":
+        return
+    # Hidden states stand in a chain, of which each derivative of the last output sees one more.
+    most = m + settings.p
+    if n < m or (n > most and not settings.last_derivative_zero):
+        raise ValueError(f"order must be between {m} and {most} with {m} outputs and p = {settings.p}, not {n}")
+
+
 def generalized(settings: Settings, scaling: Scaling, inputs: Array, outputs: Array, dt: float) -> tuple[Array, Array]:
     """Generalized outputs and inputs of the samples whose whole window lies inside the data.
 
     Both are read from one window about one instant, so that no derivative lags another.
     """
-    assert settings.window is not None
+    assert settings.window is not None and settings.d is not None
     window, centre = settings.window, settings.window // 2
     return (
         embed(scaling.scale_outputs(outputs), settings.p, dt, window, centre),

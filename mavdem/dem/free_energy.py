@@ -47,8 +47,7 @@ def free_energy_action(model: GenerativeModel, samples: Samples, belief: Belief)
 def internal_energy(model: GenerativeModel, samples: Samples, moments: Moments, theta: Array, lambda_: Array) -> float:
     """Ū = Σ_t U(t) with the priors counted once: log likelihood plus log priors at the means."""
     prior = model.prior
-    E = model.error_operator(theta)
-    error = np.sum(model.precision(np.exp(lambda_)) * (E @ moments.joint @ E.T))
+    error = np.sum(model.precision(np.exp(lambda_)) * moments.errors(theta))
     log_precision = model.log_precision_at_zero + model.log_precision_slope @ lambda_
     theta_error, lambda_error = theta - prior.theta_mean, lambda_ - prior.lambda_mean
     return 0.5 * float(
@@ -94,8 +93,7 @@ def optimal_terms(model: GenerativeModel, samples: Samples, belief: Belief) -> M
     """
     prior = model.prior
     T = samples.number
-    E = model.error_operator(belief.theta)
-    squares = model.precision(np.exp(belief.lambda_)) * (E @ belief.moments.joint @ E.T)
+    squares = model.precision(np.exp(belief.lambda_)) * belief.moments.errors(belief.theta)
     of_y, of_v, of_x = model.errors
     theta_error, lambda_error = belief.theta - prior.theta_mean, belief.lambda_ - prior.lambda_mean
     log_precision = model.log_precision_at_zero + float(model.log_precision_slope @ belief.lambda_)

@@ -202,27 +202,37 @@ class Moments:
 
     Attributes:
         model: whose X it is.
-        joint: the matrix.
+        gram: Σ_t [ỹ; η̃][ỹ; η̃]ᵀ.
+        stack: (dim [ỹ; η̃; X], dim [ỹ; η̃]): [ỹ; η̃; X] from [ỹ; η̃].
     """
 
     model: GenerativeModel
-    joint: Array
+    gram: Array
+    stack: Array
 
     @classmethod
     def of(cls, model: GenerativeModel, samples: Samples, state_map: Array) -> Moments:
         """Those of X = L [ỹ; η̃], for L = ``state_map`` (dim X, dim [ỹ; η̃])."""
-        stack = np.vstack([np.eye(len(samples.gram)), state_map])
-        return cls(model, stack @ samples.gram @ stack.T)
+        return cls(model, samples.gram, np.vstack([np.eye(len(samples.gram)), state_map]))
+
+    @cached_property
+    def joint(self) -> Array:
+        """The matrix of moments."""
+        return self.stack @ self.gram @ self.stack.T
 
     @cached_property
     def regression(self) -> Regression:
         """The regressions' part of them; made once, for all steps until X moves again."""
         return self.model.regression(self.joint)
 
+    def errors(self, theta: Array) -> Array:
+        """Σ_t ε̃ε̃ᵀ; the errors are taken before the moments, since they are far smaller than what they lie between."""
+        errors = self.model.error_operator(theta) @ self.stack
+        return errors @ self.gram @ errors.T
+
     def squared_errors(self, theta: Array) -> Array:
         """Σ_t ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,)."""
-        E = self.model.error_operator(theta)
-        return self.model.squared_errors(E @ self.joint @ E.T)
+        return self.model.squared_errors(self.errors(theta))
 
 
 class ParameterRows(NamedTuple):

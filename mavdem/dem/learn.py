@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from mavdem.dem.choice import candidates, forecast_mse, unseen_forecast_mse
+from mavdem.dem.choice import Unseen, candidates, forecast_mse, unseen_forecasts
 from mavdem.dem.fit import Fit, fit
 from mavdem.dem.learned import Candidate, Learned
 from mavdem.dem.settings import Settings
@@ -18,6 +18,11 @@ Array = NDArray[np.float64]
 
 FEWEST_SAMPLES = 50
 """Below this there is nothing to learn and nothing left to try it on."""
+
+
+MOTORS_SHARE = 0.2
+"""The motors must take this share off the squared error of forecasts, or the model is cautioned against: where they are
+of another flight, or shifted by seconds, they rarely take so much by chance."""
 
 
 class Recorded(Protocol):
@@ -58,9 +63,9 @@ def _learn(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Lear
     if best.fit is None or best.candidate.error == np.inf:
         raise ValueError("no model of the training data can forecast any part of them: they determine none")
     try:
-        unseen = unseen_forecast_mse(inputs, outputs, dt, best.fit.settings)
+        unseen = unseen_forecasts(inputs, outputs, dt, best.fit.settings)
     except np.linalg.LinAlgError:
-        unseen = np.array([np.inf])
+        unseen = Unseen(np.array([np.inf]), np.array([np.inf]))
     if not np.isfinite(unseen).all():
         raise ValueError("half of the training data do not determine a model that can forecast: more are needed")
     return Learned.of(
@@ -70,7 +75,7 @@ def _learn(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Lear
         dt,
         unseen,
         tuple(trial.candidate for trial in trials),
-        _cautions(best.fit, unseen / outputs.var(axis=0)),
+        _cautions(best.fit, unseen, outputs.var(axis=0), dt),
     )
 
 
@@ -101,15 +106,24 @@ def _checked(train: Recorded) -> tuple[Array, Array]:
     return inputs, outputs
 
 
-def _cautions(fitted: Fit, unseen_error: Array) -> tuple[str, ...]:
-    """What a user must know before trusting the model; ``unseen_error`` (H, m) in units of the training variance."""
+def _cautions(fitted: Fit, unseen: Unseen, variance: Array, dt: float) -> tuple[str, ...]:
+    """What a user must know before trusting the model; ``variance`` (m,) is that of the training outputs."""
     model = fitted.scaling.physical_model(fitted.ascent.belief.theta, fitted.model.n)
+    error, error_at_trim = (mse / variance for mse in unseen)
     cautions = []
-    if not unseen_error.mean() < 1:
-        useless = 1 + int(np.argmin(unseen_error.mean(axis=1) < 1))
+    if not error.mean() < 1:
+        useful = int(np.argmin(error.mean(axis=1) < 1)) * dt
         cautions.append(
-            "Where one half of the training data is forecast from the other, the forecasts err as much as the constant "
-            f"mean does, from {useless} samples on: do not rely on them."
+            f"Inside the training data, where each half was forecast from the other, forecasts beyond {useful:.2g} s "
+            "were no better than the constant mean: a good one after it is luck. Learn from more, or from a livelier "
+            "stretch."
+        )
+    share = 1 - error.mean() / error_at_trim.mean()
+    if not share > MOTORS_SHARE:
+        cautions.append(
+            "Inside the training data, where each half was forecast from the other, the motors took "
+            f"{max(share, 0):.0%} off the squared error of forecasts: the model hardly ties the motion to them. Let them "
+            "work more, in wind or with small sideways steps."
         )
     if model.spectral_abscissa > 0:
         cautions.append(f"The model is unstable: it grows e-fold in {1 / model.spectral_abscissa:.3g} s.")

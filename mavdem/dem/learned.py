@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -12,62 +12,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
+from mavdem.dem.choice import Unseen
 from mavdem.dem.fit import Fit, generalized
 from mavdem.dem.model import LinearModel, Transition, pack, unpack
 from mavdem.dem.positive import inverse
 from mavdem.dem.prediction import Predictor
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
+from mavdem.dem.trace import FreeEnergy, Learning
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, eq=False)
-class FreeEnergy:
-    """F̄ᵒ by iteration, row 0 being the priors' means; behaves as its array of totals, (I + 1,).
-
-    Attributes:
-        terms: the named terms of Eq. ``F_action_opt``, (I + 1,) each, which sum to the total.
-    """
-
-    terms: Mapping[str, Array]
-
-    @cached_property
-    def total(self) -> Array:
-        """F̄ᵒ by iteration, (I + 1,)."""
-        return np.asarray(np.sum(list(self.terms.values()), axis=0))
-
-    @property
-    def gained(self) -> float:
-        """Nats gained from the priors' means to the end."""
-        return float(self.total[-1] - self.total[0])
-
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
-        return np.array(self.total, dtype=dtype)
-
-    def __len__(self) -> int:
-        return len(self.total)
-
-    def __getitem__(self, index: Any) -> Any:
-        return self.total[index]
-
-    def __iter__(self) -> Iterator[float]:
-        return iter(self.total.tolist())
-
-
-@dataclass(frozen=True, eq=False)
-class Learning:
-    """How the estimates moved, iteration by iteration: rows are those of :class:`FreeEnergy`.
-
-    Attributes:
-        theta, theta_sd: (I + 1, k) in physical units, θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] without the trim offset.
-        lambda_, lambda_sd: (I + 1, g) log noise precisions in the engine's units: measurement noise, process noise.
-    """
-
-    theta: Array
-    theta_sd: Array
-    lambda_: Array
-    lambda_sd: Array
 
 
 @dataclass(frozen=True)
@@ -105,6 +59,7 @@ class Learned:
         inputs, outputs: (T, r), (T, m) the training data.
         forecast_mse: (H, m) mean squared error by horizon in samples, of forecasts of each half of the training data
             by a model of the other half.
+        forecast_mse_at_trim: the same with the motors held at their trim: what the motion by itself lets one know.
         cautions: one sentence for each thing a user must know before trusting the model.
         scaling, predictor, state_map, theta: the engine's own, in its units: what :meth:`one_step`, :meth:`forecast`
             and :meth:`process_noise` compute with.
@@ -124,6 +79,7 @@ class Learned:
     inputs: Array
     outputs: Array
     forecast_mse: Array
+    forecast_mse_at_trim: Array
     cautions: tuple[str, ...]
     scaling: Scaling
     predictor: Predictor
@@ -137,7 +93,7 @@ class Learned:
         inputs: Array,
         outputs: Array,
         dt: float,
-        forecast_mse: Array,
+        unseen: Unseen,
         candidates: tuple[Candidate, ...],
         cautions: tuple[str, ...],
     ) -> Learned:
@@ -147,7 +103,8 @@ class Learned:
             fit: the settled (or given up) fit, in the engine's units.
             inputs, outputs: (T, r), (T, m) the training data it was made from, in physical units.
             dt: sampling step, s.
-            forecast_mse, candidates, cautions: as in :class:`Learned`, found outside the fit.
+            unseen: forecasts of data that the fit has not seen.
+            candidates, cautions: as in :class:`Learned`, found outside the fit.
         """
         order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
         scale = scaling.parameter_scale(order)
@@ -175,7 +132,8 @@ class Learned:
             smoothness=fit.model.smoothness,
             inputs=inputs,
             outputs=outputs,
-            forecast_mse=forecast_mse,
+            forecast_mse=unseen.mse,
+            forecast_mse_at_trim=unseen.mse_at_trim,
             cautions=cautions,
             scaling=scaling,
             predictor=fit.predictor,
@@ -211,6 +169,8 @@ class Learned:
             ValueError: inputs of another width, or not finite.
         """
         ahead = np.asarray(inputs, dtype=np.float64)
+        if ahead.ndim == 1 and self.inputs.shape[1] == 1:
+            ahead = ahead[:, None]
         if ahead.ndim != 2 or ahead.shape[1] != self.inputs.shape[1]:
             raise ValueError(f"inputs must have shape (H, {self.inputs.shape[1]}), not {ahead.shape}")
         if not np.isfinite(ahead).all():
@@ -234,6 +194,8 @@ class Learned:
         Raises:
             ValueError: as :meth:`forecast`.
         """
+        if not 0 < level < 1:
+            raise ValueError(f"level must be between 0 and 1, not {level}")
         centre = self.forecast(inputs)
         horizons = np.minimum(np.arange(len(centre)), len(self.forecast_mse) - 1)
         half = norm.ppf(0.5 + level / 2) * np.sqrt(self.forecast_mse[horizons])
@@ -285,6 +247,7 @@ class Learned:
                 "inputs": self.inputs.tolist(),
                 "outputs": self.outputs.tolist(),
                 "forecast_mse": self.forecast_mse.tolist(),
+                "forecast_mse_at_trim": self.forecast_mse_at_trim.tolist(),
                 "cautions": list(self.cautions),
                 "scaling": {
                     **{k: np.asarray(v).tolist() for k, v in self.scaling._asdict().items()},
@@ -321,6 +284,7 @@ class Learned:
             inputs=np.array(values["inputs"]),
             outputs=np.array(values["outputs"]),
             forecast_mse=np.array(values["forecast_mse"]),
+            forecast_mse_at_trim=np.array(values["forecast_mse_at_trim"]),
             cautions=tuple(values["cautions"]),
             scaling=Scaling(
                 np.array(scaling["input_trim"]),

@@ -2,7 +2,7 @@
 
 The D step reads each sample by itself, which says where the vehicle is but cannot carry a hidden state from one
 sample to the next. So the learnt model and its noises are put into a steady-state Kalman filter, in which the
-coloured w̃ counts with its power at low frequency, Σʷ · 2s√π: what a noise of that colour does to a slower state.
+coloured noises count with their power at low frequency, Σ · 2s√π: what noise of that colour does to a slower state.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import LinAlgError, pinv, solve_discrete_are
+from scipy.linalg import solve_discrete_are
 from scipy.signal import lfilter
 
 from mavdem.dem.model import Transition, discretize
@@ -40,17 +40,18 @@ class Predictor:
     def of(
         cls, A: Array, B: Array, C: Array, dt: float, measurement_noise: Array, process_noise: Array, smoothness: float
     ) -> Predictor:
-        """The predictor of a continuous model with noise variances (m,) of z and (n,) of w."""
+        """The predictor of a continuous model with noise variances (m,) of z and (n,) of w.
+
+        Raises:
+            numpy.linalg.LinAlgError: no filter settles, as when an unstable state is not seen in the outputs.
+        """
         transition = discretize(A, B, dt)
-        Q = np.diag(process_noise) * 2 * smoothness * np.sqrt(np.pi) * dt
-        R = np.diag(measurement_noise)
-        try:
-            P = solve_discrete_are(transition.state.T, C.T, Q, R)
-            gain = np.linalg.solve(C @ P @ C.T + R, C @ P).T
-        except (LinAlgError, ValueError):
-            # No steady state exists, as when an unstable state is not seen: take the outputs as they are.
-            gain = pinv(C)
-        return cls(transition, C, np.asarray(gain, np.float64))
+        power = 2 * smoothness * np.sqrt(np.pi)
+        Q = np.diag(process_noise) * power * dt
+        # Measurements are samples: noise that forgets within a step has its variance and no more.
+        R = np.diag(measurement_noise) * max(power / dt, 1.0)
+        P = solve_discrete_are(transition.state.T, C.T, Q, R)
+        return cls(transition, C, np.linalg.solve(C @ P @ C.T + R, C @ P).T)
 
     def filtered(self, outputs: Array, inputs: Array) -> Array:
         """States (T, n), each given the samples up to and including its own; the first from its outputs alone."""

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
 
 from mavdem.dem.model import pack
 from mavdem.dem.settings import Settings
@@ -25,7 +26,10 @@ ACTUATOR_RATE = 20.0
 """1/s: the "regulated" prior of an actuator lag of 50 ms, between the 20 and 100 ms of common multirotors."""
 
 KINEMATIC_SHARE = 0.5
-"""An output is taken for the derivative of another when it explains more than this share of its motion."""
+"""An output is taken for the derivative of another when it explains more than this share of its changes."""
+
+KINEMATIC_SPAN = 0.2
+"""Seconds over which the changes are compared: long enough for noise to average out, short against the motion."""
 
 
 class Prior(NamedTuple):
@@ -39,15 +43,17 @@ class Prior(NamedTuple):
 
 def derivative_pairs(outputs: Array, dt: float) -> tuple[tuple[int, int], ...]:
     """Pairs (i, j) of output columns where j is the time derivative of i, judged from the samples (T, m)."""
-    if len(outputs) < 3:
+    span = max(1, round(KINEMATIC_SPAN / dt))
+    if len(outputs) <= span:
         return ()
-    slope = (outputs[2:] - outputs[:-2]) / (2 * dt)
+    integrated = cumulative_trapezoid(outputs, dx=dt, axis=0, initial=0)
+    changes, integrals = outputs[span:] - outputs[:-span], integrated[span:] - integrated[:-span]
     pairs = []
-    for i in range(outputs.shape[1]):
-        motion = slope[:, i].var()
-        left = [(slope[:, i] - outputs[1:-1, j]).var() if j != i else np.inf for j in range(outputs.shape[1])]
+    for i, change in enumerate(changes.T):
+        left = (change[:, None] - integrals).var(axis=0)
+        left[i] = np.inf
         j = int(np.argmin(left))
-        if left[j] < (1 - KINEMATIC_SHARE) * motion:
+        if left[j] < (1 - KINEMATIC_SHARE) * change.var():
             pairs.append((i, j))
     return tuple(pairs)
 
@@ -69,7 +75,7 @@ def uniform_prior(settings: Settings, n: int, r: int, m: int) -> tuple[Array, Ar
 
 
 def regulated_prior(
-    settings: Settings, n: int, r: int, scale: Array, pairs: tuple[tuple[int, int], ...]
+    settings: Settings, n: int, motors: int, constant: bool, scale: Array, pairs: tuple[tuple[int, int], ...]
 ) -> tuple[Array, Array]:
     """What is known of any attitude loop before a flight.
 
@@ -78,7 +84,8 @@ def regulated_prior(
 
     Args:
         settings: with ``parameter_precision`` chosen.
-        n, r: states and inputs, the last input being the constant.
+        n: states.
+        motors: inputs that are motors; ``constant``: whether one more, after them, is the constant.
         scale: (m,) physical size of a unit of each output.
         pairs: of :func:`derivative_pairs`.
 
@@ -88,17 +95,16 @@ def regulated_prior(
     assert settings.parameter_precision is not None
     m = len(scale)
     weak = settings.parameter_precision
+    r = motors + constant
     A, A_precision = np.zeros((n, n)), np.full((n, n), weak)
     B, B_precision = np.zeros((n, r)), np.full((n, r), weak)
-    C, C_precision = np.eye(m, n), np.full((m, n), KNOWN if n >= m else weak)
+    C, C_precision = np.eye(m, n), np.full((m, n), KNOWN)
     np.fill_diagonal(A[:m, :m], -DAMPING_RATE)
     for angle, rate in pairs:
-        if max(angle, rate) >= n:
-            continue
         A[angle, angle] = 0.0
         A[angle, rate] = scale[rate] / scale[angle]
         A[rate, angle] = -(NATURAL_FREQUENCY**2) * scale[angle] / scale[rate]
-        A_precision[angle], B_precision[angle, :-1] = KINEMATIC, KINEMATIC
+        A_precision[angle], B_precision[angle, :motors] = KINEMATIC, KINEMATIC
     for hidden in range(m, n):
         A[hidden, hidden] = -ACTUATOR_RATE
         # The unit of a hidden state is free; this fixes it, so that the posterior is about the vehicle.

@@ -12,6 +12,9 @@ from mavdem.dem.settings import Settings
 
 Array = NDArray[np.float64]
 
+ROUNDING = 1e-9
+"""A channel that moves by less than this, relative to its size, is constant."""
+
 
 class Scaling(NamedTuple):
     """y = output_trim + output_scale · (engine's y), and likewise for inputs; ``constant``: an input that is 1."""
@@ -29,18 +32,17 @@ class Scaling(NamedTuple):
         Raises:
             ValueError: a channel that must vary does not.
         """
-        ones = np.ones(outputs.shape[1])
+        if not _vary(inputs).any():
+            raise ValueError(f"inputs {_CONSTANT}")
+        if not _vary(outputs).all():
+            raise ValueError(f"outputs column {np.argmin(_vary(outputs))} {_CONSTANT}")
         if settings.scaling == "paper":
+            ones = np.ones(outputs.shape[1])
             spread = float(inputs.max() - inputs.min())
-            _varies(spread, "inputs")
             return cls(np.full(inputs.shape[1], inputs.mean()), spread, 0 * ones, ones, constant=False)
-        output_scale = outputs.std(axis=0)
-        for column, scale in enumerate(output_scale):
-            _varies(scale, f"outputs column {column}")
         # One scale for all inputs: a motor that hardly moves must not have its noise blown up.
         input_scale = float(np.sqrt(inputs.var(axis=0).mean()))
-        _varies(input_scale, "inputs")
-        return cls(inputs.mean(axis=0), input_scale, outputs.mean(axis=0), output_scale, constant=True)
+        return cls(inputs.mean(axis=0), input_scale, outputs.mean(axis=0), outputs.std(axis=0), constant=True)
 
     def scale_inputs(self, inputs: Array) -> Array:
         """(T, r) in the unit of the stream to (T, r or r + 1) in the engine's."""
@@ -75,6 +77,9 @@ class Scaling(NamedTuple):
         return LinearModel(A, B[:, :r], C, offset, self.input_trim, self.output_trim)
 
 
-def _varies(spread: float, name: str) -> None:
-    if not spread > 0:
-        raise ValueError(f"{name} must vary over each half of the training data; constant samples determine no model")
+_CONSTANT = "must vary over each half of the training data; constant samples determine no model"
+
+
+def _vary(samples: Array) -> NDArray[np.bool_]:
+    """Which columns move by more than the rounding of their numbers."""
+    return np.asarray(np.ptp(samples, axis=0) > ROUNDING * np.abs(samples).max(axis=0))

@@ -18,11 +18,11 @@ class Settings:
     Attributes:
         order: number of states n; states beyond the outputs are hidden. ``None``: one more than outputs.
         p: embedding order of outputs and states, at least 1.
-        d: embedding order of the inputs, at most p.
+        d: embedding order of the inputs, at most p; ``None``: 2, or p if that is less.
         window: samples that each generalized vector is read from, at least p + 1.
         smoothness: kernel width s of the noise, seconds; ``None``: one sampling step.
-        process_order: embedding order of the process noise: p − 1, or p as in the paper, whose D takes the
-            derivative of the highest order to be zero and counts that as evidence.
+        last_derivative_zero: whether the derivative of the highest order is taken to be zero and counted as evidence,
+            as the paper's D does, or is left out.
         scaling: "channel": every output and the inputs are centred and brought to unit variance, and a constant input
             learns the trim; "paper": outputs as they are, one mean and one range for all inputs.
         prior: "regulated": each output tends back to its trim, rates are derivatives of angles, hidden states are
@@ -38,10 +38,10 @@ class Settings:
 
     order: int | None = None
     p: int = 2
-    d: int = 2
+    d: int | None = None
     window: int | None = None
     smoothness: float | None = None
-    process_order: int = 1
+    last_derivative_zero: bool = False
     scaling: Literal["channel", "paper"] = "channel"
     prior: Literal["regulated", "uniform"] = "regulated"
     parameter_precision: float | None = None
@@ -51,7 +51,7 @@ class Settings:
     lambda_w_precision: float = 0.01
     lambda_per_channel: bool = False
     input_precision: float = e**12
-    iterations: int = 20
+    iterations: int = 200
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -59,12 +59,14 @@ class Settings:
             self.order is None or self.order >= 1, "order", "at least 1, or None for one more than outputs", self.order
         )
         _require(self.p >= 1, "p", "at least 1", self.p)
-        _require(0 <= self.d <= self.p, "d", f"between 0 and p = {self.p}", self.d)
+        _require(self.d is None or 0 <= self.d <= self.p, "d", f"None or between 0 and p = {self.p}", self.d)
         _require(self.window is None or self.window > self.p, "window", f"at least p + 1 = {self.p + 1}", self.window)
         _require(self.smoothness is None or self.smoothness > 0, "smoothness", "positive seconds", self.smoothness)
-        _require(self.process_order in (self.p - 1, self.p), "process_order", "p − 1 or p", self.process_order)
         _require(self.scaling in ("channel", "paper"), "scaling", '"channel" or "paper"', self.scaling)
         _require(self.prior in ("regulated", "uniform"), "prior", '"regulated" or "uniform"', self.prior)
+        # The scale of x is then held by nothing, and F̄ is highest where C is nothing.
+        needed = self.last_derivative_zero or self.prior == "regulated"
+        _require(needed, "last_derivative_zero", "True with the uniform prior, which leaves C free", False)
         _require(self.iterations >= 1, "iterations", "at least 1", self.iterations)
         for name in ("lambda_z_precision", "lambda_w_precision", "input_precision", "parameter_precision"):
             value = getattr(self, name)
@@ -87,7 +89,7 @@ class Settings:
             p=2,
             d=1,
             window=3,
-            process_order=2,
+            last_derivative_zero=True,
             scaling="paper",
             prior="uniform",
             parameter_precision=e**4,
@@ -96,6 +98,7 @@ class Settings:
             lambda_w=3.0,
             lambda_w_precision=e**20,
             input_precision=e**16,
+            iterations=20,
             seed=seed,
         )
 

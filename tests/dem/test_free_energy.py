@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from random_models import models, positive_definite, random_model, random_samples
+from scipy.linalg import block_diag
 
 from mavdem.dem.ascent import ascend
 from mavdem.dem.free_energy import (
@@ -16,7 +17,9 @@ from mavdem.dem.free_energy import (
     state_curvature,
     theta_curvature,
 )
-from mavdem.dem.generative import Moments
+from mavdem.dem.generative import Moments, Samples
+from mavdem.dem.model import unpack
+from mavdem.dem.smoothness import temporal_covariance
 from mavdem.dem.steps import d_step, e_step, m_step, with_optimal_precisions
 
 seeds = st.integers(0, 10**6)
@@ -180,6 +183,38 @@ def test_the_climb_never_falls(model, seed):
     assert len(climb.theta) == len(climb.lambda_) == len(climb.free_energy)
 
 
+@given(model=models, seed=seeds)
+@settings(max_examples=20, deadline=None)
+def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
+    """Sample by sample, with Ã, B̃, C̃, D and Π̃ as Eqs. ``generative_process`` and ``free_E`` write them."""
+    rng = np.random.default_rng(seed)
+    n, r, m, p, d, q = model.n, model.r, model.m, model.p, model.d, model.q
+    outputs, inputs = rng.standard_normal((5, m * (p + 1))), rng.standard_normal((5, r * (d + 1)))
+    samples = Samples.of(outputs, inputs)
+    state_map, belief = random_belief(seed, model, samples)
+    A, B, C = unpack(belief.theta, n, r, m)
+    S = np.linalg.inv(temporal_covariance(p, model.smoothness)), np.linalg.inv(temporal_covariance(q, model.smoothness))
+    noise = np.exp(belief.lambda_)
+    energy = 0.0
+    for y, eta in zip(outputs, inputs, strict=True):
+        x, v = np.split(state_map @ np.concatenate([y, eta]), [n * (p + 1)])
+        orders = np.vstack([x.reshape(p + 1, n), np.zeros((1, n))])
+        driven = np.vstack([v.reshape(d + 1, r), np.zeros((max(q - d, 0), r))])
+        of_y = y.reshape(p + 1, m) - orders[: p + 1] @ C.T
+        of_x = orders[1 : q + 2] - orders[: q + 1] @ A.T - driven[: q + 1] @ B.T
+        Pz, Pw = np.diag(noise[model.output_groups]), np.diag(noise[model.state_groups])
+        precision = block_diag(np.kron(S[0], Pz), model.input_precision, np.kron(S[1], Pw))
+        error = np.concatenate([of_y.ravel(), v - eta, of_x.ravel()])
+        energy += 0.5 * (np.linalg.slogdet(precision)[1] - error @ precision @ error)
+    for at, mean, precision in (
+        (belief.theta, model.prior.theta_mean, model.prior.theta_precision),
+        (belief.lambda_, model.prior.lambda_mean, model.prior.lambda_precision),
+    ):
+        energy += 0.5 * (np.linalg.slogdet(precision)[1] - (at - mean) @ precision @ (at - mean))
+    actual = internal_energy(model, samples, belief.moments, belief.theta, belief.lambda_)
+    assert actual == pytest.approx(energy, rel=1e-9)
+
+
 def test_samples_of_separate_stretches_add_up():
     model = random_model(3, 2, 1, 2, 2, 1, drop=False, groups=False)
     rng = np.random.default_rng(0)
@@ -187,6 +222,6 @@ def test_samples_of_separate_stretches_add_up():
     one, other = (
         type(random_samples(0, model)).of(outputs[part], inputs[part]) for part in (slice(12), slice(12, None))
     )
-    whole = type(one).of(outputs, inputs)
+    whole = Samples.of(outputs, inputs)
     assert one.number + other.number == whole.number
     np.testing.assert_allclose(one.gram + other.gram, whole.gram)

@@ -5,8 +5,12 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from mavdem import Flight, Learned, Settings, evaluate, learn
-from mavdem.dem.model import LinearModel
+from mavdem.dem.fit import fit, generalized
+from mavdem.dem.free_energy import free_energy_action
+from mavdem.dem.generative import Moments, Samples
+from mavdem.dem.model import LinearModel, discretize
 from mavdem.dem.priors import derivative_pairs
+from mavdem.dem.steps import d_step, e_step, m_step
 
 DT = 0.01
 RATE, GAIN = 4.0, np.array([0.08, -0.08, -0.08, 0.08])
@@ -44,6 +48,27 @@ def test_a_clean_system_is_recovered_and_forecast():
     np.testing.assert_allclose(model.B[1], GAIN, rtol=0.1)
     np.testing.assert_allclose(model.A[0], [0, 1], atol=0.05)
     assert evaluate.relative_mspe(train, test, learned.forecast(test.inputs)) < 0.02
+
+
+@pytest.mark.parametrize("settings", [Settings(), Settings.paper(), Settings(order=2, window=9)])
+def test_the_physical_model_makes_the_forecast(settings):
+    flight = simulated(wind=0.5)
+    learned = learn(flight[:700], settings)
+    model = learned.model
+    start = np.linalg.pinv(model.C[:, :2]) @ (flight.outputs[699] - model.output_trim)
+    state = np.append(start, np.zeros(len(model.A) - 2))
+    step = discretize(model.A, np.hstack([model.B, model.offset[:, None]]), DT)
+    inputs = np.hstack([flight.inputs[699:] - model.input_trim, np.ones((151, 1))])
+    forecast = []
+    for now, then in zip(inputs[:-1], inputs[1:], strict=True):
+        state = step.state @ state + step.input_now @ now + step.input_next @ then
+        forecast.append(model.C @ state + model.output_trim)
+    # Where a hidden state starts only the filter knows; its lag has passed after half a second.
+    hidden = len(model.A) > 2
+    late, tolerance = (slice(50, None), 0.15) if hidden else (slice(None), 0.01)
+    spread = flight.outputs.std(axis=0)
+    ours = learned.forecast(flight.inputs[700:])
+    np.testing.assert_allclose((ours / spread)[late], (np.array(forecast) / spread)[late], atol=tolerance)
 
 
 def test_forecast_begins_with_the_first_sample_after_training():
@@ -139,8 +164,11 @@ def test_process_noise_is_the_moment_of_the_wind():
     assert noise.shape == (len(places), 2)
     rng = np.random.default_rng(3)
     rng.standard_normal((850, 4))
-    moment = 0.5 * gaussian_filter1d(rng.standard_normal(8500), 50) * np.sqrt(100 * np.sqrt(np.pi))
-    assert np.corrcoef(noise[:, 1], moment[::10][places])[0, 1] > 0.9
+    moment = (0.5 * gaussian_filter1d(rng.standard_normal(8500), 50) * np.sqrt(100 * np.sqrt(np.pi)))[::10]
+    likeness = [np.corrcoef(noise[5:-5, 1], moment[places[5:-5] + lag])[0, 1] for lag in (-3, 0, 3)]
+    assert np.argmax(likeness) == 1
+    assert likeness[1] > 0.9
+    assert noise[:, 1].std() == pytest.approx(moment[places].std(), rel=0.2)
 
 
 def test_the_band_holds_nine_samples_in_ten():
@@ -202,12 +230,62 @@ def test_derivative_pairs_are_found_whatever_their_places():
     [
         (lambda f: f[:30], "at least 50 samples"),
         (lambda f: Flight(f.time, f.inputs, f.outputs * [1, 0])[:700], "outputs column 1 must vary"),
-        (lambda f: Flight(f.time, f.inputs * 0 + 1500, f.outputs)[:700], "inputs must vary"),
+        (lambda f: Flight(f.time, f.inputs, f.outputs * [0, 1] + 0.1)[:700], "outputs column 0 must vary"),
+        (lambda f: Flight(f.time, f.inputs * 0 + 1500.1, f.outputs)[:700], "inputs must vary"),
     ],
 )
 def test_data_that_determine_nothing_are_refused(change, message):
     with pytest.raises(ValueError, match=message):
         learn(change(simulated()))
+
+
+@pytest.mark.parametrize(("p", "order"), [(1, 4), (2, 5), (3, 6)])
+def test_more_hidden_states_than_derivatives_are_refused_and_one_fewer_learnt(p, order):
+    flight = simulated(wind=0.5)[:700]
+    settings = {"p": p, "window": 9, "parameter_precision": 1.0}
+    with pytest.raises(ValueError, match="^order must be between"):
+        learn(flight, Settings(order=order, **settings))
+    assert learn(flight, Settings(order=order - 1, **settings)).model.A.shape == (order - 1, order - 1)
+
+
+def test_fewer_states_than_outputs_are_refused():
+    with pytest.raises(ValueError, match="^order must be between 2 and 4"):
+        learn(simulated()[:700], Settings(order=1))
+
+
+def test_derivative_pairs_survive_noise():
+    flight = simulated(wind=1.0)
+    noisy = flight.outputs + np.random.default_rng(0).standard_normal(flight.outputs.shape) * [2e-3, 2e-2]
+    assert derivative_pairs(noisy, DT) == ((0, 1),)
+
+
+def test_default_fits_settle_where_no_step_leads_higher():
+    flight = simulated(wind=0.5)[:700]
+    learned = learn(flight)
+    assert learned.settled
+    fitted = fit(flight.inputs, flight.outputs, DT, learned.settings)
+    model, belief = fitted.model, fitted.ascent.belief
+    scaling = fitted.scaling
+    samples = Samples.of(*generalized(learned.settings, scaling, flight.inputs, flight.outputs, DT))
+    height = free_energy_action(model, samples, belief)
+    state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
+    for other in (
+        belief._replace(theta=e_step(model, samples, belief)),
+        belief._replace(lambda_=m_step(model, samples, belief)),
+        belief._replace(moments=Moments.of(model, samples, state_map)),
+    ):
+        assert free_energy_action(model, samples, other) - height < 0.1
+
+
+def test_motors_that_have_nothing_to_do_with_the_motion_are_said_to_have_not():
+    flights = [simulated(seed, wind=1.0) for seed in range(8)]
+    of_another = [
+        Flight(one.time, other.inputs, one.outputs)[:700] for one, other in zip(flights, flights[1:], strict=False)
+    ]
+    cautioned = [any("the motors took" in caution for caution in learn(flight).cautions) for flight in of_another]
+    assert sum(cautioned) >= len(cautioned) - 1
+    own = [any("the motors took" in caution for caution in learn(flight[:700]).cautions) for flight in flights]
+    assert sum(own) <= 1
 
 
 def test_wrong_forecast_inputs_are_named():
@@ -216,3 +294,5 @@ def test_wrong_forecast_inputs_are_named():
         learned.forecast(np.zeros((10, 3)))
     with pytest.raises(ValueError, match="inputs must be finite"):
         learned.forecast(np.full((10, 4), np.nan))
+    with pytest.raises(ValueError, match="level must be between 0 and 1"):
+        learned.forecast_band(np.zeros((10, 4)), level=2)

@@ -76,7 +76,7 @@ def test_case_a_ends_nearer_the_truth_than_theirs():
 
 @pytest.mark.parametrize(
     ("p", "settings"),
-    [(2, {}), (1, {"p": 1, "d": 1, "window": 2, "process_order": 1})],
+    [(2, {}), (1, {"p": 1, "d": 1, "window": 2})],
     ids=["with generalized coordinates", "without"],
 )
 def test_case_c2_is_forecast_no_worse_than_by_them(p, settings):

@@ -26,7 +26,7 @@ def test_paper_settings_are_those_of_section_v_d():
         ("d", 3),
         ("window", 2),
         ("smoothness", 0.0),
-        ("process_order", 0),
+        ("last_derivative_zero", False),
         ("scaling", "none"),
         ("prior", "flat"),
         ("parameter_precision", -1.0),
@@ -37,7 +37,7 @@ def test_paper_settings_are_those_of_section_v_d():
 )
 def test_a_wrong_value_is_named(name, value):
     with pytest.raises(ValueError, match=f"^{name} must be"):
-        Settings(**{name: value})
+        Settings(**{"prior": "uniform" if name == "last_derivative_zero" else "regulated", name: value})
 
 
 def test_an_unknown_setting_is_named():

@@ -52,9 +52,7 @@ def main() -> None:
     print("|---|---|---|---|---|")
     for samples, order, p, d in CASES:
         data = flight(samples)
-        settings = mavdem.Settings(
-            order=order, p=p, d=d, process_order=p - 1, window=p + 1 + p % 2, parameter_precision=1.0
-        )
+        settings = mavdem.Settings(order=order, p=p, d=d, window=p + 1 + p % 2, parameter_precision=1.0)
         scaling = Scaling.of(data.inputs, data.outputs, settings)
         model = generative_model(settings, scaling, 4, data.outputs, data.dt)
 
