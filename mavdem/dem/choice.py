@@ -8,7 +8,7 @@ them all the data. What the winner's forecasts are worth is then told by forecas
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import NamedTuple
 
@@ -34,6 +34,21 @@ LONGEST_FORECAST = 1.5
 
 MOST_STARTS = 200
 """They begin at so many places of a stretch at most."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One way to fill what the settings left open, and how it forecast inside the training data.
+
+    Attributes:
+        window, parameter_precision: as in :class:`Settings`.
+        error: mean squared forecast error over all horizons, in units of each output's training variance; infinite
+            where the fit broke down.
+    """
+
+    window: int
+    parameter_precision: float
+    error: float
 
 
 def candidates(settings: Settings, outputs: int, samples: int, dt: float) -> tuple[Settings, ...]:

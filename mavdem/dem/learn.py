@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from mavdem.dem.choice import Unseen, candidates, forecast_mse, unseen_forecasts
+from mavdem.dem.choice import Candidate, Unseen, candidates, forecast_mse, unseen_forecasts
 from mavdem.dem.fit import Fit, fit
-from mavdem.dem.learned import Candidate, Learned
+from mavdem.dem.learned import Learned
 from mavdem.dem.settings import Settings
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ def learn(train: Recorded, settings: Settings | None = None) -> Learned:
     """
     # The matrices are small: waking other threads for them takes several times as long as the work.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _learn(*_checked(train), train.dt, settings or Settings())
+        return _learn(*_checked(train), settings or Settings())
 
 
 def _learn(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Learned:
@@ -96,14 +96,22 @@ def _trial(inputs: Array, outputs: Array, dt: float, settings: Settings) -> _Tri
     return _Trial(Candidate(*choice, error if np.isfinite(error) else np.inf), fitted)
 
 
-def _checked(train: Recorded) -> tuple[Array, Array]:
-    inputs, outputs = np.asarray(train.inputs, np.float64), np.asarray(train.outputs, np.float64)
+def _checked(train: Recorded) -> tuple[Array, Array, float]:
+    try:
+        inputs, outputs = np.asarray(train.inputs, np.float64), np.asarray(train.outputs, np.float64)
+        dt = float(train.dt)
+    except (AttributeError, TypeError) as error:
+        raise ValueError(f"train must be a Flight, or have inputs, outputs and dt like one: {error}") from None
+    if inputs.ndim != 2 or outputs.ndim != 2 or len(inputs) != len(outputs):
+        raise ValueError(f"inputs and outputs must be (T, r) and (T, m), not {inputs.shape} and {outputs.shape}")
+    if not (np.isfinite(dt) and dt > 0):
+        raise ValueError(f"dt must be positive seconds, not {dt}")
     if len(outputs) < FEWEST_SAMPLES:
         raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(outputs)}")
     for name, values in (("inputs", inputs), ("outputs", outputs)):
         if not np.isfinite(values).all():
             raise ValueError(f"{name} must be finite")
-    return inputs, outputs
+    return inputs, outputs, dt
 
 
 def _cautions(fitted: Fit, unseen: Unseen, variance: Array, dt: float) -> tuple[str, ...]:
@@ -122,8 +130,8 @@ def _cautions(fitted: Fit, unseen: Unseen, variance: Array, dt: float) -> tuple[
     if not share > MOTORS_SHARE:
         cautions.append(
             "Inside the training data, where each half was forecast from the other, the motors took "
-            f"{max(share, 0):.0%} off the squared error of forecasts: the model hardly ties the motion to them. Let them "
-            "work more, in wind or with small sideways steps."
+            f"{max(share, 0):.0%} off the squared error of forecasts: the model hardly ties the motion to them. Let "
+            "them work more, in wind or with small sideways steps."
         )
     if model.spectral_abscissa > 0:
         cautions.append(f"The model is unstable: it grows e-fold in {1 / model.spectral_abscissa:.3g} s.")

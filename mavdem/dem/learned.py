@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
-from mavdem.dem.choice import Unseen
+from mavdem.dem.choice import Candidate, Unseen
+from mavdem.dem.document import fields_of, values_of
 from mavdem.dem.fit import Fit, generalized
-from mavdem.dem.model import LinearModel, Transition, pack, unpack
+from mavdem.dem.model import LinearModel, pack, unpack
 from mavdem.dem.positive import inverse
 from mavdem.dem.prediction import Predictor
 from mavdem.dem.scaling import Scaling
@@ -22,21 +21,6 @@ from mavdem.dem.settings import Settings
 from mavdem.dem.trace import FreeEnergy, Learning
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One way to fill what the settings left open, and how it forecast inside the training data.
-
-    Attributes:
-        window, parameter_precision: as in :class:`Settings`.
-        error: mean squared forecast error over all horizons, in units of each output's training variance; infinite
-            where the fit broke down.
-    """
-
-    window: int
-    parameter_precision: float
-    error: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,82 +211,19 @@ class Learned:
 
     def to_json(self) -> str:
         """Everything as a JSON object, the training data included; :meth:`from_json` reads it back."""
-        return json.dumps(
-            {
-                "settings": json.loads(self.settings.to_json()),
-                "model": {name: value.tolist() for name, value in self.model._asdict().items()},
-                "theta_covariance": self.theta_covariance.tolist(),
-                "prior_sd": self.prior_sd.tolist(),
-                "known": self.known.tolist(),
-                "free_energy": {name: term.tolist() for name, term in self.free_energy.terms.items()},
-                "learning": {name: value.tolist() for name, value in vars(self.learning).items()},
-                "settled": self.settled,
-                "candidates": [
-                    # JSON has no infinity: a candidate that broke down has no error.
-                    {**vars(c), "error": c.error if np.isfinite(c.error) else None}
-                    for c in self.candidates
-                ],
-                "dt": self.dt,
-                "smoothness": self.smoothness,
-                "inputs": self.inputs.tolist(),
-                "outputs": self.outputs.tolist(),
-                "forecast_mse": self.forecast_mse.tolist(),
-                "forecast_mse_at_trim": self.forecast_mse_at_trim.tolist(),
-                "cautions": list(self.cautions),
-                "scaling": {
-                    **{k: np.asarray(v).tolist() for k, v in self.scaling._asdict().items()},
-                },
-                "predictor": {
-                    "transition": {k: v.tolist() for k, v in self.predictor.transition._asdict().items()},
-                    "C": self.predictor.C.tolist(),
-                    "gain": self.predictor.gain.tolist(),
-                },
-                "state_map": self.state_map.tolist(),
-                "theta": self.theta.tolist(),
-            }
-        )
+        return json.dumps(values_of(self))
 
     @classmethod
     def from_json(cls, text: str) -> Learned:
-        """The result whose :meth:`to_json` wrote ``text``."""
-        values = json.loads(text)
-        predictor, scaling = values["predictor"], values["scaling"]
-        return cls(
-            settings=Settings.from_dict(values["settings"]),
-            model=LinearModel(**_arrays(values["model"])),
-            theta_covariance=np.array(values["theta_covariance"]),
-            prior_sd=np.array(values["prior_sd"]),
-            known=np.array(values["known"], np.bool_),
-            free_energy=FreeEnergy(_arrays(values["free_energy"])),
-            learning=Learning(**_arrays(values["learning"])),
-            settled=values["settled"],
-            candidates=tuple(
-                Candidate(**{**c, "error": np.inf if c["error"] is None else c["error"]}) for c in values["candidates"]
-            ),
-            dt=values["dt"],
-            smoothness=values["smoothness"],
-            inputs=np.array(values["inputs"]),
-            outputs=np.array(values["outputs"]),
-            forecast_mse=np.array(values["forecast_mse"]),
-            forecast_mse_at_trim=np.array(values["forecast_mse_at_trim"]),
-            cautions=tuple(values["cautions"]),
-            scaling=Scaling(
-                np.array(scaling["input_trim"]),
-                scaling["input_scale"],
-                np.array(scaling["output_trim"]),
-                np.array(scaling["output_scale"]),
-                scaling["constant"],
-            ),
-            predictor=Predictor(
-                Transition(**_arrays(predictor["transition"])), np.array(predictor["C"]), np.array(predictor["gain"])
-            ),
-            state_map=np.array(values["state_map"]),
-            theta=np.array(values["theta"]),
-        )
+        """The result that :meth:`to_json` wrote.
 
+        Args:
+            text: the JSON document itself, not the name of a file.
 
-def _arrays(values: Mapping[str, Any]) -> dict[str, Array]:
-    return {name: np.array(value, dtype=np.float64) for name, value in values.items()}
+        Raises:
+            ValueError: it is not such a document; what is missing or of another shape is named.
+        """
+        return cls(**fields_of(json.loads(text)))
 
 
 def _without_constant(fit: Fit) -> NDArray[np.bool_]:

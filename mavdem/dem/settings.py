@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import asdict, dataclass, fields
 from math import e
+from numbers import Integral, Real
 from typing import Any, Literal
 
 
@@ -55,22 +57,32 @@ class Settings:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        for name in ("order", "p", "d", "window", "iterations", "seed"):
+            value = getattr(self, name)
+            optional = name in ("order", "d", "window")
+            whole = isinstance(value, Integral) and not isinstance(value, bool)
+            _require(whole or optional and value is None, name, "a whole number", value)
+        for name in ("lambda_z", "lambda_w"):
+            _require(_finite(getattr(self, name)), name, "a finite number", getattr(self, name))
+        for name in ("last_derivative_zero", "lambda_per_channel"):
+            _require(isinstance(getattr(self, name), bool), name, "True or False", getattr(self, name))
         _require(
             self.order is None or self.order >= 1, "order", "at least 1, or None for one more than outputs", self.order
         )
         _require(self.p >= 1, "p", "at least 1", self.p)
         _require(self.d is None or 0 <= self.d <= self.p, "d", f"None or between 0 and p = {self.p}", self.d)
         _require(self.window is None or self.window > self.p, "window", f"at least p + 1 = {self.p + 1}", self.window)
-        _require(self.smoothness is None or self.smoothness > 0, "smoothness", "positive seconds", self.smoothness)
+        positive = ("lambda_z_precision", "lambda_w_precision", "input_precision")
+        for name in (*positive, "parameter_precision", "smoothness"):
+            value = getattr(self, name)
+            optional = name not in positive
+            _require(_finite(value) and value > 0 or optional and value is None, name, "a positive number", value)
         _require(self.scaling in ("channel", "paper"), "scaling", '"channel" or "paper"', self.scaling)
         _require(self.prior in ("regulated", "uniform"), "prior", '"regulated" or "uniform"', self.prior)
         # The scale of x is then held by nothing, and F̄ is highest where C is nothing.
         needed = self.last_derivative_zero or self.prior == "regulated"
         _require(needed, "last_derivative_zero", "True with the uniform prior, which leaves C free", False)
         _require(self.iterations >= 1, "iterations", "at least 1", self.iterations)
-        for name in ("lambda_z_precision", "lambda_w_precision", "input_precision", "parameter_precision"):
-            value = getattr(self, name)
-            _require(value is None and name == "parameter_precision" or _positive(value), name, "positive", value)
 
     @classmethod
     def paper(cls, order: int = 2, seed: int = 0) -> Settings:
@@ -114,14 +126,16 @@ class Settings:
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Settings:
         """Settings from plain values by name; ``ValueError`` names a key that is not a setting."""
+        if not isinstance(values, dict):
+            raise ValueError(f"settings must be an object of settings by name, not {values!r}")
         unknown = set(values) - {f.name for f in fields(cls)}
         if unknown:
             raise ValueError(f"not a setting: {', '.join(sorted(unknown))}")
         return cls(**values)
 
 
-def _positive(value: float | None) -> bool:
-    return value is not None and value > 0
+def _finite(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _require(holds: bool, name: str, expected: str, value: object) -> None:

@@ -147,6 +147,38 @@ def test_json_both_ways_keeps_every_forecast(settings):
     np.testing.assert_array_equal(again.free_energy, learned.free_energy)
 
 
+@pytest.fixture(scope="module")
+def document():
+    return learn(simulated(wind=0.5)[:200], Settings(order=2, window=3, parameter_precision=1.0)).to_json()
+
+
+@pytest.mark.parametrize("text", ["5", "null", "{}", '{"settings": {}}', "not JSON"])
+def test_something_else_is_no_learnt_model(text):
+    with pytest.raises(ValueError, match=r"."):
+        Learned.from_json(text)
+
+
+def test_every_field_of_a_document_is_needed_and_checked(document):
+    values = json.loads(document)
+    for name in values:
+        missing = {key: value for key, value in values.items() if key != name}
+        with pytest.raises(ValueError, match="not the document of a learnt model"):
+            Learned.from_json(json.dumps(missing))
+    for name in ("theta_covariance", "prior_sd", "known", "forecast_mse", "state_map", "theta", "outputs"):
+        for junk in (None, [], values[name][:-1] + [[1.0]], values[name][:1]):
+            with pytest.raises(ValueError, match=r"."):
+                Learned.from_json(json.dumps({**values, name: junk}))
+    for dt in (-1.0, 0.0, float("nan")):
+        with pytest.raises(ValueError, match="dt must be positive"):
+            Learned.from_json(json.dumps({**values, "dt": dt}))
+
+
+@pytest.mark.parametrize("train", [None, "flight", np.zeros((100, 2)), {"dt": 1}])
+def test_something_else_is_no_flight(train):
+    with pytest.raises(ValueError, match="^train must be a Flight"):
+        learn(train)
+
+
 def test_what_is_left_open_is_chosen_among_the_candidates():
     learned = learn(simulated(wind=0.5)[:700])
     chosen = min(learned.candidates, key=lambda candidate: candidate.error)

@@ -22,6 +22,12 @@ def test_paper_settings_are_those_of_section_v_d():
     ("name", "value"),
     [
         ("order", 0),
+        ("order", 2.5),
+        ("order", True),
+        ("seed", "one"),
+        ("lambda_z", float("nan")),
+        ("lambda_per_channel", "no"),
+        ("smoothness", "short"),
         ("p", 0),
         ("d", 3),
         ("window", 2),
@@ -38,6 +44,12 @@ def test_paper_settings_are_those_of_section_v_d():
 def test_a_wrong_value_is_named(name, value):
     with pytest.raises(ValueError, match=f"^{name} must be"):
         Settings(**{"prior": "uniform" if name == "last_derivative_zero" else "regulated", name: value})
+
+
+@pytest.mark.parametrize("text", ["5", "[]", "null"])
+def test_a_document_of_something_else_is_refused(text):
+    with pytest.raises(ValueError, match="^settings must be an object"):
+        Settings.from_json(text)
 
 
 def test_an_unknown_setting_is_named():

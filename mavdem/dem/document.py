@@ -1,0 +1,144 @@
+"""A learnt model as a JSON document, and back: every field by its name, arrays as nested lists."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.dem.choice import Candidate
+from mavdem.dem.model import LinearModel, Transition
+from mavdem.dem.prediction import Predictor
+from mavdem.dem.scaling import Scaling
+from mavdem.dem.settings import Settings
+from mavdem.dem.trace import FreeEnergy, Learning
+
+if TYPE_CHECKING:
+    from mavdem.dem.learned import Learned
+
+Array = NDArray[np.float64]
+
+ARRAYS = ("theta_covariance", "prior_sd", "inputs", "outputs", "forecast_mse", "forecast_mse_at_trim")
+OF_THE_ENGINE = ("state_map", "theta")
+
+
+def values_of(learned: Learned) -> dict[str, Any]:
+    """The fields of a learnt model as plain JSON values."""
+    return {
+        "settings": vars(learned.settings),
+        "model": _lists(learned.model._asdict()),
+        "known": learned.known.tolist(),
+        "free_energy": _lists(learned.free_energy.terms),
+        "learning": _lists(vars(learned.learning)),
+        "settled": learned.settled,
+        # JSON has no infinity: a candidate that broke down has no error.
+        "candidates": [{**vars(c), "error": c.error if np.isfinite(c.error) else None} for c in learned.candidates],
+        "dt": learned.dt,
+        "smoothness": learned.smoothness,
+        "cautions": list(learned.cautions),
+        "scaling": _lists(learned.scaling._asdict()),
+        "predictor": {
+            "transition": _lists(learned.predictor.transition._asdict()),
+            "C": learned.predictor.C.tolist(),
+            "gain": learned.predictor.gain.tolist(),
+        },
+        **{name: getattr(learned, name).tolist() for name in (*ARRAYS, *OF_THE_ENGINE)},
+    }
+
+
+def fields_of(values: Any) -> dict[str, Any]:
+    """The fields of a learnt model by name, from what :func:`values_of` gave.
+
+    Raises:
+        ValueError: something is missing, of another kind, or of a shape that does not fit the rest.
+    """
+    try:
+        fields = _fields(values)
+    except (KeyError, TypeError, AttributeError, IndexError) as error:
+        raise ValueError(f"not the document of a learnt model: {type(error).__name__} {error}") from None
+    _check(fields)
+    return fields
+
+
+def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
+    predictor, scaling = values["predictor"], values["scaling"]
+    return {
+        "settings": Settings.from_dict(values["settings"]),
+        "model": LinearModel(**_arrays(values["model"])),
+        "known": np.array(values["known"], np.bool_),
+        "free_energy": FreeEnergy(_arrays(values["free_energy"])),
+        "learning": Learning(**_arrays(values["learning"])),
+        "settled": bool(values["settled"]),
+        "candidates": tuple(
+            Candidate(**{**c, "error": np.inf if c["error"] is None else c["error"]}) for c in values["candidates"]
+        ),
+        "dt": float(values["dt"]),
+        "smoothness": float(values["smoothness"]),
+        "cautions": tuple(values["cautions"]),
+        "scaling": Scaling(
+            np.array(scaling["input_trim"], float),
+            float(scaling["input_scale"]),
+            np.array(scaling["output_trim"], float),
+            np.array(scaling["output_scale"], float),
+            bool(scaling["constant"]),
+        ),
+        "predictor": Predictor(
+            Transition(**_arrays(predictor["transition"])),
+            np.array(predictor["C"], float),
+            np.array(predictor["gain"], float),
+        ),
+        **_arrays({name: values[name] for name in (*ARRAYS, *OF_THE_ENGINE)}),
+    }
+
+
+def _check(fields: dict[str, Any]) -> None:
+    """That every array is finite and of the shape that the model, the data and the settings give it."""
+    model, settings, scaling = fields["model"], fields["settings"], fields["scaling"]
+    for name, table in (
+        ("model.A", model.A),
+        *((name, fields[name]) for name in ("inputs", "outputs", "forecast_mse")),
+    ):
+        if table.ndim != 2 or not table.size:
+            raise ValueError(f"{name} must be a table, not of shape {table.shape}")
+    n, (T, r), m = len(model.A), fields["inputs"].shape, fields["outputs"].shape[1]
+    k, p, d, driven = n * n + n * r + m * n, settings.p, settings.d, r + scaling.constant
+    data = m * (p + 1) + driven * (d + 1)
+    shapes = {
+        "model.A": (model.A, (n, n)),
+        "model.B": (model.B, (n, r)),
+        "model.C": (model.C, (m, n)),
+        "model.offset": (model.offset, (n,)),
+        "model.input_trim": (model.input_trim, (r,)),
+        "model.output_trim": (model.output_trim, (m,)),
+        "theta_covariance": (fields["theta_covariance"], (k, k)),
+        "prior_sd": (fields["prior_sd"], (k,)),
+        "known": (fields["known"], (k,)),
+        "outputs": (fields["outputs"], (T, m)),
+        "forecast_mse": (fields["forecast_mse"], (len(fields["forecast_mse"]), m)),
+        "forecast_mse_at_trim": (fields["forecast_mse_at_trim"], fields["forecast_mse"].shape),
+        "scaling.input_trim": (scaling.input_trim, (r,)),
+        "scaling.output_trim": (scaling.output_trim, (m,)),
+        "scaling.output_scale": (scaling.output_scale, (m,)),
+        "predictor.state": (fields["predictor"].transition.state, (n, n)),
+        "predictor.input_now": (fields["predictor"].transition.input_now, (n, driven)),
+        "predictor.input_next": (fields["predictor"].transition.input_next, (n, driven)),
+        "predictor.C": (fields["predictor"].C, (m, n)),
+        "predictor.gain": (fields["predictor"].gain, (n, m)),
+        "state_map": (fields["state_map"], (n * (p + 1) + driven * (d + 1), data)),
+        "theta": (fields["theta"], (n * n + n * driven + m * n,)),
+    }
+    for name, (array, shape) in shapes.items():
+        if array.shape != shape or not np.isfinite(array).all():
+            raise ValueError(f"{name} must be finite and of shape {shape}, not {array.shape}")
+    if not (np.isfinite(fields["dt"]) and fields["dt"] > 0):
+        raise ValueError(f"dt must be positive seconds, not {fields['dt']}")
+
+
+def _lists(arrays: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: np.asarray(value).tolist() for name, value in arrays.items()}
+
+
+def _arrays(values: Mapping[str, Any]) -> dict[str, Array]:
+    return {name: np.array(value, dtype=np.float64) for name, value in values.items()}
