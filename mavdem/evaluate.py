@@ -28,6 +28,8 @@ class Mspe(NamedTuple):
 def mspe(measured: ArrayLike, predicted: ArrayLike) -> Mspe:
     """Mean over samples of the squared error (the paper, ``Metric for comparison``), per output and summed.
 
+    A prediction that is not a number errs infinitely.
+
     Args:
         measured, predicted: (H, m) each.
 
@@ -37,7 +39,10 @@ def mspe(measured: ArrayLike, predicted: ArrayLike) -> Mspe:
     y, yhat = np.asarray(measured, np.float64), np.asarray(predicted, np.float64)
     if y.shape != yhat.shape or y.ndim != 2 or not len(y):
         raise ValueError(f"measured and predicted must be (H, m) alike, not {y.shape} and {yhat.shape}")
-    per_output = ((y - yhat) ** 2).mean(axis=0)
+    # A forecast of an unstable model may run beyond all numbers.
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares = (y - yhat) ** 2
+    per_output = np.where(np.isnan(squares), np.inf, squares).mean(axis=0)
     return Mspe(per_output, float(per_output.sum()))
 
 
@@ -106,16 +111,22 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
             "gained": learned.free_energy.gained,
             "terms": {name: float(term[-1]) for name, term in learned.free_energy.terms.items()},
         },
-        "one_step_mspe": _ranked(train.outputs[1:], one_step),
-        "forecast_mspe": _ranked(test.outputs, forecasts),
+        "one_step_mspe": _ranked(train, train[1:], one_step),
+        "forecast_mspe": _ranked(train, test, forecasts),
         "forecast_over_constant_mean": relative_mspe(train, test, forecasts["DEM"]),
         "inside_90_percent_band": float(inside.mean()),
         "cautions": list(learned.cautions),
     }
 
 
-def _ranked(measured: Array, predictions: dict[str, Array]) -> dict[str, Any]:
-    """The error of each prediction by name, the best first."""
-    errors = {name: mspe(measured, predicted) for name, predicted in predictions.items()}
-    ranked = sorted(errors.items(), key=lambda named: named[1].total)
-    return {name: {"per_output": error.per_output.tolist(), "total": error.total} for name, error in ranked}
+def _ranked(train: Flight, measured: Flight, predictions: dict[str, Array]) -> dict[str, Any]:
+    """The errors of each prediction by name, the best first by the relative one."""
+    errors = {
+        name: {**_plain(mspe(measured.outputs, predicted)), "relative": relative_mspe(train, measured, predicted)}
+        for name, predicted in predictions.items()
+    }
+    return dict(sorted(errors.items(), key=lambda named: named[1]["relative"]))
+
+
+def _plain(error: Mspe) -> dict[str, Any]:
+    return {"per_output": error.per_output.tolist(), "total": error.total}

@@ -30,6 +30,13 @@ def test_shapes_that_disagree_are_refused(shape):
         evaluate.mspe(np.zeros((2, 2)) if shape != (0, 2) else np.zeros(shape), np.zeros(shape))
 
 
+@pytest.mark.parametrize("wild", [np.nan, np.inf, -np.inf, 1e200])
+def test_a_prediction_beyond_all_numbers_errs_infinitely(wild):
+    error = evaluate.mspe(np.zeros((3, 2)), [[0.0, 1.0], [wild, 1.0], [0.0, 1.0]])
+    assert error.per_output.tolist() == [np.inf, 1.0]
+    assert error.total == np.inf
+
+
 def test_the_constant_mean_has_a_relative_mspe_of_one_and_the_truth_of_zero():
     train, test = flight()[:400], flight()[400:]
     trivial = evaluate.trivial_forecasts(train, len(test))
@@ -54,9 +61,11 @@ def test_the_report_is_plain_json_and_puts_the_best_first():
     report = evaluate.report(train, test, learned)
     assert json.loads(json.dumps(report)) == report
     for errors in (report["one_step_mspe"], report["forecast_mspe"]):
-        totals = [error["total"] for error in errors.values()]
-        assert totals == sorted(totals)
+        ratios = [error["relative"] for error in errors.values()]
+        assert ratios == sorted(ratios)
+        assert errors["constant mean"]["relative"] == 1
     forecast = evaluate.mspe(test.outputs, learned.forecast(test.inputs))
     assert report["forecast_mspe"]["DEM"]["total"] == forecast.total
     assert report["one_step_mspe"]["DEM"]["total"] == evaluate.mspe(train.outputs[1:], learned.one_step()[1:]).total
+    assert report["forecast_mspe"]["DEM"]["relative"] == report["forecast_over_constant_mean"]
     assert report["free_energy"]["end"] == pytest.approx(sum(report["free_energy"]["terms"].values()))

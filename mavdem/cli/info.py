@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from mavdem.cli.output import print_json
+from mavdem.cli.output import print_json, say
 from mavdem.cli.source import read_source, source_options
 from mavdem.inventory import inventory
 
@@ -38,7 +38,7 @@ def info(context: click.Context, source: str, axis: str, vehicle: str | None, as
         for one in held["vehicles"]:
             _print_vehicle(one)
         if not held["vehicles"]:
-            click.echo("There is no vehicle in it: check that the autopilot's own messages are recorded.\n")
+            say("There is no vehicle in it: check that the autopilot's own messages are recorded.\n")
         _print_stream(held)
     context.exit(0 if held["learnable"] else 1)
 
@@ -46,34 +46,38 @@ def info(context: click.Context, source: str, axis: str, vehicle: str | None, as
 def _print_vehicle(one: dict[str, Any]) -> None:
     verdict = one["verdict"]
     can = "can" if verdict["learnable"] else "cannot"
-    click.echo(
+    say(
         f"A {verdict['axis']} model {can} be learnt from {_name(one)} ({one['vehicle']}, {one['autopilot']}): "
         f"{verdict['reason']}"
     )
     if verdict["remedy"]:
-        click.echo(f"What to do: {verdict['remedy']}")
+        say(f"What to do: {verdict['remedy']}")
     for caution in verdict["cautions"]:
-        click.echo(f"Caution: {caution}")
+        say(f"Caution: {caution}")
     for repair in one["repairs"]:
-        click.echo(f"Repaired: {repair}")
+        say(f"Repaired: {repair}")
     if one["segments"]:
         longest, *shorter = one["segments"]
         others = f", and {len(shorter)} shorter" if shorter else ""
-        click.echo(
-            f"Settled flight: {longest['duration']:.1f} s from {longest['start']:.2f} s of boot {longest['boot'] + 1}"
-            f"{others}."
+        say(
+            f"Settled flight: {longest['duration']:.1f} s, from {longest['start']:.1f} s after "
+            f"{_boot(longest['boot'] + 1, one['boots'])}{others}."
         )
     for rate, names in _by_rate(one["messages"]).items():
-        click.echo(click.wrap_text(f"{rate}: {', '.join(names)}", WIDTH, "  ", "    "))
-    click.echo()
+        say(click.wrap_text(f"{rate}: {', '.join(names)}", WIDTH, "  ", "    "))
+    say()
+
+
+def _boot(number: int, boots: int) -> str:
+    return "boot" if boots == 1 else f"boot {number} of {boots}"
 
 
 def _by_rate(messages: dict[str, dict[str, Any]]) -> dict[str, list[str]]:
-    """Names of the messages by their rounded rate, the fastest first."""
+    """Names of the messages that are sent again and again, by their rounded rate, the fastest first."""
+    streams = {name: message["rate"] for name, message in messages.items() if message["rate"] and name != "PARAM_VALUE"}
     groups: dict[str, list[str]] = {}
-    for name, message in sorted(messages.items(), key=lambda message: -(message[1]["rate"] or 0)):
-        rate = message["rate"]
-        told = "at one time" if rate is None else f"{rate:.1f} Hz" if rate >= SLOW else "less than once a second"
+    for name, rate in sorted(streams.items(), key=lambda stream: -stream[1]):
+        told = f"{rate:.1f} Hz" if rate >= SLOW else "less than once a second"
         groups.setdefault(told, []).append(name)
     return groups
 
@@ -84,14 +88,19 @@ def _print_stream(held: dict[str, Any]) -> None:
         heard = f"Heard {_name(speaker)} {speaker['kind']}: {speaker['messages']} messages"
         # A ground station numbers what it sends to all its links together, so its gaps say nothing.
         if _name(speaker) in vehicles and speaker["lost_share"] >= WORTH_TELLING:
-            heard += (
-                f"; {speaker['lost_share']:.0%} of its sequence numbers do not occur, as when a link loses messages or "
-                "a log keeps only some"
-            )
-        click.echo(f"{heard}.")
+            heard += f"; {speaker['lost_share']:.0%} of its sequence numbers do not occur, {_why(speaker)}"
+        say(f"{heard}.")
     for sender, cause in dict.fromkeys((_name(unread), unread["cause"]) for unread in held["unread"]):
         ids = [str(u["message_id"]) for u in held["unread"] if (_name(u), u["cause"]) == (sender, cause)]
-        click.echo(f"Not read from {sender}: message id {', '.join(ids)} ({cause}).")
+        say(f"Not read from {sender}: message id {', '.join(ids)} ({cause}).")
+
+
+def _why(speaker: dict[str, Any]) -> str:
+    if speaker["missing_share"] is None:
+        return "as when a link loses messages or a log keeps only some"
+    if speaker["missing_share"] < WORTH_TELLING:
+        return "but its streams have no gaps: the log keeps only some kinds of messages"
+    return f"and about {speaker['missing_share']:.0%} of its streams' messages are missing: the link lost some"
 
 
 def _name(sender: dict[str, Any]) -> str:

@@ -15,6 +15,7 @@ from mavdem import evaluate
 from mavdem.cli.output import print_json, progress
 from mavdem.cli.results import NAMES, check_folder, write_results
 from mavdem.cli.source import read_source, source_options
+from mavdem.cli.summary import print_summary
 from mavdem.dem import Learned, Settings
 from mavdem.dem import learn as learn_model
 from mavdem.dem.learn import FEWEST_SAMPLES
@@ -34,10 +35,12 @@ MOST_STATES = 10
     type=click.Choice(["real", "paper"]),
     default="real",
     show_default=True,
-    help="Settings for real flights, or the paper's.",
+    help="real: scaling and priors for real flights; paper: those of the paper, section V.D, to compare with.",
 )
 @click.option(
-    "--order", type=click.IntRange(1, MOST_STATES), help="Number of states. [default: the data choose; 2 for paper]"
+    "--order",
+    type=click.IntRange(1, MOST_STATES),
+    help="Number of states. [default: the outputs and one hidden, for the motors' lag; for paper: 2]",
 )
 @click.option(
     "--train", type=click.IntRange(FEWEST_SAMPLES), default=700, show_default=True, help="Samples to learn from."
@@ -73,7 +76,7 @@ def learn(
     began = perf_counter()
     flight, verdict = learnable_flight(read_source(source), axis, vehicle)
     training, following = _cut(flight, start, train, test)
-    learned = _learn(training, _settings(preset, order))
+    learned = _learn(training, preset, order)
     learned = replace(learned, cautions=(*verdict.cautions, *learned.cautions))
     report = {
         **evaluate.report(training, following, learned),
@@ -86,9 +89,6 @@ def learn(
     if as_json:
         print_json(report)
     else:
-        # With it comes Rerun, which takes a second to load.
-        from mavdem.cli.summary import print_summary
-
         print_summary(report, training, following, learned)
 
 
@@ -128,11 +128,14 @@ def _again(train: int, test: int) -> str:
     return shlex.join(["mavdem", "learn", context.params["source"], *kept, "--train", str(train), "--test", str(test)])
 
 
-def _learn(training: Flight, settings: Settings) -> Learned:
+def _learn(training: Flight, preset: str, order: int | None) -> Learned:
     try:
+        settings = _settings(preset, order)
         with progress("Learning", measured=False):
             return learn_model(training, settings)
     except ValueError as error:
+        if str(error).startswith("order must be"):
+            raise click.BadParameter(f"{error}.", param_hint="--order") from error
         raise NotLearnable(
             f"No model could be learnt: {error}.", "Choose another part of the flight with --start, or more of it."
         ) from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import io
 import json
 import math
@@ -23,12 +24,23 @@ WIDTH_OF_A_PIPE = 120
 """Columns a table may take where standard output is no terminal."""
 
 
+PLAIN = {"±": "+-", "°": "deg", "µ": "u", "“": '"', "”": '"', "\N{COMBINING MACRON}": "", "²": "^2"}
+"""What stands for a character that the terminal cannot show; a question mark for any other."""
+
+
 def prepare_streams() -> None:
     """Lets no character that the terminal cannot show end a run, and shows a warning as one line."""
+    codecs.register_error("plain", _plain)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")
+            stream.reconfigure(errors="plain")
     warnings.showwarning = lambda message, *_, **__: click.echo(f"mavdem: warning: {message}", err=True)
+
+
+def _plain(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    return "".join(PLAIN.get(character, "?") for character in error.object[error.start : error.end]), error.end
 
 
 def json_text(document: Any) -> str:
@@ -42,6 +54,11 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_finite(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def say(text: str = "") -> None:
+    """Prints on standard output, in its encoding: ``click.echo`` left alone writes UTF-8 where that is ASCII."""
+    click.echo(text, file=sys.stdout)
 
 
 def print_json(document: Any) -> None:
@@ -64,7 +81,7 @@ def print_table(table: Table) -> None:
 
 def complain(reason: str, remedy: str, as_json: bool) -> None:
     """Says on standard error what is wrong and what to do, and with ``as_json`` the same as the document."""
-    click.echo(f"mavdem: {reason} {remedy}".rstrip(), err=True)
+    click.echo(f"mavdem: {reason} {remedy}".rstrip(), file=sys.stderr)
     if as_json:
         print_json({"error": {"reason": reason, "remedy": remedy}})
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from math import floor, log10
+
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
@@ -9,14 +11,24 @@ from numpy.typing import NDArray
 
 from mavdem.dem import Learned
 from mavdem.flight import Flight
-from mavdem.view.lines import FLIGHT_TIME
+from mavdem.naming import left_free, named
+from mavdem.view.lines import FLIGHT_TIME, ITERATIONS_A_SECOND
 from mavdem.view.outlook import Outlook
-from mavdem.view.parameters import estimate_band, left_free
-from mavdem.view.ticks import LABELS, LABELS_IF_LOW, readable_range
-from mavdem.view.units import named
+from mavdem.view.parameters import estimate_band
+from mavdem.view.ticks import LABELS, LABELS_ACROSS, LABELS_IF_LOW, readable_range
 
-BESIDE_LEGEND, BESIDE_WIDE_LEGEND, BESIDE_WIDEST_LEGEND = 1.45, 1.75, 2.8
+BESIDE_LEGEND, BESIDE_WIDE_LEGEND, BESIDE_WIDEST_LEGEND = 1.5, 1.8, 2.7
 """How far a view reaches, in lengths of its lines, for its legend to stand beside them and cover none."""
+
+TO_LAST_NUMBER = 1.06
+"""The same without a legend, for the last number of the axis not to be cut off."""
+
+FORECAST_HEIGHT, AROUND_PLOT, LEGEND_ENTRY = 190.0, 48.0, 29.5
+"""Points: a picture of a forecast; title and axis of any; what one line of a legend, which may fill four fifths of a
+plot, takes of it."""
+
+MOST_ENTRIES = 12
+"""Lines of a legend that are given room; in a longer one, scroll."""
 
 
 def blueprint(train: Flight, test: Flight, learned: Learned, outlooks: list[Outlook]) -> rrb.Blueprint:
@@ -63,7 +75,7 @@ def _flight(train: Flight, test: Flight, learned: Learned, outlooks: list[Outloo
 
 def _forecasts_and_parameters(outlooks: list[Outlook], learned: Learned, last: float) -> rrb.Vertical:
     views = [_forecast(outlook) for outlook in outlooks]
-    heights = [150.0] * len(views)
+    heights = [FORECAST_HEIGHT] * len(views)
     learning = learned.learning
     first = 0
     for matrix, free in left_free(learned).items():
@@ -74,8 +86,7 @@ def _forecasts_and_parameters(outlooks: list[Outlook], learned: Learned, last: f
             values = _range_of(*edges, labels=LABELS_IF_LOW)
             time = _iterations(BESIDE_WIDE_LEGEND * last)
             views.append(_plot(f"{matrix} by iteration", f"parameters/free/{matrix}", time, values))
-            # As high as the legend needs, in points, unless there are very many entries.
-            heights.append(70.0 + 19.0 * min(len(shown), 10))
+            heights.append(AROUND_PLOT + LEGEND_ENTRY * min(len(shown), MOST_ENTRIES))
     return rrb.Vertical(*views, row_shares=heights)
 
 
@@ -92,9 +103,9 @@ def _free_energy(learned: Learned, last: float) -> list[rrb.View]:
     """By iteration, over the range of all but iteration 0: how far off the prior is would flatten what comes after."""
     energy = learned.free_energy
     terms = np.stack([term - term[-1] for term in energy.terms.values()], axis=-1)
-    title = f"F̄ by iteration, nats ({energy[0]:,.0f} at 0)"
+    title = f"F̄ by iteration, nats (prior: {energy[0]:,.0f})"
     return [
-        _plot(title, "free_energy/total", (0.0, last), _range_of(energy.total[1:]), legend=False),
+        _plot(title, "free_energy/total", _iterations(TO_LAST_NUMBER * last), _range_of(energy[1:]), legend=False),
         _plot(
             "Terms of F̄ less their last values (named), nats",
             "free_energy/terms",
@@ -108,12 +119,14 @@ def _noise_precisions(learned: Learned, last: float) -> rrb.View:
     learning = learned.learning
     values = _range_of(*estimate_band(learning.lambda_, learning.lambda_sd))
     title = "λ by iteration: log precisions of noise"
-    return _plot(title, "noise_precisions", _iterations(BESIDE_LEGEND * last), values)
+    return _plot(title, "noise_precisions", _iterations(BESIDE_WIDE_LEGEND * last), values)
 
 
 def _iterations(end: float) -> tuple[float, float]:
-    """From 0 to ``end``, but at least to 10, the first number after 0 that the viewer is sure to write."""
-    return 0.0, max(end, 10.5)
+    """Where iterations 0 to ``end`` are, or on to the next 1, 10 or 100 s if only that is numbered."""
+    seconds = max(end / ITERATIONS_A_SECOND, TO_LAST_NUMBER)
+    step = 10.0 ** floor(log10(seconds))
+    return 0.0, seconds if seconds <= LABELS_ACROSS * step else max(seconds, 10 * TO_LAST_NUMBER * step)
 
 
 def _range_of(*values: NDArray[np.float64], labels: int = LABELS) -> tuple[float, float]:

@@ -9,8 +9,10 @@ import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
 FLIGHT_TIME = "flight time"
-"""Timeline, s from the first training sample. Iteration i is also at i seconds of it, since all views of a recording
-follow one timeline: so the learning is seen beside the flight."""
+"""Timeline, s from the first training sample. Iterations are on it too, since all views of a recording follow one
+timeline: so the learning is seen beside the flight."""
+ITERATIONS_A_SECOND = 10
+"""How many; a flight of some seconds is then as long as its learning."""
 ITERATION = "iteration"
 """Timeline, the iterations of the learning; 0 is the prior."""
 
@@ -64,7 +66,8 @@ class Line:
         """Draws values (I + 1,), or band edges (I + 1, 2), over the iterations from 0 on."""
         iteration = np.arange(len(np.asarray(values)))
         by_iteration = rr.TimeColumn(ITERATION, sequence=iteration)
-        self._draw(recording, [by_iteration, rr.TimeColumn(FLIGHT_TIME, duration=iteration.astype(np.float64))], values)
+        beside_flight = rr.TimeColumn(FLIGHT_TIME, duration=iteration / ITERATIONS_A_SECOND)
+        self._draw(recording, [by_iteration, beside_flight], values)
 
     def _draw(self, recording: rr.RecordingStream, index: list[rr.TimeColumn], values: ArrayLike) -> None:
         table: NDArray[np.float64] = np.asarray(values, np.float64)

@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 from mavdem import evaluate
 from mavdem.dem import Learned
 from mavdem.flight import Flight
+from mavdem.naming import readable
 from mavdem.view.ticks import readable_range
-from mavdem.view.units import readable
 
 Array = NDArray[np.float64]
 
 LEVEL = 0.9
 """Probability of every band."""
+
+BEYOND = 0.25
+"""How far below and above what was measured a picture reaches at most, in spans of it."""
 
 
 class Outlook(NamedTuple):
@@ -38,12 +41,14 @@ class Outlook(NamedTuple):
 
     @property
     def range(self) -> tuple[float, float]:
-        """All there is to see, but at most one span of what was measured beyond it: a forecast may run away."""
-        low, high = self.measured.min(), self.measured.max()
+        """What was measured, and what of the rest is no more than BEYOND it: a forecast and its band may run away."""
+        low, high = float(self.measured.min()), float(self.measured.max())
         everything = np.concatenate([self.measured, self.one_step, self.forecast, self.band.ravel()])
-        return readable_range(
-            float(max(everything.min(), low - (high - low))), float(min(everything.max(), high + (high - low)))
-        )
+        lowest = max(float(np.nanmin(everything)), low - BEYOND * (high - low))
+        highest = min(float(np.nanmax(everything)), high + BEYOND * (high - low))
+        measured, wider = readable_range(low, high), readable_range(lowest, highest)
+        # A wider axis may have to be much wider to be numbered: then what was measured must do.
+        return wider if wider[1] - wider[0] <= (1 + 2 * BEYOND) * (measured[1] - measured[0]) else measured
 
 
 def outlooks(train: Flight, test: Flight, learned: Learned) -> list[Outlook]:

@@ -1,4 +1,4 @@
-"""Parameters: the entries of A, B and C by name, which of them the data were left to decide, and how surely."""
+"""Parameters: the entries of A, B and C by name, and how surely, and from what, an estimate is known."""
 
 from __future__ import annotations
 
@@ -8,15 +8,8 @@ from scipy.stats import norm
 
 from mavdem.dem import Learned
 from mavdem.flight import Flight
+from mavdem.naming import state_names
 from mavdem.view.outlook import LEVEL
-from mavdem.view.units import state_names
-
-
-def left_free(learned: Learned) -> dict[str, NDArray[np.bool_]]:
-    """Which entries of A, B and C, each in the order of θ, the prior left to the data."""
-    model = learned.model
-    A, B, C = np.split(~learned.known, [model.A.size, model.A.size + model.B.size])
-    return {"A": A, "B": B, "C": C}
 
 
 def entries(flight: Flight, learned: Learned) -> dict[str, list[tuple[str, str]]]:
@@ -27,6 +20,14 @@ def entries(flight: Flight, learned: Learned) -> dict[str, list[tuple[str, str]]
         "B": [(row, column) for row in states for column in flight.input_names],
         "C": [(row, column) for row in flight.output_names for column in states],
     }
+
+
+def prior_outweighs_data(learned: Learned) -> NDArray[np.bool_]:
+    """Which λ, (g,), owe the greater part of their precision to the prior: in effect it fixes them."""
+    settings, posterior = learned.settings, 1 / learned.learning.lambda_sd[-1] ** 2
+    outputs, states = learned.model.C.shape if settings.lambda_per_channel else (1, 1)
+    prior = np.repeat([settings.lambda_z_precision, settings.lambda_w_precision], [outputs, states])
+    return np.asarray(posterior < 2 * prior)
 
 
 def estimate_band(

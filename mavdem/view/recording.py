@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 
 from mavdem.dem import Learned
 from mavdem.flight import Flight
+from mavdem.naming import left_free, named, short, state_names, state_rate_units
 from mavdem.view import lines
 from mavdem.view.blueprint import blueprint
 from mavdem.view.lines import Line
 from mavdem.view.outlook import Outlook, outlooks
-from mavdem.view.parameters import entries, estimate_band, left_free
+from mavdem.view.parameters import entries, estimate_band, prior_outweighs_data
 from mavdem.view.summary import summary
-from mavdem.view.units import named, short, state_names, state_rate_units
 
 Array = NDArray[np.float64]
 
@@ -65,9 +65,10 @@ def _output(recording: rr.RecordingStream, outlook: Outlook) -> None:
         ("band", "90 % band", lines.BAND, 1.5, after, outlook.band),
         ("constant_mean", "constant mean", lines.TRIVIAL, 1.5, after, outlook.constant_mean),
         ("dem_forecast", "DEM: forecast", lines.FORECAST, 2.5, after, outlook.forecast),
-        ("dem_one_step", "DEM: one step ahead", lines.PREDICTED, 3.0, before, outlook.one_step),
+        ("dem_one_step", "DEM: one step ahead", lines.PREDICTED, 5.0, before, outlook.one_step),
         ("held_out", "held out from here", lines.BOUNDARY, 1.5, [outlook.boundary] * 2, outlook.range),
-        ("measured", "measured", lines.MEASURED, 1.2, outlook.time, outlook.measured),
+        # Drawn in the order of their paths: this one last, thin on the thick prediction that it may hide.
+        ("measured", "measured", lines.MEASURED, 1.5, outlook.time, outlook.measured),
     ):
         Line(f"{root}/{name}", label, colour, width).over_time(recording, time, values)
 
@@ -105,9 +106,8 @@ def _free_energy(recording: rr.RecordingStream, learned: Learned) -> None:
     Line("free_energy/total", "F̄", lines.MEASURED, 2.5).over_iterations(recording, energy.total)
     for i, (name, term) in enumerate(energy.terms.items()):
         # Their sizes differ ten-thousandfold: less their last value, all can be seen to move, in one picture.
-        line = Line(
-            rr.new_entity_path(["free_energy", "terms", name]), f"{name}: {round(float(term[-1])):,}", lines.distinct(i)
-        )
+        label = f"{name.removeprefix('prediction ')}: {round(float(term[-1])):,}"
+        line = Line(rr.new_entity_path(["free_energy", "terms", name]), label, lines.distinct(i))
         line.over_iterations(recording, term - term[-1])
 
 
@@ -119,9 +119,10 @@ def _noise_precisions(recording: rr.RecordingStream, train: Flight, learned: Lea
         named_colours += [(f"w of {name}", i) for i, name in enumerate(states)]
     else:
         named_colours = [("z, measurement", 1), ("w, process", 0)]
+    fixed = prior_outweighs_data(learned)
     for i, (name, colour) in enumerate(named_colours):
-        root = ["noise_precisions", name]
-        _estimate(recording, root, name, lines.distinct(colour), learning.lambda_[:, i], learning.lambda_sd[:, i])
+        root, label = ["noise_precisions", name], f"{name} (fixed)" if fixed[i] else name
+        _estimate(recording, root, label, lines.distinct(colour), learning.lambda_[:, i], learning.lambda_sd[:, i])
 
 
 def _estimate(

@@ -7,9 +7,9 @@ from math import ceil, floor, log10
 MARGIN = 0.05
 """Left free beyond the values, in parts of their span."""
 
-LABELS, LABELS_IF_LOW = 9, 5
-"""The viewer numbers the multiples of a power of ten where no more than about so many are in sight, in pictures a
-quarter of the window high and in lower ones."""
+LABELS, LABELS_IF_LOW, LABELS_ACROSS = 9, 6, 6
+"""The viewer numbers the multiples of a power of ten where no more than about so many are in sight: up pictures a
+quarter of the window high, up lower ones, and across."""
 
 
 def readable_range(low: float, high: float, labels: int = LABELS) -> tuple[float, float]:

@@ -69,13 +69,15 @@ def test_people_are_told_the_same(capsys):
     said = capsys.readouterr().out
     assert said.startswith("A pitch model can be learnt from 5:1 (QUADROTOR, PX4): ")
     assert "  100.0 Hz: ATTITUDE, SERVO_OUTPUT_RAW\n" in said
+    assert "Settled flight: 59.7 s, from 44.5 s after boot.\n" in said
+    assert "PARAM_VALUE" not in said
 
 
 def test_sequence_numbers_are_told_for_vehicles_and_when_they_matter(capsys):
     """Logs that were cut by message type lack most of them; that is no loss, and is not called one."""
     main(["info", recorded("px4_wind5_steps.tlog")])
     vehicle, station = capsys.readouterr().out.splitlines()[-2:]
-    assert "80% of its sequence numbers do not occur" in vehicle and "keeps only some" in vehicle
+    assert "80% of its sequence numbers do not occur" in vehicle and "keeps only some kinds" in vehicle
     assert station == "Heard 255:190 GCS: 60 messages."
 
 

@@ -52,7 +52,17 @@ def test_the_document_is_the_report_of_the_library(preset, tmp_path, capsys):
 def test_people_see_model_errors_and_files(tmp_path, capsys):
     assert main(["learn", FLIGHT, "--out", str(tmp_path), "--axis", "pitch", "--order", "2"]) == 0
     said = capsys.readouterr()
-    for fact in ("150 steps ahead", "constant mean", "pitch rate", "+-", "nats", "flight.rrd", "700 samples"):
+    for fact in (
+        "150 steps ahead",
+        "constant mean",
+        "pitch rate",
+        "µs",
+        "±",
+        "fixed",
+        "nats",
+        "flight.rrd",
+        "700 samples",
+    ):
         assert fact in said.out
     assert "Traceback" not in said.err
 

@@ -3,16 +3,21 @@ from __future__ import annotations
 import math
 import subprocess
 import sys
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike, NDArray
 from rerun.chunk import RrdReader
 from scipy.linalg import expm
 from scipy.stats import norm
 
 import mavdem
 from mavdem.view import show, write_recording
+from mavdem.view.lines import ITERATIONS_A_SECOND
+from mavdem.view.outlook import outlooks
+from mavdem.view.parameters import prior_outweighs_data
 
 DT = 0.01
 
@@ -137,7 +142,8 @@ def test_parameters_move_with_their_bands_and_the_known_ones_stand_apart(
     for i, name in enumerate(names):
         root = f"/parameters/{'free' if name in free else 'known_beforehand'}/{name}"
         times, mean = drawn[f"{root}/mean"]
-        assert times["iteration"].tolist() == times["flight time"].tolist() == list(range(len(learned.free_energy)))
+        assert times["iteration"].tolist() == list(range(len(learned.free_energy)))
+        np.testing.assert_allclose(times["flight time"], times["iteration"] / ITERATIONS_A_SECOND, atol=1e-8)
         theta = learned.learning.theta[:, i]
         np.testing.assert_allclose(mean[:, 0], theta, rtol=1e-12)
         np.testing.assert_allclose(drawn[f"{root}/band"][1], np.stack([theta - half[:, i], theta + half[:, i]], -1))
@@ -176,6 +182,40 @@ def test_one_precision_for_all_outputs_and_one_for_all_states_are_named_so(tmp_p
         np.testing.assert_allclose(mean, learned.learning.lambda_[:, i], rtol=1e-12)
 
 
+def test_a_precision_that_the_prior_fixes_is_told_from_one_that_is_learnt(learned: mavdem.Learned) -> None:
+    # One λ for each of two outputs and two states; the default prior is sure of measurement noise only.
+    assert prior_outweighs_data(learned).tolist() == [True, True, False, False]
+    sure = mavdem.learn(TRAIN, replace(learned.settings, lambda_w_precision=1e10))
+    assert prior_outweighs_data(sure).tolist() == [True] * 4
+
+
+def test_states_of_a_free_c_are_no_outputs_and_have_no_unit(tmp_path: Path) -> None:
+    path = tmp_path / "flight.rrd"
+    write_recording(path, TRAIN, TEST, mavdem.learn(TRAIN, mavdem.Settings.paper()))
+    assert {line for line in lines(path) if line.startswith("/process_noise/")} == {
+        "/process_noise/state 1",
+        "/process_noise/state 2",
+    }
+    assert "| times | roll | roll rate |" in document(path)
+
+
+def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned: mavdem.Learned, tmp_path: Path) -> None:
+    class Unstable(mavdem.Learned):
+        def forecast(self, inputs: ArrayLike) -> NDArray[np.float64]:
+            away = super().forecast(inputs) * np.exp(np.linspace(0, 700, len(TEST)))[:, None]
+            away[-3:] = [[np.inf, -np.inf], [np.nan, np.nan], [1.0, 1.0]]
+            return away
+
+    unstable = Unstable(**{field.name: getattr(learned, field.name) for field in fields(learned)})
+    write_recording(tmp_path / "flight.rrd", TRAIN, TEST, unstable)
+    assert "worse than a constant (inf)" in document(tmp_path / "flight.rrd")
+    for outlook in outlooks(TRAIN, TEST, unstable):
+        low, high = outlook.range
+        assert low < outlook.measured.min() and high > outlook.measured.max()
+        # Not the 1e300 of the forecast; what the numbers on the axis need is more than the quarters on each side.
+        assert high - low < 5 * np.ptp(outlook.measured)
+
+
 def test_the_result_in_words_holds_cautions_first_and_the_figures(recording: Path, learned: mavdem.Learned) -> None:
     words = document(recording)
     report = mavdem.evaluate.report(TRAIN, TEST, learned)
@@ -184,8 +224,8 @@ def test_the_result_in_words_holds_cautions_first_and_the_figures(recording: Pat
     for error in (report["forecast_mspe"]["DEM"], report["one_step_mspe"]["constant mean"]):
         roll = math.degrees(math.sqrt(error["per_output"][0]))
         assert f"| {roll:.3g} |" in words
-    assert f"| {learned.model.A[1, 0]:.3g} ± {learned.model_sd.A[1, 0]:.1g} |" in words
-    assert f"{report['forecast_over_constant_mean']:.2g} times" in words
+    assert words.startswith("**On the held-out 1 s this model ")
+    assert f"{report['forecast_mspe']['DEM']['relative']:.3g}" in words.splitlines()[0]
 
 
 def test_the_one_blueprint_in_the_file_shows_lines_that_are_there(recording: Path) -> None:

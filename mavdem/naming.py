@@ -1,10 +1,11 @@
-"""Units and names for people: degrees for angles, states named by the outputs they are."""
+"""Names and units for people: degrees for angles, states named by the outputs they are."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mavdem.dem import Learned
 from mavdem.flight import Flight
@@ -34,15 +35,31 @@ def short(name: str) -> str:
     return name.split(" (")[0]
 
 
+def left_free(learned: Learned) -> dict[str, NDArray[np.bool_]]:
+    """Which entries of A, B and C, each in the order of θ, the prior left to the data."""
+    model = learned.model
+    A, B, C = np.split(~learned.known, [model.A.size, model.A.size + model.B.size])
+    return {"A": A, "B": B, "C": C}
+
+
+def states_are_outputs(learned: Learned) -> bool:
+    """Whether the first states are the outputs: C is held to [I 0]. A C that is free makes a state anything."""
+    return not bool(left_free(learned)["C"].any())
+
+
 def state_names(flight: Flight, learned: Learned) -> list[str]:
-    """Names of the n states: the outputs', then the hidden ones'."""
+    """Names of the n states: the outputs', then the hidden ones', or numbers where states are not outputs."""
     order, outputs = learned.model.A.shape[0], flight.output_names
+    if not states_are_outputs(learned):
+        return [f"state {i + 1}" for i in range(order)]
     return [*outputs, *(f"hidden {i + 1}" for i in range(order - len(outputs)))][:order]
 
 
 def state_rate_units(flight: Flight, learned: Learned) -> list[str]:
-    """Units of the n states per second; a hidden state has the last output's."""
+    """Units of the n states per second; a hidden state has the last output's, one that is no output has none."""
     order, units = learned.model.A.shape[0], flight.output_units
+    if not states_are_outputs(learned):
+        return [""] * order
     return [_per_second(unit) for unit in [*units, *[units[-1]] * (order - len(units))][:order]]
 
 

@@ -1,0 +1,187 @@
+"""Account: what is told of a learnt flight, in sentences and tables, the verdict first; who tells it lays it out."""
+
+from __future__ import annotations
+
+from math import floor, inf, isfinite, log10, pi, sqrt
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mavdem.dem import Learned
+from mavdem.dem.model import unpack
+from mavdem.flight import Flight
+from mavdem.naming import named, readable, short, state_names, states_are_outputs
+
+
+class Sentence(NamedTuple):
+    """Something said; ``lead`` are words to set off at its beginning, where there are any."""
+
+    text: str
+    lead: str = ""
+
+
+class Table(NamedTuple):
+    """Cells as they are to be read: the first column names the rows, the others are numbers."""
+
+    header: list[str]
+    rows: list[list[str]]
+
+
+def account(report: dict[str, Any], train: Flight, test: Flight, learned: Learned) -> list[Sentence | Table]:
+    """What a user must know of a learnt flight, then what can be known, in this order.
+
+    Args:
+        report: of ``mavdem.evaluate.report``.
+        train, test, learned: what it is about.
+    """
+    return [
+        Sentence("", lead=_verdict(report["forecast_mspe"], test.duration)),
+        *(Sentence(caution, "Caution:") for caution in learned.cautions),
+        *_unsettled(learned),
+        Sentence(
+            f"{Path(str(train.provenance.get('source', 'the arrays'))).name}, {len(train)} samples "
+            f"({train.duration:.2f} s at {1 / train.dt:.0f} Hz), and tried on the {len(test)} after them.",
+            "Learnt from",
+        ),
+        _errors(f"{len(test)} steps ahead, rms", report["forecast_mspe"], train),
+        _errors("one step ahead, rms", report["one_step_mspe"], train),
+        Sentence(
+            "Over constant mean: mean square, each output in units of its training variance, over the constant mean's. "
+            f"{100 * report['inside_90_percent_band']:.0f} % of the held-out samples lie in the forecast's 90 % band."
+        ),
+        *_model(train, learned),
+        Sentence(
+            f"The free energy action F̄ rose by {learned.free_energy.gained:,.0f} nats in "
+            f"{len(learned.free_energy) - 1} iterations, to {learned.free_energy[-1]:,.0f}."
+        ),
+    ]
+
+
+def _verdict(errors: dict[str, Any], seconds: float) -> str:
+    """What the forecast is worth, beside the forecasts that know nothing."""
+    ours = errors["DEM"]["relative"]
+    if not ours < 1:
+        return (
+            f"On the held-out {seconds:.3g} s this model is worse than a constant ({_ratio(ours)}): do not use it; "
+            "try another --start, more --train, or a livelier stretch."
+        )
+    told = f"On the held-out {seconds:.3g} s this model errs {_ratio(ours)} times as much as the constant mean"
+    best = next(iter(errors))
+    if best != "DEM":
+        return f"{told}, but “{best}”, which needs no model, errs less ({_ratio(errors[best]['relative'])})."
+    return f"{told}."
+
+
+def _unsettled(learned: Learned) -> list[Sentence]:
+    if learned.settled:
+        return []
+    iterations = len(learned.free_energy) - 1
+    return [Sentence(f"stopped after {iterations} iterations while F̄ still rose: parameters have not settled.", "Fit:")]
+
+
+def _errors(title: str, errors: dict[str, Any], train: Flight) -> Table:
+    """Root mean squared errors, which have the unit of what is predicted, and the one figure to rank by."""
+    units = [readable(unit) for unit in train.output_units]
+    columns = [named(name, unit.name) for name, unit in zip(train.output_names, units, strict=True)]
+    rows = []
+    for prediction, error in errors.items():
+        rms = [unit.scale * sqrt(square) for unit, square in zip(units, error["per_output"], strict=True)]
+        rows.append([prediction, *(f"{value:.3g}" for value in rms), _ratio(error["relative"])])
+    return Table([title, *columns, "over constant mean"], rows)
+
+
+def _ratio(value: float) -> str:
+    return f"{value:.3g}"
+
+
+def _model(train: Flight, learned: Learned) -> list[Sentence | Table]:
+    """The model with all it takes to use it elsewhere."""
+    model, states = learned.model, state_names(train, learned)
+    (n, r), m = model.B.shape, len(model.C)
+    known = unpack(learned.known, n, r, m)
+    A, B, C = (
+        [[_entry(*cell) for cell in zip(*row, strict=True)] for row in zip(values.T, sd.T, fixed.T, strict=True)]
+        for values, sd, fixed in zip(model[:3], learned.model_sd[:3], known, strict=True)
+    )
+    derivatives = Table(
+        ["times", *(f"d {state}/dt" for state in states)],
+        [[cause, *cells] for cause, cells in zip([*states, *map(short, train.input_names)], A + B, strict=True)],
+    )
+    if learned.scaling.constant:
+        derivatives.rows.append(["constant", *(f"{value:.3g}" for value in model.offset)])
+    units = ", ".join(dict.fromkeys(unit for unit in (*train.output_units, *train.input_units) if unit))
+    blocks: list[Sentence | Table] = [
+        Sentence(
+            f"x' = A x + B (u - trim){' + constant' if learned.scaling.constant else ''}, y = C x + trim"
+            f"{', C = [I 0]' if states_are_outputs(learned) else ''}, in {units or 'the units of the arrays'} and s. "
+            "A derivative is the sum down its column, each entry times what its row names:",
+            "Model:",
+        ),
+        derivatives,
+    ]
+    if not states_are_outputs(learned):
+        blocks.append(Sentence("An output is the sum down its column, and its trim:", "Outputs:"))
+        blocks.append(
+            Table(
+                ["times", *train.output_names],
+                [[state, *cells] for state, cells in zip(states, C, strict=True)],
+            )
+        )
+    return [
+        *blocks,
+        Sentence(
+            "± is the precision of the fit; neighbouring samples count as independent, so it is too small (see Limits "
+            "in the README)."
+        ),
+        Sentence(
+            "; ".join(
+                ", ".join(f"{name} {value:.4g} {unit}".rstrip() for name, value, unit in zip(*trims, strict=True))
+                for trims in (
+                    (train.output_names, model.output_trim, train.output_units),
+                    (train.input_names, model.input_trim, train.input_units),
+                )
+            )
+            + ".",
+            "Trim:",
+        ),
+        Sentence(_stability(model.A)),
+    ]
+
+
+def _entry(value: float, sd: float, fixed: bool) -> str:
+    """An estimate with as many digits as its standard deviation supports."""
+    if not (isfinite(value) and isfinite(sd) and sd > 0):
+        return f"{value:.3g}"
+    digit = floor(log10(float(f"{sd:.0e}")))
+    if fixed:
+        return f"{round(value, -digit) + 0.0:.6g} fixed"
+    # Common practice: decimals where they are few, else one power of ten for both.
+    power = 0 if -6 <= digit <= 2 else 3 * (max(digit, floor(log10(abs(value) or sd))) // 3)
+    decimals = max(power - digit, 0)
+    shown = [round(number / 10**power, power - digit) + 0.0 for number in (value, sd)]
+    mean, deviation = (f"{number:.{decimals}f}" for number in shown)
+    return f"({mean} ± {deviation})e{power}" if power else f"{mean} ± {deviation}"
+
+
+def _stability(A: np.ndarray[Any, np.dtype[np.float64]]) -> str:
+    """Each motion of its own that the model has, as the time in which it dies out or grows e-fold."""
+    # One of each complex pair.
+    modes = sorted((value for value in np.linalg.eigvals(A) if value.imag >= 0), key=lambda value: -value.real)
+    growing, dying = ([_mode(value) for value in modes if (value.real > 0) == grows] for grows in (True, False))
+    constants = f"with time constant{'s' if len(dying) > 1 else ''} {_listed(dying)}"
+    if not growing:
+        return f"It is stable: disturbances die out {constants}."
+    rest = f"; the rest dies out {constants}" if dying else ""
+    return f"It is unstable: it grows e-fold in {_listed(growing)}{rest}."
+
+
+def _mode(eigenvalue: complex) -> str:
+    """1/|Re| and, for a complex pair, |Im|/2π."""
+    seconds = 1 / abs(eigenvalue.real) if eigenvalue.real else inf
+    swing = f" (swinging at {eigenvalue.imag / (2 * pi):.2g} Hz)" if eigenvalue.imag else ""
+    return f"{seconds:.2g} s{swing}"
+
+
+def _listed(parts: list[str]) -> str:
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)

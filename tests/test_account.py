@@ -1,0 +1,137 @@
+"""What is told of a learnt flight: a bad result never reads as good, and every figure is the report's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+
+import mavdem
+from mavdem import evaluate
+from mavdem.account import Sentence, Table, _entry, _stability, account
+
+DT = 0.01
+
+
+def flight(samples: int = 500) -> mavdem.Flight:
+    rng = np.random.default_rng(0)
+    motors = 1500 + 50 * gaussian_filter1d(rng.standard_normal((samples, 2)), 6, axis=0)
+    rate = np.cumsum((motors - 1500) @ [0.02, -0.02]) * DT
+    return mavdem.Flight(
+        DT * np.arange(samples),
+        motors,
+        np.stack([np.cumsum(rate) * DT, rate], axis=1),
+        input_units=("µs", "µs"),
+        output_names=("roll", "roll rate"),
+        output_units=("rad", "rad/s"),
+    )
+
+
+TRAIN, TEST = flight()[:400], flight()[400:]
+
+
+@pytest.fixture(scope="module")
+def learned() -> mavdem.Learned:
+    return mavdem.learn(TRAIN, mavdem.Settings(window=9, parameter_precision=1.0))
+
+
+def told(learned: mavdem.Learned, **relative: float) -> list[Sentence | Table]:
+    """The account, with the relative errors of forecasts replaced by name."""
+    report = evaluate.report(TRAIN, TEST, learned)
+    errors = report["forecast_mspe"]
+    for name, value in relative.items():
+        errors[name.replace("_", " ")]["relative"] = value
+    ranked = sorted(errors.items(), key=lambda named: named[1]["relative"])
+    return account({**report, "forecast_mspe": dict(ranked)}, TRAIN, TEST, learned)
+
+
+def words(blocks: list[Sentence | Table]) -> str:
+    return "\n".join(f"{block.lead} {block.text}" for block in blocks if isinstance(block, Sentence))
+
+
+@pytest.mark.parametrize(
+    ("dem", "hold_last", "verdict"),
+    [
+        (0.171, 2.0, "errs 0.171 times as much as the constant mean."),
+        (0.9, 0.55, "but “hold last”, which needs no model, errs less (0.55)."),
+        (1.09, 0.55, "is worse than a constant (1.09): do not use it"),
+        (np.inf, 2.0, "is worse than a constant (inf): do not use it"),
+    ],
+)
+def test_the_verdict_comes_first_and_repeats_the_table(learned, dem, hold_last, verdict):
+    blocks = told(learned, DEM=dem, hold_last=hold_last, zero=9.0)
+    assert verdict in blocks[0].lead
+    forecasts = next(block for block in blocks if isinstance(block, Table))
+    assert forecasts.header[-1] == "over constant mean"
+    assert {row[0]: row[-1] for row in forecasts.rows} == {
+        "DEM": f"{dem:.3g}",
+        "hold last": f"{hold_last:.3g}",
+        "constant mean": "1",
+        "zero": "9",
+    }
+
+
+def test_cautions_and_a_fit_that_has_not_settled_are_told_before_the_figures(learned):
+    blocks = told(replace(learned, cautions=("It is raining.",), settled=False))
+    assert blocks[1] == Sentence("It is raining.", "Caution:")
+    assert "have not settled" in blocks[2].text
+    assert f"{len(learned.free_energy) - 1} iterations" in blocks[2].text
+    assert "settled" not in words(told(replace(learned, settled=True)))
+
+
+def test_the_model_can_be_used_from_what_is_told(learned):
+    blocks = told(learned)
+    model = [block for block in blocks if isinstance(block, Table)][-1]
+    assert model.header == ["times", "d roll/dt", "d roll rate/dt", "d hidden 1/dt"]
+    rows = {row[0]: row[1:] for row in model.rows}
+    assert list(rows) == ["roll", "roll rate", "hidden 1", "input 1", "input 2", "constant"]
+    known = learned.known[:9].reshape(3, 3)
+    sd = learned.model_sd.A
+    for column, cause in enumerate(("roll", "roll rate", "hidden 1")):
+        for row, cell in enumerate(rows[cause]):
+            assert cell.endswith(" fixed") == known[row, column]
+            assert float(cell.split()[0]) == pytest.approx(learned.model.A[row, column], abs=0.6 * sd[row, column])
+    trims = next(block.text for block in blocks if isinstance(block, Sentence) and block.lead == "Trim:")
+    assert trims.startswith(f"roll {TRAIN.outputs[:, 0].mean():.4g} rad, ")
+    assert trims.endswith(f"input 2 {TRAIN.inputs[:, 1].mean():.4g} µs.")
+
+
+def test_outputs_are_told_where_c_is_free_and_only_there(learned):
+    def headers(one: mavdem.Learned) -> list[list[str]]:
+        return [block.header for block in told(one) if isinstance(block, Table)]
+
+    paper = headers(mavdem.learn(TRAIN, mavdem.Settings.paper()))
+    assert paper[-2:] == [["times", "d state 1/dt", "d state 2/dt"], ["times", "roll", "roll rate"]]
+    assert ["times", "roll", "roll rate"] not in headers(learned)
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "entry"),
+    [
+        (-5.0, 0.07, "-5.00 ± 0.07"),
+        (0.00155, 0.009, "0.002 ± 0.009"),
+        (-0.0001, 0.01, "0.00 ± 0.01"),
+        (1.0, 0.096, "1.0 ± 0.1"),
+        (1234.0, 32.0, "1230 ± 30"),
+        (-2.457e-8, 3e-10, "(-24.6 ± 0.3)e-9"),
+        (7.5e6, 2e4, "(7.50 ± 0.02)e6"),
+        (0.25, np.nan, "0.25"),
+    ],
+)
+def test_an_estimate_has_the_digits_of_its_standard_deviation(value, sd, entry):
+    assert _entry(value, sd, fixed=False) == entry
+
+
+def test_stability_is_told_as_times_and_frequencies():
+    swing = 2 * np.pi * 1.5
+    assert _stability(np.diag([-2.0, -0.1])) == (
+        "It is stable: disturbances die out with time constants 10 s and 0.5 s."
+    )
+    assert _stability(np.array([[-4.0, swing], [-swing, -4.0]])) == (
+        "It is stable: disturbances die out with time constant 0.25 s (swinging at 1.5 Hz)."
+    )
+    assert _stability(np.diag([0.5, -1.0])) == (
+        "It is unstable: it grows e-fold in 2 s; the rest dies out with time constant 1 s."
+    )
