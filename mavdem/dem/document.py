@@ -14,13 +14,14 @@ from mavdem.dem.prediction import Predictor
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
 from mavdem.dem.trace import FreeEnergy, Learning
+from mavdem.dem.trials import Unseen
 
 if TYPE_CHECKING:
     from mavdem.dem.learned import Learned
 
 Array = NDArray[np.float64]
 
-ARRAYS = ("theta_covariance", "prior_sd", "inputs", "outputs", "forecast_mse", "forecast_mse_at_trim")
+ARRAYS = ("theta_covariance", "prior_sd", "inputs", "outputs")
 OF_THE_ENGINE = ("state_map", "theta")
 
 
@@ -33,6 +34,7 @@ def values_of(learned: Learned) -> dict[str, Any]:
         "free_energy": _lists(learned.free_energy.terms),
         "learning": _lists(vars(learned.learning)),
         "settled": learned.settled,
+        "unseen": _lists(learned.unseen._asdict()),
         # JSON has no infinity: a candidate that broke down has no error.
         "candidates": [{**vars(c), "error": c.error if np.isfinite(c.error) else None} for c in learned.candidates],
         "dt": learned.dt,
@@ -71,6 +73,7 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
         "free_energy": FreeEnergy(_arrays(values["free_energy"])),
         "learning": Learning(**_arrays(values["learning"])),
         "settled": bool(values["settled"]),
+        "unseen": Unseen(**_arrays(values["unseen"])),
         "candidates": tuple(
             Candidate(**{**c, "error": np.inf if c["error"] is None else c["error"]}) for c in values["candidates"]
         ),
@@ -96,10 +99,9 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
 def _check(fields: dict[str, Any]) -> None:
     """That every array is finite and of the shape that the model, the data and the settings give it."""
     model, settings, scaling = fields["model"], fields["settings"], fields["scaling"]
-    for name, table in (
-        ("model.A", model.A),
-        *((name, fields[name]) for name in ("inputs", "outputs", "forecast_mse")),
-    ):
+    unseen = fields["unseen"]
+    tables = {"model.A": model.A, "unseen.mse": unseen.mse, "inputs": fields["inputs"], "outputs": fields["outputs"]}
+    for name, table in tables.items():
         if table.ndim != 2 or not table.size:
             raise ValueError(f"{name} must be a table, not of shape {table.shape}")
     n, (T, r), m = len(model.A), fields["inputs"].shape, fields["outputs"].shape[1]
@@ -116,8 +118,7 @@ def _check(fields: dict[str, Any]) -> None:
         "prior_sd": (fields["prior_sd"], (k,)),
         "known": (fields["known"], (k,)),
         "outputs": (fields["outputs"], (T, m)),
-        "forecast_mse": (fields["forecast_mse"], (len(fields["forecast_mse"]), m)),
-        "forecast_mse_at_trim": (fields["forecast_mse_at_trim"], fields["forecast_mse"].shape),
+        **{f"unseen.{name}": (array, (len(unseen.mse), m)) for name, array in unseen._asdict().items()},
         "scaling.input_trim": (scaling.input_trim, (r,)),
         "scaling.output_trim": (scaling.output_trim, (m,)),
         "scaling.output_scale": (scaling.output_scale, (m,)),

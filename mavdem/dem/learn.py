@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from mavdem.dem.choice import Candidate, Unseen, candidates, forecast_mse, unseen_forecasts
+from mavdem.dem.choice import Candidate, candidates
 from mavdem.dem.fit import Fit, fit
 from mavdem.dem.learned import Learned
 from mavdem.dem.settings import Settings
+from mavdem.dem.trials import Unseen, trials, unseen_forecasts
 
 Array = NDArray[np.float64]
 
@@ -56,16 +57,16 @@ def learn(train: Recorded, settings: Settings | None = None) -> Learned:
 
 
 def _learn(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Learned:
-    trials = [
-        _trial(inputs, outputs, dt, choice) for choice in candidates(settings, outputs.shape[1], len(outputs), dt)
+    attempts = [
+        _attempt(inputs, outputs, dt, choice) for choice in candidates(settings, outputs.shape[1], len(outputs), dt)
     ]
-    best = min(trials, key=lambda trial: trial.candidate.error)
+    best = min(attempts, key=lambda attempt: attempt.candidate.error)
     if best.fit is None or best.candidate.error == np.inf:
         raise ValueError("no model of the training data can forecast any part of them: they determine none")
     try:
         unseen = unseen_forecasts(inputs, outputs, dt, best.fit.settings)
     except np.linalg.LinAlgError:
-        unseen = Unseen(np.array([np.inf]), np.array([np.inf]))
+        unseen = Unseen(*np.full((4, 1, 1), np.inf))
     if not np.isfinite(unseen).all():
         raise ValueError("half of the training data do not determine a model that can forecast: more are needed")
     return Learned.of(
@@ -74,26 +75,26 @@ def _learn(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Lear
         outputs,
         dt,
         unseen,
-        tuple(trial.candidate for trial in trials),
+        tuple(attempt.candidate for attempt in attempts),
         _cautions(best.fit, unseen, outputs.var(axis=0), dt),
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
+class _Attempt:
     candidate: Candidate
     fit: Fit | None
 
 
-def _trial(inputs: Array, outputs: Array, dt: float, settings: Settings) -> _Trial:
+def _attempt(inputs: Array, outputs: Array, dt: float, settings: Settings) -> _Attempt:
     assert settings.window and settings.parameter_precision
     choice = (settings.window, settings.parameter_precision)
     try:
         fitted = fit(inputs, outputs, dt, settings)
     except np.linalg.LinAlgError:
-        return _Trial(Candidate(*choice, np.inf), None)
-    error = float(np.mean(forecast_mse(fitted, inputs, outputs, dt) / outputs.var(axis=0)))
-    return _Trial(Candidate(*choice, error if np.isfinite(error) else np.inf), fitted)
+        return _Attempt(Candidate(*choice, np.inf), None)
+    error = float(np.mean(trials(fitted, inputs, outputs, dt).mse / outputs.var(axis=0)))
+    return _Attempt(Candidate(*choice, error if np.isfinite(error) else np.inf), fitted)
 
 
 def _checked(train: Recorded) -> tuple[Array, Array, float]:
@@ -117,7 +118,7 @@ def _checked(train: Recorded) -> tuple[Array, Array, float]:
 def _cautions(fitted: Fit, unseen: Unseen, variance: Array, dt: float) -> tuple[str, ...]:
     """What a user must know before trusting the model; ``variance`` (m,) is that of the training outputs."""
     model = fitted.scaling.physical_model(fitted.ascent.belief.theta, fitted.model.n)
-    error, error_at_trim = (mse / variance for mse in unseen)
+    error, error_at_trim = unseen.mse / variance, unseen.mse_at_trim / variance
     cautions = []
     if not error.mean() < 1:
         useful = int(np.argmin(error.mean(axis=1) < 1)) * dt

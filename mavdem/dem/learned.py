@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
-from mavdem.dem.choice import Candidate, Unseen
+from mavdem.dem.choice import Candidate
 from mavdem.dem.document import fields_of, values_of
 from mavdem.dem.fit import Fit, generalized
 from mavdem.dem.model import LinearModel, pack, unpack
@@ -19,6 +19,7 @@ from mavdem.dem.prediction import Predictor
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
 from mavdem.dem.trace import FreeEnergy, Learning
+from mavdem.dem.trials import Unseen
 
 Array = NDArray[np.float64]
 
@@ -41,9 +42,7 @@ class Learned:
         dt: sampling step, s.
         smoothness: kernel width s of the noise, s.
         inputs, outputs: (T, r), (T, m) the training data.
-        forecast_mse: (H, m) mean squared error by horizon in samples, of forecasts of each half of the training data
-            by a model of the other half.
-        forecast_mse_at_trim: the same with the motors held at their trim: what the motion by itself lets one know.
+        unseen: forecasts of each half of the training data by a model of the other half, by horizon in samples.
         cautions: one sentence for each thing a user must know before trusting the model.
         scaling, predictor, state_map, theta: the engine's own, in its units: what :meth:`one_step`, :meth:`forecast`
             and :meth:`process_noise` compute with.
@@ -62,8 +61,7 @@ class Learned:
     smoothness: float
     inputs: Array
     outputs: Array
-    forecast_mse: Array
-    forecast_mse_at_trim: Array
+    unseen: Unseen
     cautions: tuple[str, ...]
     scaling: Scaling
     predictor: Predictor
@@ -116,8 +114,7 @@ class Learned:
             smoothness=fit.model.smoothness,
             inputs=inputs,
             outputs=outputs,
-            forecast_mse=unseen.mse,
-            forecast_mse_at_trim=unseen.mse_at_trim,
+            unseen=unseen,
             cautions=cautions,
             scaling=scaling,
             predictor=fit.predictor,
@@ -143,6 +140,9 @@ class Learned:
     def forecast(self, inputs: ArrayLike) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.
 
+        The model runs on from the state at the end of training; its deviation from the trim has the weight, by horizon,
+        that forecasts of unseen training data earned it (``unseen.weight``; 1 without ``shrink_forecasts``).
+
         Args:
             inputs: (H, r) motor outputs over the forecast, in the unit of the training inputs.
 
@@ -160,13 +160,14 @@ class Learned:
         if not np.isfinite(ahead).all():
             raise ValueError("inputs must be finite")
         known = self.scaling.scale_inputs(np.vstack([self.inputs[-1], ahead]))
-        return self.scaling.physical_outputs(self.predictor.forecast(self._last_state, known))
+        deviation = self.predictor.forecast(self._last_state, known) * self._by_horizon(self.unseen.weight, len(ahead))
+        return self.scaling.physical_outputs(deviation)
 
     def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> tuple[Array, Array]:
         """The interval in which each sample of the forecast lies with probability ``level``.
 
-        Its width is what forecasts of that length erred (``forecast_mse``), which counts wind, start and parameters
-        together; beyond the longest such forecast it stays as wide as that.
+        Its width is what forecasts of that length erred (``unseen.weighted_mse``), which counts wind, start and
+        parameters together; beyond the longest such forecast it stays as wide as that.
 
         Args:
             inputs: (H, r) as for :meth:`forecast`.
@@ -181,9 +182,14 @@ class Learned:
         if not 0 < level < 1:
             raise ValueError(f"level must be between 0 and 1, not {level}")
         centre = self.forecast(inputs)
-        horizons = np.minimum(np.arange(len(centre)), len(self.forecast_mse) - 1)
-        half = norm.ppf(0.5 + level / 2) * np.sqrt(self.forecast_mse[horizons])
+        mse = self._by_horizon(self.unseen.weighted_mse, len(centre))
+        half = norm.ppf(0.5 + level / 2) * np.sqrt(mse)
         return centre - half, centre + half
+
+    @staticmethod
+    def _by_horizon(values: Array, length: int) -> Array:
+        """The first ``length`` rows; beyond the longest horizon that was tried, its row again."""
+        return np.asarray(values[np.minimum(np.arange(length), len(values) - 1)])
 
     @cached_property
     def _last_state(self) -> Array:

@@ -34,6 +34,8 @@ class Settings:
         lambda_z_precision, lambda_w_precision: how sure the prior is of them.
         lambda_per_channel: one λ for each output and each state, or one λᶻ and one λʷ as in the paper.
         input_precision: precision of the measured inputs about themselves, P̃ᵛ = ``input_precision``·I.
+        shrink_forecasts: whether forecasts are drawn back towards the trim by as much as forecasts of training data
+            that a fit has not seen advise.
         iterations: at most so many rounds of D, E and M steps; they end earlier when F̄ has settled.
         seed: of everything random (the "uniform" prior).
     """
@@ -53,6 +55,7 @@ class Settings:
     lambda_w_precision: float = 0.01
     lambda_per_channel: bool = False
     input_precision: float = e**12
+    shrink_forecasts: bool = True
     iterations: int = 200
     seed: int = 0
 
@@ -64,7 +67,7 @@ class Settings:
             _require(whole or optional and value is None, name, "a whole number", value)
         for name in ("lambda_z", "lambda_w"):
             _require(_finite(getattr(self, name)), name, "a finite number", getattr(self, name))
-        for name in ("last_derivative_zero", "lambda_per_channel"):
+        for name in ("last_derivative_zero", "lambda_per_channel", "shrink_forecasts"):
             _require(isinstance(getattr(self, name), bool), name, "True or False", getattr(self, name))
         _require(
             self.order is None or self.order >= 1, "order", "at least 1, or None for one more than outputs", self.order
@@ -110,6 +113,7 @@ class Settings:
             lambda_w=3.0,
             lambda_w_precision=e**20,
             input_precision=e**16,
+            shrink_forecasts=False,
             iterations=20,
             seed=seed,
         )

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -50,7 +51,10 @@ def test_a_clean_system_is_recovered_and_forecast():
     assert evaluate.relative_mspe(train, test, learned.forecast(test.inputs)) < 0.02
 
 
-@pytest.mark.parametrize("settings", [Settings(), Settings.paper(), Settings(order=2, window=9)])
+@pytest.mark.parametrize(
+    "settings",
+    [Settings(shrink_forecasts=False), Settings.paper(), Settings(order=2, window=9, shrink_forecasts=False)],
+)
 def test_the_physical_model_makes_the_forecast(settings):
     flight = simulated(wind=0.5)
     learned = learn(flight[:700], settings)
@@ -164,7 +168,7 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
         missing = {key: value for key, value in values.items() if key != name}
         with pytest.raises(ValueError, match="not the document of a learnt model"):
             Learned.from_json(json.dumps(missing))
-    for name in ("theta_covariance", "prior_sd", "known", "forecast_mse", "state_map", "theta", "outputs"):
+    for name in ("theta_covariance", "prior_sd", "known", "state_map", "theta", "outputs"):
         for junk in (None, [], values[name][:-1] + [[1.0]], values[name][:1]):
             with pytest.raises(ValueError, match=r"."):
                 Learned.from_json(json.dumps({**values, name: junk}))
@@ -214,6 +218,25 @@ def test_the_band_holds_nine_samples_in_ten():
         inside.append(np.mean((lower <= flight.outputs[700:]) & (flight.outputs[700:] <= upper)))
     # The shares of one flight hang together, those of different flights do not: three standard errors of their mean.
     assert np.mean(inside) == pytest.approx(0.9, abs=3 * np.std(inside) / np.sqrt(flights))
+
+
+def test_forecasts_lean_on_the_trim_as_much_as_unseen_data_advise():
+    flight = simulated(wind=1.0)
+    train, test = flight[:700], flight[700:]
+    plain = Settings(order=2, window=3, parameter_precision=1.0, shrink_forecasts=False)
+    alone, leaning = learn(train, plain), learn(train, replace(plain, shrink_forecasts=True))
+    weight, trim = leaning.unseen.weight, leaning.model.output_trim
+    assert ((weight >= 0) & (weight <= 1)).all()
+    assert (alone.unseen.weight == 1).all()
+    expected = trim + weight * (alone.forecast(test.inputs) - trim)
+    np.testing.assert_allclose(leaning.forecast(test.inputs), expected, rtol=1e-9)
+    # Least squares: no other weight, the model's own among them, errs less on what was unseen.
+    assert (leaning.unseen.weighted_mse <= leaning.unseen.mse * (1 + 1e-9)).all()
+    np.testing.assert_array_equal(alone.unseen.weighted_mse, alone.unseen.mse)
+    # Beyond the horizons that were tried the last weight stays.
+    longer = np.vstack([test.inputs, test.inputs])
+    ratio = (leaning.forecast(longer) - trim) / (alone.forecast(longer) - trim)
+    np.testing.assert_allclose(ratio[150:], np.broadcast_to(weight[-1], (150, 2)), rtol=1e-6)
 
 
 def test_a_forecast_no_better_than_the_mean_is_said_to_be():
