@@ -6,13 +6,32 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.signal import butter, sosfiltfilt
 
 from mavdem import phases
 from mavdem.flight import Flight
 from mavdem.ingest import meaning
 from mavdem.ingest.meaning import AXES, Attitude, Motors
-from mavdem.intervals import Intervals, both, without_gaps
+from mavdem.intervals import Intervals, both, unbroken
 from mavdem.telemetry import Telemetry
+
+MINIMUM_RATE = 40.0
+"""Hz, of attitude and of motors.
+
+Ten times the roughly 4 Hz at which a multirotor's roll loop crosses over, and what is left of a 50 Hz stream on a link
+that loses a fifth. On recorded flights motors add nothing to a forecast at 1-10 Hz and do at 50."""
+
+USUAL = 41
+"""Steps, about 1 s at ``MINIMUM_RATE``, over which a stream's usual step is taken: the median of as many.
+
+A median, because it follows a change of rate to the very step, and does not see that a fifth of the messages is lost.
+"""
+
+SLACK = 1.1
+"""How much longer than 1/``MINIMUM_RATE`` usual steps may be: jitter of the stamps must not part a stream of that rate.
+
+Whether the mean rate of a stretch is enough is the verdict's business."""
 
 GAP = 0.1
 """Longest silence, s, that may be bridged: half a period of the 5 Hz at which roll dynamics still live."""
@@ -22,6 +41,17 @@ SHORTEST = 1.0
 
 STAMP = 1e-3
 """Resolution, s, of ``time_boot_ms``: two stamps no further apart may belong to the same moment."""
+
+DECIMATED = 1.5
+"""A stream that comes so many times as fast as the grid is low-passed first; below that the filter would reach into the
+band in which the stream itself is already aliased."""
+
+PASSED = 0.4
+"""Cut-off of that filter in grid rates: 0.5 is the Nyquist frequency, and 0.1 (5 Hz at 50) passes unchanged."""
+
+UNSURE = 5
+"""Grid steps after which the filter has forgotten to a hundredth how it was begun: its slowest pole, at a rate of
+2 pi ``PASSED`` sin(22.5°), decays by a factor e a step."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +69,11 @@ class Segment:
 
 
 def segments(telemetry: Telemetry, axis: str = "roll") -> tuple[Segment, ...]:
-    """The stretches of one boot, armed, airborne, settled, upright and without gaps; the longest first.
+    """The stretches of one boot, armed, airborne, settled, upright, fast and without gaps; the longest first.
 
-    Steps longer than ``GAP`` part one stretch from the next. Only a stream too slow to leave a stretch at all is
-    allowed steps of three intervals: whether that can be learnt from is the verdict's business.
+    A step longer than ``GAP``, or a while in which messages usually come slower than ``MINIMUM_RATE``, parts one
+    stretch from the next: ground stations change the rates in flight. Only when that leaves no stretch at all is any
+    rate allowed, and steps of three intervals: whether that can be learnt from is the verdict's business.
 
     Raises:
         ValueError: an axis that is neither "roll" nor "pitch".
@@ -52,12 +83,12 @@ def segments(telemetry: Telemetry, axis: str = "roll") -> tuple[Segment, ...]:
     if attitude is None or other is None or motors is None:
         return ()
     found: list[Segment] = []
-    for intervals_bridged in (0, 3):
+    for heard in (_fast, _at_any_rate):
         for boot in np.intersect1d(attitude.boot, motors.boot):
-            heard = both(_heard(attitude, boot, intervals_bridged), _heard(motors, boot, intervals_bridged))
-            for start, end in both(heard, phases.settled(telemetry, attitude, other, motors, boot)):
+            together = both(heard(attitude.time[attitude.boot == boot]), heard(motors.time[motors.boot == boot]))
+            for start, end in both(together, phases.settled(telemetry, attitude, other, motors, boot)):
                 segment = Segment(int(boot), start, end)
-                if segment.duration >= SHORTEST and _sampled(attitude, segment) and _sampled(motors, segment):
+                if segment.duration >= SHORTEST and _sampled(attitude, motors, segment):
                     found.append(segment)
         if found:
             break
@@ -72,12 +103,13 @@ def align(telemetry: Telemetry, segment: Segment, axis: str = "roll") -> Flight:
     The step is the mean interval of the slower of attitude and motors, to 0.1 ms. The mean, because an autopilot that
     rounds 10 ms to its 4 ms loop alternates 8 and 12 and the median is neither.
 
-    A stream with a sample within ``STAMP`` of every grid point keeps its samples as they are. Otherwise both are read
-    off the line between their neighbours. A motor output is held by the ESC, but only until the mixer's next turn, a
-    few ms later and long before the next message: the messages sample a signal that goes on changing between them.
-    Holding the last message would date every input half an interval late on average, a lag the model would learn; the
-    line has none. The line looks one message ahead: an input between two messages knows up to one interval of the
-    future.
+    A stream with a sample within ``STAMP`` of every grid point keeps its samples as they are, unless there are so many
+    more that it has to be low-passed (see :func:`sample`). Otherwise it is read off the line between its neighbours.
+
+    A motor output is held by the ESC, but only until the mixer's next turn, a few ms later and long before the next
+    message: the messages sample a signal that goes on changing between them. Holding the last message would date every
+    input half an interval late on average, a lag the model would learn; the line has none. The line looks one message
+    ahead: an input between two messages knows up to one interval of the future.
 
     Raises:
         ValueError: a segment without samples of attitude or motors, or an unknown axis.
@@ -85,15 +117,24 @@ def align(telemetry: Telemetry, segment: Segment, axis: str = "roll") -> Flight:
     attitude, motors = meaning.attitude(telemetry, axis), meaning.motors(telemetry)
     if attitude is None or motors is None:
         raise ValueError("the telemetry holds no attitude or no motor outputs to align")
-    near, motion = _within(attitude, segment), np.column_stack([attitude.angle, attitude.rate])
-    drive = _within(motors, segment)
-    if not (_sampled(attitude, segment) and _sampled(motors, segment)):
+    return flight_of(telemetry, attitude, motors, segment, axis)
+
+
+def flight_of(telemetry: Telemetry, attitude: Attitude, motors: Motors, segment: Segment, axis: str) -> Flight:
+    """:func:`align` for whoever has the streams of ``telemetry`` at hand; they are costly to find anew each time.
+
+    Raises:
+        ValueError: a segment without samples of attitude or motors.
+    """
+    near, motion = within(attitude, segment), np.column_stack([attitude.angle, attitude.rate])
+    drive = within(motors, segment)
+    if not _sampled(attitude, motors, segment):
         raise ValueError(f"the segment from {segment.start:.3f} s holds no attitude or no motor outputs")
     rates = {"attitude": mean_rate(attitude.time[near]), "motors": mean_rate(motors.time[drive])}
     dt = max(round(1 / min(rates.values()), 4), 1e-4)
     time = _grid(attitude.time[near], motors.time[drive], dt)
-    outputs, kept_attitude = _sample(time, attitude.time[near], motion[near])
-    inputs, kept_motors = _sample(time, motors.time[drive], motors.outputs[drive])
+    outputs, attitude_way = sample(time, dt, attitude.time[near], motion[near])
+    inputs, motors_way = sample(time, dt, motors.time[drive], motors.outputs[drive])
     layout, scale = motors.layout, motors.scale
     return Flight(
         time=time,
@@ -115,10 +156,7 @@ def align(telemetry: Telemetry, segment: Segment, axis: str = "roll") -> Flight:
             "messages": {"attitude": attitude.message, "motors": motors.message},
             "rates": {name: round(rate, 3) for name, rate in rates.items()},
             "dt": dt,
-            "resampling": {
-                "attitude": "samples kept" if kept_attitude else "linear",
-                "motors": "samples kept" if kept_motors else "linear",
-            },
+            "resampling": {"attitude": attitude_way, "motors": motors_way},
             "motors": {
                 "channels": list(layout.channels),
                 "positions": [list(position) for position in layout.positions],
@@ -137,20 +175,51 @@ def mean_rate(time: NDArray[np.float64]) -> float:
     return float((len(time) - 1) / (time[-1] - time[0]))
 
 
-def _heard(stream: Attitude | Motors, boot: int, intervals_bridged: int) -> Intervals:
-    time = stream.time[stream.boot == boot]
-    typical = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    return without_gaps(time, max(GAP, intervals_bridged * typical))
+def sample(
+    grid: NDArray[np.float64], dt: float, time: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], str]:
+    """Columns of ``values`` (N, k), sampled at ``time`` (N,), at ``grid`` (T,) of step ``dt``, and how they were made.
+
+    "samples kept", "linear" between the neighbours, or, from a stream at ``DECIMATED`` times the rate of the grid or
+    more, "low-passed at … Hz, linear": without that, what moves faster than the grid can show (a vibration at 49 Hz, on
+    a grid of 50) would appear in it as something slow.
+    """
+    way = "linear"
+    if _decimated(time, dt):
+        time, values = _low_passed(time, values, PASSED / dt)
+        way = f"low-passed at {PASSED / dt:.3g} Hz, linear"
+    elif (kept := _kept(grid, time)) is not None:
+        return values[kept], "samples kept"
+    return np.column_stack([np.interp(grid, time, column) for column in values.T]), way
 
 
-def _within(stream: Attitude | Motors, segment: Segment) -> NDArray[np.bool_]:
+def within(stream: Attitude | Motors, segment: Segment) -> NDArray[np.bool_]:
+    """Which samples (N,) of the stream belong to the segment, those within ``STAMP`` of its ends included."""
     inside = (stream.time >= segment.start - STAMP) & (stream.time <= segment.end + STAMP)
     return np.asarray(inside & (stream.boot == segment.boot))
 
 
-def _sampled(stream: Attitude | Motors, segment: Segment) -> bool:
-    """Whether the stream has the two samples in the segment that a rate takes."""
-    return int(np.count_nonzero(_within(stream, segment))) >= 2
+def _sampled(attitude: Attitude, motors: Motors, segment: Segment) -> bool:
+    """Whether both streams have the two samples in the segment that a rate takes, and a time in common."""
+    near, drive = attitude.time[within(attitude, segment)], motors.time[within(motors, segment)]
+    return len(near) > 1 < len(drive) and bool(max(near[0], drive[0]) <= min(near[-1], drive[-1]))
+
+
+def _fast(time: NDArray[np.float64]) -> Intervals:
+    """Where the stamps (N,) of one boot come at ``MINIMUM_RATE`` or faster and without gaps."""
+    if len(time) < 2:
+        return []
+    steps = np.diff(time)
+    slow = median_filter(steps, size=USUAL, mode="mirror") > SLACK / MINIMUM_RATE
+    return unbroken(time, slow | (steps > GAP))
+
+
+def _at_any_rate(time: NDArray[np.float64]) -> Intervals:
+    """Where the stamps (N,) of one boot come without gaps, by the measure of their own usual step."""
+    if len(time) < 2:
+        return []
+    steps = np.diff(time)
+    return unbroken(time, steps > max(GAP, 3 * float(np.median(steps))))
 
 
 def _grid(attitude: NDArray[np.float64], motors: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
@@ -161,11 +230,12 @@ def _grid(attitude: NDArray[np.float64], motors: NDArray[np.float64], dt: float)
     """
     first, last = max(attitude[0], motors[0]), min(attitude[-1], motors[-1])
     for stamps in (attitude, motors):
-        start = stamps[stamps >= first - STAMP][0]
+        start = min(stamps[stamps >= first - STAMP][0], last)
         grid = np.asarray(start + dt * np.arange(int((last - start) / dt + STAMP) + 1))
         if _kept(grid, attitude) is not None and _kept(grid, motors) is not None:
             break
-    return grid
+    sure = _sure(grid, dt, attitude) & _sure(grid, dt, motors)
+    return grid[sure] if sure.any() else grid
 
 
 def _kept(grid: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.intp] | None:
@@ -177,11 +247,27 @@ def _kept(grid: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.in
     return None
 
 
-def _sample(
-    grid: NDArray[np.float64], time: NDArray[np.float64], values: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], bool]:
-    """Columns of ``values`` (N, k) at ``grid`` (T,), and whether they are the samples themselves."""
-    kept = _kept(grid, time)
-    if kept is not None:
-        return values[kept], True
-    return np.column_stack([np.interp(grid, time, column) for column in values.T]), False
+def _decimated(time: NDArray[np.float64], dt: float) -> bool:
+    return mean_rate(time) * dt >= DECIMATED
+
+
+def _sure(grid: NDArray[np.float64], dt: float, time: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which points (T,) the low-pass of the stream, if there is one, gets right though it knows nothing of beyond."""
+    margin = UNSURE * dt if _decimated(time, dt) else 0.0
+    return np.asarray((grid >= time[0] + margin - STAMP) & (grid <= time[-1] - margin + STAMP))
+
+
+def _low_passed(
+    time: NDArray[np.float64], values: NDArray[np.float64], cutoff: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The columns at as many even stamps, through a Butterworth filter of fourth order, once forwards, once backwards.
+
+    Butterworth, because it is flat where the dynamics are; both ways, because that leaves no phase, and motors and
+    attitude must keep their order in time. At the cut-off half the amplitude is left, at twice that 1/257.
+    """
+    even = np.linspace(time[0], time[-1], len(time))
+    table = np.column_stack([np.interp(even, time, column) for column in values.T])
+    rate = mean_rate(time)
+    passing = butter(4, cutoff, fs=rate, output="sos")
+    settling = round(3 * rate / cutoff)
+    return even, sosfiltfilt(passing, table, axis=0, padlen=min(settling, len(table) - 1))

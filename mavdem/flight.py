@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 UNIFORMITY = 1e-3
-"""How far, in steps, a time stamp may lie from its place on the uniform grid."""
+"""How far, in steps, a time stamp may lie from its place on the uniform grid that suits all of them best."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +79,17 @@ class Flight:
             raise ValueError("a Flight is uniformly sampled: slice it with a step of 1")
         if not len(self.time[part]):
             raise ValueError(f"the slice {part.start}:{part.stop} of a flight of {len(self)} samples is empty")
-        return replace(self, time=self.time[part], inputs=self.inputs[part], outputs=self.outputs[part])
+        # Not validated anew: a stretch of what is uniform is uniform, and keeps the step of the whole.
+        cut = copy(self)
+        for name in ("time", "inputs", "outputs"):
+            object.__setattr__(cut, name, getattr(self, name)[part])
+        object.__setattr__(cut, "provenance", dict(self.provenance))
+        return cut
+
+    def __repr__(self) -> str:
+        names = f"{', '.join(self.input_names)} -> {', '.join(self.output_names)}"
+        source = f" from {self.provenance['source']}" if self.provenance.get("source") else ""
+        return f"<Flight: {len(self)} samples at {1 / self.dt:.6g} Hz, {names}{source}>"
 
     @property
     def duration(self) -> float:
@@ -120,7 +131,7 @@ def _uniform_step(time: NDArray[np.float64], dt: float | None) -> float:
         dt = float(time[-1] - time[0]) / (len(time) - 1)
     if not (np.isfinite(dt) and dt > 0):
         raise ValueError(f"time must increase: its mean step is {dt} s")
-    off_grid = np.abs(time - time[0] - dt * np.arange(len(time))).max() / dt
+    off_grid = np.ptp(time - dt * np.arange(len(time))) / 2 / dt
     if off_grid > UNIFORMITY:
         raise ValueError(f"time must be uniform: a stamp lies {off_grid:.3g} steps off a grid of {dt:.6g} s")
     return float(dt)

@@ -26,11 +26,11 @@ def where(time: NDArray[np.float64], true: NDArray[np.bool_]) -> Intervals:
     ]
 
 
-def without_gaps(time: NDArray[np.float64], longest: float) -> Intervals:
-    """The stretches of ``time`` (N,) with no step longer than ``longest`` seconds."""
+def unbroken(time: NDArray[np.float64], broken: NDArray[np.bool_]) -> Intervals:
+    """The stretches of ``time`` (N,) between the steps (N - 1,) that are ``broken``."""
     if not len(time):
         return []
-    breaks = np.flatnonzero(np.diff(time) > longest)
+    breaks = np.flatnonzero(broken)
     starts, ends = np.concatenate([[0], breaks + 1]), np.concatenate([breaks, [len(time) - 1]])
     return [(float(time[a]), float(time[b])) for a, b in zip(starts, ends, strict=True)]
 

@@ -14,9 +14,18 @@ from mavdem.read import choose_vehicle
 from mavdem.telemetry import Columns, Telemetry
 from mavdem.verdict import judge
 
+ENOUGH = 50
+"""Messages that a stream must hold before the regularity of its steps says anything."""
+
 
 def inventory(log: Log, axis: str = "roll", vehicle: str | None = None) -> dict[str, Any]:
     """Everything there is to know of a log before learning, as plain JSON values; times in s, rates in Hz.
+
+    Of each speaker ``lost_share`` is the share of its sequence numbers that do not occur, and of a vehicle
+    ``missing_share`` the share of messages missing from a stream by the stream's usual step, the median over its
+    streams; None where there are none. A link loses messages of all kinds alike: where ``missing_share`` is near 0, the
+    sequence numbers that do not occur are of kinds that the log leaves out. A change of rates raises ``missing_share``
+    but not ``lost_share``; only both together mean a loss.
 
     Args:
         log: as ``mavdem.ingest.read_log`` gives it.
@@ -28,6 +37,7 @@ def inventory(log: Log, axis: str = "roll", vehicle: str | None = None) -> dict[
         ValueError: an axis that is neither.
     """
     vehicles = log.vehicles if vehicle is None else (choose_vehicle(log.vehicles, vehicle),)
+    missing = {(one.system, one.component): _missing_share(one) for one in log.vehicles}
     described = [_vehicle(telemetry, axis) for telemetry in vehicles]
     return {
         "source": log.source,
@@ -43,6 +53,7 @@ def inventory(log: Log, axis: str = "roll", vehicle: str | None = None) -> dict[
                 "messages": sum(speaker.messages.values()),
                 "lost": speaker.lost,
                 "lost_share": speaker.lost / max(speaker.lost + sum(speaker.messages.values()), 1),
+                "missing_share": missing.get((speaker.system, speaker.component)),
             }
             for speaker in log.speakers
         ],
@@ -62,6 +73,7 @@ def _vehicle(telemetry: Telemetry, axis: str) -> dict[str, Any]:
             name: {"count": len(columns["time"]), "rate": _rate(columns)}
             for name, columns in sorted(telemetry.messages.items())
         },
+        "boots": len(set().union(*(np.unique(columns["boot"]).tolist() for columns in telemetry.messages.values()))),
         "segments": [{**asdict(segment), "duration": segment.duration} for segment in segments(telemetry, axis)],
         "repairs": list(telemetry.repairs),
         "verdict": asdict(judge(telemetry, axis)),
@@ -73,6 +85,19 @@ def _rate(columns: Columns) -> float | None:
     boots = [_span(columns["time"][columns["boot"] == boot]) for boot in np.unique(columns["boot"])]
     seconds = sum(span for _, span in boots)
     return sum(steps for steps, _ in boots) / seconds if seconds > 0 else None
+
+
+def _missing_share(telemetry: Telemetry) -> float | None:
+    shares = []
+    for columns in telemetry.messages.values():
+        time, boot = columns["time"], columns["boot"]
+        steps = np.diff(time)[np.diff(boot) == 0]
+        usual = float(np.median(steps)) if len(time) >= ENOUGH and len(steps) else 0.0
+        if usual > 0:
+            # A quarter of a step is jitter: a loop of 4 ms makes 8 and 12 of 10.
+            missing = float(np.maximum(np.rint(steps / usual - 0.25) - 1, 0).sum())
+            shares.append(missing / (missing + len(time)))
+    return float(np.median(shares)) if shares else None
 
 
 def _span(time: NDArray[np.float64]) -> tuple[int, float]:

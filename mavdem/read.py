@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from os import PathLike
 
-from mavdem.align import align, segments
+from mavdem.align import align
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
 from mavdem.ingest import Log, meaning, read_log
@@ -13,8 +14,8 @@ from mavdem.telemetry import Telemetry
 from mavdem.verdict import Verdict, judge
 
 
-def read_flight(path: str | PathLike[str], axis: str = "roll", vehicle: str | None = None) -> Flight:
-    """The longest usable segment of a log.
+def read_flight(path: str | bytes | PathLike[str], axis: str = "roll", vehicle: str | None = None) -> Flight:
+    """The longest usable segment of a log. What speaks against it is in ``provenance["cautions"]``.
 
     Args:
         path: a log that ``mavdem.ingest.read_log`` reads.
@@ -24,14 +25,16 @@ def read_flight(path: str | PathLike[str], axis: str = "roll", vehicle: str | No
     Raises:
         Unreadable: the log cannot be read.
         NotLearnable: it holds no vehicle, or several and none was chosen, or the verdict is no.
-        ValueError: an axis that is neither.
+        ValueError: ``path`` is no path, or an axis that is neither.
     """
     flight, _ = learnable_flight(read_log(path), axis, vehicle)
     return flight
 
 
 def learnable_flight(log: Log, axis: str = "roll", vehicle: str | None = None) -> tuple[Flight, Verdict]:
-    """The longest usable segment of a log that was read, and the verdict that lets it through, with its cautions.
+    """The longest usable segment of a log that was read, and the verdict that lets it through.
+
+    The verdict's cautions are also in the flight's ``provenance["cautions"]``.
 
     Args:
         log: as ``mavdem.ingest.read_log`` gives it.
@@ -43,9 +46,10 @@ def learnable_flight(log: Log, axis: str = "roll", vehicle: str | None = None) -
     """
     telemetry = choose_vehicle(log.vehicles, vehicle)
     verdict = judge(telemetry, axis)
-    if not verdict.learnable:
+    if not verdict.learnable or verdict.segment is None:
         raise NotLearnable(verdict.reason, verdict.remedy)
-    return align(telemetry, segments(telemetry, axis)[0], axis), verdict
+    flight = align(telemetry, verdict.segment, axis)
+    return replace(flight, provenance={**flight.provenance, "cautions": list(verdict.cautions)}), verdict
 
 
 def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> Telemetry:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hover import X_QUAD, Hover, changed, columns
 
-from mavdem.align import GAP, Segment, align, segments
+from mavdem.align import GAP, MINIMUM_RATE, Segment, align, segments
 from mavdem.ingest import read_log
 from mavdem.phases import SETTLING
 
@@ -135,7 +135,51 @@ def test_the_slower_stream_sets_the_step():
     telemetry = HOVER.telemetry(attitude_time=200.0, motor_time=50.0)
     flight = align(telemetry, segments(telemetry)[0])
     assert flight.dt == 0.02
-    np.testing.assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-9)
+    # The filter is flat where the dynamics are.
+    np.testing.assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-4 * HOVER.sway)
+
+
+def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
+    """49 Hz, seen well at 400 Hz, would be 1 Hz on the 50 Hz of the motors; at the ends of the segment too."""
+    telemetry = HOVER.telemetry(attitude_time=400.0, motor_time=50.0)
+    table = telemetry.messages["ATTITUDE"]
+    shaking = table["rollspeed"] + 0.2 * np.sin(2 * np.pi * 49 * table["time"])
+    flight = align(*(shaken := changed(telemetry, "ATTITUDE", rollspeed=shaking), segments(shaken)[0]))
+    assert flight.dt == 0.02
+    errors = np.abs(flight.outputs[:, 1] - HOVER.roll_rate(flight.time))
+    assert errors.max() < 0.01 * 0.2
+    assert flight.provenance["resampling"]["attitude"].startswith("low-passed at 20 Hz")
+
+
+def slow_until(change: float, fast: float, hover: Hover) -> np.ndarray:
+    """Stamps at 15 Hz, and from ``change`` on at ``fast``."""
+    return np.concatenate([np.arange(0, change, 1 / 15), np.arange(change, hover.end, 1 / fast)])
+
+
+def test_a_change_of_rates_in_flight_parts_the_fast_stretch_to_the_step():
+    hover = Hover(hovering=150)
+    stamps = slow_until(100.0, 100.0, hover)
+    telemetry = hover.telemetry(stamps, stamps)
+    (segment,) = segments(telemetry)
+    assert (segment.start, segment.end) == pytest.approx((100.0, hover.sinking), abs=0.2)
+    flight = align(telemetry, segment)
+    assert flight.dt == 0.01
+    assert flight.provenance["resampling"] == {"attitude": "samples kept", "motors": "samples kept"}
+
+
+def test_lost_messages_and_jitter_part_nothing():
+    random = np.random.default_rng(5)
+    lossy = np.sort(random.permutation(HOVER.stamps(50.0))[: round(HOVER.end * 40)])
+    shaky = HOVER.stamps(MINIMUM_RATE) + random.uniform(-0.004, 0.004, round(HOVER.end * MINIMUM_RATE))
+    for stamps in (lossy, shaky):
+        found = segments(HOVER.telemetry(stamps, HOVER.stamps(50.0)))
+        assert sum(segment.duration for segment in found) > 39
+        assert len(found) <= 1 + np.count_nonzero(np.diff(stamps) > GAP)
+
+
+def test_a_stream_that_is_slow_throughout_keeps_its_stretch():
+    (segment,) = segments(HOVER.telemetry(15.0, 15.0))
+    assert segment.duration == pytest.approx(40, abs=1)
 
 
 def test_names_units_and_provenance_say_what_was_done():

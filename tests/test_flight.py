@@ -20,6 +20,31 @@ def test_arrays_make_a_flight_and_slicing_gives_one():
     assert len(flight[:1]) == 1
 
 
+def test_every_slice_of_a_flight_is_a_flight_of_the_same_step():
+    time = np.round(np.arange(2000) / 130, 5)
+    flight = Flight(time, np.zeros(2000), np.zeros(2000))
+    for start in range(1300):
+        part = flight[start : start + 700]
+        assert part.dt == flight.dt and len(part) == 700
+        np.testing.assert_array_equal(part.time, time[start : start + 700])
+        assert len(part[3:9]) == 6
+
+
+def test_a_slice_cannot_be_changed_and_changes_nothing():
+    flight = Flight(TIME, INPUTS, OUTPUTS, provenance={"source": "here"})
+    part = flight[1:3]
+    with pytest.raises(ValueError, match="read-only"):
+        part.outputs[0, 0] = 1
+    part.provenance["source"] = "elsewhere"
+    assert flight.provenance["source"] == "here"
+
+
+def test_a_flight_prints_as_a_line():
+    flight = Flight(TIME, INPUTS, OUTPUTS, output_names=("roll",), provenance={"source": "here.tlog"})
+    assert repr(flight) == "<Flight: 6 samples at 100 Hz, input 1, input 2 -> roll from here.tlog>"
+    assert repr(Flight(TIME, INPUTS, OUTPUTS)[:2]) == "<Flight: 2 samples at 100 Hz, input 1, input 2 -> output 1>"
+
+
 def test_a_flight_cannot_be_changed():
     flight = Flight(TIME, INPUTS, OUTPUTS)
     with pytest.raises(ValueError, match="read-only"):

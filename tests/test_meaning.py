@@ -156,6 +156,22 @@ def test_two_banks_that_interleave_are_sixteen_channels():
     np.testing.assert_array_equal(motors.outputs, HOVER.motors(motors.time))
 
 
+def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
+    """Six motors over two banks, whole µs, the second bank's messages 3 ms after the first's."""
+    parameters = {f"SERVO{4 + n}_FUNCTION": 32.0 + n for n in range(1, 7)} | {"FRAME_CLASS": 2, "FRAME_TYPE": 1}
+    telemetry = HOVER.telemetry(vehicle="HEXAROTOR", parameters=parameters)
+    time = HOVER.stamps(100.0)
+    outputs = np.round(1500 + 100 * np.sin(np.outer(time, 1 + 0.1 * np.arange(16))))
+    second = np.arange(2 * len(time)) % 2 == 1
+    both = {"time": np.repeat(time, 2) + 0.003 * second, "boot": np.zeros(len(second), dtype=int), "port": second * 1.0}
+    for n in range(8):
+        both[f"servo{n + 1}_raw"] = np.where(second, np.repeat(outputs[:, 8 + n], 2), np.repeat(outputs[:, n], 2))
+    motors = meaning.motors(changed(telemetry, "SERVO_OUTPUT_RAW", **both))
+    assert motors.layout.channels == (5, 6, 7, 8, 9, 10)
+    assert np.any(motors.outputs % 1), "the second bank falls between the stamps"
+    assert motors.scale.step == 1.0
+
+
 def test_actuator_arrays_serve_where_servo_output_raw_is_slow():
     telemetry = HOVER.telemetry(motor_time=1.0, autopilot="PX4")
     time = HOVER.stamps(50.0)

@@ -78,7 +78,11 @@ def boot_clock(stamps: Sequence[Stamps], received: Times) -> BootClock:
         if kind.message != reference.message:
             placed, repair = _placed_against(reference, kind)
             repairs += repair
-        time[placed.rows], boot[placed.rows] = placed.time, placed.boot
+        if len(placed.rows):
+            # A message whose stamp was ignored repeats the last of its kind: between those of others it would pass for
+            # one that was sent then.
+            at = np.maximum(np.searchsorted(placed.rows, kind.rows, side="right") - 1, 0)
+            time[kind.rows], boot[kind.rows] = placed.time[at], placed.boot[at]
     last = np.maximum.accumulate(np.where(np.isnan(time), -1, np.arange(len(time))))
     last[last < 0] = np.flatnonzero(~np.isnan(time))[0]
     return BootClock(time[last], boot[last], tuple(repairs))
@@ -127,17 +131,15 @@ def _placed_alone(stamps: Stamps, received: Times) -> tuple[_Placed, list[str]]:
     boot = np.cumsum(boot)
     turns -= turns[np.concatenate([[0], reboots])][boot]
     time = raw + turns * (stamps.period if wraps.any() else 0.0)
-    repairs = []
-    if not kept.all():
-        strays = np.count_nonzero(~kept)
-        repairs.append(f"{strays} time stamps of {stamps.message} far off their neighbours were ignored.")
+    late = _before_lower(time, boot)
+    repairs = _ignored(stamps.message, int(np.count_nonzero(~kept) + np.count_nonzero(late)))
     if wraps.any():
         repairs.append(f"The clock of {stamps.message} wraps every {stamps.period / 60:.1f} min; undone.")
     if len(reboots):
         at = time[reboots[0] - 1]
         times = "once," if len(reboots) == 1 else f"{len(reboots)} times, first"
         repairs.append(f"The vehicle rebooted {times} when its clock read {at:.1f} s.")
-    return _Placed(stamps.message, rows, time, boot), repairs
+    return _Placed(stamps.message, rows[~late], time[~late], boot[~late]), repairs
 
 
 def _strays(seconds: Times) -> NDArray[np.bool_]:
@@ -148,12 +150,24 @@ def _strays(seconds: Times) -> NDArray[np.bool_]:
     return np.asarray(np.abs(seconds - running_median(seconds, 5)) > STRAY + 10 * usual)
 
 
+def _before_lower(time: Times, boot: Rows) -> NDArray[np.bool_]:
+    """Stamps soon followed by one far lower in the same boot: the upper ones of a clock that jumps to and fro."""
+    lower = np.zeros(len(time), dtype=np.bool_)
+    for ahead in range(1, min(LASTING, len(time))):
+        lower[:-ahead] |= (time[:-ahead] - time[ahead:] > STRAY) & (boot[:-ahead] == boot[ahead:])
+    return lower
+
+
+def _ignored(message: str, stamps: int) -> list[str]:
+    return [f"{stamps} time stamps of {message} far off their neighbours were ignored."] if stamps else []
+
+
 def _reboots(time: Times, raw: Times, received: Times) -> Rows:
     """Rows at which the clock started anew: it fell, stays down, and reads no more than has passed since."""
     ahead = np.lib.stride_tricks.sliding_window_view(np.pad(time, (0, LASTING - 1), mode="edge"), LASTING).max(axis=1)
     gaps = np.abs(np.diff(received, prepend=np.nan))
     passed = float(np.nansum(gaps))
-    speed = max(float(np.clip(np.diff(time), 0, None).sum()) / passed, 1.0) if passed > 0 else np.inf
+    speed = max(float(np.clip(np.diff(time), 0, None).sum()) / passed, 1.0) if passed > 0 else 1.0
     most = np.where(gaps > 0, BOOT_SLACK + 2 * speed * gaps, BOOT_SLACK if passed > 0 else np.inf)
     possible = ((raw <= most) | np.isnan(gaps)).tolist()
     reboots, peak = [], -np.inf
@@ -196,6 +210,7 @@ def _placed_against(reference: _Placed, stamps: Stamps) -> tuple[_Placed, list[s
     elif wrapped:
         repairs.append(f"The clock of {stamps.message} wraps every {stamps.period / 60:.1f} min; undone.")
     kept = ~_strays(off)
+    repairs += _ignored(stamps.message, int(np.count_nonzero(~kept)))
     return _Placed(stamps.message, stamps.rows[kept], time[kept], boot[kept]), repairs
 
 

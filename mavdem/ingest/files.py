@@ -17,12 +17,15 @@ def file_bytes(path: str | os.PathLike[str]) -> bytes:
     """
     path = Path(path)
     try:
-        kind = path.stat().st_mode
+        status = path.stat()
+        kind = status.st_mode
         if stat.S_ISDIR(kind):
             raise Unreadable(f"{path} is a folder: name a log file in it.")
         if not stat.S_ISREG(kind):
             raise Unreadable(f"{path} is not a plain file: name a log file.")
-        content = path.read_bytes()
+        # Not to the end: a file that says it is empty may never end (/proc), and one being recorded may grow.
+        with path.open("rb") as file:
+            content = file.read(status.st_size)
     except FileNotFoundError:
         raise Unreadable(f"{path} does not exist: check the name.") from None
     except MemoryError:

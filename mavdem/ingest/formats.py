@@ -24,24 +24,27 @@ NAMES = {".mcap": "an MCAP recording", ".ulg": "a PX4 ULog", ".bin": "an ArduPil
 TEXT_SAMPLE = 4096
 
 
-def read_log(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
+def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = None) -> Log:
     """Reads a recorded flight.
 
     Args:
-        path: a telemetry log (.tlog), whatever its name.
+        path: a telemetry log (.tlog), whatever its name; str, bytes or path-like.
         progress: called with the fraction done.
 
     Raises:
         Unreadable: the file cannot be opened, is of another kind, or there is no MAVLink in it.
+        ValueError: ``path`` is no path.
     """
-    name = os.fspath(path)
-    content = file_bytes(path)[:TEXT_SAMPLE]
+    if not isinstance(path, str | bytes | os.PathLike):
+        raise ValueError(f"path must name a file, not be {path!r}")
+    name = os.fsdecode(path)
+    content = file_bytes(name)[:TEXT_SAMPLE]
     kind = next((kind for beginning, kind in BEGINNINGS.items() if content.startswith(beginning)), None)
     if kind is None and not _begins_like_tlog(content):
         kind = NAMES.get(Path(name).suffix.lower()) or ("text" if _is_text(content) else None)
     if kind is not None:
         raise Unreadable(f"{name} is {kind}: this version reads telemetry logs (.tlog) only.")
-    return read_tlog(path, progress)
+    return read_tlog(name, progress)
 
 
 def _begins_like_tlog(content: bytes) -> bool:

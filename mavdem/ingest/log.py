@@ -53,7 +53,8 @@ class Log:
 
     Attributes:
         source: the file it came from.
-        vehicles: one ``Telemetry`` for each component that is a vehicle, by system and component.
+        vehicles: one ``Telemetry`` for each component that is a vehicle and sent more than HEARTBEATs, by system and
+            component.
         speakers: every component heard, vehicles included, by system and component.
         unread: frames that could not be read.
         frames: whole frames in the stream, unread ones included.

@@ -24,6 +24,10 @@ _ARMED = 128
 """MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode."""
 _IN_AIR = 2
 """MAV_LANDED_STATE_IN_AIR in EXTENDED_SYS_STATE.landed_state; 3 and 4 are taking off and landing."""
+TURN = 2 * np.pi
+"""rad: no Euler angle lies beyond, whatever the convention."""
+FASTEST = np.radians(4000.0)
+"""rad/s: beyond the range of the gyroscopes that autopilots carry, 2000 °/s and at most 4000."""
 _AS_FAST = 0.9
 """A preferred message is passed over for another only when it comes slower than this share of the other's rate."""
 
@@ -32,10 +36,16 @@ _AS_FAST = 0.9
 class Attitude:
     """One axis at ``time`` (N,) s of ``boot`` (N,), from ``message``.
 
+    Rows that are not finite or cannot be are left out.
+
     Attributes:
         angle: (N,) Euler angle, rad.
         rate: (N,) body rate, rad/s: p for roll, q for pitch.
         slope: (N,) the derivative of ``angle`` that the three body rates and the attitude imply, rad/s.
+        sent: messages in the stream.
+        left_out: those of them that are not here, but for copies of others: not finite, or impossible, or of a stamp
+            that another has.
+        impossible: those with a roll or pitch beyond ``TURN`` or a body rate beyond ``FASTEST``.
     """
 
     message: str
@@ -44,11 +54,18 @@ class Attitude:
     angle: NDArray[np.float64]
     rate: NDArray[np.float64]
     slope: NDArray[np.float64]
+    sent: int
+    left_out: int
+    impossible: int
 
 
 @dataclass(frozen=True, eq=False)
 class Motors:
-    """Motor outputs (N, k) in the unit of the stream at ``time`` (N,) s of ``boot`` (N,), from ``message``."""
+    """Motor outputs (N, k) in the unit of the stream at ``time`` (N,) s of ``boot`` (N,), from ``message``.
+
+    Of the ``sent`` messages ``left_out`` are not here, but for copies of others: not finite, or of a stamp that another
+    has.
+    """
 
     message: str
     time: NDArray[np.float64]
@@ -56,6 +73,8 @@ class Motors:
     outputs: NDArray[np.float64]
     layout: Layout
     scale: Scale
+    sent: int
+    left_out: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,14 +103,18 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     columns = telemetry.messages[message]
     roll, pitch = _euler(columns) if message == "ATTITUDE_QUATERNION" else _columns(columns, "roll", "pitch")
     p, q, r = _columns(columns, "rollspeed", "pitchspeed", "yawspeed")
-    with np.errstate(invalid="ignore"):  # rows that are not finite are left out below
+    most = zip((roll, pitch, p, q, r), (TURN, TURN, FASTEST, FASTEST, FASTEST), strict=True)
+    impossible = np.any([np.isfinite(values) & (np.abs(values) > limit) for values, limit in most], axis=0)
+    with np.errstate(invalid="ignore", over="ignore"):  # rows that are not finite are left out below
         # Z-Y-X Euler kinematics (any flight dynamics text, e.g. Stevens and Lewis, chapter 1).
         if axis == "roll":
             table = np.column_stack([roll, p, p + (q * np.sin(roll) + r * np.cos(roll)) * np.tan(pitch)])
         else:
             table = np.column_stack([pitch, q, q * np.cos(roll) - r * np.sin(roll)])
-    time, boot, table = _in_order(columns["time"], columns["boot"], table)
-    return Attitude(message, time, boot, table[:, 0], table[:, 1], table[:, 2])
+    table[impossible] = np.nan
+    time, boot, kept, left_out = _in_order(columns["time"], columns["boot"], table)
+    angle, rate, slope = kept.T
+    return Attitude(message, time, boot, angle, rate, slope, len(table), left_out, int(np.count_nonzero(impossible)))
 
 
 def motors(telemetry: Telemetry) -> Motors | None:
@@ -110,13 +133,18 @@ def motors(telemetry: Telemetry) -> Motors | None:
     # One row a message of the bank that holds most motors; the other bank's rows come a moment before or after.
     main = max(banks, key=lambda bank: len(bank.among(plan.channels)))
     outputs = np.full((len(main.time), len(plan.channels)), np.nan)
+    sent = []
     for bank in banks:
         for channel in bank.among(plan.channels):
             values = bank.values[:, channel - bank.first]
+            sent.append(values)
             outputs[:, plan.channels.index(channel)] = values if bank is main else _onto(main, bank, values)
-    time, boot, outputs = _in_order(main.time, main.boot, outputs)
-    scale = recognise(outputs, telemetry.parameters)
-    return Motors(message, time, boot, outputs, plan, scale) if len(time) else None
+    time, boot, outputs, lost = _in_order(main.time, main.boot, outputs)
+    # Of the values as sent: those that were moved to another bank's stamps fall between the steps of the stream.
+    scale = recognise(np.concatenate(sent), telemetry.parameters)
+    if not len(time):
+        return None
+    return Motors(message, time, boot, outputs, plan, scale, main.sent, main.left_out + lost)
 
 
 def armed(telemetry: Telemetry) -> Signal | None:
@@ -148,7 +176,7 @@ def in_air(telemetry: Telemetry) -> Signal | None:
     said = landed > 0  # 0 is "undefined": the autopilot does not tell
     if not said.any():
         return None
-    time, boot, table = _in_order(columns["time"][said], columns["boot"][said], landed[said, None])
+    time, boot, table, _ = _in_order(columns["time"][said], columns["boot"][said], landed[said, None])
     return Signal(time, boot, (table[:, 0] == _IN_AIR).astype(np.float64))
 
 
@@ -161,19 +189,22 @@ def climb_rate(telemetry: Telemetry) -> Signal | None:
     ):
         columns = telemetry.messages.get(message)
         if columns is not None and len(columns["time"]) > 1:
-            time, boot, table = _in_order(columns["time"], columns["boot"], factor * _floats(columns, field)[:, None])
+            climb = factor * _floats(columns, field)[:, None]
+            time, boot, table, _ = _in_order(columns["time"], columns["boot"], climb)
             return Signal(time, boot, table[:, 0])
     return None
 
 
 @dataclass(frozen=True, eq=False)
 class _Bank:
-    """Output channels ``first``, ``first`` + 1, … as one stream sends them: values (N, width)."""
+    """Output channels ``first``, ``first`` + 1, … as one stream sends them: values (N, width); see ``Motors``."""
 
     time: NDArray[np.float64]
     boot: NDArray[np.int64]
     values: NDArray[np.float64]
     first: int
+    sent: int
+    left_out: int
 
     def among(self, channels: tuple[int, ...]) -> list[int]:
         return [channel for channel in channels if self.first <= channel < self.first + self.values.shape[1]]
@@ -193,8 +224,8 @@ def _banks(message: str, columns: Columns) -> list[_Bank]:
 
 
 def _bank(columns: Columns, values: NDArray[np.float64], first: int, rows: NDArray[np.bool_]) -> _Bank:
-    time, boot, values = _in_order(columns["time"][rows], columns["boot"][rows], values[rows])
-    return _Bank(time, boot, values, first)
+    time, boot, kept, left_out = _in_order(columns["time"][rows], columns["boot"][rows], values[rows])
+    return _Bank(time, boot, kept, first, int(np.count_nonzero(rows)), left_out)
 
 
 def _moves(values: NDArray[np.float64]) -> bool:
@@ -243,12 +274,18 @@ def _floats(columns: Columns, field: str) -> NDArray[np.float64]:
 
 def _in_order(
     time: NDArray[np.float64], boot: NDArray[np.int64], table: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Rows sorted by boot and time, repeats of a stamp and rows with non-finite values left out."""
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], int]:
+    """Rows sorted by boot and time, repeats of a stamp and rows with non-finite values left out.
+
+    Last how many rows were left out, but for those whose stamp and values are both those of another.
+    """
     finite = np.isfinite(table).all(axis=1) & np.isfinite(time)
+    lost = int(np.count_nonzero(~finite))
     time, boot, table = time[finite], boot[finite], table[finite]
     order = np.lexsort((time, boot))
     time, boot, table = time[order], boot[order], table[order]
     new = np.ones(len(time), dtype=bool)
     new[1:] = (np.diff(time) > 0) | (np.diff(boot) > 0)
-    return time[new], boot[new], table[new]
+    other = np.zeros(len(time), dtype=bool)
+    other[1:] = (np.diff(table, axis=0) != 0).any(axis=1)
+    return time[new], boot[new], table[new], lost + int(np.count_nonzero(other & ~new))

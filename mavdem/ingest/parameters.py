@@ -6,6 +6,7 @@ https://mavlink.io/en/services/parameter.html#parameter-encoding.
 
 from __future__ import annotations
 
+from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -20,14 +21,17 @@ INTEGER_TYPES = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4"}
 
 
 def parameters(sent: Columns, autopilot: str) -> dict[str, float]:
-    """The last value of each parameter by name, from PARAM_VALUE's columns and the MAV_AUTOPILOT that sent them."""
+    """The last finite value of each parameter by name, from PARAM_VALUE's columns and the MAV_AUTOPILOT that sent them.
+
+    A value that is not finite says nothing and counts as not sent.
+    """
     values = sent["param_value"].astype(np.float64)
     if autopilot in BITWISE:
         for number, kind in INTEGER_TYPES.items():
             rows = sent["param_type"] == number
             values[rows] = _low_bytes(sent["param_value"][rows], kind)
     names = [name.split(b"\0", 1)[0].decode("ascii", errors="replace") for name in sent["param_id"].tolist()]
-    return dict(zip(names, values.tolist(), strict=True))
+    return {name: value for name, value in zip(names, values.tolist(), strict=True) if isfinite(value)}
 
 
 def _low_bytes(values: NDArray[Any], kind: str) -> NDArray[Any]:

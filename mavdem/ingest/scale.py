@@ -32,7 +32,7 @@ class Scale:
 
 
 def recognise(outputs: NDArray[np.float64], parameters: Mapping[str, float]) -> Scale:
-    """The scale of a table of motor outputs, (N, k), disarmed stretches included; non-finite values are ignored.
+    """The scale of motor outputs of any shape, as sent, disarmed stretches included; non-finite values are ignored.
 
     Pulse widths never fall below 750 µs except to 0 for "off"; PX4's DShot runs to 1999 and idles far below that, and
     its simulators send 150..1000. ArduPilot's MOT_PWM_MIN and MOT_PWM_MAX say the range of pulse widths, 0 for not set.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,8 +54,9 @@ def assemble(
         if len(good):
             messages = Messages(data, frames[good], received[good])
             heard.append((_speaker(int(sources[rows[0]]), messages, _lost(frames.sequence[rows])), messages))
+    stores = {speaker.system: messages for speaker, messages in heard if speaker.component == PARAMETER_STORE}
     vehicles = tuple(
-        _telemetry(speaker, messages, _stored_parameters(speaker, heard), source, repairs)
+        _telemetry(speaker, messages, _stored_parameters(speaker, stores), source, repairs)
         for speaker, messages in heard
         if _is_vehicle(speaker)
     )
@@ -82,7 +83,7 @@ def _identity(heartbeats: Columns) -> tuple[str, str]:
 def _is_vehicle(speaker: Speaker) -> bool:
     if speaker.kind == UNNAMED:
         return any(name in speaker.messages for name in FLIES)
-    return speaker.kind not in NOT_VEHICLES
+    return speaker.kind not in NOT_VEHICLES and set(speaker.messages) != {"HEARTBEAT"}
 
 
 def _telemetry(
@@ -101,12 +102,12 @@ def _telemetry(
     )
 
 
-def _stored_parameters(vehicle: Speaker, heard: Sequence[tuple[Speaker, Messages]]) -> dict[str, float]:
-    """The vehicle's parameters as MAVProxy notes them in its logs."""
-    for speaker, messages in heard:
-        if (speaker.system, speaker.component) == (vehicle.system, PARAMETER_STORE) and "PARAM_VALUE" in messages:
-            return parameters(messages["PARAM_VALUE"], vehicle.autopilot)
-    return {}
+def _stored_parameters(vehicle: Speaker, stores: Mapping[int, Messages]) -> dict[str, float]:
+    """The vehicle's parameters as MAVProxy notes them in its logs, from the stores by system."""
+    store = stores.get(vehicle.system)
+    if store is None or "PARAM_VALUE" not in store:
+        return {}
+    return parameters(store["PARAM_VALUE"], vehicle.autopilot)
 
 
 def _lost(sequence: NDArray[np.uint8]) -> int:

@@ -142,3 +142,29 @@ def test_any_stamps_at_all_give_finite_times(times: list[float], servo: bool) ->
     clock = interleaved(values, values[::-1] % WRAP_US) if servo else clock_of(values)
     assert np.isfinite(clock.time).all() or not values.any()
     assert (np.diff(clock.boot) >= -clock.boot.max()).all() and (clock.boot >= 0).all()
+
+
+def test_a_clock_that_jumps_to_and_fro_is_ignored_where_it_is_ahead() -> None:
+    times = 100 + 0.01 * np.arange(600)
+    jumping = times + 100 * (np.arange(600) % 2)
+    clock = clock_of(jumping)
+    assert np.array_equal(clock.time[::2], times[::2]) and not clock.boot.any()
+    assert np.array_equal(clock.time[1:-1:2], times[:-2:2])
+    assert "299 time stamps of ATTITUDE" in clock.repairs[0]
+
+
+def test_a_message_whose_stamp_is_ignored_repeats_the_last_of_its_kind() -> None:
+    times = 100 + 0.1 * np.arange(200)
+    servo = times + 0.05
+    servo[100] = 900.0
+    clock = interleaved(times, servo)
+    assert clock.time[201] == clock.time[199]
+    assert clock.repairs == ("1 time stamps of SERVO_OUTPUT_RAW far off their neighbours were ignored.",)
+
+
+@pytest.mark.parametrize("stamp", [0.0, 1e13])
+def test_equal_receive_stamps_say_nothing(stamp: float, recwarn: pytest.WarningsRecorder) -> None:
+    times = np.concatenate([100 + 0.1 * np.arange(100), 5 + 0.1 * np.arange(100)])
+    clock = clock_of(times, np.full(200, stamp))
+    assert clock.boot.tolist() == [0] * 100 + [1] * 100
+    assert not recwarn.list
