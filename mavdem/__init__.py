@@ -1,11 +1,15 @@
 """mavdem: what a multirotor really does in wind, learnt from its flights by Dynamic Expectation Maximization."""
 
-from mavdem import evaluate
-from mavdem.dem import Learned, Settings, learn
-from mavdem.errors import NotLearnable, Unreadable
-from mavdem.flight import Flight
-from mavdem.read import read_flight
-from mavdem.telemetry import Telemetry
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from mavdem import evaluate
+    from mavdem.dem import Learned, Settings, learn
+    from mavdem.errors import NotLearnable, Unreadable
+    from mavdem.flight import Flight
+    from mavdem.read import read_flight
+    from mavdem.telemetry import Telemetry
 
 __all__ = [
     "Flight",
@@ -18,3 +22,27 @@ __all__ = [
     "learn",
     "read_flight",
 ]
+
+_HOMES = {
+    "Flight": "flight",
+    "Learned": "dem",
+    "NotLearnable": "errors",
+    "Settings": "dem",
+    "Telemetry": "telemetry",
+    "Unreadable": "errors",
+    "learn": "dem",
+    "read_flight": "read",
+}
+
+
+def __getattr__(name: str) -> Any:
+    # Imported when asked for (PEP 562): scipy takes most of a second, which `mavdem --help` need not wait.
+    if name == "evaluate":
+        return import_module("mavdem.evaluate")
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"mavdem.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -145,7 +145,7 @@ def _model(train: Flight, learned: Learned) -> list[Sentence | Table]:
             + ".",
             "Trim:",
         ),
-        Sentence(_stability(model.A)),
+        *(Sentence(sentence) for sentence in [_stability(model.A)] if sentence),
     ]
 
 
@@ -165,15 +165,20 @@ def _entry(value: float, sd: float, fixed: bool) -> str:
 
 
 def _stability(A: np.ndarray[Any, np.dtype[np.float64]]) -> str:
-    """Each motion of its own that the model has, as the time in which it dies out or grows e-fold."""
+    """Each motion of its own that the model has, as the time in which it dies out or grows e-fold.
+
+    A model's cautions tell that it is unstable and the fastest growth: those are not told again.
+    """
     # One of each complex pair.
     modes = sorted((value for value in np.linalg.eigvals(A) if value.imag >= 0), key=lambda value: -value.real)
     growing, dying = ([_mode(value) for value in modes if (value.real > 0) == grows] for grows in (True, False))
     constants = f"with time constant{'s' if len(dying) > 1 else ''} {_listed(dying)}"
     if not growing:
         return f"It is stable: disturbances die out {constants}."
-    rest = f"; the rest dies out {constants}" if dying else ""
-    return f"It is unstable: it grows e-fold in {_listed(growing)}{rest}."
+    rest = f"What does not grow dies out {constants}." if dying else ""
+    if len(growing) == 1 and not modes[0].imag:
+        return rest
+    return f"What grows does so e-fold in {_listed(growing)}. {rest}".rstrip()
 
 
 def _mode(eigenvalue: complex) -> str:

@@ -58,8 +58,10 @@ def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
         forecast: (H, m), of the H samples of ``test``.
 
     Raises:
-        ValueError: a forecast of another shape.
+        ValueError: a forecast of another shape, or an output of ``train`` that is constant.
     """
+    if not np.ptp(train.outputs, axis=0).all():
+        raise ValueError("train must vary in every output: errors are told in units of its variance")
     variance = train.outputs.var(axis=0)
     constant = np.broadcast_to(train.outputs.mean(axis=0), test.outputs.shape)
     ours = (mspe(test.outputs, forecast).per_output / variance).sum()

@@ -132,6 +132,14 @@ def test_stability_is_told_as_times_and_frequencies():
     assert _stability(np.array([[-4.0, swing], [-swing, -4.0]])) == (
         "It is stable: disturbances die out with time constant 0.25 s (swinging at 1.5 Hz)."
     )
-    assert _stability(np.diag([0.5, -1.0])) == (
-        "It is unstable: it grows e-fold in 2 s; the rest dies out with time constant 1 s."
+    assert (
+        _stability(np.array([[0.5, swing], [-swing, 0.5]])) == "What grows does so e-fold in 2 s (swinging at 1.5 Hz)."
     )
+    assert _stability(np.diag([0.5, 0.1, -1.0])) == (
+        "What grows does so e-fold in 2 s and 10 s. What does not grow dies out with time constant 1 s."
+    )
+
+
+def test_what_the_caution_tells_of_instability_is_not_told_again():
+    assert _stability(np.diag([0.5, -1.0])) == "What does not grow dies out with time constant 1 s."
+    assert _stability(np.diag([0.5])) == ""

@@ -55,6 +55,13 @@ def test_relative_mspe_weighs_outputs_by_their_training_variance():
     )
 
 
+def test_an_output_that_is_constant_while_learning_has_no_unit_of_error():
+    whole = flight()
+    train = mavdem.Flight(whole.time, whole.inputs, whole.outputs * [1, 0] + [0, 0.1])
+    with pytest.raises(ValueError, match="^train must vary"):
+        evaluate.relative_mspe(train, whole, whole.outputs)
+
+
 def test_the_report_is_plain_json_and_puts_the_best_first():
     train, test = flight()[:400], flight()[400:]
     learned = mavdem.learn(train, mavdem.Settings(window=9, parameter_precision=1.0))

@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from mavdem.cli.output import print_json, say
+from mavdem.cli.output import complain, print_json, say
 from mavdem.cli.source import read_source, source_options
 from mavdem.inventory import inventory
 
@@ -40,7 +40,17 @@ def info(context: click.Context, source: str, axis: str, vehicle: str | None, as
         if not held["vehicles"]:
             say("There is no vehicle in it: check that the autopilot's own messages are recorded.\n")
         _print_stream(held)
-    context.exit(0 if held["learnable"] else 1)
+    if not held["learnable"]:
+        # The document is printed already, with all the reasons.
+        complain(f"No {axis} model can be learnt from {source}{_first_reason(held)}", "", as_json=False)
+        context.exit(1)
+
+
+def _first_reason(held: dict[str, Any]) -> str:
+    if not held["vehicles"]:
+        return ": there is no vehicle in it."
+    one = held["vehicles"][0]
+    return f"; {_name(one)}: {one['verdict']['reason']}"
 
 
 def _print_vehicle(one: dict[str, Any]) -> None:

@@ -14,7 +14,7 @@ from click.core import ParameterSource
 from mavdem import evaluate
 from mavdem.cli.output import print_json, progress
 from mavdem.cli.results import NAMES, check_folder, write_results
-from mavdem.cli.source import read_source, source_options
+from mavdem.cli.source import no_option, read_source, source_options
 from mavdem.cli.summary import print_summary
 from mavdem.dem import Learned, Settings
 from mavdem.dem import learn as learn_model
@@ -29,7 +29,9 @@ MOST_STATES = 10
 
 @click.command()
 @source_options
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
+@click.option(
+    "--out", type=click.Path(path_type=Path), required=True, callback=no_option, help="Folder for the results."
+)
 @click.option(
     "--preset",
     type=click.Choice(["real", "paper"]),
@@ -101,7 +103,7 @@ def _cut(flight: Flight, start: float, train: int, test: int) -> tuple[Flight, F
     """The samples to learn from and those to forecast."""
     if not math.isfinite(start):
         raise click.BadParameter("it must be a number of seconds.", param_hint="--start")
-    first = min(round(start / flight.dt), len(flight))
+    first = round(min(start / flight.dt, len(flight)))
     left = len(flight) - first
     if left >= train + test:
         return flight[first : first + train], flight[first + train : first + train + test]

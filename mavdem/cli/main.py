@@ -6,20 +6,40 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from importlib import import_module
 
 import click
 
-from mavdem.cli.info import info
-from mavdem.cli.learn import learn
-from mavdem.cli.output import complain, prepare_streams
+from mavdem.cli.output import complain, prepare_streams, say_aside
+from mavdem.cli.signals import INTERRUPTED, ending_at_once
 from mavdem.errors import NotLearnable, Unreadable
 
-DONE, UNSUPPORTED, UNUSABLE, INTERRUPTED, PIPE_CLOSED = 0, 1, 2, 130, 141
-"""Exit codes: done; the data cannot support the request; bad usage or unreadable input; and as a shell reports SIGINT
-and SIGPIPE."""
+DONE, UNSUPPORTED, UNUSABLE, PIPE_CLOSED = 0, 1, 2, 141
+"""Exit codes: done; the data cannot support the request; bad usage, unreadable input or output that fails; and as a
+shell reports SIGPIPE."""
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+class _Commands(click.Group):
+    """Imports a command when it is to run: what it needs takes a second, which ``--help`` need not wait."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        name, command, rest = super().resolve_command(ctx, args)
+        if command is not None:
+            with ending_at_once():
+                command = getattr(import_module(f"mavdem.cli.{command.name}"), str(command.name))
+        return name, command, rest
+
+
+@click.group(
+    cls=_Commands,
+    commands=[
+        click.Command("info", help="Says what a log holds, and whether a model can be learnt from it."),
+        click.Command("learn", help="Learns a linear model from a log and forecasts with it."),
+    ],
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 @click.version_option(package_name="mavdem")
 def mavdem() -> None:
     """Learns what a multirotor does in wind from its flight logs.
@@ -42,10 +62,6 @@ def mavdem() -> None:
     """
 
 
-mavdem.add_command(info)
-mavdem.add_command(learn)
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command and answers its exit code; no exception but SystemExit leaves it.
 
@@ -57,10 +73,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         code = _run(words, as_json="--json" in words)
         sys.stdout.flush()
+        return code
     except BrokenPipeError:
-        # The reader has had enough. Python flushes once more at exit, and that must go somewhere.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return PIPE_CLOSED
+        code = PIPE_CLOSED  # the reader has had enough
+    except OSError as error:
+        complain(f"Standard output cannot be written to ({error.strerror or error}).", "", as_json=False)
+        code = UNUSABLE
+    # Python flushes once more at exit, and that must go somewhere.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     return code
 
 
@@ -71,7 +91,7 @@ def _run(words: list[str], as_json: bool) -> int:
     except click.exceptions.Exit as end:
         return end.exit_code
     except click.exceptions.NoArgsIsHelpError as error:
-        error.show()
+        say_aside(error.format_message())
         return UNUSABLE
     except click.ClickException as error:
         where = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "mavdem"
@@ -86,14 +106,15 @@ def _run(words: list[str], as_json: bool) -> int:
     except KeyboardInterrupt:
         complain("Interrupted; nothing is left half written.", "", as_json)
         return INTERRUPTED
-    except BrokenPipeError:
-        raise
     except Exception as error:
+        if isinstance(error, OSError) and error.filename is None:
+            raise  # standard output: the only thing written to here that has no name
         if os.environ.get("MAVDEM_TRACEBACK"):
             traceback.print_exc()
-        what = f"{type(error).__name__}: {error}".replace("\n", " ")
         complain(
-            f"This should not have happened ({what}).", "Run it again with MAVDEM_TRACEBACK=1 to see where.", as_json
+            f"This should not have happened ({type(error).__name__}: {error}).",
+            "Run it again with MAVDEM_TRACEBACK=1 to see where.",
+            as_json,
         )
         return UNUSABLE
     return DONE

@@ -6,10 +6,11 @@ import codecs
 import io
 import json
 import math
+import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import click
@@ -29,12 +30,17 @@ PLAIN = {"±": "+-", "°": "deg", "µ": "u", "“": '"', "”": '"', "\N{COMBINI
 
 
 def prepare_streams() -> None:
-    """Lets no character that the terminal cannot show end a run, and shows a warning as one line."""
+    """Lets no character that the terminal cannot show end a run, and shows a warning as one line.
+
+    A stream that the process was started without is as one that nobody reads.
+    """
     codecs.register_error("plain", _plain)
+    sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115 - it stays open for as long as the process
+    sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="plain")
-    warnings.showwarning = lambda message, *_, **__: click.echo(f"mavdem: warning: {message}", err=True)
+    warnings.showwarning = lambda message, *_, **__: say_aside(_one_line(f"mavdem: warning: {message}"))
 
 
 def _plain(error: UnicodeError) -> tuple[str, int]:
@@ -61,6 +67,17 @@ def say(text: str = "") -> None:
     click.echo(text, file=sys.stdout)
 
 
+def say_aside(text: str) -> None:
+    """Prints on standard error; where that fails there is nobody left to tell, and the exit code must do."""
+    with suppress(OSError):
+        click.echo(text, file=sys.stderr)
+
+
+def _one_line(text: str) -> str:
+    """A name may hold line breaks."""
+    return " ".join(text.splitlines())
+
+
 def print_json(document: Any) -> None:
     """The one document on standard output of ``--json``."""
     click.echo(json_text(document))
@@ -81,7 +98,7 @@ def print_table(table: Table) -> None:
 
 def complain(reason: str, remedy: str, as_json: bool) -> None:
     """Says on standard error what is wrong and what to do, and with ``as_json`` the same as the document."""
-    click.echo(f"mavdem: {reason} {remedy}".rstrip(), file=sys.stderr)
+    say_aside(_one_line(f"mavdem: {reason} {remedy}".rstrip()))
     if as_json:
         print_json({"error": {"reason": reason, "remedy": remedy}})
 

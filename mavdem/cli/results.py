@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from mavdem.cli.output import json_text
+from mavdem.cli.signals import ending_at_once
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.flight import Flight
@@ -19,13 +22,17 @@ def check_folder(folder: Path) -> None:
     """Refuses a folder that cannot be written to, before the work is done; it makes nothing.
 
     Raises:
-        Unreadable: it or a folder above it is a file, or not permitted.
+        Unreadable: it or a folder above it is a file, or not permitted; or a folder is where a result must go.
     """
     existing = next(place for place in (folder, *folder.absolute().parents) if os.path.lexists(place))
     if not existing.is_dir():
         raise Unreadable(f"--out {folder} is no folder, because {existing} is a file: name another.")
     if not os.access(existing, os.W_OK | os.X_OK):
         raise Unreadable(f"--out {folder} cannot be made: {existing} is not writable.")
+    for path in (folder / name for name in NAMES):
+        # Found only when the others are replaced, it would leave results of two runs.
+        if path.is_dir() and not path.is_symlink():
+            raise Unreadable(f"{path} is a folder, where a file is to be written: move it, or name another --out.")
 
 
 def write_results(folder: Path, report: dict[str, Any], train: Flight, test: Flight, learned: Learned) -> None:
@@ -40,11 +47,11 @@ def write_results(folder: Path, report: dict[str, Any], train: Flight, test: Fli
         Unreadable: they cannot be written.
     """
     # Rerun takes a second to load, and a flight that cannot be learnt needs none of it.
-    from mavdem.view import write_recording
+    with ending_at_once():
+        from mavdem.view import write_recording
 
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(dir=folder, prefix=".unfinished.") as unfinished:
+        with _made(folder), TemporaryDirectory(dir=folder, prefix=".unfinished.") as unfinished:
             model_json, report_json, recording = (Path(unfinished) / name for name in NAMES)
             model_json.write_text(learned.to_json() + "\n")
             report_json.write_text(json_text(report) + "\n")
@@ -53,3 +60,17 @@ def write_results(folder: Path, report: dict[str, Any], train: Flight, test: Fli
                 os.replace(path, folder / path.name)
     except OSError as error:
         raise Unreadable(f"--out {folder} cannot be written ({error.strerror or error}): name another.") from None
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Makes a folder and those above it, and on failure removes those that it made."""
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        for place in missing:
+            with suppress(OSError):  # never made, or somebody else has put something there
+                place.rmdir()
+        raise

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -18,11 +19,26 @@ LINK = re.compile(r"(udp|tcp|mcast|ws)\w*:|/dev/(tty|cu|serial)|COM\d", re.IGNOR
 """How pymavlink's connection strings begin (``mavutil.mavlink_connection``)."""
 
 
+Value = TypeVar("Value")
+
+
+def no_option(context: click.Context, parameter: click.Parameter, value: Value) -> Value:
+    """Refuses an option in the place of another's value, which was then forgotten: ``--out --json``."""
+    if str(value).startswith("--"):
+        raise click.BadParameter(f"{value} is an option, and no value was given.", context, parameter)
+    return value
+
+
 def source_options(command: Command) -> Command:
     """Adds SOURCE, --axis, --vehicle and --json to a command."""
     for decorate in (
         click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."),
-        click.option("--vehicle", metavar="SYSTEM[:COMPONENT]", help="Which vehicle, where the log holds several."),
+        click.option(
+            "--vehicle",
+            metavar="SYSTEM[:COMPONENT]",
+            callback=no_option,
+            help="Which vehicle, where the log holds several.",
+        ),
         click.option("--axis", type=click.Choice(["roll", "pitch"]), default="roll", show_default=True),
         click.argument("source", type=click.Path()),
     ):
@@ -36,7 +52,7 @@ def read_source(source: str) -> Log:
     Raises:
         Unreadable: it is a link, or ``mavdem.ingest.read_log`` says so.
     """
-    if LINK.match(source):
+    if LINK.match(source) and not os.path.isfile(source):
         raise Unreadable(
             f"{source} is a MAVLink link, and this version reads files only: record a telemetry log (.tlog), name that."
         )

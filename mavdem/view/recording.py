@@ -38,24 +38,36 @@ def write_recording(path: str | os.PathLike[str], train: Flight, test: Flight, l
         OSError: it cannot be written there.
     """
     path = Path(path)
-    seen = outlooks(train, test, learned)
+    # Rerun does not tell when a file it writes fails, as on a full disk; Python does.
+    contents = _recorded(Path(str(train.provenance.get("source", path))).name, train, test, learned)
     with TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
         unfinished = Path(folder) / path.name
-        recording = rr.RecordingStream("mavdem")
-        recording.save(unfinished, default_blueprint=blueprint(train, test, learned, seen))
-        recording.send_recording_name(Path(str(train.provenance.get("source", path))).name)
-        recording.log(
-            "result", rr.TextDocument(summary(train, test, learned), media_type=rr.MediaType.MARKDOWN), static=True
-        )
-        for outlook in seen:
-            _output(recording, outlook)
-        _inputs(recording, train, test)
-        _process_noise(recording, train, learned)
-        _parameters(recording, train, learned)
-        _free_energy(recording, learned)
-        _noise_precisions(recording, train, learned)
-        recording.disconnect()
+        unfinished.write_bytes(contents)
         os.replace(unfinished, path)
+
+
+def _recorded(name: str, train: Flight, test: Flight, learned: Learned) -> bytes:
+    """The contents of an .rrd file."""
+    seen = outlooks(train, test, learned)
+    recording = rr.RecordingStream("mavdem")
+    memory = recording.memory_recording()
+    recording.send_blueprint(blueprint(train, test, learned, seen), make_active=False)
+    recording.send_recording_name(_unicode(name))
+    document = rr.TextDocument(_unicode(summary(train, test, learned)), media_type=rr.MediaType.MARKDOWN)
+    recording.log("result", document, static=True)
+    for outlook in seen:
+        _output(recording, outlook)
+    _inputs(recording, train, test)
+    _process_noise(recording, train, learned)
+    _parameters(recording, train, learned)
+    _free_energy(recording, learned)
+    _noise_precisions(recording, train, learned)
+    return memory.drain_as_bytes()
+
+
+def _unicode(text: str) -> str:
+    """A file's name need not be UTF-8, and what Rerun is given must be."""
+    return text.encode(errors="replace").decode()
 
 
 def _output(recording: rr.RecordingStream, outlook: Outlook) -> None:

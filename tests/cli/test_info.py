@@ -16,7 +16,7 @@ LOGS = Path(__file__).parents[2] / "logs"
 def info(capsys, *words: str) -> tuple[int, dict]:
     code = main(["info", *words, "--json"])
     said = capsys.readouterr()
-    assert said.err == ""
+    assert said.err.count("\n") == code
     return code, json.loads(said.out)
 
 
@@ -51,6 +51,14 @@ def test_the_rates_a_ground_station_asks_for_are_too_slow(capsys):
     assert vehicle["messages"]["ATTITUDE"]["rate"] == pytest.approx(4, rel=0.1)
     assert "Hz" in vehicle["verdict"]["reason"]
     assert vehicle["verdict"]["remedy"]
+
+
+def test_why_not_is_told_on_standard_error_too(capsys):
+    path = recorded("ardupilot_default_rates.tlog")
+    assert main(["info", path]) == 1
+    said = capsys.readouterr()
+    assert said.err.startswith(f"mavdem: No roll model can be learnt from {path}; ")
+    assert said.err.rstrip().split(": ", 2)[2][-40:] in said.out
 
 
 def test_nothing_heard_is_left_out(capsys):

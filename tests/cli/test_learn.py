@@ -78,8 +78,9 @@ def test_a_flight_too_short_names_the_command_that_fits(tmp_path, capsys):
     assert main(command[1:]) == 0
 
 
-def test_a_start_beyond_the_flight_is_refused(tmp_path, capsys):
-    assert main(["learn", FLIGHT, "--out", str(tmp_path / "out"), "--start", "1e9", "--json"]) == 1
+@pytest.mark.parametrize("start", ["1e9", "1e307"])
+def test_a_start_beyond_the_flight_is_refused(start, tmp_path, capsys):
+    assert main(["learn", FLIGHT, "--out", str(tmp_path / "out"), "--start", start, "--json"]) == 1
     assert "--start" in json.loads(capsys.readouterr().out)["error"]["remedy"]
 
 

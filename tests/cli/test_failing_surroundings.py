@@ -1,0 +1,182 @@
+"""A full disk, closed streams, signals and odd names: an exit code, at most a sentence, and nothing half written."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import click
+import pytest
+from rerun.chunk import RrdReader
+
+from mavdem.cli.main import main, mavdem
+from mavdem.cli.results import NAMES
+
+FLIGHT = Path(__file__).parents[2] / "logs/ardupilot_wind5_steps.tlog"
+MAVDEM = [sys.executable, "-c", "import sys; from mavdem.cli.entry import run; sys.exit(run())"]
+FULL = Path("/dev/full")
+
+needs_full = pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
+
+
+def no_file_beyond(size: int) -> None:
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))
+
+
+def fast_learning(out: Path) -> list[str | Path]:
+    return [*MAVDEM, "learn", FLIGHT, "--out", out, "--preset", "paper"]
+
+
+def test_a_recording_that_does_not_fit_is_told_and_leaves_nothing(tmp_path):
+    out = tmp_path / "made" / "here"
+    done = subprocess.run(
+        fast_learning(out), capture_output=True, text=True, timeout=120, preexec_fn=lambda: no_file_beyond(100_000)
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.startswith("mavdem: --out ") and done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_recording_is_read_back_to_its_end(tmp_path):
+    done = subprocess.run(fast_learning(tmp_path), capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stderr) == (0, "")
+    reader = RrdReader(tmp_path / "flight.rrd")
+    assert len(reader.blueprints()) == 1
+    # The manifest is the last thing in the file.
+    assert reader.store() is not None
+
+
+@needs_full
+@pytest.mark.parametrize(
+    "words", [["info", FLIGHT], ["info", FLIGHT, "--json"], ["--help"], ["info", "none", "--json"]]
+)
+def test_a_standard_output_that_fails_is_told(words):
+    with FULL.open("w") as full:
+        done = subprocess.run([*MAVDEM, *words], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert done.returncode == 2
+    *_, last = done.stderr.splitlines()
+    assert last.startswith("mavdem: Standard output cannot be written to (")
+    assert "Traceback" not in done.stderr and "should not have happened" not in done.stderr
+
+
+@needs_full
+def test_results_are_kept_when_only_standard_output_fails(tmp_path):
+    with FULL.open("w") as full:
+        done = subprocess.run(fast_learning(tmp_path), stdout=full, stderr=subprocess.PIPE, text=True, timeout=120)
+    assert done.returncode == 2
+    assert done.stderr.startswith("mavdem: Standard output") and done.stderr.count("\n") == 1
+    assert {path.name for path in tmp_path.iterdir()} == set(NAMES)
+
+
+@needs_full
+def test_a_standard_error_that_fails_changes_no_exit_code(tmp_path):
+    (tmp_path / "empty.tlog").touch()
+    with FULL.open("w") as full:
+        done = subprocess.run([*MAVDEM, "info", tmp_path / "empty.tlog"], stderr=full, timeout=60)
+    assert done.returncode == 2
+
+
+@pytest.mark.parametrize("closed", [1, 2])
+def test_a_closed_stream_is_as_one_that_nobody_reads(closed):
+    done = subprocess.run(
+        [*MAVDEM, "info", FLIGHT], capture_output=True, timeout=60, preexec_fn=lambda: os.close(closed)
+    )
+    assert done.returncode == 0
+    assert done.stderr == b""
+
+
+def test_an_interrupt_while_starting_is_one_sentence(tmp_path):
+    """Ctrl-C comes as numpy begins to be imported."""
+    (tmp_path / "numpy.py").write_text("import signal; signal.raise_signal(signal.SIGINT)\n")
+    path = os.pathsep.join([str(tmp_path), str(FLIGHT.parents[1])])
+    done = subprocess.run(
+        [*MAVDEM, "info", FLIGHT], capture_output=True, text=True, env={**os.environ, "PYTHONPATH": path}, timeout=60
+    )
+    assert done.returncode == 130
+    assert done.stderr.startswith("mavdem: Interrupted") and done.stderr.count("\n") == 1
+
+
+def test_the_help_imports_nothing_that_takes_time():
+    check = (
+        "import sys; from mavdem.cli.entry import run; run();"
+        "sys.exit(' '.join({'numpy', 'scipy', 'pymavlink', 'rerun'} & set(sys.modules)) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", check, "--help"], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_help_says_of_each_command_what_it_says_itself():
+    context = click.Context(mavdem)
+    for name, told in mavdem.commands.items():
+        _, command, _ = mavdem.resolve_command(context, [name])
+        assert command is not told
+        assert command.get_short_help_str(limit=200) == told.get_short_help_str(limit=200)
+
+
+def test_a_termination_while_writing_leaves_nothing(tmp_path):
+    slow = (
+        "import sys, time, mavdem.view; from mavdem.cli.entry import run;"
+        "mavdem.view.write_recording = lambda *_: time.sleep(60);"
+        "sys.exit(run())"
+    )
+    words = [sys.executable, "-c", slow, *fast_learning(tmp_path / "out")[len(MAVDEM) :]]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+        deadline = time.monotonic() + 60
+        while not list(tmp_path.glob("out/.unfinished.*/report.json")) and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert list(tmp_path.glob("out/.unfinished.*"))
+        running.terminate()
+        _, said = running.communicate(timeout=30)
+    assert running.returncode == 143
+    assert said == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_folder_where_a_result_must_go_is_refused_before_the_work(name, tmp_path, capsys):
+    (tmp_path / name).mkdir()
+    assert main(["learn", "missing.tlog", "--out", str(tmp_path)]) == 2
+    assert f"{name} is a folder" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_names_need_not_be_utf_8(tmp_path):
+    log = Path(os.fsdecode(os.fsencode(tmp_path) + b"/r\xff\xfe.tlog"))
+    out = Path(os.fsdecode(os.fsencode(tmp_path) + b"/o\xff\xfe"))
+    try:
+        log.write_bytes(FLIGHT.read_bytes())
+    except OSError:
+        pytest.skip("this file system takes UTF-8 only")
+    words = [*MAVDEM, "learn", log, "--out", out, "--preset", "paper"]
+    done = subprocess.run(words, capture_output=True, timeout=120)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert {path.name for path in out.iterdir()} == set(NAMES)
+
+
+def test_a_complaint_about_a_name_with_line_breaks_is_one_line(tmp_path, capsys):
+    assert main(["info", str(tmp_path / "two\nlines.tlog")]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+@pytest.mark.parametrize("option", ["--out", "--vehicle"])
+def test_an_option_is_no_value_of_another(option, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["learn", str(FLIGHT), "--out", "x", option, "--json"]) == 2
+    said = capsys.readouterr().err
+    assert option in said and "--json is an option" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_named_like_a_link_is_a_file(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("COM3").write_bytes(FLIGHT.read_bytes())
+    assert main(["info", "COM3"]) == 0
+    assert main(["info", "COM4"]) == 2
+    assert "link" in capsys.readouterr().err
