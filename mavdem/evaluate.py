@@ -117,6 +117,7 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
         "forecast_mspe": _ranked(train, test, forecasts),
         "forecast_over_constant_mean": relative_mspe(train, test, forecasts["DEM"]),
         "inside_90_percent_band": float(inside.mean()),
+        "motors_share": learned.unseen.motors_share,
         "cautions": list(learned.cautions),
     }
 

@@ -73,7 +73,10 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
         "free_energy": FreeEnergy(_arrays(values["free_energy"])),
         "learning": Learning(**_arrays(values["learning"])),
         "settled": bool(values["settled"]),
-        "unseen": Unseen(**_arrays(values["unseen"])),
+        "unseen": Unseen(
+            *(np.array(values["unseen"][name], float) for name in ("mse", "weight", "weighted_mse")),
+            float(values["unseen"]["motors_share"]),
+        ),
         "candidates": tuple(
             Candidate(**{**c, "error": np.inf if c["error"] is None else c["error"]}) for c in values["candidates"]
         ),
@@ -118,7 +121,9 @@ def _check(fields: dict[str, Any]) -> None:
         "prior_sd": (fields["prior_sd"], (k,)),
         "known": (fields["known"], (k,)),
         "outputs": (fields["outputs"], (T, m)),
-        **{f"unseen.{name}": (array, (len(unseen.mse), m)) for name, array in unseen._asdict().items()},
+        "unseen.mse": (unseen.mse, (len(unseen.mse), m)),
+        "unseen.weight": (unseen.weight, unseen.mse.shape),
+        "unseen.weighted_mse": (unseen.weighted_mse, unseen.mse.shape),
         "scaling.input_trim": (scaling.input_trim, (r,)),
         "scaling.output_trim": (scaling.output_trim, (m,)),
         "scaling.output_scale": (scaling.output_scale, (m,)),

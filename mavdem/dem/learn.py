@@ -21,7 +21,10 @@ FEWEST_SAMPLES = 50
 """Below this there is nothing to learn and nothing left to try it on."""
 
 
-MOTORS_SHARE = 0.2
+HARDLY_BETTER = 0.9
+"""Squared error of forecasts, in units of the training variance, from which a model is cautioned against."""
+
+MOTORS_SHARE = 0.15
 """The motors must take this share off the squared error of forecasts, or the model is cautioned against: where they are
 of another flight, or shifted by seconds, they rarely take so much by chance."""
 
@@ -66,8 +69,8 @@ def _learn(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Lear
     try:
         unseen = unseen_forecasts(inputs, outputs, dt, best.fit.settings)
     except np.linalg.LinAlgError:
-        unseen = Unseen(*np.full((4, 1, 1), np.inf))
-    if not np.isfinite(unseen).all():
+        unseen = None
+    if unseen is None or not np.isfinite(unseen.mse).all():
         raise ValueError("half of the training data do not determine a model that can forecast: more are needed")
     return Learned.of(
         best.fit,
@@ -118,21 +121,19 @@ def _checked(train: Recorded) -> tuple[Array, Array, float]:
 def _cautions(fitted: Fit, unseen: Unseen, variance: Array, dt: float) -> tuple[str, ...]:
     """What a user must know before trusting the model; ``variance`` (m,) is that of the training outputs."""
     model = fitted.scaling.physical_model(fitted.ascent.belief.theta, fitted.model.n)
-    error, error_at_trim = unseen.mse / variance, unseen.mse_at_trim / variance
+    error = (unseen.weighted_mse / variance).mean(axis=1)
+    judged = "Inside the training data, where each half was forecast from the other,"
     cautions = []
-    if not error.mean() < 1:
-        useful = int(np.argmin(error.mean(axis=1) < 1)) * dt
+    if not error.mean() < HARDLY_BETTER:
+        useful = int(np.argmin(error < HARDLY_BETTER)) * dt
         cautions.append(
-            f"Inside the training data, where each half was forecast from the other, forecasts beyond {useful:.2g} s "
-            "were no better than the constant mean: a good one after it is luck. Learn from more, or from a livelier "
-            "stretch."
+            f"{judged} forecasts beyond {useful:.2g} s were hardly better than the constant mean: a good one after it "
+            "is luck. Learn from more, or from a livelier stretch."
         )
-    share = 1 - error.mean() / error_at_trim.mean()
-    if not share > MOTORS_SHARE:
+    if not unseen.motors_share > MOTORS_SHARE:
         cautions.append(
-            "Inside the training data, where each half was forecast from the other, the motors took "
-            f"{max(share, 0):.0%} off the squared error of forecasts: the model hardly ties the motion to them. Let "
-            "them work more, in wind or with small sideways steps."
+            f"{judged} the motors took {max(unseen.motors_share, 0):.0%} off the squared error of forecasts: the model "
+            "hardly ties the motion to them. Let them work more, in wind or with small sideways steps."
         )
     if model.spectral_abscissa > 0:
         cautions.append(f"The model is unstable: it grows e-fold in {1 / model.spectral_abscissa:.3g} s.")

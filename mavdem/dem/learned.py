@@ -42,7 +42,7 @@ class Learned:
         dt: sampling step, s.
         smoothness: kernel width s of the noise, s.
         inputs, outputs: (T, r), (T, m) the training data.
-        unseen: forecasts of each half of the training data by a model of the other half, by horizon in samples.
+        unseen: what forecasts of each half of the training data by a model of the other half tell.
         cautions: one sentence for each thing a user must know before trusting the model.
         scaling, predictor, state_map, theta: the engine's own, in its units: what :meth:`one_step`, :meth:`forecast`
             and :meth:`process_noise` compute with.

@@ -54,12 +54,14 @@ def trials(fitted: Fit, inputs: Array, outputs: Array, dt: float) -> Trials:
 
 
 class Unseen(NamedTuple):
-    """What forecasts of each half of the data by a model of the other half tell, by horizon: (H, m) each."""
+    """What forecasts of each half of the data by a model of the other half tell."""
 
-    mse: Array
-    mse_at_trim: Array  # with the motors held at their trim: what the motion by itself lets one know
-    weight: Array  # of the model's forecast against the trim, 0 to 1, for the least error
-    weighted_mse: Array  # with that weight
+    mse: Array  # (H, m) by horizon, of the model's forecasts
+    weight: Array  # (H, m), 0 to 1: of the model's forecast against the trim, for the least error
+    weighted_mse: Array  # (H, m) with that weight
+    motors_share: (
+        float  # of the squared error of forecasts that leave the motors at their trim, taken off by the motors
+    )
 
 
 def unseen_forecasts(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Unseen:
@@ -85,10 +87,16 @@ def unseen_forecasts(inputs: Array, outputs: Array, dt: float, settings: Setting
         trim = np.broadcast_to(fitted.scaling.input_trim, inputs[unseen].shape)
         own.append(trials(fitted, inputs[unseen], outputs[unseen], dt))
         at_trim.append(trials(fitted, trim, outputs[unseen], dt))
-    both = Trials(*np.concatenate(own, axis=1))
-    weight = _weight(both) if settings.shrink_forecasts else np.ones_like(both.mse)
-    weighted = Trials(both.measured, weight * both.predicted)
-    return Unseen(both.mse, np.mean([one.mse for one in at_trim], axis=0), weight, weighted.mse)
+    both, without = Trials(*np.concatenate(own, axis=1)), Trials(*np.concatenate(at_trim, axis=1))
+    best = _weight(both)
+    variance = outputs.var(axis=0)
+    left = np.mean(_weighted(both, best).mse / variance) / np.mean(_weighted(without, _weight(without)).mse / variance)
+    weight = best if settings.shrink_forecasts else np.ones_like(best)
+    return Unseen(both.mse, weight, _weighted(both, weight).mse, float(1 - left))
+
+
+def _weighted(both: Trials, weight: Array) -> Trials:
+    return Trials(both.measured, weight * both.predicted)
 
 
 def _weight(both: Trials) -> Array:

@@ -228,6 +228,8 @@ def test_forecasts_lean_on_the_trim_as_much_as_unseen_data_advise():
     weight, trim = leaning.unseen.weight, leaning.model.output_trim
     assert ((weight >= 0) & (weight <= 1)).all()
     assert (alone.unseen.weight == 1).all()
+    assert alone.unseen.motors_share == leaning.unseen.motors_share
+    assert 0 < leaning.unseen.motors_share < 1
     expected = trim + weight * (alone.forecast(test.inputs) - trim)
     np.testing.assert_allclose(leaning.forecast(test.inputs), expected, rtol=1e-9)
     # Least squares: no other weight, the model's own among them, errs less on what was unseen.

@@ -35,7 +35,7 @@ def try_window(window: Window) -> dict[str, Any]:
         "flight": name,
         "ratio": evaluate.relative_mspe(train, test, learned.forecast(test.inputs)),
         "inside": float(np.mean((lower <= test.outputs) & (test.outputs <= upper))),
-        "cautioned": any("constant mean" in caution for caution in learned.cautions),
+        "cautioned": bool(learned.cautions),
         "order": learned.settings.order,
         "seconds": seconds,
     }
