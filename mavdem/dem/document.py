@@ -74,8 +74,8 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
         "learning": Learning(**_arrays(values["learning"])),
         "settled": bool(values["settled"]),
         "unseen": Unseen(
-            *(np.array(values["unseen"][name], float) for name in ("mse", "weight", "weighted_mse")),
-            float(values["unseen"]["motors_share"]),
+            **_arrays({name: values["unseen"][name] for name in ("mse", "weight", "weighted_mse")}),
+            motors_share=float(values["unseen"]["motors_share"]),
         ),
         "candidates": tuple(
             Candidate(**{**c, "error": np.inf if c["error"] is None else c["error"]}) for c in values["candidates"]
