@@ -59,14 +59,16 @@ def ascend(model: GenerativeModel, samples: Samples, iterations: int) -> Ascent:
     """
     places = [_start(model, samples)]
     settled = False
-    while not settled and len(places) <= iterations:
+    while not settled and len(places) < iterations:
         height = places[-1].height
         for _ in range(2):
             places.append(_round(model, samples, places[-1], places[-1].belief))
         ahead = _course(*(place.belief for place in places[-3:]))
-        if ahead is not None:
+        if ahead is not None and len(places) <= iterations:
             places.append(_round(model, samples, places[-1], ahead))
         settled = places[-1].height - height < SETTLED
+    if not settled and len(places) <= iterations:
+        places.append(_round(model, samples, places[-1], places[-1].belief))
     return _ascent(places, settled)
 
 

@@ -20,7 +20,6 @@ Array = NDArray[np.float64]
 FEWEST_SAMPLES = 50
 """Below this there is nothing to learn and nothing left to try it on."""
 
-
 HARDLY_BETTER = 0.9
 """Squared error of forecasts, in units of the training variance, from which a model is cautioned against."""
 

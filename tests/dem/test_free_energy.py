@@ -180,7 +180,15 @@ def test_optimal_precisions_cannot_be_improved(model, seed):
 def test_the_climb_never_falls(model, seed):
     climb = ascend(model, random_samples(seed, model), 15)
     assert (np.diff(climb.free_energy) >= 0).all()
-    assert len(climb.theta) == len(climb.lambda_) == len(climb.free_energy)
+    assert len(climb.theta) == len(climb.lambda_) == len(climb.free_energy) <= 16
+
+
+@pytest.mark.parametrize("iterations", [1, 2, 3, 4, 5])
+def test_the_climb_takes_no_more_rounds_than_it_may(iterations):
+    model = random_model(3, 2, 1, 2, 2, 1, drop=False, groups=False)
+    climb = ascend(model, random_samples(0, model), iterations)
+    assert not climb.settled
+    assert len(climb.free_energy) == iterations + 1
 
 
 @given(model=models, seed=seeds)

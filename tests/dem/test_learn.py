@@ -95,6 +95,7 @@ def test_one_step_predictions_use_only_what_came_before():
     assert np.abs(changed[201:] - ahead[201:]).max() > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lag", [0.0, 0.06])
 def test_wind_and_lag_leave_a_useful_forecast(lag):
     ratios = []
@@ -334,6 +335,7 @@ def test_default_fits_settle_where_no_step_leads_higher():
         assert free_energy_action(model, samples, other) - height < 0.1
 
 
+@pytest.mark.slow
 def test_motors_that_have_nothing_to_do_with_the_motion_are_said_to_have_not():
     flights = [simulated(seed, wind=1.0) for seed in range(8)]
     of_another = [
