@@ -95,6 +95,7 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
     lower, upper = learned.forecast_band(test.inputs)
     inside = (lower <= test.outputs) & (test.outputs <= upper)
     model, sd = learned.model, learned.model_sd
+    forecast_errors = _ranked(train, test, forecasts)
     return {
         "flight": dict(train.provenance),
         "inputs": list(train.input_names),
@@ -114,8 +115,8 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
             "terms": {name: float(term[-1]) for name, term in learned.free_energy.terms.items()},
         },
         "one_step_mspe": _ranked(train, train[1:], one_step),
-        "forecast_mspe": _ranked(train, test, forecasts),
-        "forecast_over_constant_mean": relative_mspe(train, test, forecasts["DEM"]),
+        "forecast_mspe": forecast_errors,
+        "forecast_over_constant_mean": forecast_errors["DEM"]["relative"],
         "inside_90_percent_band": float(inside.mean()),
         "motors_share": learned.unseen.motors_share,
         "cautions": list(learned.cautions),
@@ -124,12 +125,9 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
 
 def _ranked(train: Flight, measured: Flight, predictions: dict[str, Array]) -> dict[str, Any]:
     """The errors of each prediction by name, the best first by the relative one."""
-    errors = {
-        name: {**_plain(mspe(measured.outputs, predicted)), "relative": relative_mspe(train, measured, predicted)}
-        for name, predicted in predictions.items()
-    }
+    errors = {}
+    for name, predicted in predictions.items():
+        per_output, total = mspe(measured.outputs, predicted)
+        relative = relative_mspe(train, measured, predicted)
+        errors[name] = {"per_output": per_output.tolist(), "total": total, "relative": relative}
     return dict(sorted(errors.items(), key=lambda named: named[1]["relative"]))
-
-
-def _plain(error: Mspe) -> dict[str, Any]:
-    return {"per_output": error.per_output.tolist(), "total": error.total}

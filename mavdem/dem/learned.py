@@ -132,9 +132,7 @@ class Learned:
 
     def one_step(self) -> Array:
         """(T, m): each training sample predicted from those before it and the inputs; row 0 is the trim."""
-        ahead = self.predictor.one_step(
-            self.scaling.scale_outputs(self.outputs), self.scaling.scale_inputs(self.inputs)
-        )
+        ahead = self.predictor.one_step(*self._scaled)
         return np.vstack([self.scaling.output_trim, self.scaling.physical_outputs(ahead)])
 
     def forecast(self, inputs: ArrayLike) -> Array:
@@ -193,10 +191,12 @@ class Learned:
 
     @cached_property
     def _last_state(self) -> Array:
-        states = self.predictor.filtered(
-            self.scaling.scale_outputs(self.outputs), self.scaling.scale_inputs(self.inputs)
-        )
-        return np.asarray(states[-1])
+        return np.asarray(self.predictor.filtered(*self._scaled)[-1])
+
+    @property
+    def _scaled(self) -> tuple[Array, Array]:
+        """Training outputs and inputs in the engine's units."""
+        return self.scaling.scale_outputs(self.outputs), self.scaling.scale_inputs(self.inputs)
 
     def process_noise(self) -> tuple[NDArray[np.intp], Array]:
         """The estimated process noise w = x′ − A x − B v: wind and all else the model leaves out.
@@ -235,6 +235,6 @@ class Learned:
 def _without_constant(fit: Fit) -> NDArray[np.bool_]:
     """Which of the engine's θ are about the vehicle: all but the column of B for the constant input."""
     model = fit.model
-    B = np.ones((model.n, model.r), bool)
+    A, B, C = (np.ones(shape, np.bool_) for shape in ((model.n, model.n), (model.n, model.r), (model.m, model.n)))
     B[:, model.r - fit.scaling.constant :] = False
-    return pack(np.ones((model.n, model.n)), B.astype(float), np.ones((model.m, model.n))).astype(bool)
+    return pack(A, B, C)

@@ -31,7 +31,7 @@ class LinearModel(NamedTuple):
         return float(np.linalg.eigvals(self.A).real.max())
 
 
-def pack(A: Array, B: Array, C: Array) -> Array:
+def pack(A: NDArray[Scalar], B: NDArray[Scalar], C: NDArray[Scalar]) -> NDArray[Scalar]:
     """θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)]: the rows of A, then of B, then of C."""
     return np.concatenate([A.ravel(), B.ravel(), C.ravel()])
 
