@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from mavdem.dem.generative import GenerativeModel, Samples
 from mavdem.dem.priors import Prior
+from mavdem.dem.smoothness import temporal_precision
 
 Array = NDArray[np.float64]
 
@@ -30,7 +31,8 @@ def random_model(seed: int, n: int, r: int, m: int, p: int, d: int, drop: bool, 
         p,
         min(d, p),
         p - drop,
-        smoothness=rng.uniform(0.3, 3.0),
+        output_correlation=temporal_precision(p, rng.uniform(0.3, 3.0)),
+        state_correlation=temporal_precision(p - drop, rng.uniform(0.3, 3.0)),
         output_groups=np.arange(m) if groups else np.zeros(m, np.intp),
         state_groups=m + np.arange(n) if groups else np.ones(n, np.intp),
         input_precision=10 * positive_definite(rng, r * (min(d, p) + 1)),

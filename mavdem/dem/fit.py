@@ -15,6 +15,7 @@ from mavdem.dem.prediction import Predictor
 from mavdem.dem.priors import Prior, derivative_pairs, hyperparameter_prior, regulated_prior, uniform_prior
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
+from mavdem.dem.smoothness import temporal_precision
 
 Array = NDArray[np.float64]
 
@@ -45,8 +46,8 @@ def fit(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Fit:
     samples = Samples.of(*generalized(settings, scaling, inputs, outputs, dt))
     ascent = ascend(model, samples, settings.iterations)
     A, B, C = unpack(ascent.belief.theta, model.n, model.r, model.m)
-    noise = np.exp(-ascent.belief.lambda_)
-    predictor = Predictor.of(A, B, C, dt, noise[model.output_groups], noise[model.state_groups], model.smoothness)
+    noise, smoothness = np.exp(-ascent.belief.lambda_), settings.smoothness or dt
+    predictor = Predictor.of(A, B, C, dt, noise[model.output_groups], noise[model.state_groups], smoothness)
     return Fit(settings, scaling, model, ascent, predictor)
 
 
@@ -60,14 +61,17 @@ def generative_model(settings: Settings, scaling: Scaling, inputs: int, outputs:
     else:
         pairs = derivative_pairs(outputs, dt)
         theta_prior = regulated_prior(settings, n, inputs, scaling.constant, scaling.output_scale, pairs)
+    q = settings.p if settings.last_derivative_zero else settings.p - 1
+    smoothness = settings.smoothness or dt
     return GenerativeModel(
         n,
         r,
         m,
         settings.p,
         settings.d,
-        settings.p if settings.last_derivative_zero else settings.p - 1,
-        settings.smoothness or dt,
+        q,
+        temporal_precision(settings.p, smoothness),
+        temporal_precision(q, smoothness),
         np.arange(m) if settings.lambda_per_channel else np.zeros(m, np.intp),
         m + np.arange(n) if settings.lambda_per_channel else np.ones(n, np.intp),
         settings.input_precision * np.eye(r * (settings.d + 1)),

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from mavdem.dem.coordinates import derivative_operator
 from mavdem.dem.model import unpack
+from mavdem.dem.positive import require_positive_definite
 from mavdem.dem.priors import Prior
-from mavdem.dem.smoothness import temporal_precision
 
 Array = NDArray[np.float64]
 
@@ -42,10 +42,14 @@ class GenerativeModel:
     Attributes:
         n, r, m: states, inputs, outputs.
         p, d, q: embedding orders of states and outputs, of inputs, and of the process noise.
-        smoothness: kernel width s of both noises, s.
-        output_groups, state_groups: which entry of λ each output and each state has.
-        input_precision: P̃ᵛ, ((d+1)r, (d+1)r).
+        output_correlation: S of z̃, (p + 1, p + 1): the precision of a noise of unit variance and its derivatives.
+        state_correlation: S of w̃, (q + 1, q + 1).
+        output_groups, state_groups: (m,) and (n,) which entry of λ each output's and each state's noise has.
+        input_precision: P̃ᵛ, ((d + 1)r, (d + 1)r).
         prior: of θ and λ.
+
+    Raises:
+        ValueError: names the argument of the wrong shape, or that is not a positive definite precision.
     """
 
     n: int
@@ -54,11 +58,29 @@ class GenerativeModel:
     p: int
     d: int
     q: int
-    smoothness: float
+    output_correlation: Array
+    state_correlation: Array
     output_groups: NDArray[np.intp]
     state_groups: NDArray[np.intp]
     input_precision: Array
     prior: Prior
+
+    def __post_init__(self) -> None:
+        n, r, m = self.n, self.r, self.m
+        if not (min(n, m) >= 1 and r >= 0 and min(self.p, self.d) >= 0 and 0 <= self.q <= self.p):
+            raise ValueError("n and m must be at least 1, r, p and d at least 0, and q between 0 and p")
+        prior, k, g = self.prior, n * n + n * r + m * n, int(max(*self.output_groups, *self.state_groups)) + 1
+        for name, mean, size in (("theta", prior.theta_mean, k), ("lambda", prior.lambda_mean, g)):
+            if mean.shape != (size,) or not np.isfinite(mean).all():
+                raise ValueError(f"prior.{name}_mean must be {size} finite numbers, not of shape {mean.shape}")
+        for name, matrix, size in (
+            ("output_correlation", self.output_correlation, self.p + 1),
+            ("state_correlation", self.state_correlation, self.q + 1),
+            ("input_precision", self.input_precision, r * (self.d + 1)),
+            ("prior.theta_precision", prior.theta_precision, k),
+            ("prior.lambda_precision", prior.lambda_precision, g),
+        ):
+            require_positive_definite(matrix, name, size)
 
     @property
     def errors(self) -> tuple[slice, slice, slice]:
@@ -71,16 +93,6 @@ class GenerativeModel:
     def hidden(self) -> slice:
         """Where X = [x̃; ṽ] begins in the joint vector [ỹ; η̃; X]; before it stand the data."""
         return slice(self.m * (self.p + 1) + self.r * (self.d + 1), None)
-
-    @cached_property
-    def output_correlation(self) -> Array:
-        """S of z̃, (p + 1, p + 1)."""
-        return temporal_precision(self.p, self.smoothness)
-
-    @cached_property
-    def state_correlation(self) -> Array:
-        """S of w̃, (q + 1, q + 1)."""
-        return temporal_precision(self.q, self.smoothness)
 
     def error_operator(self, theta: Array) -> Array:
         """E with ε̃ = E [ỹ; η̃; x̃; ṽ]: the three prediction errors below Eq. ``free_E``, stacked."""

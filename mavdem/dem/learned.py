@@ -111,7 +111,7 @@ class Learned:
             settled=ascent.settled,
             candidates=candidates,
             dt=dt,
-            smoothness=fit.model.smoothness,
+            smoothness=fit.settings.smoothness or dt,
             inputs=inputs,
             outputs=outputs,
             unseen=unseen,

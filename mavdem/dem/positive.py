@@ -13,6 +13,9 @@ from scipy.linalg.lapack import dposv, dpotrf, dpotri
 
 Array = NDArray[np.float64]
 
+SYMMETRY = 1e-9
+"""Rounding that a symmetric matrix may show, relative to its largest entry."""
+
 
 def solve(matrix: Array, right: Array) -> Array:
     """matrix⁻¹ right, for a positive definite matrix (k, k); ``numpy.linalg.LinAlgError`` if it is not."""
@@ -51,3 +54,18 @@ def _scaled(matrix: Array) -> tuple[Array, Array]:
 def _check(failed: int) -> None:
     if failed:
         raise np.linalg.LinAlgError("the matrix is not positive definite")
+
+
+def require_positive_definite(matrix: Array, name: str, size: int) -> None:
+    """``ValueError``, which names the argument, unless it is a symmetric positive definite (size, size) matrix."""
+    if np.shape(matrix) != (size, size):
+        raise ValueError(f"{name} must have shape ({size}, {size}), not {np.shape(matrix)}")
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"{name} must be finite")
+    if np.abs(matrix - matrix.T).max(initial=0.0) > SYMMETRY * np.abs(matrix).max(initial=0.0):
+        raise ValueError(f"{name} must be symmetric")
+    if size:
+        try:
+            logdet(matrix)
+        except np.linalg.LinAlgError:
+            raise ValueError(f"{name} must be positive definite") from None

@@ -19,7 +19,6 @@ from mavdem.dem.free_energy import (
 )
 from mavdem.dem.generative import Moments, Samples
 from mavdem.dem.model import unpack
-from mavdem.dem.smoothness import temporal_covariance
 from mavdem.dem.steps import d_step, e_step, m_step, with_optimal_precisions
 
 seeds = st.integers(0, 10**6)
@@ -201,7 +200,7 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
     samples = Samples.of(outputs, inputs)
     state_map, belief = random_belief(seed, model, samples)
     A, B, C = unpack(belief.theta, n, r, m)
-    S = np.linalg.inv(temporal_covariance(p, model.smoothness)), np.linalg.inv(temporal_covariance(q, model.smoothness))
+    S = model.output_correlation, model.state_correlation
     noise = np.exp(belief.lambda_)
     energy = 0.0
     for y, eta in zip(outputs, inputs, strict=True):
