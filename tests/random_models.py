@@ -48,9 +48,7 @@ def random_model(seed: int, n: int, r: int, m: int, p: int, d: int, drop: bool, 
 
 def random_samples(seed: int, model: GenerativeModel, number: int = 40) -> Samples:
     rng = np.random.default_rng(seed + 1)
-    outputs = rng.standard_normal((number, model.m * (model.p + 1)))
-    inputs = rng.standard_normal((number, model.r * (model.d + 1)))
-    return Samples.of(outputs, inputs)
+    return Samples.of(rng.standard_normal((number, model.hidden.start)))
 
 
 models = st.builds(

@@ -1,9 +1,10 @@
 """Dynamic Expectation Maximization of linear models: arrays in, a learnt model out."""
 
+from mavdem.dem.gaussian import Gaussian
 from mavdem.dem.learn import learn
 from mavdem.dem.learned import Learned
 from mavdem.dem.model import LinearModel
 from mavdem.dem.settings import Settings
 from mavdem.dem.trace import FreeEnergy, Learning
 
-__all__ = ["FreeEnergy", "Learned", "Learning", "LinearModel", "Settings", "learn"]
+__all__ = ["FreeEnergy", "Gaussian", "Learned", "Learning", "LinearModel", "Settings", "learn"]

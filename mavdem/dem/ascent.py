@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.dem.flow import StateFlow
 from mavdem.dem.free_energy import Belief, optimal_terms
 from mavdem.dem.generative import GenerativeModel, Moments, Samples
-from mavdem.dem.positive import inverse
-from mavdem.dem.steps import d_step, e_step, m_step, with_optimal_precisions
+from mavdem.dem.positive import inverse, solve
+from mavdem.dem.steps import d_step, e_step, m_step, state_slope, with_optimal_precisions
 
 Array = NDArray[np.float64]
 
@@ -25,11 +27,13 @@ class Ascent:
 
     Attributes:
         belief: at the end.
-        state_map: L with X = L [ỹ; η̃] at the end.
+        state_map: L with X = L [ỹ; η̃], of the last D step's exact limit.
         terms: each named term of F̄ᵒ, (I + 1,).
         theta, theta_sd: (I + 1, k).
         lambda_, lambda_sd: (I + 1, g).
         settled: whether F̄ stopped rising before the iterations ran out.
+        flowed: (I + 1,) whether the D step followed its flow at the finite rate asked for, which must be stable and
+            must not lower F̄, or took the exact limit.
     """
 
     belief: Belief
@@ -40,6 +44,7 @@ class Ascent:
     lambda_: Array
     lambda_sd: Array
     settled: bool
+    flowed: NDArray[np.bool_]
 
     @property
     def free_energy(self) -> Array:
@@ -47,28 +52,60 @@ class Ascent:
         return np.asarray(np.sum(list(self.terms.values()), axis=0))
 
 
-def ascend(model: GenerativeModel, samples: Samples, iterations: int) -> Ascent:
+class Rates(NamedTuple):
+    """Learning rates of Eq. ``GA_basic``; ``None`` is the exact limit k → ∞, in which each step goes to its maximum.
+
+    ``state``: k^X, in 1/s per unit of F; ``theta`` and ``lambda_``: k^θ and k^λ, per round and unit of F̄; all in the
+    engine's units. A finite k^X needs the data themselves, as ``segments``, at their sampling step ``dt``.
+    """
+
+    state: float | None = None
+    theta: float | None = None
+    lambda_: float | None = None
+    segments: tuple[Array, ...] = ()  # of generalized data [ỹ; η̃], (T, ·) each
+    dt: float = 0.0
+
+    @property
+    def exact(self) -> bool:
+        """Whether every step goes to its maximum."""
+        return self.state is None and self.theta is None and self.lambda_ is None
+
+
+LIMIT = Rates()
+
+
+def ascend(model: GenerativeModel, samples: Samples, iterations: int, rates: Rates = LIMIT) -> Ascent:
     """Climbs F̄ from the priors' means, for at most so many rounds of D, E and M steps.
 
     After each step the covariances are set to their optimum, which also raises F̄; so F̄ᵒ is what rises. Steps in turn
     are slow where one part of the belief holds the others (X and θ, when noise is small), but steadily so: after every
-    two rounds a third starts from where their course would lead, and is kept if it ends higher.
+    two rounds a third starts from where their course would lead, and is kept if it ends higher. With finite rates,
+    where the gradient's own course is what was asked for, there is no such third round.
+
+    A flow of X that is unstable, or that would lower F̄, gives way to its exact limit in that round.
+
+    Args:
+        model: of the data, with its priors.
+        samples: the data.
+        iterations: rounds at most.
+        rates: learning rates.
 
     Raises:
         numpy.linalg.LinAlgError: at the priors' means a curvature is not negative definite.
     """
-    places = [_start(model, samples)]
+    climb = _Climb(model, samples, rates)
+    places = [climb.start()]
     settled = False
     while not settled and len(places) < iterations:
         height = places[-1].height
         for _ in range(2):
-            places.append(_round(model, samples, places[-1], places[-1].belief))
-        ahead = _course(*(place.belief for place in places[-3:]))
+            places.append(climb.round(places[-1], places[-1].belief))
+        ahead = _course(*(place.belief for place in places[-3:])) if rates.exact else None
         if ahead is not None and len(places) <= iterations:
-            places.append(_round(model, samples, places[-1], ahead))
+            places.append(climb.round(places[-1], ahead))
         settled = places[-1].height - height < SETTLED
     if not settled and len(places) <= iterations:
-        places.append(_round(model, samples, places[-1], places[-1].belief))
+        places.append(climb.round(places[-1], places[-1].belief))
     return _ascent(places, settled)
 
 
@@ -79,39 +116,64 @@ class _Place:
     belief: Belief
     state_map: Array
     terms: Mapping[str, float]
+    flowed: bool  # whether X came of a flow at a finite rate
 
     @property
     def height(self) -> float:
         return sum(self.terms.values())
 
 
-def _start(model: GenerativeModel, samples: Samples) -> _Place:
-    prior = model.prior
-    theta, lambda_ = prior.theta_mean, prior.lambda_mean
-    certain = np.zeros_like(prior.theta_precision)
-    # The first D step takes the parameters for certain: a weak prior's mean-field term would erase the states.
-    state_map = d_step(model, theta, certain, lambda_, inverse(prior.lambda_precision))
-    moments = Moments.of(model, samples, state_map)
-    belief = Belief(moments, np.empty(0), theta, certain, lambda_, np.empty(0))
-    belief = with_optimal_precisions(model, belief)
-    return _Place(belief, state_map, optimal_terms(model, samples, belief))
+@dataclass(frozen=True, eq=False)
+class _Climb:
+    """The rounds of one climb."""
 
+    model: GenerativeModel
+    samples: Samples
+    rates: Rates
 
-def _round(model: GenerativeModel, samples: Samples, now: _Place, start: Belief) -> _Place:
-    """D, E and M steps from ``start``; ``now`` again if they lead no higher than that, which refuses them.
+    def start(self) -> _Place:
+        prior = self.model.prior
+        theta, lambda_ = prior.theta_mean, prior.lambda_mean
+        certain = np.zeros_like(prior.theta_precision)
+        # The first D step takes the parameters for certain: a weak prior's mean-field term would erase the states.
+        state_map = d_step(self.model, theta, certain, lambda_, inverse(prior.lambda_precision))
+        moments = Moments.of(self.model, self.samples, state_map)
+        return self._place(Belief(moments, np.empty(0), theta, certain, lambda_, np.empty(0)), state_map, flowed=False)
 
-    Of steps in turn from ``now`` itself only rounding can make it so; of those from elsewhere, anything.
-    """
-    try:
-        state_map = d_step(model, start.theta, start.theta_covariance, start.lambda_, start.lambda_covariance)
-        belief = with_optimal_precisions(model, start._replace(moments=Moments.of(model, samples, state_map)))
-        belief = with_optimal_precisions(model, belief._replace(theta=e_step(model, samples, belief)))
-        belief = with_optimal_precisions(model, belief._replace(lambda_=m_step(model, samples, belief)))
-        then = _Place(belief, state_map, optimal_terms(model, samples, belief))
-    except np.linalg.LinAlgError:
-        # A noise so small, or a course so wild, that the rest is lost in rounding.
-        return now
-    return then if then.height >= now.height else now
+    def round(self, now: _Place, start: Belief) -> _Place:
+        """D, E and M steps from ``start``; ``now`` again if they lead no higher than that, which refuses them.
+
+        Of steps in turn from ``now`` itself only rounding can make it so; of those from elsewhere, anything.
+        """
+        of_data, precision = state_slope(
+            self.model, start.theta, start.theta_covariance, start.lambda_, start.lambda_covariance
+        )
+        try:
+            state_map = solve(precision, of_data)
+            if self.rates.state is not None:
+                flow = StateFlow.of(self.model, of_data, precision, self.rates.state)
+                if flow.spectral_abscissa < 0:
+                    moments = flow.moments(self.model, self.rates.segments, self.rates.dt)
+                    then = self._steps(start, moments, state_map, flowed=True)
+                    if then.height >= now.height:
+                        return then
+            then = self._steps(start, Moments.of(self.model, self.samples, state_map), state_map, flowed=False)
+        except np.linalg.LinAlgError:
+            # A noise so small, or a course so wild, that the rest is lost in rounding.
+            return now
+        return then if then.height >= now.height else now
+
+    def _steps(self, start: Belief, moments: Moments, state_map: Array, flowed: bool) -> _Place:
+        """E and M steps after the D step that led to ``moments``."""
+        model, samples, rates = self.model, self.samples, self.rates
+        belief = with_optimal_precisions(model, start._replace(moments=moments))
+        belief = with_optimal_precisions(model, belief._replace(theta=e_step(model, samples, belief, rates.theta)))
+        belief = belief._replace(lambda_=m_step(model, samples, belief, rates.lambda_))
+        return self._place(belief, state_map, flowed)
+
+    def _place(self, belief: Belief, state_map: Array, flowed: bool) -> _Place:
+        belief = with_optimal_precisions(self.model, belief)
+        return _Place(belief, state_map, optimal_terms(self.model, self.samples, belief), flowed)
 
 
 def _course(first: Belief, second: Belief, third: Belief) -> Belief | None:
@@ -140,4 +202,5 @@ def _ascent(places: list[_Place], settled: bool) -> Ascent:
         lambda_=np.array([belief.lambda_ for belief in beliefs]),
         lambda_sd=np.sqrt([np.diag(belief.lambda_covariance) for belief in beliefs]),
         settled=settled,
+        flowed=np.array([place.flowed for place in places]),
     )

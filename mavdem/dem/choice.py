@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from itertools import product
 
+from mavdem.dem.record import Record
 from mavdem.dem.settings import Settings
 
 HIDDEN_STATES = 1
@@ -38,28 +39,34 @@ class Candidate:
     error: float
 
 
-def candidates(settings: Settings, outputs: int, samples: int, dt: float) -> tuple[Settings, ...]:
+def candidates(settings: Settings, record: Record) -> tuple[Settings, ...]:
     """Every way to fill the fields that ``settings`` leaves to the data.
 
     Raises:
         ValueError: no window fits the samples.
     """
-    order = settings.order or outputs + HIDDEN_STATES
+    order = settings.order or record.outputs.shape[1] + HIDDEN_STATES
     d = min(2, settings.p) if settings.d is None else settings.d
-    precisions = [settings.parameter_precision] if settings.parameter_precision else PARAMETER_PRECISIONS
-    windows = [settings.window] if settings.window else sorted({_odd(seconds / dt, settings.p) for seconds in WINDOWS})
+    if settings.parameter_precision:
+        precisions = [settings.parameter_precision]
+    else:
+        precisions = list(PARAMETER_PRECISIONS) if settings.prior == "regulated" else [1.0]
+    fewest = max(settings.p, d) + 1
+    windows = [settings.window] if settings.window else sorted({_odd(s / record.dt, fewest) for s in WINDOWS})
     # Half of each half's samples must have a whole window, or its derivatives come from too few of them.
-    fitting = [window for window in windows if window <= samples // 4]
+    fitting = [w for w in windows if all(half.windows(w) >= len(half) // 2 for half in record.halves())]
     if not fitting:
-        fewest = 4 * windows[0]
-        raise ValueError(f"train must have at least {fewest} samples for a window of {windows[0]}, not {samples}")
+        raise ValueError(
+            f"train must be longer for windows of {windows[0]} samples: at least {4 * windows[0]} samples, in segments "
+            f"of more than twice the window, not {len(record)} in segments of up to {record.longest}"
+        )
     return tuple(
         replace(settings, order=order, d=d, window=window, parameter_precision=precision)
         for window, precision in product(fitting, precisions)
     )
 
 
-def _odd(samples: float, p: int) -> int:
-    """The odd window next to ``samples`` that order p allows: an odd window has a sample at its centre."""
-    window = max(round(samples), p + 1)
+def _odd(samples: float, fewest: int) -> int:
+    """The odd window next to ``samples``, of at least ``fewest``: an odd window has a sample at its centre."""
+    window = max(round(samples), fewest)
     return window + 1 - window % 2

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mavdem.dem.choice import Candidate
 from mavdem.dem.model import LinearModel, Transition
 from mavdem.dem.prediction import Predictor
+from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
 from mavdem.dem.trace import FreeEnergy, Learning
@@ -21,14 +22,13 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-ARRAYS = ("theta_covariance", "prior_sd", "inputs", "outputs")
-OF_THE_ENGINE = ("state_map", "theta")
+ARRAYS = ("theta_covariance", "prior_sd", "state_map", "theta")
 
 
 def values_of(learned: Learned) -> dict[str, Any]:
     """The fields of a learnt model as plain JSON values."""
     return {
-        "settings": vars(learned.settings),
+        "settings": learned.settings.to_dict(),
         "model": _lists(learned.model._asdict()),
         "known": learned.known.tolist(),
         "free_energy": _lists(learned.free_energy.terms),
@@ -40,13 +40,16 @@ def values_of(learned: Learned) -> dict[str, Any]:
         "dt": learned.dt,
         "smoothness": learned.smoothness,
         "cautions": list(learned.cautions),
+        "inputs": learned.record.inputs.tolist(),
+        "outputs": learned.record.outputs.tolist(),
+        "segments": list(learned.record.lengths),
         "scaling": _lists(learned.scaling._asdict()),
         "predictor": {
             "transition": _lists(learned.predictor.transition._asdict()),
             "C": learned.predictor.C.tolist(),
             "gain": learned.predictor.gain.tolist(),
         },
-        **{name: getattr(learned, name).tolist() for name in (*ARRAYS, *OF_THE_ENGINE)},
+        **{name: getattr(learned, name).tolist() for name in ARRAYS},
     }
 
 
@@ -83,19 +86,26 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
         "dt": float(values["dt"]),
         "smoothness": float(values["smoothness"]),
         "cautions": tuple(values["cautions"]),
+        "record": Record(
+            np.array(values["inputs"], np.float64),
+            np.array(values["outputs"], np.float64),
+            float(values["dt"]),
+            tuple(map(int, values["segments"])),
+        ),
         "scaling": Scaling(
             np.array(scaling["input_trim"], float),
             float(scaling["input_scale"]),
             np.array(scaling["output_trim"], float),
             np.array(scaling["output_scale"], float),
             bool(scaling["constant"]),
+            bool(scaling["known"]),
         ),
         "predictor": Predictor(
             Transition(**_arrays(predictor["transition"])),
             np.array(predictor["C"], float),
             np.array(predictor["gain"], float),
         ),
-        **_arrays({name: values[name] for name in (*ARRAYS, *OF_THE_ENGINE)}),
+        **_arrays({name: values[name] for name in ARRAYS}),
     }
 
 
@@ -103,11 +113,13 @@ def _check(fields: dict[str, Any]) -> None:
     """That every array is finite and of the shape that the model, the data and the settings give it."""
     model, settings, scaling = fields["model"], fields["settings"], fields["scaling"]
     unseen = fields["unseen"]
-    tables = {"model.A": model.A, "unseen.mse": unseen.mse, "inputs": fields["inputs"], "outputs": fields["outputs"]}
+    record = fields["record"]
+    inputs, outputs = record.inputs, record.outputs
+    tables = {"model.A": model.A, "unseen.mse": unseen.mse, "inputs": inputs, "outputs": outputs}
     for name, table in tables.items():
         if table.ndim != 2 or not table.size:
             raise ValueError(f"{name} must be a table, not of shape {table.shape}")
-    n, (T, r), m = len(model.A), fields["inputs"].shape, fields["outputs"].shape[1]
+    n, (T, r), m = len(model.A), inputs.shape, outputs.shape[1]
     k, p, d, driven = n * n + n * r + m * n, settings.p, settings.d, r + scaling.constant
     data = m * (p + 1) + driven * (d + 1)
     shapes = {
@@ -120,7 +132,8 @@ def _check(fields: dict[str, Any]) -> None:
         "theta_covariance": (fields["theta_covariance"], (k, k)),
         "prior_sd": (fields["prior_sd"], (k,)),
         "known": (fields["known"], (k,)),
-        "outputs": (fields["outputs"], (T, m)),
+        "inputs": (inputs, (T, r)),
+        "outputs": (outputs, (T, m)),
         "unseen.mse": (unseen.mse, (len(unseen.mse), m)),
         "unseen.weight": (unseen.weight, unseen.mse.shape),
         "unseen.weighted_mse": (unseen.weighted_mse, unseen.mse.shape),
@@ -138,6 +151,8 @@ def _check(fields: dict[str, Any]) -> None:
     for name, (array, shape) in shapes.items():
         if array.shape != shape or not np.isfinite(array).all():
             raise ValueError(f"{name} must be finite and of shape {shape}, not {array.shape}")
+    if sum(record.lengths) != T or min(record.lengths, default=0) < 1:
+        raise ValueError(f"segments must be positive lengths that sum to {T}, not {record.lengths}")
     if not (np.isfinite(fields["dt"]) and fields["dt"] > 0):
         raise ValueError(f"dt must be positive seconds, not {fields['dt']}")
 

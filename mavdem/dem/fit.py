@@ -1,4 +1,4 @@
-"""One fit: data and complete settings in, an ascent and the predictor it gives out; all in the engine's units."""
+"""One fit: a record and complete settings in, an ascent and the predictor it gives out; all in the engine's units."""
 
 from __future__ import annotations
 
@@ -7,17 +7,30 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.ascent import Ascent, ascend
+from mavdem.dem.ascent import Ascent, Rates, ascend
 from mavdem.dem.coordinates import embed
 from mavdem.dem.generative import GenerativeModel, Samples
-from mavdem.dem.model import unpack
+from mavdem.dem.model import pack, unpack
 from mavdem.dem.prediction import Predictor
-from mavdem.dem.priors import Prior, derivative_pairs, hyperparameter_prior, regulated_prior, uniform_prior
+from mavdem.dem.priors import (
+    KINEMATIC,
+    Prior,
+    derivative_pairs,
+    explicit_prior,
+    hyperparameter_groups,
+    hyperparameter_prior,
+    regulated_prior,
+    uniform_prior,
+)
+from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
 from mavdem.dem.smoothness import temporal_precision
 
 Array = NDArray[np.float64]
+
+KNOWN_INPUT = float(np.exp(12.0))
+"""Precision of the constant input: as good as known."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,30 +52,31 @@ class Fit:
     predictor: Predictor
 
 
-def fit(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Fit:
-    """Learns from inputs (T, r) and outputs (T, m), in physical units, with complete settings."""
-    scaling = Scaling.of(inputs, outputs, settings)
-    model = generative_model(settings, scaling, inputs.shape[1], outputs, dt)
-    samples = Samples.of(*generalized(settings, scaling, inputs, outputs, dt))
-    ascent = ascend(model, samples, settings.iterations)
-    A, B, C = unpack(ascent.belief.theta, model.n, model.r, model.m)
-    noise, smoothness = np.exp(-ascent.belief.lambda_), settings.smoothness or dt
-    predictor = Predictor.of(A, B, C, dt, noise[model.output_groups], noise[model.state_groups], smoothness)
-    return Fit(settings, scaling, model, ascent, predictor)
+def fit(record: Record, settings: Settings) -> Fit:
+    """Learns from a record, with complete settings.
+
+    Raises:
+        ValueError: the record or the settings do not fit the rest.
+        numpy.linalg.LinAlgError: the fit broke down.
+    """
+    scaling = Scaling.of(record.inputs, record.outputs, settings)
+    model = generative_model(settings, scaling, record)
+    segments = generalized(settings, scaling, record)
+    samples = Samples.of(*segments)
+    rates = Rates(settings.state_rate, settings.parameter_rate, settings.hyperparameter_rate, segments, record.dt)
+    ascent = ascend(model, samples, settings.iterations, rates)
+    return Fit(settings, scaling, model, ascent, _predictor(settings, model, ascent, record.dt))
 
 
-def generative_model(settings: Settings, scaling: Scaling, inputs: int, outputs: Array, dt: float) -> GenerativeModel:
-    """The generative model that complete settings describe, for ``inputs`` motors and outputs (T, m)."""
+def generative_model(settings: Settings, scaling: Scaling, record: Record) -> GenerativeModel:
+    """The generative model that complete settings describe for a record."""
     assert settings.order is not None and settings.d is not None
-    n, m, r = settings.order, outputs.shape[1], inputs + scaling.constant
+    n, m, motors = settings.order, record.outputs.shape[1], record.inputs.shape[1]
     _require_seen(settings, n, m)
-    if settings.prior == "uniform":
-        theta_prior = uniform_prior(settings, n, r, m)
-    else:
-        pairs = derivative_pairs(outputs, dt)
-        theta_prior = regulated_prior(settings, n, inputs, scaling.constant, scaling.output_scale, pairs)
+    r = motors + scaling.constant
     q = settings.p if settings.last_derivative_zero else settings.p - 1
-    smoothness = settings.smoothness or dt
+    smoothness = settings.smoothness or record.dt
+    output_groups, state_groups = hyperparameter_groups(settings, n, m)
     return GenerativeModel(
         n,
         r,
@@ -72,11 +86,50 @@ def generative_model(settings: Settings, scaling: Scaling, inputs: int, outputs:
         q,
         temporal_precision(settings.p, smoothness),
         temporal_precision(q, smoothness),
-        np.arange(m) if settings.lambda_per_channel else np.zeros(m, np.intp),
-        m + np.arange(n) if settings.lambda_per_channel else np.ones(n, np.intp),
-        settings.input_precision * np.eye(r * (settings.d + 1)),
-        Prior(*theta_prior, *hyperparameter_prior(settings, n, m)),
+        output_groups,
+        state_groups,
+        _input_precision(settings, motors, scaling.constant),
+        Prior(*_parameter_prior(settings, scaling, record, r), *hyperparameter_prior(settings, n, m)),
     )
+
+
+def _parameter_prior(settings: Settings, scaling: Scaling, record: Record, r: int) -> tuple[Array, Array]:
+    """Mean and precision of the engine's θ, for r inputs with the constant."""
+    assert settings.order is not None and settings.parameter_precision is not None
+    n, m, motors = settings.order, record.outputs.shape[1], r - scaling.constant
+    if settings.prior == "uniform":
+        return uniform_prior(settings, n, r, m)
+    if settings.prior == "regulated":
+        return regulated_prior(settings, n, motors, scaling.constant, scaling.output_scale, derivative_pairs(record))
+    places = of_vehicle(n, motors, m, scaling.constant)
+    mean, precision = explicit_prior(settings.prior, settings.parameter_precision, places, scaling.parameter_scale(n))
+    # Where C is free as well, the scale of x is held by nothing, and F̄ is highest where C is nothing.
+    _, _, of_C = unpack(np.diag(precision), n, r, m)
+    if not settings.last_derivative_zero and not (of_C >= KINEMATIC).all():
+        raise ValueError(
+            "last_derivative_zero must be True with a prior that leaves C free (a precision below "
+            f"{KINEMATIC:g} in the units of scaling), not False"
+        )
+    return mean, precision
+
+
+def of_vehicle(n: int, motors: int, m: int, constant: bool) -> NDArray[np.intp]:
+    """Places in the engine's θ of the vehicle's: all but the column of B for the constant input."""
+    A, B, C = (np.ones(shape, np.bool_) for shape in ((n, n), (n, motors + constant), (m, n)))
+    B[:, motors:] = False
+    return np.flatnonzero(pack(A, B, C))
+
+
+def _input_precision(settings: Settings, motors: int, constant: bool) -> Array:
+    """P̃ᵛ of the engine's inputs, of which the constant is known as well as anything."""
+    assert settings.d is not None
+    orders, given = settings.d + 1, np.array(settings.input_precision, np.float64)
+    if given.ndim and len(given) != motors * orders:
+        raise ValueError(f"input_precision must be of {motors} inputs and {orders} orders, not {given.shape}")
+    precision = np.diag(np.full((motors + constant) * orders, KNOWN_INPUT))
+    places = np.arange(len(precision)).reshape(orders, motors + constant)[:, :motors].ravel()
+    precision[np.ix_(places, places)] = given if given.ndim else given * np.eye(len(places))
+    return precision
 
 
 def _require_seen(settings: Settings, n: int, m: int) -> None:
@@ -89,14 +142,29 @@ def _require_seen(settings: Settings, n: int, m: int) -> None:
         raise ValueError(f"order must be between {m} and {most} with {m} outputs and p = {settings.p}, not {n}")
 
 
-def generalized(settings: Settings, scaling: Scaling, inputs: Array, outputs: Array, dt: float) -> tuple[Array, Array]:
-    """Generalized outputs and inputs of the samples whose whole window lies inside the data.
+def generalized(settings: Settings, scaling: Scaling, record: Record) -> tuple[Array, ...]:
+    """Generalized data [ỹ; η̃], (T′, ·) for each segment: of the samples whose whole window lies inside it.
 
-    Both are read from one window about one instant, so that no derivative lags another.
+    Outputs and inputs are read from one window about one instant, so that no derivative lags another.
     """
     assert settings.window is not None and settings.d is not None
     window, centre = settings.window, settings.window // 2
-    return (
-        embed(scaling.scale_outputs(outputs), settings.p, dt, window, centre),
-        embed(scaling.scale_inputs(inputs), settings.d, dt, window, centre),
+    return tuple(
+        np.hstack(
+            [
+                embed(scaling.scale_outputs(outputs), settings.p, record.dt, window, centre),
+                embed(scaling.scale_inputs(inputs), settings.d, record.dt, window, centre),
+            ]
+        )
+        for inputs, outputs in record.segments
+        if len(outputs) >= window
     )
+
+
+def _predictor(settings: Settings, model: GenerativeModel, ascent: Ascent, dt: float) -> Predictor:
+    A, B, C = unpack(ascent.belief.theta, model.n, model.r, model.m)
+    noise = np.exp(-ascent.belief.lambda_)
+    # What is not known of the inputs moves the states as well.
+    unknown = np.linalg.inv(model.input_precision)[: model.r, : model.r]
+    process = np.diag(noise[model.state_groups]) + B @ unknown @ B.T
+    return Predictor.of(A, B, C, dt, noise[model.output_groups], process, settings.smoothness or dt)

@@ -29,10 +29,10 @@ class Samples(NamedTuple):
     gram: Array  # Σ_t [ỹ; η̃][ỹ; η̃]ᵀ
 
     @classmethod
-    def of(cls, outputs: Array, inputs: Array) -> Samples:
-        """From generalized outputs (T, (p+1)m) and inputs (T, (d+1)r). Samples of separate stretches add up."""
-        both = np.hstack([outputs, inputs])
-        return cls(len(both), both.T @ both)
+    def of(cls, *segments: Array) -> Samples:
+        """From generalized data [ỹ; η̃], (T, (p+1)m + (d+1)r) of each segment; their moments add up."""
+        gram = sum((data.T @ data for data in segments[1:]), segments[0].T @ segments[0])
+        return cls(sum(map(len, segments)), gram)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from mavdem.dem.choice import Candidate, candidates
 from mavdem.dem.fit import Fit, fit
 from mavdem.dem.learned import Learned
+from mavdem.dem.record import Record, Recorded
 from mavdem.dem.settings import Settings
 from mavdem.dem.trials import Unseen, trials, unseen_forecasts
-
-Array = NDArray[np.float64]
 
 FEWEST_SAMPLES = 50
 """Below this there is nothing to learn and nothing left to try it on."""
@@ -28,22 +26,13 @@ MOTORS_SHARE = 0.15
 of another flight, or shifted by seconds, they rarely take so much by chance."""
 
 
-class Recorded(Protocol):
-    """What learning needs of a flight: inputs (T, r), outputs (T, m) and the sampling step, s."""
-
-    @property
-    def inputs(self) -> Array: ...  # noqa: D102
-    @property
-    def outputs(self) -> Array: ...  # noqa: D102
-    @property
-    def dt(self) -> float: ...  # noqa: D102
-
-
-def learn(train: Recorded, settings: Settings | None = None) -> Learned:
+def learn(train: Recorded | Sequence[Recorded], settings: Settings | None = None) -> Learned:
     """Learns a linear model of a flight by Dynamic Expectation Maximization.
 
     Args:
-        train: inputs (T, r), outputs (T, m), finite, and the sampling step dt in seconds; a ``Flight``.
+        train: inputs (T, r), outputs (T, m), finite, and the sampling step dt in seconds: a ``Flight``; or a list of
+            them, segments with gaps between: nothing is differentiated or forecast across a gap, and forecasts begin
+            at the end of the last.
         settings: what decides the fit; ``Settings()``, for real flights, unless given.
 
     Returns:
@@ -53,33 +42,27 @@ def learn(train: Recorded, settings: Settings | None = None) -> Learned:
         ValueError: too few samples, values that are not finite, or channels that do not vary, with their names; or
             data of which no model can be tried.
     """
+    record = Record.of(train)
+    if len(record) < FEWEST_SAMPLES:
+        raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(record)}")
     # The matrices are small: waking other threads for them takes several times as long as the work.
     with threadpool_limits(limits=1, user_api="blas"):
-        return _learn(*_checked(train), settings or Settings())
+        return _learn(record, settings or Settings())
 
 
-def _learn(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Learned:
-    attempts = [
-        _attempt(inputs, outputs, dt, choice) for choice in candidates(settings, outputs.shape[1], len(outputs), dt)
-    ]
+def _learn(record: Record, settings: Settings) -> Learned:
+    attempts = [_attempt(record, choice) for choice in candidates(settings, record)]
     best = min(attempts, key=lambda attempt: attempt.candidate.error)
     if best.fit is None or best.candidate.error == np.inf:
         raise ValueError("no model of the training data can forecast any part of them: they determine none")
     try:
-        unseen = unseen_forecasts(inputs, outputs, dt, best.fit.settings)
+        unseen = unseen_forecasts(record, best.fit.settings)
     except np.linalg.LinAlgError:
         unseen = None
     if unseen is None or not np.isfinite(unseen.mse).all():
         raise ValueError("half of the training data do not determine a model that can forecast: more are needed")
-    return Learned.of(
-        best.fit,
-        inputs,
-        outputs,
-        dt,
-        unseen,
-        tuple(attempt.candidate for attempt in attempts),
-        _cautions(best.fit, unseen, outputs.var(axis=0), dt),
-    )
+    tried = tuple(attempt.candidate for attempt in attempts)
+    return Learned.of(best.fit, record, unseen, tried, _cautions(best.fit, unseen, record))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,43 +71,25 @@ class _Attempt:
     fit: Fit | None
 
 
-def _attempt(inputs: Array, outputs: Array, dt: float, settings: Settings) -> _Attempt:
+def _attempt(record: Record, settings: Settings) -> _Attempt:
     assert settings.window and settings.parameter_precision
     choice = (settings.window, settings.parameter_precision)
     try:
-        fitted = fit(inputs, outputs, dt, settings)
+        fitted = fit(record, settings)
     except np.linalg.LinAlgError:
         return _Attempt(Candidate(*choice, np.inf), None)
-    error = float(np.mean(trials(fitted, inputs, outputs, dt).mse / outputs.var(axis=0)))
+    error = float(np.mean(trials(fitted, record).mse / record.outputs.var(axis=0)))
     return _Attempt(Candidate(*choice, error if np.isfinite(error) else np.inf), fitted)
 
 
-def _checked(train: Recorded) -> tuple[Array, Array, float]:
-    try:
-        inputs, outputs = np.asarray(train.inputs, np.float64), np.asarray(train.outputs, np.float64)
-        dt = float(train.dt)
-    except (AttributeError, TypeError) as error:
-        raise ValueError(f"train must be a Flight, or have inputs, outputs and dt like one: {error}") from None
-    if inputs.ndim != 2 or outputs.ndim != 2 or len(inputs) != len(outputs):
-        raise ValueError(f"inputs and outputs must be (T, r) and (T, m), not {inputs.shape} and {outputs.shape}")
-    if not (np.isfinite(dt) and dt > 0):
-        raise ValueError(f"dt must be positive seconds, not {dt}")
-    if len(outputs) < FEWEST_SAMPLES:
-        raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(outputs)}")
-    for name, values in (("inputs", inputs), ("outputs", outputs)):
-        if not np.isfinite(values).all():
-            raise ValueError(f"{name} must be finite")
-    return inputs, outputs, dt
-
-
-def _cautions(fitted: Fit, unseen: Unseen, variance: Array, dt: float) -> tuple[str, ...]:
-    """What a user must know before trusting the model; ``variance`` (m,) is that of the training outputs."""
+def _cautions(fitted: Fit, unseen: Unseen, record: Record) -> tuple[str, ...]:
+    """What a user must know before trusting the model."""
     model = fitted.scaling.physical_model(fitted.ascent.belief.theta, fitted.model.n)
-    error = (unseen.weighted_mse / variance).mean(axis=1)
+    error = (unseen.weighted_mse / record.outputs.var(axis=0)).mean(axis=1)
     judged = "Inside the training data, where each half was forecast from the other,"
     cautions = []
     if not error.mean() < HARDLY_BETTER:
-        useful = int(np.argmin(error < HARDLY_BETTER)) * dt
+        useful = int(np.argmin(error < HARDLY_BETTER)) * record.dt
         cautions.append(
             f"{judged} forecasts beyond {useful:.2g} s were hardly better than the constant mean: a good one after it "
             "is luck. Learn from more, or from a livelier stretch."

@@ -12,10 +12,12 @@ from scipy.stats import norm
 
 from mavdem.dem.choice import Candidate
 from mavdem.dem.document import fields_of, values_of
-from mavdem.dem.fit import Fit, generalized
-from mavdem.dem.model import LinearModel, pack, unpack
+from mavdem.dem.fit import Fit, generalized, of_vehicle
+from mavdem.dem.model import LinearModel, unpack
 from mavdem.dem.positive import inverse
 from mavdem.dem.prediction import Predictor
+from mavdem.dem.priors import KINEMATIC
+from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
 from mavdem.dem.trace import FreeEnergy, Learning
@@ -41,7 +43,7 @@ class Learned:
         candidates: every choice that was tried.
         dt: sampling step, s.
         smoothness: kernel width s of the noise, s.
-        inputs, outputs: (T, r), (T, m) the training data.
+        record: the training data, physical.
         unseen: what forecasts of each half of the training data by a model of the other half tell.
         cautions: one sentence for each thing a user must know before trusting the model.
         scaling, predictor, state_map, theta: the engine's own, in its units: what :meth:`one_step`, :meth:`forecast`
@@ -59,8 +61,7 @@ class Learned:
     candidates: tuple[Candidate, ...]
     dt: float
     smoothness: float
-    inputs: Array
-    outputs: Array
+    record: Record
     unseen: Unseen
     cautions: tuple[str, ...]
     scaling: Scaling
@@ -72,9 +73,7 @@ class Learned:
     def of(
         cls,
         fit: Fit,
-        inputs: Array,
-        outputs: Array,
-        dt: float,
+        record: Record,
         unseen: Unseen,
         candidates: tuple[Candidate, ...],
         cautions: tuple[str, ...],
@@ -83,16 +82,13 @@ class Learned:
 
         Args:
             fit: the settled (or given up) fit, in the engine's units.
-            inputs, outputs: (T, r), (T, m) the training data it was made from, in physical units.
-            dt: sampling step, s.
+            record: the training data it was made from, in physical units.
             unseen: forecasts of data that the fit has not seen.
             candidates, cautions: as in :class:`Learned`, found outside the fit.
         """
         order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
         scale = scaling.parameter_scale(order)
-        motors = _without_constant(fit)
-        weak = fit.settings.parameter_precision
-        assert weak is not None
+        motors = of_vehicle(order, record.inputs.shape[1], fit.model.m, scaling.constant)
         covariance = ascent.belief.theta_covariance * np.outer(scale, scale)
         prior_covariance = inverse(fit.model.prior.theta_precision) * np.outer(scale, scale)
         return cls(
@@ -100,7 +96,7 @@ class Learned:
             model=scaling.physical_model(ascent.belief.theta, order),
             theta_covariance=covariance[np.ix_(motors, motors)],
             prior_sd=np.sqrt(np.diag(prior_covariance))[motors],
-            known=(np.diag(fit.model.prior.theta_precision) > weak)[motors],
+            known=(np.diag(fit.model.prior.theta_precision) >= KINEMATIC)[motors],
             free_energy=FreeEnergy(dict(ascent.terms)),
             learning=Learning(
                 (ascent.theta * scale)[:, motors],
@@ -110,10 +106,9 @@ class Learned:
             ),
             settled=ascent.settled,
             candidates=candidates,
-            dt=dt,
-            smoothness=fit.settings.smoothness or dt,
-            inputs=inputs,
-            outputs=outputs,
+            dt=record.dt,
+            smoothness=fit.settings.smoothness or record.dt,
+            record=record,
             unseen=unseen,
             cautions=cautions,
             scaling=scaling,
@@ -131,9 +126,12 @@ class Learned:
         return LinearModel(A, B, C, np.full(n, np.nan), np.full(r, np.nan), np.full(m, np.nan))
 
     def one_step(self) -> Array:
-        """(T, m): each training sample predicted from those before it and the inputs; row 0 is the trim."""
-        ahead = self.predictor.one_step(*self._scaled)
-        return np.vstack([self.scaling.output_trim, self.scaling.physical_outputs(ahead)])
+        """(T, m): each training sample predicted from those before it and the inputs; a segment's first is the trim."""
+        predictions = []
+        for outputs, inputs in self._scaled:
+            ahead = self.predictor.one_step(outputs, inputs)
+            predictions += [self.scaling.output_trim[None], self.scaling.physical_outputs(ahead)]
+        return np.concatenate(predictions)
 
     def forecast(self, inputs: ArrayLike) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.
@@ -151,13 +149,13 @@ class Learned:
             ValueError: inputs of another width, or not finite.
         """
         ahead = np.asarray(inputs, dtype=np.float64)
-        if ahead.ndim == 1 and self.inputs.shape[1] == 1:
+        if ahead.ndim == 1 and self.record.inputs.shape[1] == 1:
             ahead = ahead[:, None]
-        if ahead.ndim != 2 or ahead.shape[1] != self.inputs.shape[1]:
-            raise ValueError(f"inputs must have shape (H, {self.inputs.shape[1]}), not {ahead.shape}")
+        if ahead.ndim != 2 or ahead.shape[1] != self.record.inputs.shape[1]:
+            raise ValueError(f"inputs must have shape (H, {self.record.inputs.shape[1]}), not {ahead.shape}")
         if not np.isfinite(ahead).all():
             raise ValueError("inputs must be finite")
-        known = self.scaling.scale_inputs(np.vstack([self.inputs[-1], ahead]))
+        known = self.scaling.scale_inputs(np.vstack([self.record.inputs[-1], ahead]))
         deviation = self.predictor.forecast(self._last_state, known) * self._by_horizon(self.unseen.weight, len(ahead))
         return self.scaling.physical_outputs(deviation)
 
@@ -191,12 +189,27 @@ class Learned:
 
     @cached_property
     def _last_state(self) -> Array:
-        return np.asarray(self.predictor.filtered(*self._scaled)[-1])
+        return np.asarray(self.predictor.filtered(*self._scaled[-1])[-1])
 
     @property
-    def _scaled(self) -> tuple[Array, Array]:
-        """Training outputs and inputs in the engine's units."""
-        return self.scaling.scale_outputs(self.outputs), self.scaling.scale_inputs(self.inputs)
+    def _scaled(self) -> list[tuple[Array, Array]]:
+        """Training outputs and inputs of each segment in the engine's units."""
+        scaling = self.scaling
+        return [
+            (scaling.scale_outputs(outputs), scaling.scale_inputs(inputs)) for inputs, outputs in self.record.segments
+        ]
+
+    @property
+    def _places(self) -> NDArray[np.intp]:
+        """(T′,) the training samples that have a whole window in their segment."""
+        window = self.settings.window
+        assert window is not None
+        return np.concatenate(
+            [
+                start + window // 2 + np.arange(max(0, length - window + 1))
+                for start, length in zip(self.record.starts, self.record.lengths, strict=True)
+            ]
+        )
 
     def process_noise(self) -> tuple[NDArray[np.intp], Array]:
         """The estimated process noise w = x′ − A x − B v: wind and all else the model leaves out.
@@ -205,15 +218,13 @@ class Learned:
             places (T′,) of the training samples that have a whole window, and w (T′, n) there, in units of the
             states per second (for the roll rate, rad/s²).
         """
-        n = self.settings.order
-        assert n is not None and self.settings.window is not None
-        m, r = self.outputs.shape[1], self.inputs.shape[1] + self.scaling.constant
-        y, v = generalized(self.settings, self.scaling, self.inputs, self.outputs, self.dt)
-        X = np.hstack([y, v]) @ self.state_map.T
+        n, p = self.model.A.shape[0], self.settings.p
+        m, r = self.model.C.shape[0], self.model.B.shape[1] + self.scaling.constant
+        X = np.concatenate(generalized(self.settings, self.scaling, self.record)) @ self.state_map.T
         A, B, _ = unpack(self.theta, n, r, m)
-        inputs = X[:, n * (self.settings.p + 1) :][:, :r]
-        noise = X[:, n : 2 * n] - X[:, :n] @ A.T - inputs @ B.T
-        return np.arange(len(noise)) + self.settings.window // 2, noise * self.scaling.state_scale(n)
+        slope = X[:, n : 2 * n] if p else np.zeros((len(X), n))
+        noise = slope - X[:, :n] @ A.T - X[:, n * (p + 1) :][:, :r] @ B.T
+        return self._places, noise * self.scaling.state_scale(n)
 
     def to_json(self) -> str:
         """Everything as a JSON object, the training data included; :meth:`from_json` reads it back."""
@@ -230,11 +241,3 @@ class Learned:
             ValueError: it is not such a document; what is missing or of another shape is named.
         """
         return cls(**fields_of(json.loads(text)))
-
-
-def _without_constant(fit: Fit) -> NDArray[np.bool_]:
-    """Which of the engine's θ are about the vehicle: all but the column of B for the constant input."""
-    model = fit.model
-    A, B, C = (np.ones(shape, np.bool_) for shape in ((model.n, model.n), (model.n, model.r), (model.m, model.n)))
-    B[:, model.r - fit.scaling.constant :] = False
-    return pack(A, B, C)

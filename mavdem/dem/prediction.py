@@ -40,14 +40,14 @@ class Predictor:
     def of(
         cls, A: Array, B: Array, C: Array, dt: float, measurement_noise: Array, process_noise: Array, smoothness: float
     ) -> Predictor:
-        """The predictor of a continuous model with noise variances (m,) of z and (n,) of w.
+        """The predictor of a continuous model with noise variances (m,) of z and covariance (n, n) of w.
 
         Raises:
             numpy.linalg.LinAlgError: no filter settles, as when an unstable state is not seen in the outputs.
         """
         transition = discretize(A, B, dt)
         power = 2 * smoothness * np.sqrt(np.pi)
-        Q = np.diag(process_noise) * power * dt
+        Q = process_noise * power * dt
         # Measurements are samples: noise that forgets within a step has its variance and no more.
         R = np.diag(measurement_noise) * max(power / dt, 1.0)
         P = solve_discrete_are(transition.state.T, C.T, Q, R)
@@ -59,7 +59,7 @@ class Predictor:
         keep = np.eye(len(self.gain)) - self.gain @ self.C
         first = np.linalg.pinv(self.C) @ outputs[0]
         pushes = drive @ keep.T + outputs[1:] @ self.gain.T
-        return np.vstack([first, _recursion(keep @ self.transition.state, pushes, first)])
+        return np.vstack([first, recursion(keep @ self.transition.state, pushes, first)])
 
     def one_step(self, outputs: Array, inputs: Array) -> Array:
         """(T − 1, m): each sample after the first, predicted from those before it and from its inputs."""
@@ -68,7 +68,7 @@ class Predictor:
 
     def forecast(self, state: Array, inputs: Array) -> Array:
         """(H, m): outputs of the H samples after ``state`` (n,), whose own input is row 0 of inputs (H + 1, r)."""
-        return _recursion(self.transition.state, self._drive(inputs), state) @ self.C.T
+        return recursion(self.transition.state, self._drive(inputs), state) @ self.C.T
 
     def forecast_errors(self, outputs: Array, inputs: Array, horizon: int, starts: Array) -> Array:
         """Errors (starts, horizon, m) of forecasts that begin at the given samples of a recorded stretch."""
@@ -85,7 +85,7 @@ class Predictor:
         return inputs[:-1] @ self.transition.input_now.T + inputs[1:] @ self.transition.input_next.T
 
 
-def _recursion(F: Array, pushes: Array, first: Array) -> Array:
+def recursion(F: Array, pushes: Array, first: Array) -> Array:
     """x₁ … x_T of x_{t} = F x_{t−1} + push_t from x₀ = ``first``, mode by mode, in which it is vectorized."""
     if not len(pushes):
         return np.empty((0, len(first)))

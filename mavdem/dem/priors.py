@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
+from mavdem.dem.gaussian import Gaussian
 from mavdem.dem.model import pack
+from mavdem.dem.record import Record
 from mavdem.dem.settings import Settings
 
 Array = NDArray[np.float64]
@@ -41,29 +43,74 @@ class Prior(NamedTuple):
     lambda_precision: Array  # (g, g)
 
 
-def derivative_pairs(outputs: Array, dt: float) -> tuple[tuple[int, int], ...]:
-    """Pairs (i, j) of output columns where j is the time derivative of i, judged from the samples (T, m)."""
-    span = max(1, round(KINEMATIC_SPAN / dt))
-    if len(outputs) <= span:
+def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
+    """Pairs (i, j) of output columns where j is the time derivative of i, judged from the samples."""
+    span = max(1, round(KINEMATIC_SPAN / record.dt))
+    changes, integrals = [np.empty((0, record.outputs.shape[1]))], [np.empty((0, record.outputs.shape[1]))]
+    for _, outputs in record.segments:
+        integrated = cumulative_trapezoid(outputs, dx=record.dt, axis=0, initial=0)
+        changes.append(outputs[span:] - outputs[:-span])
+        integrals.append(integrated[span:] - integrated[:-span])
+    if sum(map(len, changes)) == 0:
         return ()
-    integrated = cumulative_trapezoid(outputs, dx=dt, axis=0, initial=0)
-    changes, integrals = outputs[span:] - outputs[:-span], integrated[span:] - integrated[:-span]
+    change, integral = np.concatenate(changes), np.concatenate(integrals)
     pairs = []
-    for i, change in enumerate(changes.T):
-        left = (change[:, None] - integrals).var(axis=0)
+    for i, own in enumerate(change.T):
+        left = (own[:, None] - integral).var(axis=0)
         left[i] = np.inf
         j = int(np.argmin(left))
-        if left[j] < (1 - KINEMATIC_SHARE) * change.var():
+        if left[j] < (1 - KINEMATIC_SHARE) * own.var():
             pairs.append((i, j))
     return tuple(pairs)
 
 
 def hyperparameter_prior(settings: Settings, n: int, m: int) -> tuple[Array, Array]:
-    """Mean (g,) and precision (g, g) of λ: measurement noise first, then process noise."""
-    outputs, states = (m, n) if settings.lambda_per_channel else (1, 1)
-    mean = np.repeat([settings.lambda_z, settings.lambda_w], [outputs, states])
-    precision = np.repeat([settings.lambda_z_precision, settings.lambda_w_precision], [outputs, states])
-    return mean, np.diag(precision)
+    """Mean (g,) and precision (g, g) of λ: those of measurement noise first, then those of process noise."""
+    of_outputs, of_states = hyperparameter_groups(settings, n, m)
+    sizes = int(of_outputs.max()) + 1, int(of_states.max() - of_outputs.max())
+    mean, precision = (
+        np.concatenate([np.broadcast_to(value, size) for value, size in zip(values, sizes, strict=True)])
+        for values in (
+            (settings.lambda_z, settings.lambda_w),
+            (settings.lambda_z_precision, settings.lambda_w_precision),
+        )
+    )
+    return np.asarray(mean, np.float64), np.diag(precision)
+
+
+def hyperparameter_groups(settings: Settings, n: int, m: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Which entry of λ each of the m outputs and each of the n states has.
+
+    Raises:
+        ValueError: the settings' groups are not of so many outputs or states.
+    """
+    groups = []
+    for name, given, size in (("output_groups", settings.output_groups, m), ("state_groups", settings.state_groups, n)):
+        if given is not None and len(given) != size:
+            raise ValueError(f"{name} must be {size} group numbers, not {given}")
+        groups.append(np.zeros(size, np.intp) if given is None else np.array(given, np.intp))
+    return groups[0], groups[0].max() + 1 + groups[1]
+
+
+def explicit_prior(prior: Gaussian, weak: float, places: NDArray[np.intp], scale: Array) -> tuple[Array, Array]:
+    """A prior of the vehicle's θ in physical units, brought to the engine's; what else it learns has η = 0 and is weak.
+
+    Args:
+        prior: of the vehicle's k parameters.
+        weak: prior precision of the others.
+        places: (k,) where in the engine's θ they stand.
+        scale: physical size of a unit of each of the engine's parameters.
+
+    Raises:
+        ValueError: it is of another number of parameters.
+    """
+    theta, theta_precision = prior.arrays
+    if len(theta) != len(places):
+        raise ValueError(f"prior must be of the {len(places)} parameters of A, B and C, not of {len(theta)}")
+    mean, precision = np.zeros(len(scale)), weak * np.eye(len(scale))
+    mean[places] = theta / scale[places]
+    precision[np.ix_(places, places)] = theta_precision * np.outer(scale[places], scale[places])
+    return mean, precision
 
 
 def uniform_prior(settings: Settings, n: int, r: int, m: int) -> tuple[Array, Array]:

@@ -17,13 +17,18 @@ ROUNDING = 1e-9
 
 
 class Scaling(NamedTuple):
-    """y = output_trim + output_scale · (engine's y), and likewise for inputs; ``constant``: an input that is 1."""
+    """y = output_trim + output_scale · (engine's y), and likewise for inputs.
+
+    ``constant``: whether one more input, after the motors, is 1. ``known``: whether the recorded inputs count; if not,
+    those of the engine are 0, which is all that is known of them, and a unit of them is one of the engine's.
+    """
 
     input_trim: Array  # (r,)
     input_scale: float
     output_trim: Array  # (m,)
     output_scale: Array  # (m,)
     constant: bool
+    known: bool = True
 
     @classmethod
     def of(cls, inputs: Array, outputs: Array, settings: Settings) -> Scaling:
@@ -32,21 +37,24 @@ class Scaling(NamedTuple):
         Raises:
             ValueError: a channel that must vary does not.
         """
-        if not _vary(inputs).any():
+        if settings.known_inputs and not _vary(inputs).any():
             raise ValueError(f"inputs {_CONSTANT}")
         if not _vary(outputs).all():
             raise ValueError(f"outputs column {np.argmin(_vary(outputs))} {_CONSTANT}")
+        r, m = inputs.shape[1], outputs.shape[1]
+        known = settings.known_inputs
+        if settings.scaling == "none":
+            return cls(np.zeros(r), 1.0, np.zeros(m), np.ones(m), constant=False, known=known)
         if settings.scaling == "paper":
-            ones = np.ones(outputs.shape[1])
-            spread = float(inputs.max() - inputs.min())
-            return cls(np.full(inputs.shape[1], inputs.mean()), spread, 0 * ones, ones, constant=False)
+            spread = float(np.ptp(inputs)) if known else 1.0
+            return cls(np.full(r, inputs.mean()), spread, np.zeros(m), np.ones(m), constant=False, known=known)
         # One scale for all inputs: a motor that hardly moves must not have its noise blown up.
-        input_scale = float(np.sqrt(inputs.var(axis=0).mean()))
-        return cls(inputs.mean(axis=0), input_scale, outputs.mean(axis=0), outputs.std(axis=0), constant=True)
+        input_scale = float(np.sqrt(inputs.var(axis=0).mean())) if known else 1.0
+        return cls(inputs.mean(axis=0), input_scale, outputs.mean(axis=0), outputs.std(axis=0), True, known)
 
     def scale_inputs(self, inputs: Array) -> Array:
         """(T, r) in the unit of the stream to (T, r or r + 1) in the engine's."""
-        scaled = (inputs - self.input_trim) / self.input_scale
+        scaled = (inputs - self.input_trim) / self.input_scale if self.known else np.zeros_like(inputs)
         return np.hstack([scaled, np.ones((len(scaled), 1))]) if self.constant else scaled
 
     def scale_outputs(self, outputs: Array) -> Array:

@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from math import e
 from numbers import Integral, Real
 from typing import Any, Literal
+
+import numpy as np
+
+from mavdem.dem.gaussian import Gaussian
+from mavdem.dem.positive import require_positive_definite
 
 
 @dataclass(frozen=True)
@@ -19,25 +25,37 @@ class Settings:
 
     Attributes:
         order: number of states n; states beyond the outputs are hidden. ``None``: one more than outputs.
-        p: embedding order of outputs and states, at least 1.
-        d: embedding order of the inputs, at most p; ``None``: 2, or p if that is less.
-        window: samples that each generalized vector is read from, at least p + 1.
+        p: embedding order of outputs and states.
+        d: embedding order of the inputs; ``None``: 2, or p if that is less.
+        window: samples that each generalized vector is read from, more than p and d.
         smoothness: kernel width s of the noise, seconds; ``None``: one sampling step.
         last_derivative_zero: whether the derivative of the highest order is taken to be zero and counted as evidence,
             as the paper's D does, or is left out.
         scaling: "channel": every output and the inputs are centred and brought to unit variance, and a constant input
-            learns the trim; "paper": outputs as they are, one mean and one range for all inputs.
+            learns the trim; "paper": outputs as they are, one mean and one range for all inputs; "none": both as they
+            are.
         prior: "regulated": each output tends back to its trim, rates are derivatives of angles, hidden states are
-            actuator lags, C = [I 0]; "uniform": a mean drawn from U[−1, 1] for every parameter.
-        parameter_precision: prior precision P of each free parameter, in the units of ``scaling``.
-        lambda_z, lambda_w: prior means of the log precisions of measurement and process noise.
-        lambda_z_precision, lambda_w_precision: how sure the prior is of them.
-        lambda_per_channel: one λ for each output and each state, or one λᶻ and one λʷ as in the paper.
-        input_precision: precision of the measured inputs about themselves, P̃ᵛ = ``input_precision``·I.
+            actuator lags, C = [I 0]; "uniform": a mean drawn from U[−1, 1] for every parameter; or a ``Gaussian`` of
+            θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] in physical units, in which a known parameter is one of high precision.
+        parameter_precision: prior precision P of each free parameter, in the units of ``scaling``; under a ``Gaussian``
+            prior, only of the trim.
+        lambda_z, lambda_w: prior means of the log precisions of measurement and process noise, in the units of
+            ``scaling``; one number, or one for each group.
+        lambda_z_precision, lambda_w_precision: how sure the prior is of them, likewise.
+        output_groups, state_groups: for each output, and each state, the number of its group, from 0; a group shares
+            one λ. ``None``: all share one, as in the paper.
+        known_inputs: whether the recorded inputs are η̃ᵛ; if not, it is 0, and B belongs to inputs nobody recorded.
+        input_precision: P̃ᵛ, in the units of ``scaling``: the precision of inputs about η̃ᵛ and of each derivative; or
+            a matrix ((d + 1)r, (d + 1)r), order-major.
+        state_rate, parameter_rate, hyperparameter_rate: learning rates k^X, k^θ and k^λ of Eq. ``GA_basic``, in the
+            engine's units; ``None``: the exact limit, in which each step goes to its maximum.
         shrink_forecasts: whether forecasts are drawn back towards the trim by as much as forecasts of training data
             that a fit has not seen advise.
         iterations: at most so many rounds of D, E and M steps; they end earlier when F̄ has settled.
         seed: of everything random (the "uniform" prior).
+
+    Raises:
+        ValueError: names the setting and says what it must be.
     """
 
     order: int | None = None
@@ -46,46 +64,94 @@ class Settings:
     window: int | None = None
     smoothness: float | None = None
     last_derivative_zero: bool = False
-    scaling: Literal["channel", "paper"] = "channel"
-    prior: Literal["regulated", "uniform"] = "regulated"
+    scaling: Literal["channel", "paper", "none"] = "channel"
+    prior: Literal["regulated", "uniform"] | Gaussian = "regulated"
     parameter_precision: float | None = None
-    lambda_z: float = 20.0
-    lambda_z_precision: float = e**25
-    lambda_w: float = 3.0
-    lambda_w_precision: float = 0.01
-    lambda_per_channel: bool = False
-    input_precision: float = e**12
+    lambda_z: float | tuple[float, ...] = 20.0
+    lambda_z_precision: float | tuple[float, ...] = e**25
+    lambda_w: float | tuple[float, ...] = 3.0
+    lambda_w_precision: float | tuple[float, ...] = 0.01
+    output_groups: tuple[int, ...] | None = None
+    state_groups: tuple[int, ...] | None = None
+    known_inputs: bool = True
+    input_precision: float | tuple[tuple[float, ...], ...] = e**12
+    state_rate: float | None = None
+    parameter_rate: float | None = None
+    hyperparameter_rate: float | None = None
     shrink_forecasts: bool = True
     iterations: int = 200
     seed: int = 0
 
     def __post_init__(self) -> None:
+        for name in ("lambda_z", "lambda_z_precision", "lambda_w", "lambda_w_precision", "input_precision"):
+            object.__setattr__(self, name, _tuples(getattr(self, name)))
+        for name in ("output_groups", "state_groups"):
+            object.__setattr__(self, name, _tuples(getattr(self, name)))
+            self._require_groups(name)
         for name in ("order", "p", "d", "window", "iterations", "seed"):
             value = getattr(self, name)
             optional = name in ("order", "d", "window")
             whole = isinstance(value, Integral) and not isinstance(value, bool)
             _require(whole or optional and value is None, name, "a whole number", value)
-        for name in ("lambda_z", "lambda_w"):
-            _require(_finite(getattr(self, name)), name, "a finite number", getattr(self, name))
-        for name in ("last_derivative_zero", "lambda_per_channel", "shrink_forecasts"):
+        for name in ("last_derivative_zero", "known_inputs", "shrink_forecasts"):
             _require(isinstance(getattr(self, name), bool), name, "True or False", getattr(self, name))
         _require(
             self.order is None or self.order >= 1, "order", "at least 1, or None for one more than outputs", self.order
         )
-        _require(self.p >= 1, "p", "at least 1", self.p)
-        _require(self.d is None or 0 <= self.d <= self.p, "d", f"None or between 0 and p = {self.p}", self.d)
-        _require(self.window is None or self.window > self.p, "window", f"at least p + 1 = {self.p + 1}", self.window)
-        positive = ("lambda_z_precision", "lambda_w_precision", "input_precision")
-        for name in (*positive, "parameter_precision", "smoothness"):
+        _require(self.p >= 0, "p", "at least 0", self.p)
+        _require(self.d is None or self.d >= 0, "d", "None or at least 0", self.d)
+        fewest = max(self.p, self.d or 0) + 1
+        _require(self.window is None or self.window >= fewest, "window", f"at least {fewest} for p and d", self.window)
+        for name in ("parameter_precision", "smoothness", "state_rate", "parameter_rate", "hyperparameter_rate"):
             value = getattr(self, name)
-            optional = name not in positive
-            _require(_finite(value) and value > 0 or optional and value is None, name, "a positive number", value)
-        _require(self.scaling in ("channel", "paper"), "scaling", '"channel" or "paper"', self.scaling)
-        _require(self.prior in ("regulated", "uniform"), "prior", '"regulated" or "uniform"', self.prior)
+            _require(value is None or _positive(value), name, "a positive number, or None", value)
+        for kind, groups in (("z", self.output_groups), ("w", self.state_groups)):
+            for name, fits in ((f"lambda_{kind}", _finite), (f"lambda_{kind}_precision", _positive)):
+                self._require_each(name, fits, 1 if groups is None else max(groups) + 1)
+        self._require_input_precision()
+        scalings = ("channel", "paper", "none")
+        _require(self.scaling in scalings, "scaling", '"channel", "paper" or "none"', self.scaling)
+        named = isinstance(self.prior, Gaussian) or self.prior in ("regulated", "uniform")
+        _require(named, "prior", '"regulated", "uniform" or a Gaussian', self.prior)
         # The scale of x is then held by nothing, and F̄ is highest where C is nothing.
-        needed = self.last_derivative_zero or self.prior == "regulated"
+        needed = self.last_derivative_zero or self.prior != "uniform"
         _require(needed, "last_derivative_zero", "True with the uniform prior, which leaves C free", False)
+        _require(self.last_derivative_zero or self.p > 0, "last_derivative_zero", "True with p = 0", False)
+        needed = self.known_inputs or self.prior != "regulated"
+        _require(needed, "known_inputs", "True with the regulated prior, under which B would stay 0", False)
         _require(self.iterations >= 1, "iterations", "at least 1", self.iterations)
+
+    def _require_groups(self, name: str) -> None:
+        groups = getattr(self, name)
+        numbered = groups is None or (
+            isinstance(groups, tuple)
+            and groups != ()
+            and all(isinstance(group, Integral) and not isinstance(group, bool) for group in groups)
+            and set(groups) == set(range(max(groups) + 1))
+        )
+        _require(numbered, name, "group numbers that start at 0 and leave none out, or None", groups)
+
+    def _require_each(self, name: str, fits: Callable[[object], bool], groups: int) -> None:
+        value = getattr(self, name)
+        if isinstance(value, tuple):
+            _require(
+                len(value) == groups and all(map(fits, value)),
+                name,
+                f"{_LIKE[fits]} for each of {groups} groups",
+                value,
+            )
+        else:
+            _require(fits(value), name, _LIKE[fits], value)
+
+    def _require_input_precision(self) -> None:
+        value = self.input_precision
+        if not isinstance(value, tuple):
+            return _require(_positive(value), "input_precision", "a positive number or a matrix", value)
+        try:
+            matrix = np.array(value, np.float64)
+        except ValueError:
+            matrix = np.empty(0)
+        require_positive_definite(matrix, "input_precision", len(value))
 
     @classmethod
     def paper(cls, order: int = 2, seed: int = 0) -> Settings:
@@ -118,9 +184,13 @@ class Settings:
             seed=seed,
         )
 
+    def to_dict(self) -> dict[str, Any]:
+        """The settings as plain JSON values by name; :meth:`from_dict` reads them back."""
+        return asdict(self)
+
     def to_json(self) -> str:
         """The settings as a JSON object; :meth:`from_json` reads it back."""
-        return json.dumps(asdict(self), indent=1)
+        return json.dumps(self.to_dict(), indent=1)
 
     @classmethod
     def from_json(cls, text: str) -> Settings:
@@ -135,11 +205,27 @@ class Settings:
         unknown = set(values) - {f.name for f in fields(cls)}
         if unknown:
             raise ValueError(f"not a setting: {', '.join(sorted(unknown))}")
+        if isinstance(values.get("prior"), dict):
+            values = {**values, "prior": Gaussian.from_dict(values["prior"])}
         return cls(**values)
 
 
 def _finite(value: object) -> bool:
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _positive(value: object) -> bool:
+    return _finite(value) and value > 0  # type: ignore[operator]
+
+
+_LIKE: dict[Callable[[object], bool], str] = {_finite: "a finite number", _positive: "a positive number"}
+
+
+def _tuples(value: Any) -> Any:
+    """Lists and arrays as tuples, which cannot be changed and compare by value."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    return tuple(map(_tuples, value)) if isinstance(value, (list, tuple)) else value
 
 
 def _require(holds: bool, name: str, expected: str, value: object) -> None:

@@ -1,9 +1,12 @@
-"""The D, E and M steps: each maximizes F̄ over one part of the belief with the others held, so F̄ never falls.
+"""The D, E and M steps: each raises F̄ over one part of the belief with the others held.
 
-X and θ enter F̄ quadratically, so their steps are exact; λ enters through e^λ and takes guarded Newton steps.
+X and θ enter F̄ quadratically, so their steps are exact; λ enters through e^λ and takes guarded Newton steps. With a
+learning rate k a step follows its gradient flow, Eq. ``GA_basic``, for a while; with k → ∞ to its end, the maximum.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,18 +34,24 @@ def d_step(
 ) -> Array:
     """The D step in the exact limit k → ∞: every sample's X at the maximum of F.
 
-    F is quadratic in X with the same curvature at every sample, so the answer is one linear map.
+    F is quadratic in X with the same curvature at every sample, so the answer is one linear map. For finite k^X see
+    ``flow.py``.
 
     Returns:
         L (dim X, dim [ỹ; η̃]) with X(t) = L [ỹ(t); η̃(t)].
     """
-    weights = expected_weights(lambda_, lambda_covariance)
+    of_data, precision = state_slope(model, theta, theta_covariance, lambda_, lambda_covariance)
+    return solve(precision, of_data)
+
+
+def state_slope(
+    model: GenerativeModel, theta: Array, theta_covariance: Array, lambda_: Array, lambda_covariance: Array
+) -> tuple[Array, Array]:
+    """G (dim X, dim [ỹ; η̃]) and P (dim X, dim X) with ∂F/∂X = G [ỹ; η̃] − P X, mean-field terms of θ and λ included."""
     E = model.error_operator(theta)
-    precision = model.precision(weights)
     data, X = E[:, : model.hidden.start], E[:, model.hidden]
-    weighted = X.T @ precision
-    curvature = weighted @ X + _uncertain_parameters(model, theta_covariance, np.exp(lambda_))
-    return -solve(curvature, weighted @ data)
+    weighted = X.T @ model.precision(expected_weights(lambda_, lambda_covariance))
+    return -weighted @ data, weighted @ X + _uncertain_parameters(model, theta_covariance, np.exp(lambda_))
 
 
 def _uncertain_parameters(model: GenerativeModel, theta_covariance: Array, weights: Array) -> Array:
@@ -75,54 +84,95 @@ def blocks(matrix: Array, rows: NDArray[np.intp]) -> Array:
     return matrix[rows[:, :, None], rows[:, None, :]]
 
 
-def e_step(model: GenerativeModel, samples: Samples, belief: Belief) -> Array:
-    """The E step: θ at the maximum of F̄ given the rest, a full Newton step on a quadratic."""
+def e_step(model: GenerativeModel, samples: Samples, belief: Belief, rate: float | None = None) -> Array:
+    """The E step: θ along the gradient of F̄ given the rest, Eq. ``GA_basic``.
+
+    Args:
+        model, samples, belief: F̄ and where on it.
+        rate: k^θ; the gradient flow is followed for one unit of its time, exactly, F̄ being quadratic. ``None``: to its
+            end, the maximum.
+    """
+    gradient, precision = theta_slope(model, samples, belief)
+    return belief.theta + _flow(gradient, precision, rate)
+
+
+def theta_slope(model: GenerativeModel, samples: Samples, belief: Belief) -> tuple[Array, Array]:
+    """∂F̄/∂θ (k,) and −∂²F̄/∂θ² (k, k), the mean-field terms of X and of λ included."""
     prior = model.prior
     of_errors = expected_weights(belief.lambda_, belief.lambda_covariance)
     of_states = np.exp(belief.lambda_)
     spread = np.zeros_like(belief.moments.joint)
     spread[model.hidden, model.hidden] = samples.number * belief.state_covariance
-    curvature = prior.theta_precision.copy()
-    slope = prior.theta_precision @ prior.theta_mean
+    precision = prior.theta_precision.copy()
+    pull = prior.theta_precision @ prior.theta_mean
     rows = model.parameter_rows
     for weights, regression in ((of_errors, belief.moments.regression), (of_states, model.regression(spread))):
         of_w, of_z = weights[model.state_groups], weights[model.output_groups]
-        add_blocks(curvature, rows.dynamics, of_w, regression.regressors)
-        add_blocks(curvature, rows.observation, of_z, regression.states)
-        slope[rows.dynamics] += of_w[:, None] * regression.slopes
-        slope[rows.observation] += of_z[:, None] * regression.outputs
-    return solve(curvature, slope)
+        add_blocks(precision, rows.dynamics, of_w, regression.regressors)
+        add_blocks(precision, rows.observation, of_z, regression.states)
+        pull[rows.dynamics] += of_w[:, None] * regression.slopes
+        pull[rows.observation] += of_z[:, None] * regression.outputs
+    return pull - precision @ belief.theta, precision
 
 
-def m_step(model: GenerativeModel, samples: Samples, belief: Belief) -> Array:
-    """The M step: λ at the maximum of F̄ given the rest, by Newton steps that are shortened until F̄ rises.
+def m_step(model: GenerativeModel, samples: Samples, belief: Belief, rate: float | None = None) -> Array:
+    """The M step: λ along the gradient of F̄ given the rest, by steps that are shortened until F̄ rises.
 
-    As a function of λ, F̄ = −½ Σ_g c_g e^{λ_g} + ½ T s·λ − ½ (λ−η)ᵀP(λ−η), which is concave.
+    Args:
+        model, samples, belief: F̄ and where on it.
+        rate: k^λ: one step, as in :func:`e_step` but on the curvature at its start. ``None``: to the maximum, by
+            Newton's method; F̄ is concave in λ.
     """
-    prior = model.prior
-    of_X = model.error_operator(belief.theta)[:, model.hidden]
-    squares = belief.moments.squared_errors(belief.theta)
-    spread = samples.number * model.squared_errors(of_X @ belief.state_covariance @ of_X.T)
-    cost = squares * (1.0 + 0.5 * np.diag(belief.lambda_covariance)) + spread + _parameter_spread(model, belief)
-    gain = 0.5 * samples.number * model.log_precision_slope
-
-    def objective(lambda_: Array) -> float:
-        error = lambda_ - prior.lambda_mean
-        return float(-0.5 * cost @ np.exp(lambda_) + gain @ lambda_ - 0.5 * error @ prior.lambda_precision @ error)
-
+    fall = _FallOfLambda.of(model, samples, belief)
     lambda_ = belief.lambda_
-    height = objective(lambda_)
-    for _ in range(NEWTON_STEPS):
-        pull = 0.5 * cost * np.exp(lambda_)
-        slope = gain - pull - prior.lambda_precision @ (lambda_ - prior.lambda_mean)
-        step = solve(np.diag(pull) + prior.lambda_precision, slope)
-        step = np.clip(step, -LONGEST_STEP, LONGEST_STEP)
-        while (higher := objective(lambda_ + step)) < height and np.abs(step).max() > SETTLED:
+    height = fall.height(lambda_)
+    for _ in range(NEWTON_STEPS if rate is None else 1):
+        step = np.clip(_flow(*fall.slope(lambda_), rate), -LONGEST_STEP, LONGEST_STEP)
+        while (higher := fall.height(lambda_ + step)) < height and np.abs(step).max() > SETTLED:
             step = step / 2
         if np.abs(step).max() <= SETTLED:
             break
         lambda_, height = lambda_ + step, higher
     return lambda_
+
+
+def lambda_slope(model: GenerativeModel, samples: Samples, belief: Belief) -> tuple[Array, Array]:
+    """∂F̄/∂λ (g,) and −∂²F̄/∂λ² (g, g), the mean-field terms of X and of θ included."""
+    return _FallOfLambda.of(model, samples, belief).slope(belief.lambda_)
+
+
+class _FallOfLambda(NamedTuple):
+    """F̄ as a function of λ alone: −½ Σ_g c_g e^{λ_g} + gain·λ − ½ (λ−η)ᵀP(λ−η) and a constant."""
+
+    cost: Array  # (g,)
+    gain: Array  # (g,)
+    mean: Array  # (g,)
+    precision: Array  # (g, g)
+
+    @classmethod
+    def of(cls, model: GenerativeModel, samples: Samples, belief: Belief) -> _FallOfLambda:
+        of_X = model.error_operator(belief.theta)[:, model.hidden]
+        squares = belief.moments.squared_errors(belief.theta)
+        spread = samples.number * model.squared_errors(of_X @ belief.state_covariance @ of_X.T)
+        cost = squares * (1.0 + 0.5 * np.diag(belief.lambda_covariance)) + spread + _parameter_spread(model, belief)
+        gain = 0.5 * samples.number * model.log_precision_slope
+        return cls(cost, gain, model.prior.lambda_mean, model.prior.lambda_precision)
+
+    def height(self, lambda_: Array) -> float:
+        error = lambda_ - self.mean
+        return float(-0.5 * self.cost @ np.exp(lambda_) + self.gain @ lambda_ - 0.5 * error @ self.precision @ error)
+
+    def slope(self, lambda_: Array) -> tuple[Array, Array]:
+        pull = 0.5 * self.cost * np.exp(lambda_)
+        return self.gain - pull - self.precision @ (lambda_ - self.mean), np.diag(pull) + self.precision
+
+
+def _flow(gradient: Array, precision: Array, rate: float | None) -> Array:
+    """Where dϑ/da = k (gradient − precision · ϑ) leads from 0 within one unit of a; its end for an infinite k."""
+    if rate is None:
+        return solve(precision, gradient)
+    values, modes = np.linalg.eigh(precision)
+    return np.asarray(modes @ (-np.expm1(-rate * values) / values * (modes.T @ gradient)))
 
 
 def _parameter_spread(model: GenerativeModel, belief: Belief) -> Array:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem.fit import Fit, fit
+from mavdem.dem.record import Record
 from mavdem.dem.settings import Settings
 
 Array = NDArray[np.float64]
@@ -33,24 +34,32 @@ class Trials(NamedTuple):
             return np.asarray(((self.measured - self.predicted) ** 2).mean(axis=0))
 
 
-def trials(fitted: Fit, inputs: Array, outputs: Array, dt: float) -> Trials:
-    """A model's forecasts of a recorded stretch, from places all over the first part of it.
+def trials(fitted: Fit, record: Record, motors_at: Array | None = None) -> Trials:
+    """A model's forecasts of a record, from places all over the first part of each segment.
 
     Args:
         fitted: the model.
-        inputs, outputs: (T, r), (T, m), physical.
-        dt: sampling step, s.
+        record: what is forecast.
+        motors_at: (r,) motor outputs to take throughout, in place of the recorded ones.
     """
-    horizon = max(1, min(round(LONGEST_FORECAST / dt), 2 * len(outputs) // 3))
-    last = len(outputs) - horizon - 1
-    # The filter needs a few samples to find hidden states.
-    starts = np.unique(np.linspace(min(horizon // 4, last), last, MOST_STARTS).astype(int))
+    horizon = max(1, min(round(LONGEST_FORECAST / record.dt), 2 * record.longest // 3))
     scaling = fitted.scaling
-    scaled = scaling.scale_outputs(outputs)
-    with np.errstate(over="ignore", invalid="ignore"):
-        errors = fitted.predictor.forecast_errors(scaled, scaling.scale_inputs(inputs), horizon, starts)
-        measured = scaled[starts[:, None] + 1 + np.arange(horizon)]
-        return Trials(measured * scaling.output_scale, (measured - errors) * scaling.output_scale)
+    measured, predicted = [], []
+    for inputs, outputs in record.segments:
+        last = len(outputs) - horizon - 1
+        if last < 0:
+            continue
+        # The filter needs a few samples to find hidden states.
+        share = max(1, round(MOST_STARTS * len(outputs) / len(record)))
+        starts = np.unique(np.linspace(min(horizon // 4, last), last, share).astype(int))
+        scaled = scaling.scale_outputs(outputs)
+        driven = scaling.scale_inputs(inputs if motors_at is None else np.broadcast_to(motors_at, inputs.shape))
+        with np.errstate(over="ignore", invalid="ignore"):
+            errors = fitted.predictor.forecast_errors(scaled, driven, horizon, starts)
+            ahead = scaled[starts[:, None] + 1 + np.arange(horizon)]
+            measured.append(ahead * scaling.output_scale)
+            predicted.append((ahead - errors) * scaling.output_scale)
+    return Trials(np.concatenate(measured), np.concatenate(predicted))
 
 
 class Unseen(NamedTuple):
@@ -64,35 +73,41 @@ class Unseen(NamedTuple):
     )
 
 
-def unseen_forecasts(inputs: Array, outputs: Array, dt: float, settings: Settings) -> Unseen:
+def unseen_forecasts(record: Record, settings: Settings) -> Unseen:
     """Judges settings by forecasts of data that the fit has not seen.
 
     An uncertain model's forecasts spread too far, so the least error is had part of the way back to the trim: where a
     model is worth nothing, all the way.
 
     Args:
-        inputs, outputs: (T, r), (T, m), physical.
-        dt: sampling step, s.
+        record: what is learnt from.
         settings: complete; without ``shrink_forecasts`` every weight is 1.
 
     Raises:
         numpy.linalg.LinAlgError: a fit broke down.
         ValueError: a half in which a channel does not vary.
     """
-    half = len(outputs) // 2
-    halves = slice(0, half), slice(len(outputs) - half, None)
+    halves = record.halves()
     own, at_trim = [], []
     for learnt, unseen in (halves, halves[::-1]):
-        fitted = fit(inputs[learnt], outputs[learnt], dt, settings)
-        trim = np.broadcast_to(fitted.scaling.input_trim, inputs[unseen].shape)
-        own.append(trials(fitted, inputs[unseen], outputs[unseen], dt))
-        at_trim.append(trials(fitted, trim, outputs[unseen], dt))
-    both, without = Trials(*np.concatenate(own, axis=1)), Trials(*np.concatenate(at_trim, axis=1))
+        fitted = fit(learnt, settings)
+        own.append(trials(fitted, unseen))
+        at_trim.append(trials(fitted, unseen, fitted.scaling.input_trim))
+    both, without = _together(own), _together(at_trim)
     best = _weight(both)
-    variance = outputs.var(axis=0)
+    variance = record.outputs.var(axis=0)
     left = np.mean(_weighted(both, best).mse / variance) / np.mean(_weighted(without, _weight(without)).mse / variance)
     weight = best if settings.shrink_forecasts else np.ones_like(best)
     return Unseen(both.mse, weight, _weighted(both, weight).mse, float(1 - left))
+
+
+def _together(halves: list[Trials]) -> Trials:
+    """Both halves' trials, to the longest horizon that both have."""
+    horizon = min(half.measured.shape[1] for half in halves)
+    measured, predicted = (
+        np.concatenate([getattr(half, name)[:, :horizon] for half in halves]) for name in Trials._fields
+    )
+    return Trials(measured, predicted)
 
 
 def _weighted(both: Trials, weight: Array) -> Trials:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from mavdem.dem import Learned
+from mavdem.dem.priors import hyperparameter_prior
 from mavdem.flight import Flight
 from mavdem.naming import state_names
 from mavdem.view.outlook import LEVEL
@@ -24,10 +25,10 @@ def entries(flight: Flight, learned: Learned) -> dict[str, list[tuple[str, str]]
 
 def prior_outweighs_data(learned: Learned) -> NDArray[np.bool_]:
     """Which λ, (g,), owe the greater part of their precision to the prior: in effect it fixes them."""
-    settings, posterior = learned.settings, 1 / learned.learning.lambda_sd[-1] ** 2
-    outputs, states = learned.model.C.shape if settings.lambda_per_channel else (1, 1)
-    prior = np.repeat([settings.lambda_z_precision, settings.lambda_w_precision], [outputs, states])
-    return np.asarray(posterior < 2 * prior)
+    posterior = 1 / learned.learning.lambda_sd[-1] ** 2
+    m, n = learned.model.C.shape
+    _, prior = hyperparameter_prior(learned.settings, n, m)
+    return np.asarray(posterior < 2 * np.diag(prior))
 
 
 def estimate_band(

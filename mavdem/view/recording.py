@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,6 +12,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from mavdem.dem import Learned
+from mavdem.dem.priors import hyperparameter_groups
 from mavdem.flight import Flight
 from mavdem.naming import left_free, named, short, state_names, state_rate_units
 from mavdem.view import lines
@@ -125,16 +127,27 @@ def _free_energy(recording: rr.RecordingStream, learned: Learned) -> None:
 
 def _noise_precisions(recording: rr.RecordingStream, train: Flight, learned: Learned) -> None:
     learning, states = learned.learning, state_names(train, learned)
-    if learned.settings.lambda_per_channel:
-        # Each process noise in the colour of its own picture, those of the measurements after them.
-        named_colours = [(f"z of {name}", len(states) + i) for i, name in enumerate(train.output_names)]
-        named_colours += [(f"w of {name}", i) for i, name in enumerate(states)]
-    else:
-        named_colours = [("z, measurement", 1), ("w, process", 0)]
+    of_outputs, of_states = hyperparameter_groups(learned.settings, len(states), len(train.output_names))
+    # Each process noise in the colour of its own picture, those of the measurements after them.
+    process = _by_group("w", states, of_states)
+    measurement = _by_group("z", train.output_names, of_outputs)
+    named_colours = [(name, len(process) + i) for i, name in enumerate(measurement)]
+    named_colours += [(name, i) for i, name in enumerate(process)]
     fixed = prior_outweighs_data(learned)
     for i, (name, colour) in enumerate(named_colours):
         root, label = ["noise_precisions", name], f"{name} (fixed)" if fixed[i] else name
         _estimate(recording, root, label, lines.distinct(colour), learning.lambda_[:, i], learning.lambda_sd[:, i])
+
+
+def _by_group(noise: str, channels: Sequence[str], groups: NDArray[np.intp]) -> list[str]:
+    """What each λ of a noise is about: the channels that share it."""
+    names = [
+        " and ".join(channel for channel, group in zip(channels, groups, strict=True) if group == own)
+        for own in np.unique(groups)
+    ]
+    return (
+        [{"z": "z, measurement", "w": "w, process"}[noise]] if len(names) == 1 else [f"{noise} of {n}" for n in names]
+    )
 
 
 def _estimate(

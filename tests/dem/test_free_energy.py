@@ -197,7 +197,7 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
     rng = np.random.default_rng(seed)
     n, r, m, p, d, q = model.n, model.r, model.m, model.p, model.d, model.q
     outputs, inputs = rng.standard_normal((5, m * (p + 1))), rng.standard_normal((5, r * (d + 1)))
-    samples = Samples.of(outputs, inputs)
+    samples = Samples.of(np.hstack([outputs, inputs]))
     state_map, belief = random_belief(seed, model, samples)
     A, B, C = unpack(belief.theta, n, r, m)
     S = model.output_correlation, model.state_correlation
@@ -222,13 +222,9 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
     assert actual == pytest.approx(energy, rel=1e-9)
 
 
-def test_samples_of_separate_stretches_add_up():
-    model = random_model(3, 2, 1, 2, 2, 1, drop=False, groups=False)
+def test_samples_of_separate_segments_add_up():
     rng = np.random.default_rng(0)
-    outputs, inputs = rng.standard_normal((30, 6)), rng.standard_normal((30, 2))
-    one, other = (
-        type(random_samples(0, model)).of(outputs[part], inputs[part]) for part in (slice(12), slice(12, None))
-    )
-    whole = Samples.of(outputs, inputs)
-    assert one.number + other.number == whole.number
-    np.testing.assert_allclose(one.gram + other.gram, whole.gram)
+    first, second = rng.standard_normal((12, 8)), rng.standard_normal((18, 8))
+    apart, whole = Samples.of(first, second), Samples.of(np.vstack([first, second]))
+    assert apart.number == whole.number == 30
+    np.testing.assert_allclose(apart.gram, whole.gram)

@@ -11,6 +11,7 @@ from mavdem.dem.free_energy import free_energy_action
 from mavdem.dem.generative import Moments, Samples
 from mavdem.dem.model import LinearModel, discretize
 from mavdem.dem.priors import derivative_pairs
+from mavdem.dem.record import Record
 from mavdem.dem.steps import d_step, e_step, m_step
 
 DT = 0.01
@@ -37,6 +38,11 @@ def simulated(seed=0, samples=850, wind=0.0, lag=0.0):
         rate += step * (torque - RATE * rate - 9.0 * roll + moment[i])
         roll += step * rate
     return Flight(DT * np.arange(samples), 1500 + motors[::fine], outputs + [0.2, 0.0])
+
+
+def alone(outputs):
+    """A record of outputs with nothing driving them."""
+    return Record(np.zeros((len(outputs), 1)), outputs, DT, (len(outputs),))
 
 
 def test_a_clean_system_is_recovered_and_forecast():
@@ -88,9 +94,9 @@ def test_one_step_predictions_use_only_what_came_before():
     learned = learn(flight[:300], Settings(order=2, window=3, parameter_precision=1.0))
     ahead = learned.one_step()
     assert ahead.shape == flight[:300].outputs.shape
-    later = learned.outputs.copy()
+    later = learned.record.outputs.copy()
     later[200:] += 1.0
-    changed = type(learned)(**{**vars(learned), "outputs": later}).one_step()
+    changed = replace(learned, record=replace(learned.record, outputs=later)).one_step()
     np.testing.assert_array_equal(changed[:201], ahead[:201])
     assert np.abs(changed[201:] - ahead[201:]).max() > 0.1
 
@@ -278,9 +284,9 @@ def test_other_numbers_of_outputs(m):
 
 def test_derivative_pairs_are_found_whatever_their_places():
     flight = simulated(wind=1.0)
-    assert derivative_pairs(flight.outputs, DT) == ((0, 1),)
-    assert derivative_pairs(flight.outputs[:, ::-1], DT) == ((1, 0),)
-    assert derivative_pairs(np.random.default_rng(0).standard_normal((300, 2)), DT) == ()
+    assert derivative_pairs(alone(flight.outputs)) == ((0, 1),)
+    assert derivative_pairs(alone(flight.outputs[:, ::-1])) == ((1, 0),)
+    assert derivative_pairs(alone(np.random.default_rng(0).standard_normal((300, 2)))) == ()
 
 
 @pytest.mark.parametrize(
@@ -314,17 +320,17 @@ def test_fewer_states_than_outputs_are_refused():
 def test_derivative_pairs_survive_noise():
     flight = simulated(wind=1.0)
     noisy = flight.outputs + np.random.default_rng(0).standard_normal(flight.outputs.shape) * [2e-3, 2e-2]
-    assert derivative_pairs(noisy, DT) == ((0, 1),)
+    assert derivative_pairs(alone(noisy)) == ((0, 1),)
 
 
 def test_default_fits_settle_where_no_step_leads_higher():
     flight = simulated(wind=0.5)[:700]
     learned = learn(flight)
     assert learned.settled
-    fitted = fit(flight.inputs, flight.outputs, DT, learned.settings)
+    fitted = fit(Record.of(flight), learned.settings)
     model, belief = fitted.model, fitted.ascent.belief
     scaling = fitted.scaling
-    samples = Samples.of(*generalized(learned.settings, scaling, flight.inputs, flight.outputs, DT))
+    samples = Samples.of(*generalized(learned.settings, scaling, Record.of(flight)))
     height = free_energy_action(model, samples, belief)
     state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
     for other in (

@@ -67,7 +67,7 @@ def test_case_a_ends_nearer_the_truth_than_theirs():
         input_precision=theirs["V0v"],
         prior=Prior(prior_mean, data["P_theta"], np.zeros(2), data["P_lambda"]),
     )
-    climb = ascend(model, Samples.of(*generalized(data)), 150)
+    climb = ascend(model, Samples.of(np.hstack(generalized(data))), 150)
     truth = np.concatenate([data[name].ravel() for name in ("A", "B", "C")])
     ours, published = climb.theta[-1], theirs["theta"].ravel()
     assert np.linalg.norm(ours - truth) < np.linalg.norm(published - truth)

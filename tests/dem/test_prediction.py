@@ -13,9 +13,8 @@ from mavdem.dem.prediction import Predictor
 def random_predictor(seed, n=3, r=2, m=2, dt=0.02):
     rng = np.random.default_rng(seed)
     A = rng.standard_normal((n, n)) * 3 - 2 * np.eye(n)
-    return Predictor.of(
-        A, rng.standard_normal((n, r)), np.eye(m, n), dt, rng.uniform(1e-4, 1e-2, m), rng.uniform(0.1, 10, n), dt
-    )
+    B, C = rng.standard_normal((n, r)), np.eye(m, n)
+    return Predictor.of(A, B, C, dt, rng.uniform(1e-4, 1e-2, m), np.diag(rng.uniform(0.1, 10, n)), dt)
 
 
 @given(seed=st.integers(0, 10**6))
@@ -48,7 +47,7 @@ def test_defective_dynamics_run_sample_by_sample(monkeypatch):
     F = np.array([[0.9, 1.0, 0.0], [0.0, 0.9, 1.0], [0.0, 0.0, 0.9]])
     assert np.linalg.cond(np.linalg.eig(F)[1]) > prediction.WORST_MODES
     pushes = np.random.default_rng(0).standard_normal((20, 3))
-    states = prediction._recursion(F, pushes, np.ones(3))
+    states = prediction.recursion(F, pushes, np.ones(3))
     state = np.ones(3)
     for push, expected in zip(pushes, states, strict=True):
         state = F @ state + push
@@ -65,7 +64,7 @@ def test_gain_follows_a_state_under_coloured_noise_nearly_as_well_as_the_best_th
     x = lfilter([0, (1 - phi) / rate], [1, -phi], w)
     y = (x + z)[:, None]
     A, B, C = -rate * np.eye(1), np.zeros((1, 1)), np.eye(1)
-    predictor = Predictor.of(A, B, C, dt, np.array([0.05**2]), np.array([4.0]), s)
+    predictor = Predictor.of(A, B, C, dt, np.array([0.05**2]), np.array([[4.0]]), s)
     # The noise of the measurements is white here, as a filter for z of any colour must also do.
     ours = np.var(predictor.filtered(y, np.zeros((samples, 1)))[1000:, 0] - x[1000:])
     taps = np.exp(-0.5 * (np.arange(-12, 13) * dt / s) ** 2)
@@ -87,7 +86,7 @@ def test_gain_follows_a_state_under_coloured_noise_nearly_as_well_as_the_best_th
 def test_an_unseen_unstable_state_is_refused():
     A, C = np.diag([1.0, -1.0]), np.array([[0.0, 1.0]])
     with pytest.raises(np.linalg.LinAlgError):
-        Predictor.of(A, np.zeros((2, 1)), C, 0.1, np.array([0.1]), np.array([1.0, 1.0]), 0.1)
+        Predictor.of(A, np.zeros((2, 1)), C, 0.1, np.array([0.1]), np.eye(2), 0.1)
 
 
 def test_one_sample_has_no_prediction():

@@ -3,9 +3,18 @@ from math import e
 import pytest
 
 from mavdem import Settings
+from mavdem.dem import Gaussian
 
 
-@pytest.mark.parametrize("settings", [Settings(), Settings.paper(), Settings(order=3, smoothness=0.02, window=9)])
+@pytest.mark.parametrize(
+    "settings",
+    [
+        Settings(),
+        Settings.paper(),
+        Settings(order=3, smoothness=0.02, window=9),
+        Settings(prior=Gaussian([1, 2], [[2, 1], [1, 2]]), lambda_z=[1, 2], output_groups=[0, 1]),
+    ],
+)
 def test_json_both_ways(settings):
     assert Settings.from_json(settings.to_json()) == settings
 
@@ -26,16 +35,22 @@ def test_paper_settings_are_those_of_section_v_d():
         ("order", True),
         ("seed", "one"),
         ("lambda_z", float("nan")),
-        ("lambda_per_channel", "no"),
+        ("output_groups", (0, 2)),
+        ("state_groups", ()),
+        ("known_inputs", False),
+        ("state_rate", 0.0),
         ("smoothness", "short"),
-        ("p", 0),
-        ("d", 3),
+        ("p", -1),
+        ("d", -1),
         ("window", 2),
         ("smoothness", 0.0),
         ("last_derivative_zero", False),
-        ("scaling", "none"),
+        ("scaling", "flat"),
         ("prior", "flat"),
         ("parameter_precision", -1.0),
+        ("lambda_z", (1.0, 2.0)),
+        ("lambda_w_precision", (1.0, -2.0)),
+        ("input_precision", ((1.0, 2.0), (2.0, 1.0))),
         ("lambda_z_precision", 0.0),
         ("input_precision", float("nan")),
         ("iterations", 0),

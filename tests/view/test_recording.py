@@ -51,7 +51,10 @@ TRAIN, TEST = flight()[:300], flight()[300:400]
 @pytest.fixture(scope="module")
 def learned() -> mavdem.Learned:
     return mavdem.learn(
-        TRAIN, mavdem.Settings(order=2, window=9, parameter_precision=0.1, lambda_per_channel=True, iterations=5)
+        TRAIN,
+        mavdem.Settings(
+            order=2, window=9, parameter_precision=0.1, output_groups=(0, 1), state_groups=(0, 1), iterations=5
+        ),
     )
 
 

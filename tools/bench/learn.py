@@ -16,6 +16,7 @@ import mavdem
 from mavdem.dem.ascent import ascend
 from mavdem.dem.fit import generalized, generative_model
 from mavdem.dem.generative import Samples
+from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 
 REPEATS = 20
@@ -53,11 +54,12 @@ def main() -> None:
     for samples, order, p, d in CASES:
         data = flight(samples)
         settings = mavdem.Settings(order=order, p=p, d=d, window=p + 1 + p % 2, parameter_precision=1.0)
+        record = Record.of(data)
         scaling = Scaling.of(data.inputs, data.outputs, settings)
-        model = generative_model(settings, scaling, 4, data.outputs, data.dt)
+        model = generative_model(settings, scaling, record)
 
-        def moments(data=data, settings=settings, scaling=scaling) -> Samples:  # noqa: ANN001
-            return Samples.of(*generalized(settings, scaling, data.inputs, data.outputs, data.dt))
+        def moments(record=record, settings=settings, scaling=scaling) -> Samples:  # noqa: ANN001
+            return Samples.of(*generalized(settings, scaling, record))
 
         gram = moments()
         taken = len(ascend(model, gram, ITERATIONS).theta) - 1

@@ -1,0 +1,116 @@
+"""The record that is learnt from: uniformly sampled segments, with gaps of any length between them.
+
+Nothing is differentiated, filtered or forecast across a gap: whatever looks at more than one sample at a time goes
+through :attr:`Record.segments`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SAME_STEP = 1e-6
+"""How far the sampling steps of segments may differ, relative to the first: by rounding only."""
+
+
+class Recorded(Protocol):
+    """What learning needs of a flight: inputs (T, r), outputs (T, m) and the sampling step, s."""
+
+    @property
+    def inputs(self) -> Array: ...  # noqa: D102
+    @property
+    def outputs(self) -> Array: ...  # noqa: D102
+    @property
+    def dt(self) -> float: ...  # noqa: D102
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """Samples of one or several segments, one after the other.
+
+    Attributes:
+        inputs, outputs: (T, r), (T, m), physical.
+        dt: sampling step, s.
+        lengths: samples of each segment; they sum to T.
+    """
+
+    inputs: Array
+    outputs: Array
+    dt: float
+    lengths: tuple[int, ...]
+
+    @classmethod
+    def of(cls, train: Recorded | Sequence[Recorded]) -> Record:
+        """From a flight, or from several segments of the same vehicle sampled at the same rate.
+
+        Raises:
+            ValueError: names what is of the wrong shape, not finite, or differs from segment to segment.
+        """
+        flights = train if isinstance(train, Sequence) else [train]
+        if not flights:
+            raise ValueError("train must hold at least one segment")
+        parts = [_checked(flight) for flight in flights]
+        inputs, outputs, steps = zip(*parts, strict=True)
+        for name, tables in (("inputs", inputs), ("outputs", outputs)):
+            widths = [table.shape[1] for table in tables]
+            if len(set(widths)) > 1:
+                raise ValueError(f"{name} must have as many columns in every segment, not {widths}")
+        if np.ptp(steps) > SAME_STEP * steps[0]:
+            raise ValueError(f"dt must be the same in every segment, not between {min(steps)} and {max(steps)} s")
+        return cls(np.concatenate(inputs), np.concatenate(outputs), steps[0], tuple(len(table) for table in outputs))
+
+    def __len__(self) -> int:
+        return len(self.outputs)
+
+    @cached_property
+    def starts(self) -> NDArray[np.intp]:
+        """(segments,) the first sample of each."""
+        return np.cumsum([0, *self.lengths[:-1]])
+
+    @property
+    def segments(self) -> list[tuple[Array, Array]]:
+        """Inputs and outputs of each segment."""
+        cuts = self.starts[1:]
+        return list(zip(np.split(self.inputs, cuts), np.split(self.outputs, cuts), strict=True))
+
+    @property
+    def longest(self) -> int:
+        """Samples of the longest segment."""
+        return max(self.lengths)
+
+    def windows(self, window: int) -> int:
+        """How many windows of so many samples lie wholly inside a segment."""
+        return sum(max(0, length - window + 1) for length in self.lengths)
+
+    def halves(self) -> tuple[Record, Record]:
+        """The first and the second half of the samples; a segment that holds the middle is cut there."""
+        half = len(self) // 2
+        return self._part(0, half), self._part(len(self) - half, len(self))
+
+    def _part(self, start: int, stop: int) -> Record:
+        inside = np.diff(np.clip(np.append(self.starts, len(self)), start, stop))
+        lengths = tuple(int(length) for length in inside if length)
+        return Record(self.inputs[start:stop], self.outputs[start:stop], self.dt, lengths)
+
+
+def _checked(train: Recorded) -> tuple[Array, Array, float]:
+    try:
+        inputs, outputs = np.asarray(train.inputs, np.float64), np.asarray(train.outputs, np.float64)
+        dt = float(train.dt)
+    except (AttributeError, TypeError) as error:
+        raise ValueError(f"train must be a Flight, or have inputs, outputs and dt like one: {error}") from None
+    if inputs.ndim != 2 or outputs.ndim != 2 or len(inputs) != len(outputs):
+        raise ValueError(f"inputs and outputs must be (T, r) and (T, m), not {inputs.shape} and {outputs.shape}")
+    if not (np.isfinite(dt) and dt > 0):
+        raise ValueError(f"dt must be positive seconds, not {dt}")
+    for name, values in (("inputs", inputs), ("outputs", outputs)):
+        if not np.isfinite(values).all():
+            raise ValueError(f"{name} must be finite")
+    return inputs, outputs, dt
