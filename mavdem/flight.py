@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+GAP = 1.5
+"""A step longer than so many usual ones is a gap: a sample is missing."""
+
 UNIFORMITY = 1e-3
 """How far, in steps, a time stamp may lie from its place on the uniform grid that suits all of them best."""
 
@@ -68,6 +71,34 @@ class Flight:
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
+
+    @classmethod
+    def segments(
+        cls, time: ArrayLike, inputs: ArrayLike, outputs: ArrayLike, dt: float | None = None, **labels: Any
+    ) -> tuple[Flight, ...]:
+        """Cuts arrays with gaps into one ``Flight`` for each stretch between them, all with the same ``dt``.
+
+        ``mavdem.learn`` takes them together.
+
+        Args:
+            time: (T,) seconds, increasing; a step longer than one and a half usual ones is a gap.
+            inputs, outputs: (T, r), (T, m).
+            dt: sampling step, s; the mean step without the gaps unless given.
+            labels: names, units and provenance, as for a ``Flight``.
+
+        Raises:
+            ValueError: as for a ``Flight``; stretches of a single sample are left out.
+        """
+        stamps = _column(time, "time")
+        tables = [_table(values, name, len(stamps)) for values, name in ((inputs, "inputs"), (outputs, "outputs"))]
+        steps = np.diff(stamps)
+        if not (len(steps) and (steps > 0).all()):
+            raise ValueError("time must increase from sample to sample, and there must be two at least")
+        gaps = steps > GAP * np.median(steps)
+        dt = float(steps[~gaps].mean()) if dt is None else dt
+        cuts = np.flatnonzero(gaps) + 1
+        stretches = zip(*(np.split(values, cuts) for values in (stamps, *tables)), strict=True)
+        return tuple(cls(t, u, y, dt, **labels) for t, u, y in stretches if len(t) > 1)
 
     def __len__(self) -> int:
         return len(self.time)

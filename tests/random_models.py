@@ -21,21 +21,21 @@ def positive_definite(rng: np.random.Generator, size: int) -> Array:
 def random_model(seed: int, n: int, r: int, m: int, p: int, d: int, drop: bool, groups: bool) -> GenerativeModel:
     """A model with random priors: coupled parameters, coupled hyperparameters, one λ each or one for each channel."""
     rng = np.random.default_rng(seed)
-    # Without the highest order's dynamics, outputs must reach every state.
-    drop = drop and n <= m * (p + 1)
+    # Without the highest order's dynamics there must be another's, and outputs must reach every state.
+    drop = drop and p > 0 and n <= m * (p + 1)
     k, g = n * n + n * r + m * n, m + n if groups else 2
     return GenerativeModel(
         n,
         r,
         m,
         p,
-        min(d, p),
+        d,
         p - drop,
         output_correlation=temporal_precision(p, rng.uniform(0.3, 3.0)),
         state_correlation=temporal_precision(p - drop, rng.uniform(0.3, 3.0)),
         output_groups=np.arange(m) if groups else np.zeros(m, np.intp),
         state_groups=m + np.arange(n) if groups else np.ones(n, np.intp),
-        input_precision=10 * positive_definite(rng, r * (min(d, p) + 1)),
+        input_precision=10 * positive_definite(rng, r * (d + 1)),
         prior=Prior(
             rng.standard_normal(k),
             rng.uniform(0.1, 10) * positive_definite(rng, k),
@@ -57,8 +57,8 @@ models = st.builds(
     n=st.integers(1, 3),
     r=st.integers(1, 3),
     m=st.integers(1, 3),
-    p=st.integers(1, 4),
-    d=st.integers(0, 4),
+    p=st.integers(0, 6),
+    d=st.integers(0, 6),
     drop=st.booleans(),
     groups=st.booleans(),
 )

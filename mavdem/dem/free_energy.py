@@ -44,6 +44,45 @@ def free_energy_action(model: GenerativeModel, samples: Samples, belief: Belief)
     return internal_energy(model, samples, moments, belief.theta, lambda_) + mean_field + entropy
 
 
+def free_energy(model: GenerativeModel, data: Array, states: Array, belief: Belief) -> Array:
+    """F(t) = U + W + H of every sample, (T,), Eq. ``free_E``, with the ½ that its W has lost.
+
+    The priors and entropies of θ and λ, which are the same at every sample, stand in each F(t) and only once in F̄.
+
+    Args:
+        model: the model.
+        data: (T, ·) generalized data [ỹ; η̃].
+        states: (T, dim X) means of X.
+        belief: the rest; its moments are not used.
+    """
+    theta, lambda_, prior = belief.theta, belief.lambda_, model.prior
+    weights = np.exp(lambda_)
+    errors = np.hstack([data, states]) @ model.error_operator(theta).T
+    # W^λ and W^θ of a sample are quadratic in its errors and in its X: uncertain precisions and uncertain parameters.
+    precision = model.precision(expected_weights(lambda_, belief.lambda_covariance))
+    uncertainty = parameter_uncertainty(model, belief.theta_covariance, weights)
+    squares = np.sum(errors @ precision * errors, axis=1) + np.sum(states @ uncertainty * states, axis=1)
+    constant = (
+        model.log_precision_at_zero
+        + model.log_precision_slope @ lambda_
+        + np.sum(belief.state_covariance * state_curvature(model, theta, weights))
+        + logdet(belief.state_covariance)
+    )
+    for mean, covariance, about, certainty in (
+        (theta, belief.theta_covariance, prior.theta_mean, prior.theta_precision),
+        (lambda_, belief.lambda_covariance, prior.lambda_mean, prior.lambda_precision),
+    ):
+        error = mean - about
+        constant += logdet(certainty) + logdet(covariance)
+        constant -= error @ certainty @ error + np.sum(covariance * certainty)
+    return np.asarray(0.5 * (constant - squares))
+
+
+def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:
+    """Noise precisions as the squared errors feel them: e^λ (1 + ½ Σ^λ), the mean-field term of λ included."""
+    return np.exp(lambda_) * (1.0 + 0.5 * np.diag(lambda_covariance))
+
+
 def internal_energy(model: GenerativeModel, samples: Samples, moments: Moments, theta: Array, lambda_: Array) -> float:
     """Ū = Σ_t U(t) with the priors counted once: log likelihood plus log priors at the means."""
     prior = model.prior
@@ -73,6 +112,36 @@ def theta_curvature(model: GenerativeModel, moments: Moments, weights: Array) ->
     add_blocks(curvature, rows.dynamics, -weights[model.state_groups], regression.regressors)
     add_blocks(curvature, rows.observation, -weights[model.output_groups], regression.states)
     return curvature
+
+
+def parameter_uncertainty(model: GenerativeModel, theta_covariance: Array, weights: Array) -> Array:
+    """M with −½ XᵀM X the data's share of W^θ: an uncertain parameter makes the states it multiplies expensive."""
+    n, r, rows = model.n, model.r, model.parameter_rows
+    dynamics = np.tensordot(weights[model.state_groups], blocks(theta_covariance, rows.dynamics), axes=1)
+    observation = np.tensordot(weights[model.output_groups], blocks(theta_covariance, rows.observation), axes=1)
+    x, v = n * (model.p + 1), r * (model.d + 1)
+    curvature = np.zeros((x + v, x + v))
+    curvature[:x, :x] = _kron(model.output_correlation, observation)
+    S = model.state_correlation
+    both = min(model.q, model.d) + 1
+    at_x, at_v = slice(0, n * (model.q + 1)), slice(x, x + r * both)
+    curvature[at_x, at_x] += _kron(S, dynamics[:n, :n])
+    cross = _kron(S[:, :both], dynamics[:n, n:])
+    curvature[at_x, at_v] += cross
+    curvature[at_v, at_x] += cross.T
+    curvature[at_v, at_v] += _kron(S[:both, :both], dynamics[n:, n:])
+    return curvature
+
+
+def _kron(left: Array, right: Array) -> Array:
+    """``numpy.kron`` of two matrices, without the generality that takes ten times as long."""
+    product = left[:, None, :, None] * right[None, :, None, :]
+    return product.reshape(left.shape[0] * right.shape[0], left.shape[1] * right.shape[1])
+
+
+def blocks(matrix: Array, rows: NDArray[np.intp]) -> Array:
+    """The square blocks of ``matrix`` at the places ``rows`` (j, size): (j, size, size)."""
+    return matrix[rows[:, :, None], rows[:, None, :]]
 
 
 def add_blocks(matrix: Array, rows: NDArray[np.intp], weights: Array, block: Array) -> None:

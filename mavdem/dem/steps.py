@@ -11,7 +11,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.free_energy import Belief, add_blocks, lambda_curvature, state_curvature, theta_curvature
+from mavdem.dem.free_energy import (
+    Belief,
+    add_blocks,
+    blocks,
+    expected_weights,
+    lambda_curvature,
+    parameter_uncertainty,
+    state_curvature,
+    theta_curvature,
+)
 from mavdem.dem.generative import GenerativeModel, Samples
 from mavdem.dem.positive import inverse, solve
 
@@ -22,11 +31,6 @@ LONGEST_STEP = 4.0
 """A step of λ changes a noise precision at most by e⁴: far from the maximum the curvature says little."""
 SETTLED = 1e-9
 """A step of λ shorter than this ends the M step."""
-
-
-def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:
-    """Noise precisions as the squared errors feel them: e^λ (1 + ½ Σ^λ), the mean-field term of λ included."""
-    return np.exp(lambda_) * (1.0 + 0.5 * np.diag(lambda_covariance))
 
 
 def d_step(
@@ -51,37 +55,7 @@ def state_slope(
     E = model.error_operator(theta)
     data, X = E[:, : model.hidden.start], E[:, model.hidden]
     weighted = X.T @ model.precision(expected_weights(lambda_, lambda_covariance))
-    return -weighted @ data, weighted @ X + _uncertain_parameters(model, theta_covariance, np.exp(lambda_))
-
-
-def _uncertain_parameters(model: GenerativeModel, theta_covariance: Array, weights: Array) -> Array:
-    """−W^θ's curvature in X: an uncertain parameter makes the states it multiplies expensive."""
-    n, r, rows = model.n, model.r, model.parameter_rows
-    dynamics = np.tensordot(weights[model.state_groups], blocks(theta_covariance, rows.dynamics), axes=1)
-    observation = np.tensordot(weights[model.output_groups], blocks(theta_covariance, rows.observation), axes=1)
-    x, v = n * (model.p + 1), r * (model.d + 1)
-    curvature = np.zeros((x + v, x + v))
-    curvature[:x, :x] = _kron(model.output_correlation, observation)
-    S = model.state_correlation
-    both = min(model.q, model.d) + 1
-    at_x, at_v = slice(0, n * (model.q + 1)), slice(x, x + r * both)
-    curvature[at_x, at_x] += _kron(S, dynamics[:n, :n])
-    cross = _kron(S[:, :both], dynamics[:n, n:])
-    curvature[at_x, at_v] += cross
-    curvature[at_v, at_x] += cross.T
-    curvature[at_v, at_v] += _kron(S[:both, :both], dynamics[n:, n:])
-    return curvature
-
-
-def _kron(left: Array, right: Array) -> Array:
-    """``numpy.kron`` of two matrices, without the generality that takes ten times as long."""
-    product = left[:, None, :, None] * right[None, :, None, :]
-    return product.reshape(left.shape[0] * right.shape[0], left.shape[1] * right.shape[1])
-
-
-def blocks(matrix: Array, rows: NDArray[np.intp]) -> Array:
-    """The square blocks of ``matrix`` at the places ``rows`` (j, size): (j, size, size)."""
-    return matrix[rows[:, :, None], rows[:, None, :]]
+    return -weighted @ data, weighted @ X + parameter_uncertainty(model, theta_covariance, np.exp(lambda_))
 
 
 def e_step(model: GenerativeModel, samples: Samples, belief: Belief, rate: float | None = None) -> Array:

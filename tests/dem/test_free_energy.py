@@ -10,6 +10,7 @@ from scipy.linalg import block_diag
 from mavdem.dem.ascent import ascend
 from mavdem.dem.free_energy import (
     Belief,
+    free_energy,
     free_energy_action,
     internal_energy,
     lambda_curvature,
@@ -19,7 +20,15 @@ from mavdem.dem.free_energy import (
 )
 from mavdem.dem.generative import Moments, Samples
 from mavdem.dem.model import unpack
-from mavdem.dem.steps import d_step, e_step, m_step, with_optimal_precisions
+from mavdem.dem.steps import (
+    d_step,
+    e_step,
+    lambda_slope,
+    m_step,
+    state_slope,
+    theta_slope,
+    with_optimal_precisions,
+)
 
 seeds = st.integers(0, 10**6)
 
@@ -93,6 +102,58 @@ def test_curvatures_are_second_derivatives_of_the_internal_energy(model, seed):
     second = energy_of_map(state_map + change) + energy_of_map(state_map - change) - 2 * energy_of_map(state_map)
     curvature = state_curvature(model, belief.theta, np.exp(belief.lambda_))
     assert np.sum(curvature * (change @ samples.gram @ change.T)) == pytest.approx(second, rel=1e-6, abs=1e-6)
+
+
+@given(model=models, seed=seeds)
+@settings(max_examples=15, deadline=None)
+def test_the_samples_free_energies_sum_to_the_action(model, seed):
+    rng = np.random.default_rng(seed)
+    data = rng.standard_normal((6, model.hidden.start))
+    samples = Samples.of(data)
+    state_map, belief = random_belief(seed, model, samples)
+    by_sample = free_energy(model, data, data @ state_map.T, belief)
+    # What does not change with time is in every F(t): F of no error at all, less what is a sample's own.
+    twice = free_energy_action(model, Samples.of(data, data), belief._replace(moments=_doubled(belief.moments)))
+    action = free_energy_action(model, samples, belief)
+    invariant = 2 * action - twice
+    assert by_sample.sum() - (len(data) - 1) * invariant == pytest.approx(action, rel=1e-9, abs=1e-6)
+
+
+def _doubled(moments):
+    return Moments(moments.model, 2 * moments.gram, moments.stack)
+
+
+@given(model=models, seed=seeds)
+@settings(max_examples=15, deadline=None)
+def test_gradients_are_those_of_the_free_energy(model, seed):
+    """Of F in X, and of the action in θ and λ, at any belief, mean-field terms included."""
+    rng = np.random.default_rng(seed)
+    data = rng.standard_normal((5, model.hidden.start))
+    samples = Samples.of(data)
+    state_map, belief = random_belief(seed, model, samples)
+    states = data @ state_map.T
+
+    of_data, precision = state_slope(
+        model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance
+    )
+    numeric = gradient(lambda X: free_energy(model, data, X, belief).sum(), states)
+    close(data @ of_data.T - states @ precision, numeric)
+
+    slope, precision = theta_slope(model, samples, belief)
+    close(slope, gradient(lambda at: free_energy_action(model, samples, belief._replace(theta=at)), belief.theta))
+    direction = rng.standard_normal(len(slope))
+    ahead, behind = (
+        theta_slope(model, samples, belief._replace(theta=belief.theta + d)) for d in (direction, -direction)
+    )
+    close(precision @ direction, (behind[0] - ahead[0]) / 2)
+
+    slope, precision = lambda_slope(model, samples, belief)
+    close(slope, gradient(lambda at: free_energy_action(model, samples, belief._replace(lambda_=at)), belief.lambda_))
+    columns = [
+        gradient(lambda at, i=i: lambda_slope(model, samples, belief._replace(lambda_=at))[0][i], belief.lambda_)
+        for i in range(len(slope))
+    ]
+    close(-precision, np.array(columns))
 
 
 @given(model=models, seed=seeds)

@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
+from simulated import DT, GAIN, RATE, simulated
 
 from mavdem import Flight, Learned, Settings, evaluate, learn
 from mavdem.dem.fit import fit, generalized
@@ -13,31 +14,6 @@ from mavdem.dem.model import LinearModel, discretize
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
 from mavdem.dem.steps import d_step, e_step, m_step
-
-DT = 0.01
-RATE, GAIN = 4.0, np.array([0.08, -0.08, -0.08, 0.08])
-
-
-def simulated(seed=0, samples=850, wind=0.0, lag=0.0):
-    """A roll axis with damping, driven by four motors and, with ``wind``, by coloured moments (rad/s²)."""
-    rng = np.random.default_rng(seed)
-    fine = 10
-    motors = gaussian_filter1d(rng.standard_normal((samples, 4)), 8, axis=0) * 40
-    motors = np.repeat(motors, fine, axis=0)
-    moment = (
-        wind * gaussian_filter1d(rng.standard_normal(samples * fine), 5 * fine) * np.sqrt(10 * fine * np.sqrt(np.pi))
-    )
-    roll = rate = torque = 0.0
-    outputs = np.empty((samples, 2))
-    step = DT / fine
-    for i in range(samples * fine):
-        if i % fine == 0:
-            outputs[i // fine] = roll, rate
-        command = GAIN @ motors[i]
-        torque = command if not lag else torque + step / lag * (command - torque)
-        rate += step * (torque - RATE * rate - 9.0 * roll + moment[i])
-        roll += step * rate
-    return Flight(DT * np.arange(samples), 1500 + motors[::fine], outputs + [0.2, 0.0])
 
 
 def alone(outputs):

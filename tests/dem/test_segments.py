@@ -1,0 +1,131 @@
+"""A record of several segments: their statistics add up, and nothing looks across a gap."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import DT, GAIN, RATE, simulated
+
+from mavdem import Flight, Learned, Settings, evaluate, learn
+from mavdem.dem.coordinates import embed
+from mavdem.dem.fit import generalized
+from mavdem.dem.record import Record
+from mavdem.dem.scaling import Scaling
+
+CLEAN = Settings(order=2, parameter_precision=0.01, window=5)
+
+
+def gapped(cut=400, missing=60):
+    """A flight, and the two segments that are left of it when a stretch is lost."""
+    flight = simulated()
+    return flight, [flight[:cut], flight[cut + missing : 700]]
+
+
+def test_each_segment_is_embedded_by_itself():
+    _, segments = gapped()
+    record = Record.of(segments)
+    scaling = Scaling.of(record.inputs, record.outputs, CLEAN)
+    complete = replace(CLEAN, d=2)
+    for data, segment in zip(generalized(complete, scaling, record), segments, strict=True):
+        outputs = embed(scaling.scale_outputs(segment.outputs), 2, DT, 5, 2)
+        inputs = embed(scaling.scale_inputs(segment.inputs), 2, DT, 5, 2)
+        np.testing.assert_array_equal(data, np.hstack([outputs, inputs]))
+
+
+def test_a_gap_does_no_harm():
+    flight, segments = gapped()
+    learned = learn(segments, CLEAN)
+    np.testing.assert_allclose(learned.model.A[1], [-9, -RATE], rtol=0.1)
+    np.testing.assert_allclose(learned.model.B[1], GAIN, rtol=0.1)
+    forecast = learned.forecast(flight.inputs[700:])
+    assert evaluate.relative_mspe(flight[:700], flight[700:], forecast) < 0.02
+
+    # The same samples as if there were no gap: the jump is taken for motion, and takes the model with it.
+    glued = learn(
+        Flight(
+            DT * np.arange(640),
+            np.vstack([segment.inputs for segment in segments]),
+            np.vstack([segment.outputs for segment in segments]),
+        ),
+        CLEAN,
+    )
+    assert np.abs(glued.model.B[1] - GAIN).max() > 3 * np.abs(learned.model.B[1] - GAIN).max()
+
+
+def test_predictions_and_noise_belong_to_their_segments():
+    _, segments = gapped()
+    learned = learn(segments, CLEAN)
+    ahead = learned.one_step()
+    assert ahead.shape == (640, 2)
+    np.testing.assert_array_equal(ahead[[0, 400]], np.tile(learned.model.output_trim, (2, 1)))
+    places, noise = learned.process_noise()
+    np.testing.assert_array_equal(places, np.r_[2:398, 402:638])
+    assert noise.shape == (len(places), 2)
+    # What is predicted in the second segment does not depend on the first.
+    record = learned.record
+    outputs = record.outputs.copy()
+    outputs[:400] += 1.0
+    changed = replace(learned, record=replace(record, outputs=outputs)).one_step()
+    np.testing.assert_array_equal(changed[400:], ahead[400:])
+
+
+def test_segments_survive_the_document():
+    _, segments = gapped()
+    learned = learn(segments, CLEAN)
+    again = Learned.from_json(learned.to_json())
+    assert again.record.lengths == (400, 240)
+    np.testing.assert_array_equal(again.one_step(), learned.one_step())
+
+
+def test_halves_cut_the_segment_in_the_middle():
+    record = Record(np.zeros((10, 1)), np.arange(10.0)[:, None], DT, (3, 4, 3))
+    first, second = record.halves()
+    assert (first.lengths, second.lengths) == ((3, 2), (2, 3))
+    np.testing.assert_array_equal(np.vstack([first.outputs, second.outputs]), record.outputs)
+    assert (record.windows(3), record.windows(4), record.longest) == (1 + 2 + 1, 1, 4)
+
+
+def test_a_short_segment_is_of_no_use_and_no_harm():
+    flight = simulated()
+    short = flight[500:503]
+    alone, beside = learn(flight[:400], CLEAN), learn([short, flight[:400]], CLEAN)
+    # Too short for a window, it only enters the scaling.
+    np.testing.assert_allclose(beside.model.B[1], alone.model.B[1], rtol=1e-3)
+
+
+def test_a_flight_is_cut_at_its_gaps():
+    whole = simulated()
+    kept = np.r_[0:300, 330:331, 400:700]
+    segments = Flight.segments(
+        whole.time[kept] + 1e-6, whole.inputs[kept], whole.outputs[kept], output_names=("roll", "roll rate")
+    )
+    assert [len(segment) for segment in segments] == [300, 300]
+    assert segments[1].time[0] == pytest.approx(4.0)
+    assert segments[0].dt == segments[1].dt == pytest.approx(DT)
+    assert segments[1].output_names == ("roll", "roll rate")
+
+
+@pytest.mark.parametrize("time", [[0.0, 1.0, 1.0], [2.0, 1.0, 0.0], [0.0]])
+def test_time_that_does_not_increase_is_refused(time):
+    column = np.zeros(len(time))
+    with pytest.raises(ValueError, match="^time must increase"):
+        Flight.segments(time, column, column)
+
+
+@pytest.mark.parametrize(
+    ("segments", "named"),
+    [
+        (lambda flight: [], "^train must hold"),
+        (
+            lambda flight: [flight[:300], Flight(0.02 * np.arange(300), flight.inputs[:300], flight.outputs[:300])],
+            "^dt",
+        ),
+        (lambda flight: [flight[:300], Flight(flight.time, flight.inputs[:, :3], flight.outputs)], "^inputs"),
+        (lambda flight: [flight[:300], Flight(flight.time, flight.inputs, flight.outputs[:, :1])], "^outputs"),
+        (lambda flight: [flight[:300], None], "^train must be a Flight"),
+        (lambda flight: [flight[i : i + 6] for i in range(0, 600, 6)], "^train must be longer"),
+    ],
+)
+def test_segments_that_do_not_belong_together_are_named(segments, named):
+    with pytest.raises(ValueError, match=named):
+        learn(segments(simulated()), CLEAN)
