@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mavdem.dem.generative import GenerativeModel, Samples
+from mavdem.dem.free_energy import Belief
+from mavdem.dem.generative import GenerativeModel, Moments, Samples
 from mavdem.dem.priors import Prior
 from mavdem.dem.smoothness import temporal_precision
 
@@ -49,6 +50,22 @@ def random_model(seed: int, n: int, r: int, m: int, p: int, d: int, drop: bool, 
 def random_samples(seed: int, model: GenerativeModel, number: int = 40) -> Samples:
     rng = np.random.default_rng(seed + 1)
     return Samples.of(rng.standard_normal((number, model.hidden.start)))
+
+
+def random_belief(seed: int, model: GenerativeModel, samples: Samples) -> tuple[Array, Belief]:
+    """Anything a belief may be, not only what the steps arrive at; and the linear map its X comes of."""
+    rng = np.random.default_rng(seed + 2)
+    k, g = len(model.prior.theta_mean), len(model.prior.lambda_mean)
+    size = model.error_operator(model.prior.theta_mean).shape[1] - model.hidden.start
+    state_map = rng.standard_normal((size, model.hidden.start))
+    return state_map, Belief(
+        Moments.of(model, samples, state_map),
+        0.1 * positive_definite(rng, size),
+        rng.standard_normal(k),
+        0.1 * positive_definite(rng, k),
+        rng.standard_normal(g),
+        0.1 * positive_definite(rng, g),
+    )
 
 
 models = st.builds(

@@ -109,6 +109,20 @@ def ascend(model: GenerativeModel, samples: Samples, iterations: int, rates: Rat
     return _ascent(places, settled)
 
 
+def plain_rounds(model: GenerativeModel, samples: Samples, number: int, rates: Rates = LIMIT) -> list[Belief]:
+    """The belief at the start and after each of so many rounds, without extrapolation and whether settled or not.
+
+    Args:
+        model, samples, rates: as in :func:`ascend`.
+        number: of rounds.
+    """
+    climb = _Climb(model, samples, rates)
+    places = [climb.start()]
+    for _ in range(number):
+        places.append(climb.round(places[-1], places[-1].belief))
+    return [place.belief for place in places]
+
+
 @dataclass(frozen=True, eq=False)
 class _Place:
     """Where the climb has come to: a belief with optimal precisions, and F̄ᵒ there by its terms."""
@@ -145,27 +159,26 @@ class _Climb:
 
         Of steps in turn from ``now`` itself only rounding can make it so; of those from elsewhere, anything.
         """
-        of_data, precision = state_slope(
-            self.model, start.theta, start.theta_covariance, start.lambda_, start.lambda_covariance
-        )
-        try:
-            state_map = solve(precision, of_data)
-            if self.rates.state is not None:
-                flow = StateFlow.of(self.model, of_data, precision, self.rates.state)
-                if flow.spectral_abscissa < 0:
-                    moments = flow.moments(self.model, self.rates.segments, self.rates.dt)
-                    then = self._steps(start, moments, state_map, flowed=True)
-                    if then.height >= now.height:
-                        return then
-            then = self._steps(start, Moments.of(self.model, self.samples, state_map), state_map, flowed=False)
-        except np.linalg.LinAlgError:
-            # A noise so small, or a course so wild, that the rest is lost in rounding.
-            return now
-        return then if then.height >= now.height else now
+        for flowed in (False,) if self.rates.state is None else (True, False):
+            try:
+                then = self._steps(start, flowed)
+            except np.linalg.LinAlgError:
+                # A flow that does not hold, a noise so small, or a course so wild, that the rest is lost in rounding.
+                continue
+            if then.height >= now.height:
+                return then
+        return now
 
-    def _steps(self, start: Belief, moments: Moments, state_map: Array, flowed: bool) -> _Place:
-        """E and M steps after the D step that led to ``moments``."""
+    def _steps(self, start: Belief, flowed: bool) -> _Place:
+        """A D step, by the flow or in its exact limit, and E and M steps after it."""
         model, samples, rates = self.model, self.samples, self.rates
+        slope = state_slope(model, start.theta, start.theta_covariance, start.lambda_, start.lambda_covariance)
+        state_map = solve(slope[1], slope[0])
+        if flowed:
+            assert rates.state is not None
+            moments = StateFlow.of(model, *slope, rates.state).moments(model, rates.segments, rates.dt)
+        else:
+            moments = Moments.of(model, samples, state_map)
         belief = with_optimal_precisions(model, start._replace(moments=moments))
         belief = with_optimal_precisions(model, belief._replace(theta=e_step(model, samples, belief, rates.theta)))
         belief = belief._replace(lambda_=m_step(model, samples, belief, rates.lambda_))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem.choice import Candidate
+from mavdem.dem.colour import Colour
 from mavdem.dem.model import LinearModel, Transition
 from mavdem.dem.prediction import Predictor
 from mavdem.dem.record import Record
@@ -39,6 +40,7 @@ def values_of(learned: Learned) -> dict[str, Any]:
         "candidates": [{**vars(c), "error": c.error if np.isfinite(c.error) else None} for c in learned.candidates],
         "dt": learned.dt,
         "smoothness": learned.smoothness,
+        "colour": None if learned.colour is None else _colour_values(learned.colour),
         "cautions": list(learned.cautions),
         "inputs": learned.record.inputs.tolist(),
         "outputs": learned.record.outputs.tolist(),
@@ -85,6 +87,7 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
         ),
         "dt": float(values["dt"]),
         "smoothness": float(values["smoothness"]),
+        "colour": None if values["colour"] is None else _colour(values["colour"]),
         "cautions": tuple(values["cautions"]),
         "record": Record(
             np.array(values["inputs"], np.float64),
@@ -107,6 +110,23 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
         ),
         **_arrays({name: values[name] for name in ARRAYS}),
     }
+
+
+def _colour_values(colour: Colour) -> dict[str, Any]:
+    # JSON has no infinity: of a smoothness at an end of the range nothing is known but that.
+    log_sd = colour.log_sd if np.isfinite(colour.log_sd) else None
+    reached = np.isfinite(colour.free_energy)
+    return {
+        "smoothness": colour.smoothness,
+        "log_sd": log_sd,
+        "tried": colour.tried[reached].tolist(),
+        "free_energy": colour.free_energy[reached].tolist(),
+    }
+
+
+def _colour(values: Mapping[str, Any]) -> Colour:
+    log_sd = np.inf if values["log_sd"] is None else float(values["log_sd"])
+    return Colour(float(values["smoothness"]), log_sd, **_arrays({k: values[k] for k in ("tried", "free_energy")}))
 
 
 def _check(fields: dict[str, Any]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from mavdem.dem.priors import (
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
-from mavdem.dem.smoothness import temporal_precision
+from mavdem.dem.smoothness import sampled_output_precision, sampled_state_precision, temporal_precision
 
 Array = NDArray[np.float64]
 
@@ -41,6 +41,7 @@ class Fit:
         settings: with nothing left open.
         scaling: to physical units.
         model: the generative model that was fitted.
+        smoothness: kernel width s of its noise, seconds.
         ascent: the climb.
         predictor: of the learnt model and its noises.
     """
@@ -48,6 +49,7 @@ class Fit:
     settings: Settings
     scaling: Scaling
     model: GenerativeModel
+    smoothness: float
     ascent: Ascent
     predictor: Predictor
 
@@ -65,7 +67,14 @@ def fit(record: Record, settings: Settings) -> Fit:
     samples = Samples.of(*segments)
     rates = Rates(settings.state_rate, settings.parameter_rate, settings.hyperparameter_rate, segments, record.dt)
     ascent = ascend(model, samples, settings.iterations, rates)
-    return Fit(settings, scaling, model, ascent, _predictor(settings, model, ascent, record.dt))
+    smoothness = smoothness_of(settings, record.dt)
+    return Fit(settings, scaling, model, smoothness, ascent, _predictor(model, ascent, smoothness, record.dt))
+
+
+def smoothness_of(settings: Settings, dt: float) -> float:
+    """Kernel width s of the noise that complete settings mean at a sampling step ``dt``, seconds."""
+    assert settings.smoothness != "learn"
+    return dt if settings.smoothness is None else settings.smoothness
 
 
 def generative_model(settings: Settings, scaling: Scaling, record: Record) -> GenerativeModel:
@@ -75,7 +84,6 @@ def generative_model(settings: Settings, scaling: Scaling, record: Record) -> Ge
     _require_seen(settings, n, m)
     r = motors + scaling.constant
     q = settings.p if settings.last_derivative_zero else settings.p - 1
-    smoothness = settings.smoothness or record.dt
     output_groups, state_groups = hyperparameter_groups(settings, n, m)
     return GenerativeModel(
         n,
@@ -84,13 +92,28 @@ def generative_model(settings: Settings, scaling: Scaling, record: Record) -> Ge
         settings.p,
         settings.d,
         q,
-        temporal_precision(settings.p, smoothness),
-        temporal_precision(q, smoothness),
+        *_correlations(settings, q, smoothness_of(settings, record.dt), record.dt),
         output_groups,
         state_groups,
         _input_precision(settings, motors, scaling.constant),
         Prior(*_parameter_prior(settings, scaling, record, r), *hyperparameter_prior(settings, n, m)),
     )
+
+
+def with_smoothness(model: GenerativeModel, settings: Settings, smoothness: float, dt: float) -> GenerativeModel:
+    """The same model of noise of another smoothness, s."""
+    of_z, of_w = _correlations(settings, model.q, smoothness, dt)
+    return replace(model, output_correlation=of_z, state_correlation=of_w)
+
+
+def _correlations(settings: Settings, q: int, smoothness: float, dt: float) -> tuple[Array, Array]:
+    """S of z̃, up to order p, and of w̃, up to order q."""
+    p = settings.p
+    if settings.correlation == "continuous":
+        return temporal_precision(p, smoothness), temporal_precision(q, smoothness)
+    assert settings.window is not None
+    reading = smoothness, dt, settings.window
+    return sampled_output_precision(p, *reading), sampled_state_precision(q, *reading)
 
 
 def _parameter_prior(settings: Settings, scaling: Scaling, record: Record, r: int) -> tuple[Array, Array]:
@@ -161,10 +184,10 @@ def generalized(settings: Settings, scaling: Scaling, record: Record) -> tuple[A
     )
 
 
-def _predictor(settings: Settings, model: GenerativeModel, ascent: Ascent, dt: float) -> Predictor:
+def _predictor(model: GenerativeModel, ascent: Ascent, smoothness: float, dt: float) -> Predictor:
     A, B, C = unpack(ascent.belief.theta, model.n, model.r, model.m)
     noise = np.exp(-ascent.belief.lambda_)
     # What is not known of the inputs moves the states as well.
     unknown = np.linalg.inv(model.input_precision)[: model.r, : model.r]
     process = np.diag(noise[model.state_groups]) + B @ unknown @ B.T
-    return Predictor.of(A, B, C, dt, noise[model.output_groups], process, settings.smoothness or dt)
+    return Predictor.of(A, B, C, dt, noise[model.output_groups], process, smoothness)

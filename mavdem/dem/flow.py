@@ -57,7 +57,15 @@ class StateFlow:
         return np.vstack([first, recursion(transition.state, pushes, first)])
 
     def moments(self, model: GenerativeModel, segments: Sequence[Array], dt: float) -> Moments:
-        """Second moments of data and X over segments of generalized data, each of which starts anew."""
+        """Second moments of data and X over segments of generalized data, each of which starts anew.
+
+        Raises:
+            numpy.linalg.LinAlgError: the flow is unstable, or so stiff that it overflows.
+        """
+        if not self.spectral_abscissa < 0:
+            raise np.linalg.LinAlgError("the flow of X is unstable")
         joint = [np.hstack([data, self.states(data, dt)]) for data in segments if len(data)]
         gram = sum((both.T @ both for both in joint), np.zeros(()))
+        if not np.isfinite(gram).all():
+            raise np.linalg.LinAlgError("the flow of X overflows")
         return Moments(model, gram, np.eye(len(gram)))

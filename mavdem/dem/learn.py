@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
 from mavdem.dem.choice import Candidate, candidates
+from mavdem.dem.colour import Colour, estimate_colour
 from mavdem.dem.fit import Fit, fit
 from mavdem.dem.learned import Learned
 from mavdem.dem.record import Record, Recorded
@@ -51,6 +52,10 @@ def learn(train: Recorded | Sequence[Recorded], settings: Settings | None = None
 
 
 def _learn(record: Record, settings: Settings) -> Learned:
+    colour = None
+    if settings.smoothness == "learn":
+        colour = _colour(record, settings)
+        settings = replace(settings, smoothness=colour.smoothness)
     attempts = [_attempt(record, choice) for choice in candidates(settings, record)]
     best = min(attempts, key=lambda attempt: attempt.candidate.error)
     if best.fit is None or best.candidate.error == np.inf:
@@ -62,7 +67,15 @@ def _learn(record: Record, settings: Settings) -> Learned:
     if unseen is None or not np.isfinite(unseen.mse).all():
         raise ValueError("half of the training data do not determine a model that can forecast: more are needed")
     tried = tuple(attempt.candidate for attempt in attempts)
-    return Learned.of(best.fit, record, unseen, tried, _cautions(best.fit, unseen, record))
+    return Learned.of(best.fit, record, unseen, tried, colour, _cautions(best.fit, unseen, record))
+
+
+def _colour(record: Record, settings: Settings) -> Colour:
+    """From the first candidate, whose window is the shortest: it averages the noise least."""
+    try:
+        return estimate_colour(record, replace(candidates(settings, record)[0], smoothness=None))
+    except np.linalg.LinAlgError:
+        raise ValueError("the training data do not determine the smoothness of their noise: set it") from None
 
 
 @dataclass(frozen=True, eq=False)

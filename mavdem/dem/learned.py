@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
 from mavdem.dem.choice import Candidate
+from mavdem.dem.colour import Colour
 from mavdem.dem.document import fields_of, values_of
 from mavdem.dem.fit import Fit, generalized, of_vehicle
 from mavdem.dem.model import LinearModel, unpack
@@ -43,6 +44,7 @@ class Learned:
         candidates: every choice that was tried.
         dt: sampling step, s.
         smoothness: kernel width s of the noise, s.
+        colour: how it was found and how flat F̄ᵒ is about it, where the settings left it to be learnt.
         record: the training data, physical.
         unseen: what forecasts of each half of the training data by a model of the other half tell.
         cautions: one sentence for each thing a user must know before trusting the model.
@@ -61,6 +63,7 @@ class Learned:
     candidates: tuple[Candidate, ...]
     dt: float
     smoothness: float
+    colour: Colour | None
     record: Record
     unseen: Unseen
     cautions: tuple[str, ...]
@@ -76,6 +79,7 @@ class Learned:
         record: Record,
         unseen: Unseen,
         candidates: tuple[Candidate, ...],
+        colour: Colour | None,
         cautions: tuple[str, ...],
     ) -> Learned:
         """The result of a fit to the training data it was made from.
@@ -84,7 +88,7 @@ class Learned:
             fit: the settled (or given up) fit, in the engine's units.
             record: the training data it was made from, in physical units.
             unseen: forecasts of data that the fit has not seen.
-            candidates, cautions: as in :class:`Learned`, found outside the fit.
+            candidates, colour, cautions: as in :class:`Learned`, found outside the fit.
         """
         order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
         scale = scaling.parameter_scale(order)
@@ -107,7 +111,8 @@ class Learned:
             settled=ascent.settled,
             candidates=candidates,
             dt=record.dt,
-            smoothness=fit.settings.smoothness or record.dt,
+            smoothness=fit.smoothness,
+            colour=colour,
             record=record,
             unseen=unseen,
             cautions=cautions,

@@ -28,7 +28,10 @@ class Settings:
         p: embedding order of outputs and states.
         d: embedding order of the inputs; ``None``: 2, or p if that is less.
         window: samples that each generalized vector is read from, more than p and d.
-        smoothness: kernel width s of the noise, seconds; ``None``: one sampling step.
+        smoothness: kernel width s of the noise, seconds; ``None``: one sampling step; "learn": the one at which F̄ᵒ of
+            the training data is highest.
+        correlation: S, of the noise and its derivatives. "sampled": as the window reads them from samples;
+            "continuous": the true ones, Eq. ``Smatrix``.
         last_derivative_zero: whether the derivative of the highest order is taken to be zero and counted as evidence,
             as the paper's D does, or is left out.
         scaling: "channel": every output and the inputs are centred and brought to unit variance, and a constant input
@@ -62,7 +65,8 @@ class Settings:
     p: int = 2
     d: int | None = None
     window: int | None = None
-    smoothness: float | None = None
+    smoothness: float | Literal["learn"] | None = None
+    correlation: Literal["sampled", "continuous"] = "sampled"
     last_derivative_zero: bool = False
     scaling: Literal["channel", "paper", "none"] = "channel"
     prior: Literal["regulated", "uniform"] | Gaussian = "regulated"
@@ -102,7 +106,9 @@ class Settings:
         _require(self.d is None or self.d >= 0, "d", "None or at least 0", self.d)
         fewest = max(self.p, self.d or 0) + 1
         _require(self.window is None or self.window >= fewest, "window", f"at least {fewest} for p and d", self.window)
-        for name in ("parameter_precision", "smoothness", "state_rate", "parameter_rate", "hyperparameter_rate"):
+        learnt = self.smoothness is None or self.smoothness == "learn" or _positive(self.smoothness)
+        _require(learnt, "smoothness", 'a positive number, None or "learn"', self.smoothness)
+        for name in ("parameter_precision", "state_rate", "parameter_rate", "hyperparameter_rate"):
             value = getattr(self, name)
             _require(value is None or _positive(value), name, "a positive number, or None", value)
         for kind, groups in (("z", self.output_groups), ("w", self.state_groups)):
@@ -111,6 +117,11 @@ class Settings:
         self._require_input_precision()
         scalings = ("channel", "paper", "none")
         _require(self.scaling in scalings, "scaling", '"channel", "paper" or "none"', self.scaling)
+        correlations = ("sampled", "continuous")
+        _require(self.correlation in correlations, "correlation", '"sampled" or "continuous"', self.correlation)
+        # What is read as the highest order of the states' noise would take one derivative more.
+        needed = self.correlation == "continuous" or not self.last_derivative_zero
+        _require(needed, "correlation", '"continuous" with last_derivative_zero', self.correlation)
         named = isinstance(self.prior, Gaussian) or self.prior in ("regulated", "uniform")
         _require(named, "prior", '"regulated", "uniform" or a Gaussian', self.prior)
         # The scale of x is then held by nothing, and F̄ is highest where C is nothing.
@@ -170,6 +181,7 @@ class Settings:
             p=2,
             d=1,
             window=3,
+            correlation="continuous",
             last_derivative_zero=True,
             scaling="paper",
             prior="uniform",

@@ -146,6 +146,8 @@ def _flow(gradient: Array, precision: Array, rate: float | None) -> Array:
     if rate is None:
         return solve(precision, gradient)
     values, modes = np.linalg.eigh(precision)
+    # Rounding may take the least of very unequal eigenvalues below zero; with none, the flow runs straight on.
+    values = np.maximum(values, np.finfo(np.float64).tiny)
     return np.asarray(modes @ (-np.expm1(-rate * values) / values * (modes.T @ gradient)))
 
 

@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from random_models import models, positive_definite, random_model, random_samples
+from random_models import models, random_belief, random_model, random_samples
 from scipy.linalg import block_diag
 
 from mavdem.dem.ascent import ascend
 from mavdem.dem.free_energy import (
-    Belief,
     free_energy,
     free_energy_action,
     internal_energy,
@@ -31,22 +30,6 @@ from mavdem.dem.steps import (
 )
 
 seeds = st.integers(0, 10**6)
-
-
-def random_belief(seed, model, samples):
-    """Anything a belief may be, not only what the steps arrive at."""
-    rng = np.random.default_rng(seed + 2)
-    k, g = len(model.prior.theta_mean), len(model.prior.lambda_mean)
-    size = model.error_operator(model.prior.theta_mean).shape[1] - model.hidden.start
-    state_map = rng.standard_normal((size, model.hidden.start))
-    return state_map, Belief(
-        Moments.of(model, samples, state_map),
-        0.1 * positive_definite(rng, size),
-        rng.standard_normal(k),
-        0.1 * positive_definite(rng, k),
-        rng.standard_normal(g),
-        0.1 * positive_definite(rng, g),
-    )
 
 
 def gradient(function, at, scale=1e-4):

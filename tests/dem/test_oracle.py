@@ -1,74 +1,72 @@
-"""Against the results of the paper's authors' own code, where they are at hand."""
+"""Where this engine ends, against where the paper's authors' own code does."""
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
-from pathlib import Path
 
+import as_published
 import numpy as np
 import pytest
+from oracle import WITHOUT_EDGES, case_a_generalized, case_a_model, case_a_truth, load, needs_oracle
 
 import mavdem
-from mavdem.dem.ascent import ascend
-from mavdem.dem.coordinates import embed
-from mavdem.dem.generative import GenerativeModel, Samples
-from mavdem.dem.priors import Prior
-from mavdem.dem.smoothness import temporal_precision
+from mavdem.dem.ascent import ascend, plain_rounds
+from mavdem.dem.free_energy import free_energy_action, theta_curvature
+from mavdem.dem.generative import Samples
+from mavdem.dem.positive import inverse
 
-SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
-ORACLE = SHARED / "oracle"
-
-pytestmark = pytest.mark.skipif(not ORACLE.is_dir(), reason=f"the authors' results are not in {ORACLE}")
-
-EDGE = 7
-"""Samples at either end of case a whose derivatives the authors set to zero."""
+pytestmark = needs_oracle
 
 
-def case_a():
-    return np.load(ORACLE / "case_a_data.npz"), np.load(ORACLE / "case_a_octave_150it.npz")
+def test_case_a_taken_as_published_ends_where_theirs_does():
+    """The engine's parts, put together with every departure of the published code, go its way for 150 iterations.
+
+    Whether an iteration's θ was kept is theirs: their free energy, which decides, is rounded to 2⁻⁷.
+    Measured: θ to 1e-7 and λ to 1e-5 after 20 iterations as after 150.
+    """
+    data, theirs = load("case_a_data"), load("case_a_octave_150it")
+    model, generalized = case_a_model(data), case_a_generalized(data)
+    theta, theta_covariance = model.prior.theta_mean, inverse(model.prior.theta_precision)
+    lambda_ = model.prior.lambda_mean
+    weights = np.exp(lambda_)
+    for iteration, kept in enumerate(theirs["accepted"].ravel(), start=1):
+        X = as_published.d_step(model, generalized, theta, theta_covariance, weights, data["dt"].item())
+        moments = as_published.moments(model, generalized, X)
+        squares = model.squared_errors(as_published.expected_errors(model, moments, theta, weights))
+        theta_covariance = inverse(-theta_curvature(model, moments, weights))
+        if kept:
+            theta = as_published.e_step(model, moments, theta, weights)
+        *_, weights, lambda_ = as_published.m_step(model, len(X), squares, lambda_)
+        weights = np.exp(weights)
+        if iteration in (20, 150):
+            # 1e-5 is what is left at the end of differences in rounding in the first iterations.
+            np.testing.assert_allclose(theta, theirs["theta_mem"][:, iteration], rtol=0, atol=1e-5)
+            np.testing.assert_allclose(lambda_, theirs["h_mem"][:, iteration], rtol=0, atol=0.1)
 
 
-def generalized(data):
-    """Outputs (p = 6) and inputs (d = 2) of case a, about the same instants, without the edges."""
-    dt = float(data["dt"].item())
-    outputs, inputs = embed(data["y"], 6, dt, 7, 3), embed(data["u"].T, 2, dt, 3, 1)[2:-2]
-    return outputs[EDGE - 3 : -EDGE + 2], inputs[EDGE - 3 : -EDGE + 2]
+def test_case_a_ends_near_theirs_and_nearer_the_truth():
+    """On their 320 samples, zeroed edges and all, this engine's own rounds: exact steps on one F̄, no departures.
+
+    Their λʷ is not compared: 12.55 at iteration 150, it is still on its way, as published to 13.35. Ours passes 12.55
+    at about round 113, is 13.54 at round 150 and 15.66 at the maximum of F̄, with θ within 0.003 of theirs at each.
+    """
+    data, theirs = load("case_a_data"), load("case_a_octave_150it")
+    model, samples, truth = case_a_model(data), Samples.of(case_a_generalized(data)), case_a_truth(data)
+    beliefs = plain_rounds(model, samples, 150)
+    published = theirs["theta"].ravel()
+    # Measured: 0.0085 from their 20th after 20 rounds, 0.0020 from their 150th after 150.
+    for rounds in (20, 150):
+        assert np.abs(beliefs[rounds].theta - theirs["theta_mem"][:, rounds]).max() < 1e-2
+    assert np.linalg.norm(beliefs[-1].theta - truth) < np.linalg.norm(published - truth)
+    assert beliefs[-1].lambda_[0] == pytest.approx(theirs["h"].ravel()[0], abs=0.1)
+    heights = [free_energy_action(model, samples, belief) for belief in beliefs]
+    assert (np.diff(heights) >= 0).all()
 
 
-def test_noise_correlation_and_embedding_are_theirs():
-    data, theirs = case_a()
-    S = temporal_precision(6, float(data["s"].item()))
-    precision = np.kron(S, np.eye(4))
-    scale = np.sqrt(np.outer(np.diag(precision), np.diag(precision)))
-    np.testing.assert_allclose(theirs["Q_V0y"] / scale, precision / scale, atol=1e-9)
-    outputs, inputs = generalized(data)
-    embedded = theirs["Y_embed"][:, EDGE : -EDGE - 1].T
-    np.testing.assert_allclose(
-        outputs / embedded[:, :28].std(axis=0), embedded[:, :28] / embedded[:, :28].std(axis=0), atol=1e-9
-    )
-    np.testing.assert_allclose(inputs, -embedded[:, 28:], atol=1e-9)
-
-
-def test_case_a_ends_nearer_the_truth_than_theirs():
-    data, theirs = case_a()
-    prior_mean = np.concatenate([data[name].ravel() for name in ("A_prior", "B_prior", "C_prior")])
-    model = GenerativeModel(
-        n=2,
-        r=1,
-        m=4,
-        p=6,
-        d=2,
-        q=6,
-        output_correlation=temporal_precision(6, float(data["s"].item())),
-        state_correlation=temporal_precision(6, float(data["s"].item())),
-        output_groups=np.zeros(4, np.intp),
-        state_groups=np.ones(2, np.intp),
-        input_precision=theirs["V0v"],
-        prior=Prior(prior_mean, data["P_theta"], np.zeros(2), data["P_lambda"]),
-    )
-    climb = ascend(model, Samples.of(np.hstack(generalized(data))), 150)
-    truth = np.concatenate([data[name].ravel() for name in ("A", "B", "C")])
+def test_case_a_without_edges_ends_nearer_the_truth_than_theirs():
+    data, theirs = load("case_a_data"), load("case_a_octave_150it")
+    truth = case_a_truth(data)
+    climb = ascend(case_a_model(data), Samples.of(case_a_generalized(data)[WITHOUT_EDGES]), 150)
     ours, published = climb.theta[-1], theirs["theta"].ravel()
     assert np.linalg.norm(ours - truth) < np.linalg.norm(published - truth)
     assert climb.lambda_[-1][0] == pytest.approx(theirs["h"].ravel()[0], abs=0.1)
@@ -81,8 +79,8 @@ def test_case_a_ends_nearer_the_truth_than_theirs():
     ids=["with generalized coordinates", "without"],
 )
 def test_case_c2_is_forecast_no_worse_than_by_them(p, settings):
-    data, theirs = (np.load(ORACLE / f"case_c2_{kind}_p{p}.npz") for kind in ("data", "octave"))
-    dt = float(data["dt"].item())
+    data, theirs = (load(f"case_c2_{kind}_p{p}") for kind in ("data", "octave"))
+    dt = data["dt"].item()
     flight = mavdem.Flight(dt * np.arange(850), data["pwm"].T, data["y_full"])
     errors = []
     for seed in range(10):
