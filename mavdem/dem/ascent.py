@@ -13,7 +13,7 @@ from mavdem.dem.flow import StateFlow
 from mavdem.dem.free_energy import Belief, optimal_terms
 from mavdem.dem.generative import GenerativeModel, Moments, Samples
 from mavdem.dem.positive import inverse, solve
-from mavdem.dem.steps import d_step, e_step, m_step, state_slope, with_optimal_precisions
+from mavdem.dem.steps import d_step, e_step, m_step, state_slope, with_optimal_lambda_precision, with_optimal_precisions
 
 Array = NDArray[np.float64]
 
@@ -161,7 +161,7 @@ class _Climb:
         """
         for flowed in (False,) if self.rates.state is None else (True, False):
             try:
-                then = self._steps(start, flowed)
+                then = self._steps(start, flowed, known=start is now.belief)
             except np.linalg.LinAlgError:
                 # A flow that does not hold, a noise so small, or a course so wild, that the rest is lost in rounding.
                 continue
@@ -169,8 +169,11 @@ class _Climb:
                 return then
         return now
 
-    def _steps(self, start: Belief, flowed: bool) -> _Place:
-        """A D step, by the flow or in its exact limit, and E and M steps after it."""
+    def _steps(self, start: Belief, flowed: bool, known: bool) -> _Place:
+        """A D step, by the flow or in its exact limit, and E and M steps after it.
+
+        Of a ``known`` start the covariances suit θ and λ, and the E step needs those of λ only to suit X as well.
+        """
         model, samples, rates = self.model, self.samples, self.rates
         slope = state_slope(model, start.theta, start.theta_covariance, start.lambda_, start.lambda_covariance)
         state_map = solve(slope[1], slope[0])
@@ -179,7 +182,8 @@ class _Climb:
             moments = StateFlow.of(model, *slope, rates.state).moments(model, rates.segments, rates.dt)
         else:
             moments = Moments.of(model, samples, state_map)
-        belief = with_optimal_precisions(model, start._replace(moments=moments))
+        with_precisions = with_optimal_lambda_precision if known else with_optimal_precisions
+        belief = with_precisions(model, start._replace(moments=moments))
         belief = with_optimal_precisions(model, belief._replace(theta=e_step(model, samples, belief, rates.theta)))
         belief = belief._replace(lambda_=m_step(model, samples, belief, rates.lambda_))
         return self._place(belief, state_map, flowed)

@@ -80,7 +80,7 @@ def free_energy(model: GenerativeModel, data: Array, states: Array, belief: Beli
 
 def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:
     """Noise precisions as the squared errors feel them: e^λ (1 + ½ Σ^λ), the mean-field term of λ included."""
-    return np.exp(lambda_) * (1.0 + 0.5 * np.diag(lambda_covariance))
+    return np.exp(lambda_) * (1.0 + 0.5 * lambda_covariance.diagonal())
 
 
 def internal_energy(model: GenerativeModel, samples: Samples, moments: Moments, theta: Array, lambda_: Array) -> float:
@@ -94,8 +94,7 @@ def internal_energy(model: GenerativeModel, samples: Samples, moments: Moments, 
         - error
         - theta_error @ prior.theta_precision @ theta_error
         - lambda_error @ prior.lambda_precision @ lambda_error
-        + logdet(prior.theta_precision)
-        + logdet(prior.lambda_precision)
+        + sum(model.log_precision_of_priors)
     )
 
 
@@ -109,16 +108,16 @@ def theta_curvature(model: GenerativeModel, moments: Moments, weights: Array) ->
     """Ū_θθ (k, k): each row of [A B] and of C is a regression of its own, coupled only by the prior."""
     curvature = -model.prior.theta_precision
     regression, rows = moments.regression, model.parameter_rows
-    add_blocks(curvature, rows.dynamics, -weights[model.state_groups], regression.regressors)
-    add_blocks(curvature, rows.observation, -weights[model.output_groups], regression.states)
+    add_blocks(curvature, rows.dynamics, -np.multiply.outer(weights[model.state_groups], regression.regressors))
+    add_blocks(curvature, rows.observation, -np.multiply.outer(weights[model.output_groups], regression.states))
     return curvature
 
 
 def parameter_uncertainty(model: GenerativeModel, theta_covariance: Array, weights: Array) -> Array:
     """M with −½ XᵀM X the data's share of W^θ: an uncertain parameter makes the states it multiplies expensive."""
     n, r, rows = model.n, model.r, model.parameter_rows
-    dynamics = np.tensordot(weights[model.state_groups], blocks(theta_covariance, rows.dynamics), axes=1)
-    observation = np.tensordot(weights[model.output_groups], blocks(theta_covariance, rows.observation), axes=1)
+    dynamics = _sum(weights[model.state_groups], blocks(theta_covariance, rows.dynamics))
+    observation = _sum(weights[model.output_groups], blocks(theta_covariance, rows.observation))
     x, v = n * (model.p + 1), r * (model.d + 1)
     curvature = np.zeros((x + v, x + v))
     curvature[:x, :x] = _kron(model.output_correlation, observation)
@@ -133,6 +132,11 @@ def parameter_uncertainty(model: GenerativeModel, theta_covariance: Array, weigh
     return curvature
 
 
+def _sum(weights: Array, matrices: Array) -> Array:
+    """Σⱼ weights[j] · matrices[j]."""
+    return (weights @ matrices.reshape(len(weights), -1)).reshape(matrices.shape[1:])
+
+
 def _kron(left: Array, right: Array) -> Array:
     """``numpy.kron`` of two matrices, without the generality that takes ten times as long."""
     product = left[:, None, :, None] * right[None, :, None, :]
@@ -144,9 +148,9 @@ def blocks(matrix: Array, rows: NDArray[np.intp]) -> Array:
     return matrix[rows[:, :, None], rows[:, None, :]]
 
 
-def add_blocks(matrix: Array, rows: NDArray[np.intp], weights: Array, block: Array) -> None:
-    """Adds ``weights[j] · block`` to ``matrix`` at the places ``rows[j]``, for every j."""
-    matrix[rows[:, :, None], rows[:, None, :]] += weights[:, None, None] * block
+def add_blocks(matrix: Array, rows: NDArray[np.intp], added: Array) -> None:
+    """Adds ``added[j]`` to ``matrix`` at the places ``rows[j]``, for every j."""
+    matrix[rows[:, :, None], rows[:, None, :]] += added
 
 
 def lambda_curvature(model: GenerativeModel, moments: Moments, theta: Array, lambda_: Array) -> Array:
@@ -161,6 +165,7 @@ def optimal_terms(model: GenerativeModel, samples: Samples, belief: Belief) -> M
     T·dim X + dim θ + dim λ (the mean-field terms, which the paper drops with the constants).
     """
     prior = model.prior
+    of_theta, of_lambda = model.log_precision_of_priors
     T = samples.number
     squares = model.precision(np.exp(belief.lambda_)) * belief.moments.errors(belief.theta)
     of_y, of_v, of_x = model.errors
@@ -169,8 +174,8 @@ def optimal_terms(model: GenerativeModel, samples: Samples, belief: Belief) -> M
     return {
         "noise entropy": 0.5 * T * log_precision,
         "state and input entropy": 0.5 * T * logdet(belief.state_covariance),
-        "parameter entropy": 0.5 * (logdet(belief.theta_covariance) + logdet(prior.theta_precision)),
-        "hyperparameter entropy": 0.5 * (logdet(belief.lambda_covariance) + logdet(prior.lambda_precision)),
+        "parameter entropy": 0.5 * (logdet(belief.theta_covariance) + of_theta),
+        "hyperparameter entropy": 0.5 * (logdet(belief.lambda_covariance) + of_lambda),
         "prediction error of outputs": -0.5 * float(squares[of_y, of_y].sum()),
         "prediction error of inputs": -0.5 * float(squares[of_v, of_v].sum()),
         "prediction error of states": -0.5 * float(squares[of_x, of_x].sum()),

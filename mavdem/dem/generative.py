@@ -7,7 +7,7 @@ Everything here is linear in the data, so the data enter the engine as one matri
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mavdem.dem.coordinates import derivative_operator
 from mavdem.dem.model import unpack
-from mavdem.dem.positive import require_positive_definite
+from mavdem.dem.positive import logdet, require_positive_definite
 from mavdem.dem.priors import Prior
 
 Array = NDArray[np.float64]
@@ -158,6 +158,11 @@ class GenerativeModel:
         """ln|Π̃| at λ = 0."""
         return float(np.linalg.slogdet(self._precision_parts[0])[1])
 
+    @cached_property
+    def log_precision_of_priors(self) -> tuple[float, float]:
+        """ln|P^θ| and ln|P^λ|."""
+        return logdet(self.prior.theta_precision), logdet(self.prior.lambda_precision)
+
     def squared_errors(self, moments: Array) -> Array:
         """Σ ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,), of second moments Σ ε̃ε̃ᵀ of the errors."""
         of_y, _, of_x = self.errors
@@ -221,6 +226,7 @@ class Moments:
     model: GenerativeModel
     gram: Array
     stack: Array
+    _latest: tuple[Array, Array, Array] | None = field(default=None, init=False)
 
     @classmethod
     def of(cls, model: GenerativeModel, samples: Samples, state_map: Array) -> Moments:
@@ -239,12 +245,20 @@ class Moments:
 
     def errors(self, theta: Array) -> Array:
         """Σ_t ε̃ε̃ᵀ; the errors are taken before the moments, since they are far smaller than what they lie between."""
-        errors = self.model.error_operator(theta) @ self.stack
-        return errors @ self.gram @ errors.T
+        return self._errors(theta)[0]
 
     def squared_errors(self, theta: Array) -> Array:
         """Σ_t ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,)."""
-        return self.model.squared_errors(self.errors(theta))
+        return self._errors(theta)[1]
+
+    def _errors(self, theta: Array) -> tuple[Array, Array]:
+        # Several steps in turn ask for those of the same θ.
+        if self._latest is None or self._latest[0] is not theta:
+            errors = self.model.error_operator(theta) @ self.stack
+            moments = errors @ self.gram @ errors.T
+            object.__setattr__(self, "_latest", (theta, moments, self.model.squared_errors(moments)))
+        assert self._latest is not None
+        return self._latest[1:]
 
 
 class ParameterRows(NamedTuple):

@@ -88,8 +88,8 @@ def _regression(model: GenerativeModel, joint: Array, weights: Array) -> tuple[A
     slope, curvature = np.zeros(k), np.zeros((k, k))
     slope[rows.dynamics] = of_w[:, None] * regression.slopes
     slope[rows.observation] = of_z[:, None] * regression.outputs
-    add_blocks(curvature, rows.dynamics, -of_w, regression.regressors)
-    add_blocks(curvature, rows.observation, -of_z, regression.states)
+    add_blocks(curvature, rows.dynamics, -np.multiply.outer(of_w, regression.regressors))
+    add_blocks(curvature, rows.observation, -np.multiply.outer(of_z, regression.states))
     return slope, curvature
 
 
