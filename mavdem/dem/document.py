@@ -10,10 +10,12 @@ from numpy.typing import NDArray
 
 from mavdem.dem.choice import Candidate
 from mavdem.dem.colour import Colour
+from mavdem.dem.determined import Direction
 from mavdem.dem.model import LinearModel, Transition
 from mavdem.dem.prediction import Predictor
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
+from mavdem.dem.scatter import Scatter
 from mavdem.dem.settings import Settings
 from mavdem.dem.trace import FreeEnergy, Learning
 from mavdem.dem.trials import Unseen
@@ -36,11 +38,12 @@ def values_of(learned: Learned) -> dict[str, Any]:
         "learning": _lists(vars(learned.learning)),
         "settled": learned.settled,
         "unseen": _lists(learned.unseen._asdict()),
-        # JSON has no infinity: a candidate that broke down has no error.
-        "candidates": [{**vars(c), "error": c.error if np.isfinite(c.error) else None} for c in learned.candidates],
+        "candidates": [{**vars(c), "error": _finite(c.error)} for c in learned.candidates],
         "dt": learned.dt,
         "smoothness": learned.smoothness,
         "colour": None if learned.colour is None else _colour_values(learned.colour),
+        "scatter": _lists({**learned.scatter._asdict(), "freedom": _finite(learned.scatter.freedom)}),
+        "undetermined": [_lists(direction._asdict()) for direction in learned.undetermined],
         "cautions": list(learned.cautions),
         "inputs": learned.record.inputs.tolist(),
         "outputs": learned.record.outputs.tolist(),
@@ -82,12 +85,19 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
             **_arrays({name: values["unseen"][name] for name in ("mse", "weight", "weighted_mse")}),
             motors_share=float(values["unseen"]["motors_share"]),
         ),
-        "candidates": tuple(
-            Candidate(**{**c, "error": np.inf if c["error"] is None else c["error"]}) for c in values["candidates"]
-        ),
+        "candidates": tuple(Candidate(**{**c, "error": _or_infinite(c["error"])}) for c in values["candidates"]),
         "dt": float(values["dt"]),
         "smoothness": float(values["smoothness"]),
         "colour": None if values["colour"] is None else _colour(values["colour"]),
+        "scatter": Scatter(
+            np.array(values["scatter"]["covariance"], np.float64),
+            _or_infinite(values["scatter"]["freedom"]),
+            np.array(values["scatter"]["information"], np.float64),
+        ),
+        "undetermined": tuple(
+            Direction(np.array(direction["weights"], np.float64), float(direction["share"]))
+            for direction in values["undetermined"]
+        ),
         "cautions": tuple(values["cautions"]),
         "record": Record(
             np.array(values["inputs"], np.float64),
@@ -113,20 +123,18 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _colour_values(colour: Colour) -> dict[str, Any]:
-    # JSON has no infinity: of a smoothness at an end of the range nothing is known but that.
-    log_sd = colour.log_sd if np.isfinite(colour.log_sd) else None
     reached = np.isfinite(colour.free_energy)
     return {
         "smoothness": colour.smoothness,
-        "log_sd": log_sd,
+        "log_sd": _finite(colour.log_sd),
         "tried": colour.tried[reached].tolist(),
         "free_energy": colour.free_energy[reached].tolist(),
     }
 
 
 def _colour(values: Mapping[str, Any]) -> Colour:
-    log_sd = np.inf if values["log_sd"] is None else float(values["log_sd"])
-    return Colour(float(values["smoothness"]), log_sd, **_arrays({k: values[k] for k in ("tried", "free_energy")}))
+    arrays = _arrays({name: values[name] for name in ("tried", "free_energy")})
+    return Colour(float(values["smoothness"]), _or_infinite(values["log_sd"]), **arrays)
 
 
 def _check(fields: dict[str, Any]) -> None:
@@ -150,6 +158,9 @@ def _check(fields: dict[str, Any]) -> None:
         "model.input_trim": (model.input_trim, (r,)),
         "model.output_trim": (model.output_trim, (m,)),
         "theta_covariance": (fields["theta_covariance"], (k, k)),
+        "scatter.covariance": (fields["scatter"].covariance, (k, k)),
+        "scatter.information": (fields["scatter"].information, (k, k)),
+        **{f"undetermined[{i}]": (d.weights, (k,)) for i, d in enumerate(fields["undetermined"])},
         "prior_sd": (fields["prior_sd"], (k,)),
         "known": (fields["known"], (k,)),
         "inputs": (inputs, (T, r)),
@@ -175,6 +186,15 @@ def _check(fields: dict[str, Any]) -> None:
         raise ValueError(f"segments must be positive lengths that sum to {T}, not {record.lengths}")
     if not (np.isfinite(fields["dt"]) and fields["dt"] > 0):
         raise ValueError(f"dt must be positive seconds, not {fields['dt']}")
+
+
+def _finite(value: float) -> float | None:
+    """JSON has no infinity: nothing stands for it."""
+    return value if np.isfinite(value) else None
+
+
+def _or_infinite(value: float | None) -> float:
+    return np.inf if value is None else float(value)
 
 
 def _lists(arrays: Mapping[str, Any]) -> dict[str, Any]:

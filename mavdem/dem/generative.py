@@ -176,7 +176,7 @@ class GenerativeModel:
         padded = np.zeros((len(joint) + 1, len(joint) + 1))
         padded[:-1, :-1] = joint
         Sx, Sy = self.state_correlation, self.output_correlation
-        both, slope, states, outputs = self._orders
+        both, slope, states, outputs = self.orders
         dynamics = _contract(Sx, padded, np.hstack([both, slope]), both)
         observation = _contract(Sy, padded, np.hstack([states, outputs]), states)
         n, size = self.n, self.n + self.r
@@ -190,7 +190,7 @@ class GenerativeModel:
         return ParameterRows(np.hstack([A, B]), C)
 
     @cached_property
-    def _orders(self) -> tuple[NDArray[np.intp], ...]:
+    def orders(self) -> tuple[NDArray[np.intp], ...]:
         """Places, in the joint vector, of [x; v], x′, x and y of each order: (orders, components) each."""
         start = self.hidden.start
         x = start + np.arange(self.n * (self.p + 1)).reshape(-1, self.n)

@@ -10,9 +10,11 @@ from threadpoolctl import threadpool_limits
 
 from mavdem.dem.choice import Candidate, candidates
 from mavdem.dem.colour import Colour, estimate_colour
-from mavdem.dem.fit import Fit, fit
+from mavdem.dem.fit import Fit, fit, generalized
 from mavdem.dem.learned import Learned
+from mavdem.dem.positive import inverse
 from mavdem.dem.record import Record, Recorded
+from mavdem.dem.scatter import Scatter, scatter
 from mavdem.dem.settings import Settings
 from mavdem.dem.trials import Unseen, trials, unseen_forecasts
 
@@ -67,7 +69,18 @@ def _learn(record: Record, settings: Settings) -> Learned:
     if unseen is None or not np.isfinite(unseen.mse).all():
         raise ValueError("half of the training data do not determine a model that can forecast: more are needed")
     tried = tuple(attempt.candidate for attempt in attempts)
-    return Learned.of(best.fit, record, unseen, tried, colour, _cautions(best.fit, unseen, record))
+    return Learned.of(
+        best.fit, record, _scatter(best.fit, record), unseen, tried, colour, _cautions(best.fit, unseen, record)
+    )
+
+
+def _scatter(fitted: Fit, record: Record) -> Scatter:
+    """Where F̄ has no maximum that rounding can tell, nothing but the prior is known."""
+    try:
+        return scatter(fitted.model, generalized(fitted.settings, fitted.scaling, record), fitted.ascent)
+    except np.linalg.LinAlgError:
+        prior = fitted.model.prior.theta_precision
+        return Scatter(inverse(prior), np.inf, np.zeros_like(prior))
 
 
 def _colour(record: Record, settings: Settings) -> Colour:

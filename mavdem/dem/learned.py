@@ -12,6 +12,7 @@ from scipy.stats import norm
 
 from mavdem.dem.choice import Candidate
 from mavdem.dem.colour import Colour
+from mavdem.dem.determined import Direction, undetermined
 from mavdem.dem.document import fields_of, values_of
 from mavdem.dem.fit import Fit, generalized, of_vehicle
 from mavdem.dem.model import LinearModel, unpack
@@ -20,6 +21,7 @@ from mavdem.dem.prediction import Predictor
 from mavdem.dem.priors import KINEMATIC
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
+from mavdem.dem.scatter import Scatter
 from mavdem.dem.settings import Settings
 from mavdem.dem.trace import FreeEnergy, Learning
 from mavdem.dem.trials import Unseen
@@ -35,6 +37,9 @@ class Learned:
         settings: as used, with nothing left open.
         model: posterior means.
         theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units.
+        scatter: of the estimate of θ, physical units: how far it would fall from here on other data of this kind. It
+            does not count neighbouring samples as independent, as the posterior does; see ``model_interval``.
+        undetermined: combinations of parameters of which the data tell less than the prior.
         prior_sd: (k,) prior standard deviations of θ.
         known: (k,) which parameters the prior holds to what is known beforehand: that a rate is the derivative of its
             angle, that C = [I 0]. The others are left to the data.
@@ -55,6 +60,8 @@ class Learned:
     settings: Settings
     model: LinearModel
     theta_covariance: Array
+    scatter: Scatter
+    undetermined: tuple[Direction, ...]
     prior_sd: Array
     known: NDArray[np.bool_]
     free_energy: FreeEnergy
@@ -77,6 +84,7 @@ class Learned:
         cls,
         fit: Fit,
         record: Record,
+        scatter: Scatter,
         unseen: Unseen,
         candidates: tuple[Candidate, ...],
         colour: Colour | None,
@@ -87,6 +95,7 @@ class Learned:
         Args:
             fit: the settled (or given up) fit, in the engine's units.
             record: the training data it was made from, in physical units.
+            scatter: of the fit's θ, in the engine's units.
             unseen: forecasts of data that the fit has not seen.
             candidates, colour, cautions: as in :class:`Learned`, found outside the fit.
         """
@@ -95,12 +104,23 @@ class Learned:
         motors = of_vehicle(order, record.inputs.shape[1], fit.model.m, scaling.constant)
         covariance = ascent.belief.theta_covariance * np.outer(scale, scale)
         prior_covariance = inverse(fit.model.prior.theta_precision) * np.outer(scale, scale)
+        held = np.diag(fit.model.prior.theta_precision) >= KINEMATIC
+        units = np.outer(scale, scale)[np.ix_(motors, motors)]
         return cls(
             settings=fit.settings,
             model=scaling.physical_model(ascent.belief.theta, order),
             theta_covariance=covariance[np.ix_(motors, motors)],
+            scatter=Scatter(
+                scatter.covariance[np.ix_(motors, motors)] * units,
+                scatter.freedom,
+                scatter.information[np.ix_(motors, motors)] / units,
+            ),
+            undetermined=tuple(
+                direction._replace(weights=direction.weights[motors])
+                for direction in undetermined(scatter.information, fit.model.prior, ~held)
+            ),
             prior_sd=np.sqrt(np.diag(prior_covariance))[motors],
-            known=(np.diag(fit.model.prior.theta_precision) >= KINEMATIC)[motors],
+            known=held[motors],
             free_energy=FreeEnergy(dict(ascent.terms)),
             learning=Learning(
                 (ascent.theta * scale)[:, motors],
@@ -124,11 +144,26 @@ class Learned:
 
     @property
     def model_sd(self) -> LinearModel:
-        """Posterior standard deviations in the places of A, B and C; the offset's and trims' are NaN."""
-        n, m = self.model.A.shape[0], self.model.C.shape[0]
-        r = self.model.B.shape[1]
-        A, B, C = unpack(np.sqrt(np.diag(self.theta_covariance)), n, r, m)
-        return LinearModel(A, B, C, np.full(n, np.nan), np.full(r, np.nan), np.full(m, np.nan))
+        """DEM's posterior standard deviations in the places of A, B and C; the offset's and trims' are NaN.
+
+        They count neighbouring samples as independent and so are too small; see :meth:`model_interval`.
+        """
+        return self._in_places(np.sqrt(np.diag(self.theta_covariance)))
+
+    def _in_places(self, values: Array) -> LinearModel:
+        (n, r), m = self.model.B.shape, len(self.model.C)
+        return LinearModel(*unpack(values, n, r, m), np.full(n, np.nan), np.full(r, np.nan), np.full(m, np.nan))
+
+    def model_interval(self, level: float = 0.9) -> LinearModel:
+        """Half widths, in the places of A, B and C, of intervals about the estimates; the offset's and trims' are NaN.
+
+        An interval holds its parameter with probability ``level`` as far as the estimate's :attr:`scatter` tells: that
+        the motors answer the very disturbance which is called noise biases the estimate, and is not in it.
+
+        Args:
+            level: probability, between 0 and 1.
+        """
+        return self._in_places(self.scatter.half_width(level))
 
     def one_step(self) -> Array:
         """(T, m): each training sample predicted from those before it and the inputs; a segment's first is the trim."""
