@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mavdem import evaluate
-    from mavdem.dem import Learned, Settings, learn
+    from mavdem.dem import Learned, Settings, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.flight import Flight
     from mavdem.read import read_flight
@@ -20,6 +20,7 @@ __all__ = [
     "Unreadable",
     "evaluate",
     "learn",
+    "learn_many",
     "read_flight",
 ]
 
@@ -31,6 +32,7 @@ _HOMES = {
     "Telemetry": "telemetry",
     "Unreadable": "errors",
     "learn": "dem",
+    "learn_many": "dem",
     "read_flight": "read",
 }
 

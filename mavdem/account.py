@@ -11,7 +11,13 @@ import numpy as np
 from mavdem.dem import Learned
 from mavdem.dem.model import unpack
 from mavdem.flight import Flight
-from mavdem.naming import named, readable, short, state_names, states_are_outputs
+from mavdem.naming import named, parameter_names, readable, short, state_names, states_are_outputs
+
+LEVEL = 0.9
+"""Probability of the intervals that are told."""
+
+NAMED, SHARE = 4, 0.3
+"""Of a combination of parameters so many are named at most, if they have this share of the largest weight."""
 
 
 class Sentence(NamedTuple):
@@ -102,7 +108,7 @@ def _model(train: Flight, learned: Learned) -> list[Sentence | Table]:
     known = unpack(learned.known, n, r, m)
     A, B, C = (
         [[_entry(*cell) for cell in zip(*row, strict=True)] for row in zip(values.T, sd.T, fixed.T, strict=True)]
-        for values, sd, fixed in zip(model[:3], learned.model_sd[:3], known, strict=True)
+        for values, sd, fixed in zip(model[:3], learned.model_interval(LEVEL)[:3], known, strict=True)
     )
     derivatives = Table(
         ["times", *(f"d {state}/dt" for state in states)],
@@ -131,9 +137,10 @@ def _model(train: Flight, learned: Learned) -> list[Sentence | Table]:
     return [
         *blocks,
         Sentence(
-            "± is the precision of the fit; neighbouring samples count as independent, so it is too small (see Limits "
-            "in the README)."
+            f"± is half the interval that holds the parameter with probability {LEVEL:.0%}, were it not for motors "
+            "that answer the very wind which is called noise (see Limits in the README)."
         ),
+        *_undetermined(train, learned),
         Sentence(
             "; ".join(
                 ", ".join(f"{name} {value:.4g} {unit}".rstrip() for name, value, unit in zip(*trims, strict=True))
@@ -146,6 +153,26 @@ def _model(train: Flight, learned: Learned) -> list[Sentence | Table]:
             "Trim:",
         ),
         *(Sentence(sentence) for sentence in [_stability(model.A)] if sentence),
+    ]
+
+
+def _undetermined(train: Flight, learned: Learned) -> list[Sentence]:
+    if not learned.undetermined:
+        return []
+    directions, entries = learned.undetermined, parameter_names(train, learned)
+    least = directions[0].weights
+    largest = np.argsort(-np.abs(least))[:NAMED]
+    combination = " ".join(
+        f"{'-' if least[i] < 0 else '+'} {abs(least[i]):.2g} ({entries[i]})"
+        for i in largest
+        if abs(least[i]) > SHARE * np.abs(least).max()
+    ).removeprefix("+ ")
+    return [
+        Sentence(
+            f"of {len(directions)} combination{'s' if len(directions) > 1 else ''} of parameters the data tell less "
+            f"than the prior, least of all of {combination}, in units of the prior's deviations.",
+            "Undetermined:",
+        )
     ]
 
 

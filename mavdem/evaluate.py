@@ -94,7 +94,7 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
     }
     lower, upper = learned.forecast_band(test.inputs)
     inside = (lower <= test.outputs) & (test.outputs <= upper)
-    model, sd = learned.model, learned.model_sd
+    model, sd, half_width = learned.model, learned.model_sd, learned.model_interval(0.9)
     forecast_errors = _ranked(train, test, forecasts)
     return {
         "flight": dict(train.provenance),
@@ -107,6 +107,8 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
         "settled": learned.settled,
         "model": {name: value.tolist() for name, value in model._asdict().items()},
         "model_sd": {name: getattr(sd, name).tolist() for name in ("A", "B", "C")},
+        "model_interval_90_percent": {name: getattr(half_width, name).tolist() for name in ("A", "B", "C")},
+        "undetermined": len(learned.undetermined),
         "spectral_abscissa": model.spectral_abscissa,
         "free_energy": {
             "start": float(learned.free_energy[0]),

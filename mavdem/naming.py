@@ -55,6 +55,25 @@ def state_names(flight: Flight, learned: Learned) -> list[str]:
     return [*outputs, *(f"hidden {i + 1}" for i in range(order - len(outputs)))][:order]
 
 
+def entries(flight: Flight, learned: Learned) -> dict[str, list[tuple[str, str]]]:
+    """What each entry of A, B and C acts on, and what through: names of row and column, each in the order of θ."""
+    states = state_names(flight, learned)
+    return {
+        "A": [(row, column) for row in states for column in states],
+        "B": [(row, column) for row in states for column in flight.input_names],
+        "C": [(row, column) for row in flight.output_names for column in states],
+    }
+
+
+def parameter_names(flight: Flight, learned: Learned) -> list[str]:
+    """A name for each parameter, in the order of θ."""
+    return [
+        f"{matrix}: {short(row)} from {short(column)}"
+        for matrix, cells in entries(flight, learned).items()
+        for row, column in cells
+    ]
+
+
 def state_rate_units(flight: Flight, learned: Learned) -> list[str]:
     """Units of the n states per second; a hidden state has the last output's, one that is no output has none."""
     order, units = learned.model.A.shape[0], flight.output_units

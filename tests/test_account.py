@@ -88,7 +88,7 @@ def test_the_model_can_be_used_from_what_is_told(learned):
     rows = {row[0]: row[1:] for row in model.rows}
     assert list(rows) == ["roll", "roll rate", "hidden 1", "input 1", "input 2", "constant"]
     known = learned.known[:9].reshape(3, 3)
-    sd = learned.model_sd.A
+    sd = learned.model_interval(0.9).A
     for column, cause in enumerate(("roll", "roll rate", "hidden 1")):
         for row, cell in enumerate(rows[cause]):
             assert cell.endswith(" fixed") == known[row, column]

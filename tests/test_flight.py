@@ -1,3 +1,5 @@
+import pickle
+
 import numpy as np
 import pytest
 
@@ -84,3 +86,12 @@ def test_one_sample_needs_its_step_told():
 def test_only_stretches_can_be_cut_out(part, error):
     with pytest.raises(error):
         Flight(TIME, INPUTS, OUTPUTS)[part]
+
+
+def test_a_flight_that_was_pickled_is_still_immutable():
+    flight = Flight([0.0, 0.1], [1.0, 2.0], [3.0, 4.0])
+    for protocol in (2, pickle.HIGHEST_PROTOCOL):
+        again = pickle.loads(pickle.dumps(flight, protocol))
+        np.testing.assert_array_equal(again.outputs, flight.outputs)
+        with pytest.raises(ValueError, match="read-only"):
+            again.outputs[0] = 9.0

@@ -1,5 +1,6 @@
 """Dynamic Expectation Maximization of linear models: arrays in, a learnt model out."""
 
+from mavdem.dem.batch import learn_many
 from mavdem.dem.gaussian import Gaussian
 from mavdem.dem.learn import learn
 from mavdem.dem.learned import Learned
@@ -7,4 +8,4 @@ from mavdem.dem.model import LinearModel
 from mavdem.dem.settings import Settings
 from mavdem.dem.trace import FreeEnergy, Learning
 
-__all__ = ["FreeEnergy", "Gaussian", "Learned", "Learning", "LinearModel", "Settings", "learn"]
+__all__ = ["FreeEnergy", "Gaussian", "Learned", "Learning", "LinearModel", "Settings", "learn", "learn_many"]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from threading import Lock
 
 import numpy as np
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController
 
 from mavdem.dem.choice import Candidate, candidates
 from mavdem.dem.colour import Colour, estimate_colour
@@ -48,9 +50,19 @@ def learn(train: Recorded | Sequence[Recorded], settings: Settings | None = None
     record = Record.of(train)
     if len(record) < FEWEST_SAMPLES:
         raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(record)}")
-    # The matrices are small: waking other threads for them takes several times as long as the work.
-    with threadpool_limits(limits=1, user_api="blas"):
+    with _one_thread, _linear_algebra().limit(limits=1, user_api="blas"):
         return _learn(record, settings or Settings())
+
+
+_one_thread = Lock()
+"""Linear algebra gets one thread, since the matrices are small: waking others takes several times as long as the work.
+That holds for the whole process, so threads that learn take turns; they would hardly be faster together."""
+
+
+@cache
+def _linear_algebra() -> ThreadpoolController:
+    """Looking for the libraries takes longer than a fit."""
+    return ThreadpoolController()
 
 
 def _learn(record: Record, settings: Settings) -> Learned:

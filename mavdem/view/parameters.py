@@ -8,19 +8,7 @@ from scipy.stats import norm
 
 from mavdem.dem import Learned
 from mavdem.dem.priors import hyperparameter_prior
-from mavdem.flight import Flight
-from mavdem.naming import state_names
 from mavdem.view.outlook import LEVEL
-
-
-def entries(flight: Flight, learned: Learned) -> dict[str, list[tuple[str, str]]]:
-    """What each entry of A, B and C acts on, and what through: names of row and column, each in the order of θ."""
-    states = state_names(flight, learned)
-    return {
-        "A": [(row, column) for row in states for column in states],
-        "B": [(row, column) for row in states for column in flight.input_names],
-        "C": [(row, column) for row in flight.output_names for column in states],
-    }
 
 
 def prior_outweighs_data(learned: Learned) -> NDArray[np.bool_]:

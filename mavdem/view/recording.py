@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from mavdem.dem import Learned
 from mavdem.dem.priors import hyperparameter_groups
 from mavdem.flight import Flight
-from mavdem.naming import left_free, named, short, state_names, state_rate_units
+from mavdem.naming import entries, left_free, named, short, state_names, state_rate_units
 from mavdem.view import lines
 from mavdem.view.blueprint import blueprint
 from mavdem.view.lines import Line
 from mavdem.view.outlook import Outlook, outlooks
-from mavdem.view.parameters import entries, estimate_band, prior_outweighs_data
+from mavdem.view.parameters import estimate_band, prior_outweighs_data
 from mavdem.view.summary import summary
 
 Array = NDArray[np.float64]

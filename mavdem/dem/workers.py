@@ -1,0 +1,79 @@
+"""Processes of our own that learn, one on each core, and that nothing leaves behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import current_process, get_context, parent_process
+from multiprocessing.connection import Connection
+from threading import Thread
+
+_ear: Connection | None = None
+"""In a worker: where it hears that its work is not wanted any longer."""
+
+
+def spare_cores() -> int:
+    """How many workers are worth starting: the cores this process may use, or 1 where it is a worker itself."""
+    if parent_process() is not None and not _importing_main():
+        return 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """An executor of ``workers`` processes that are gone when its block is left.
+
+    Processes are started afresh ("spawn"): a fork of a process with threads may wait for ever for a lock of theirs.
+    """
+    if _importing_main():
+        sys.exit(
+            "mavdem.learn_many starts processes, which import this script: call it below `if __name__ == '__main__':`"
+        )
+    context = get_context("spawn")
+    ear, mouth = context.Pipe(duplex=False)
+    executor = ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(ear,))
+    # The mouth is closed first, which the workers hear, and then waited for them.
+    with ear, executor, mouth:
+        with _ctrl_c_held_back():
+            for _ in range(workers):
+                executor.submit(os.getpid)
+        yield executor
+
+
+@contextmanager
+def _ctrl_c_held_back() -> Iterator[None]:
+    """It reaches every process of a terminal, but not those begun in here: the parent decides what it means."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def told_to_stop() -> bool:
+    """Whether this is a worker of :func:`pool` whose answers nobody waits for any longer."""
+    return _ear is not None and _ear.poll()  # true where the other end is closed: nothing is ever said
+
+
+def _importing_main() -> bool:
+    """Whether this is a process that another has started, which still imports the other's script."""
+    # Nothing public tells; multiprocessing itself asks this to refuse, in thirty lines, what is refused here.
+    return getattr(current_process(), "_inheriting", False)
+
+
+def _begin(ear: Connection) -> None:
+    global _ear
+    _ear = ear
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A worker waits for its next job for ever, also when the parent was killed."""
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)

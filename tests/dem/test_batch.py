@@ -1,0 +1,227 @@
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from itertools import repeat
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mavdem import Flight, Learned, Settings, learn, learn_many
+from mavdem.dem.batch import AHEAD_ELSEWHERE, FEW, LARGEST_CHUNK
+from mavdem.dem.workers import pool, spare_cores
+
+
+def walk(seed: int) -> Flight:
+    """Random walks: there is something to fit, quickly; what it is does not matter here."""
+    rng = np.random.default_rng(seed)
+    motors, motion = (rng.standard_normal((100, columns)).cumsum(axis=0) for columns in (2, 2))
+    return Flight(0.01 * np.arange(100), motors, motion)
+
+
+STILL = Flight(0.01 * np.arange(100), walk(0).inputs, np.zeros((100, 2)))
+FLIGHTS = [walk(seed) for seed in range(3)]
+JOBS = [
+    (FLIGHTS[k % 3], Settings(order=2 + k % 2, window=3 + 2 * (k % 4), parameter_precision=1.0, iterations=5))
+    for k in range(2 * FEW)
+]
+JOBS[5] = (STILL, None)
+
+
+def as_texts(answers):
+    """JSON keeps every bit of a number."""
+    return [str(answer) if isinstance(answer, ValueError) else answer.to_json() for answer in answers]
+
+
+def learnt_one_by_one(jobs):
+    answers = []
+    for train, settings in jobs:
+        try:
+            answers.append(learn(train, settings))
+        except ValueError as error:
+            answers.append(error)
+    return as_texts(answers)
+
+
+@pytest.fixture(scope="module")
+def expected():
+    return learnt_one_by_one(JOBS)
+
+
+@pytest.fixture
+def two_workers(monkeypatch):
+    monkeypatch.setattr("mavdem.dem.batch.spare_cores", lambda: 2)
+
+
+def test_the_machines_cores_answer_as_learn_does_and_in_order(two_workers, expected):
+    answers = learn_many(JOBS)
+    first = next(answers)
+    assert len(multiprocessing.active_children()) == 2
+    assert as_texts([first, *answers]) == expected
+    assert len(set(expected)) > len(JOBS) / 2  # so that another order would show
+    assert not multiprocessing.active_children()
+
+
+def test_a_job_without_an_answer_is_answered_by_its_error():
+    answers = list(learn_many(JOBS[4:7]))
+    assert [type(answer) for answer in answers] == [Learned, ValueError, Learned]
+    with pytest.raises(ValueError) as refused:
+        learn(STILL)
+    assert str(answers[1]) == str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: ThreadPoolExecutor(3),
+        lambda: ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")),
+    ],
+    ids=["threads", "processes"],
+)
+def test_a_given_executor_does_the_work_and_is_left_open(make, expected):
+    with make() as executor:
+        assert as_texts(learn_many(JOBS, executor)) == expected
+        assert executor.submit(int, "3").result() == 3
+
+
+def test_a_dask_cluster_does_the_work(expected):
+    distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
+    with (
+        distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        assert as_texts(learn_many(JOBS, client.get_executor())) == expected
+
+
+def test_a_few_jobs_start_no_processes(two_workers, expected):
+    answers = learn_many(JOBS[:FEW])
+    first = next(answers)
+    assert not multiprocessing.active_children()
+    assert as_texts([first, *answers]) == expected[:FEW]
+
+
+def test_no_jobs_have_no_answers():
+    assert list(learn_many([])) == []
+
+
+def test_closing_early_ends_the_processes(two_workers):
+    answers = learn_many(repeat(JOBS[0]))
+    next(answers)
+    assert multiprocessing.active_children()
+    answers.close()
+    assert not multiprocessing.active_children()
+
+
+def test_what_jobs_raise_ends_the_processes(two_workers):
+    def broken():
+        yield from JOBS
+        raise OSError("no such log")
+
+    with pytest.raises(OSError, match="no such log"):
+        list(learn_many(broken()))
+    assert not multiprocessing.active_children()
+
+
+def test_other_errors_are_raised():
+    with pytest.raises(AttributeError), ThreadPoolExecutor(1) as executor:
+        list(learn_many([JOBS[0], (FLIGHTS[0], "no settings")], executor))
+
+
+@pytest.mark.slow
+def test_a_killed_worker_is_told(two_workers):
+    answers = learn_many(repeat(JOBS[0]))
+    next(answers)
+    os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
+    with pytest.raises(BrokenProcessPool, match="a worker died"):
+        for _ in answers:
+            pass
+    assert not multiprocessing.active_children()
+
+
+class Postponed(Future):
+    """Is done when it is asked for."""
+
+    def __init__(self, function, *args):
+        super().__init__()
+        self.call = function, args
+
+    def result(self, timeout=None):
+        function, args = self.call
+        return function(*args)
+
+
+class Postponing(Executor):
+    def __init__(self):
+        self.futures = []
+
+    def submit(self, function, /, *args):
+        self.futures.append(Postponed(function, *args))
+        return self.futures[-1]
+
+
+def test_a_bounded_number_is_on_its_way_in_growing_chunks_and_cancelled_at_the_end():
+    executor = Postponing()
+    answers = learn_many(repeat(JOBS[0]), executor)
+    for taken in range(3):
+        assert isinstance(next(answers), Learned)
+        assert len(executor.futures) == AHEAD_ELSEWHERE + taken
+    answers.close()
+    sizes = [len(future.call[1][0]) for future in executor.futures]
+    assert sizes == sorted(sizes) and sizes[0] == 1 and sizes[-1] == LARGEST_CHUNK
+    # The first two chunks are over, and the third has been asked for.
+    assert [future.cancelled() for future in executor.futures[3:]] == [True] * (len(executor.futures) - 3)
+
+
+def test_a_worker_starts_no_workers_of_its_own():
+    with pool(1) as executor:
+        assert executor.submit(spare_cores).result() == 1
+
+
+def run_script(folder: Path, text: str) -> subprocess.CompletedProcess[str]:
+    """Ends when all processes have that hold its output."""
+    script = folder / "script.py"
+    script.write_text(text)
+    path = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    return subprocess.run([sys.executable, script], env=path, capture_output=True, text=True, timeout=60)
+
+
+@pytest.mark.slow
+def test_a_script_without_a_guard_is_told_in_a_line(tmp_path):
+    ended = run_script(
+        tmp_path,
+        "from mavdem.dem.workers import pool\nwith pool(1) as executor:\n    print(executor.submit(int).result())\n",
+    )
+    assert ended.returncode == 1 and not ended.stdout
+    first, *_ = ended.stderr.splitlines()
+    assert "learn_many" in first and "__main__" in first
+
+
+@pytest.mark.slow
+def test_workers_end_with_a_killed_parent(tmp_path):
+    ended = run_script(
+        tmp_path,
+        "import os, signal\nfrom mavdem.dem.workers import pool\nif __name__ == '__main__':\n"
+        "    with pool(2) as executor:\n        print(executor.submit(int).result(), flush=True)\n"
+        "        os.kill(os.getpid(), signal.SIGKILL)\n",
+    )
+    assert ended.returncode == -signal.SIGKILL and ended.stdout == "0\n"
+
+
+def test_threads_that_learn_take_turns(monkeypatch):
+    def slowly(*arguments):
+        assert turn.acquire(blocking=False)
+        time.sleep(0.01)  # lets the others come
+        turn.release()
+        return fit_them(*arguments)
+
+    turn, fit_them = threading.Lock(), sys.modules["mavdem.dem.learn"]._learn
+    monkeypatch.setattr(sys.modules["mavdem.dem.learn"], "_learn", slowly)
+    with ThreadPoolExecutor(3) as executor:
+        answers = list(executor.map(learn, [FLIGHTS[0]] * 6, [JOBS[0][1]] * 6))
+    assert len({answer.to_json() for answer in answers}) == 1
