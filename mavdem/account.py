@@ -162,6 +162,7 @@ def _undetermined(train: Flight, learned: Learned) -> list[Sentence]:
     directions, entries = learned.undetermined, parameter_names(train, learned)
     least = directions[0].weights
     largest = np.argsort(-np.abs(least))[:NAMED]
+    least = least * np.sign(least[largest[0]])
     combination = " ".join(
         f"{'-' if least[i] < 0 else '+'} {abs(least[i]):.2g} ({entries[i]})"
         for i in largest

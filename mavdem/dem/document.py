@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-ARRAYS = ("theta_covariance", "prior_sd", "state_map", "theta")
+ARRAYS = ("theta_covariance", "prior_sd", "free_energy_of_samples", "state_map", "theta")
 
 
 def values_of(learned: Learned) -> dict[str, Any]:
@@ -182,6 +182,8 @@ def _check(fields: dict[str, Any]) -> None:
     for name, (array, shape) in shapes.items():
         if array.shape != shape or not np.isfinite(array).all():
             raise ValueError(f"{name} must be finite and of shape {shape}, not {array.shape}")
+    if len(fields["free_energy_of_samples"]) != record.windows(settings.window or T + 1):
+        raise ValueError("free_energy_of_samples must have one value for each sample with a whole window")
     if sum(record.lengths) != T or min(record.lengths, default=0) < 1:
         raise ValueError(f"segments must be positive lengths that sum to {T}, not {record.lengths}")
     if not (np.isfinite(fields["dt"]) and fields["dt"] > 0):

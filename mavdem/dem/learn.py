@@ -8,17 +8,21 @@ from functools import cache
 from threading import Lock
 
 import numpy as np
+from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from mavdem.dem.choice import Candidate, candidates
 from mavdem.dem.colour import Colour, estimate_colour
 from mavdem.dem.fit import Fit, fit, generalized
+from mavdem.dem.free_energy import free_energy
 from mavdem.dem.learned import Learned
 from mavdem.dem.positive import inverse
 from mavdem.dem.record import Record, Recorded
 from mavdem.dem.scatter import Scatter, scatter
 from mavdem.dem.settings import Settings
 from mavdem.dem.trials import Unseen, trials, unseen_forecasts
+
+Array = NDArray[np.float64]
 
 FEWEST_SAMPLES = 50
 """Below this there is nothing to learn and nothing left to try it on."""
@@ -81,18 +85,32 @@ def _learn(record: Record, settings: Settings) -> Learned:
     if unseen is None or not np.isfinite(unseen.mse).all():
         raise ValueError("half of the training data do not determine a model that can forecast: more are needed")
     tried = tuple(attempt.candidate for attempt in attempts)
+    segments = generalized(best.fit.settings, best.fit.scaling, record)
     return Learned.of(
-        best.fit, record, _scatter(best.fit, record), unseen, tried, colour, _cautions(best.fit, unseen, record)
+        best.fit,
+        record,
+        _scatter(best.fit, segments),
+        _free_energy(best.fit, segments),
+        unseen,
+        tried,
+        colour,
+        _cautions(best.fit, unseen, record),
     )
 
 
-def _scatter(fitted: Fit, record: Record) -> Scatter:
+def _scatter(fitted: Fit, segments: Sequence[Array]) -> Scatter:
     """Where F̄ has no maximum that rounding can tell, nothing but the prior is known."""
     try:
-        return scatter(fitted.model, generalized(fitted.settings, fitted.scaling, record), fitted.ascent)
+        return scatter(fitted.model, segments, fitted.ascent)
     except np.linalg.LinAlgError:
         prior = fitted.model.prior.theta_precision
         return Scatter(inverse(prior), np.inf, np.zeros_like(prior))
+
+
+def _free_energy(fitted: Fit, segments: Sequence[Array]) -> Array:
+    """F(t) of every generalized sample, at the end of the climb."""
+    data = np.concatenate(segments)
+    return free_energy(fitted.model, data, data @ fitted.ascent.state_map.T, fitted.ascent.belief)
 
 
 def _colour(record: Record, settings: Settings) -> Colour:

@@ -44,6 +44,7 @@ class Learned:
         known: (k,) which parameters the prior holds to what is known beforehand: that a rate is the derivative of its
             angle, that C = [I 0]. The others are left to the data.
         free_energy: by iteration, with its named terms.
+        free_energy_of_samples: (T′,) F(t) of the samples at ``places``: how well each agrees with the model.
         learning: parameters and hyperparameters by iteration.
         settled: whether F̄ had stopped rising.
         candidates: every choice that was tried.
@@ -65,6 +66,7 @@ class Learned:
     prior_sd: Array
     known: NDArray[np.bool_]
     free_energy: FreeEnergy
+    free_energy_of_samples: Array
     learning: Learning
     settled: bool
     candidates: tuple[Candidate, ...]
@@ -85,6 +87,7 @@ class Learned:
         fit: Fit,
         record: Record,
         scatter: Scatter,
+        free_energy_of_samples: Array,
         unseen: Unseen,
         candidates: tuple[Candidate, ...],
         colour: Colour | None,
@@ -96,6 +99,7 @@ class Learned:
             fit: the settled (or given up) fit, in the engine's units.
             record: the training data it was made from, in physical units.
             scatter: of the fit's θ, in the engine's units.
+            free_energy_of_samples: F(t) of its generalized samples.
             unseen: forecasts of data that the fit has not seen.
             candidates, colour, cautions: as in :class:`Learned`, found outside the fit.
         """
@@ -105,6 +109,8 @@ class Learned:
         covariance = ascent.belief.theta_covariance * np.outer(scale, scale)
         prior_covariance = inverse(fit.model.prior.theta_precision) * np.outer(scale, scale)
         held = np.diag(fit.model.prior.theta_precision) >= KINEMATIC
+        free = np.zeros_like(held)
+        free[motors] = ~held[motors]
         units = np.outer(scale, scale)[np.ix_(motors, motors)]
         return cls(
             settings=fit.settings,
@@ -117,11 +123,12 @@ class Learned:
             ),
             undetermined=tuple(
                 direction._replace(weights=direction.weights[motors])
-                for direction in undetermined(scatter.information, fit.model.prior, ~held)
+                for direction in undetermined(scatter.information, fit.model.prior, free)
             ),
             prior_sd=np.sqrt(np.diag(prior_covariance))[motors],
             known=held[motors],
             free_energy=FreeEnergy(dict(ascent.terms)),
+            free_energy_of_samples=free_energy_of_samples,
             learning=Learning(
                 (ascent.theta * scale)[:, motors],
                 (ascent.theta_sd * scale)[:, motors],
@@ -240,7 +247,7 @@ class Learned:
         ]
 
     @property
-    def _places(self) -> NDArray[np.intp]:
+    def places(self) -> NDArray[np.intp]:
         """(T′,) the training samples that have a whole window in their segment."""
         window = self.settings.window
         assert window is not None
@@ -264,7 +271,7 @@ class Learned:
         A, B, _ = unpack(self.theta, n, r, m)
         slope = X[:, n : 2 * n] if p else np.zeros((len(X), n))
         noise = slope - X[:, :n] @ A.T - X[:, n * (p + 1) :][:, :r] @ B.T
-        return self._places, noise * self.scaling.state_scale(n)
+        return self.places, noise * self.scaling.state_scale(n)
 
     def to_json(self) -> str:
         """Everything as a JSON object, the training data included; :meth:`from_json` reads it back."""

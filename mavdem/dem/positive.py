@@ -13,6 +13,9 @@ from scipy.linalg.lapack import dposv, dpotrf, dpotri
 
 Array = NDArray[np.float64]
 
+SMALLEST = 1e-300
+"""Keeps a zero on the diagonal from being divided by."""
+
 SYMMETRY = 1e-9
 """Rounding that a symmetric matrix may show, relative to its largest entry."""
 
@@ -31,7 +34,7 @@ def inverse(matrix: Array) -> Array:
     factor, failed = dpotrf(scaled, clean=1)
     _check(failed)
     # Both keep to the upper triangle and leave zeros below it.
-    upper = dpotri(factor)[0] * unit * unit[:, None]
+    upper = dpotri(factor)[0] * (unit * unit[:, None])
     upper.flat[:: len(upper) + 1] *= 0.5
     return np.asarray(upper + upper.T)
 
@@ -45,10 +48,9 @@ def logdet(matrix: Array) -> float:
 
 
 def _scaled(matrix: Array) -> tuple[Array, Array]:
-    diagonal = matrix.diagonal()
-    _check(not (diagonal > 0).all())
-    unit = 1.0 / np.sqrt(diagonal)
-    return unit, matrix * unit * unit[:, None]
+    # A diagonal that is not positive stays so, and the factorization tells: looking at it first would cost as much.
+    unit = 1.0 / np.sqrt(np.abs(matrix.diagonal()) + SMALLEST)
+    return unit, matrix * (unit * unit[:, None])
 
 
 def _check(failed: int) -> None:

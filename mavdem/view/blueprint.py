@@ -70,6 +70,13 @@ def _flight(train: Flight, test: Flight, learned: Learned, outlooks: list[Outloo
             (0.0, end),
             _range_of(learned.process_noise()[1]),
         ),
+        _plot(
+            "Free energy F(t), nats: low where a sample surprises the model",
+            "free_energy_of_samples",
+            (0.0, end),
+            _range_of(learned.free_energy_of_samples),
+            legend=False,
+        ),
     ]
 
 

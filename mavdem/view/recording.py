@@ -61,6 +61,7 @@ def _recorded(name: str, train: Flight, test: Flight, learned: Learned) -> bytes
         _output(recording, outlook)
     _inputs(recording, train, test)
     _process_noise(recording, train, learned)
+    _free_energy_of_samples(recording, train, learned)
     _parameters(recording, train, learned)
     _free_energy(recording, learned)
     _noise_precisions(recording, train, learned)
@@ -100,6 +101,13 @@ def _process_noise(recording: rr.RecordingStream, train: Flight, learned: Learne
     for i, (name, unit) in enumerate(zip(state_names(train, learned), units, strict=True)):
         line = Line(rr.new_entity_path(["process_noise", name]), named(name, unit), lines.distinct(i))
         line.over_time(recording, time, noise[:, i])
+
+
+def _free_energy_of_samples(recording: rr.RecordingStream, train: Flight, learned: Learned) -> None:
+    time = train.time[learned.places] - train.time[0]
+    Line("free_energy_of_samples", "F(t)", lines.MEASURED, 1.5).over_time(
+        recording, time, learned.free_energy_of_samples
+    )
 
 
 def _parameters(recording: rr.RecordingStream, train: Flight, learned: Learned) -> None:

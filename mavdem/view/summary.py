@@ -10,7 +10,8 @@ from mavdem.flight import Flight
 READING = (
     "**To read the pictures:** in those by iteration, +1s on the axis is iteration 10 (or choose the timeline "
     "*iteration* below); in the others, 0 s is {start:.2f} s on the autopilot's clock. "
-    "Thin lines beside a thick one are its 90 % band; y ← x is the entry of A, B or C by which x "
+    "Thin lines beside a thick one are its 90 % band, for A and B that of DEM's own posterior, which is narrower than "
+    "the ± above; y ← x is the entry of A, B or C by which x "
     "drives y, in the model's units. "
     "λ of z is about measurement noise, λ of w about process noise: higher means less noise."
 )

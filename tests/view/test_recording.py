@@ -241,7 +241,7 @@ def test_the_one_blueprint_in_the_file_shows_lines_that_are_there(recording: Pat
         for chunk in reader.stream(store=blueprint)
         if "ViewBlueprint:space_origin" in chunk.to_record_batch().schema.names
     ]
-    assert len(shown) == 12
+    assert len(shown) == 13
     entities = [*lines(recording), "/result"]
     for origin in shown:
         assert any(f"{entity}/".startswith(f"/{origin}/") for entity in entities), f"the view of {origin} is empty"

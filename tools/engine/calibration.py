@@ -172,7 +172,7 @@ def coloured(smoothness: float, step: float, number: int, rng: np.random.Generat
     power = np.exp(-((omega * smoothness) ** 2))
     phases = rng.standard_normal((2, len(omega)))
     harmonics = np.sqrt(power / power.sum()) * (phases[0] + 1j * phases[1]) / 2
-    return np.asarray(np.fft.irfft(harmonics, total, norm="forward")[:number] * np.sqrt(2))
+    return np.asarray(np.fft.irfft(harmonics, total, norm="forward")[:number])
 
 
 def main() -> None:
