@@ -265,13 +265,28 @@ class Learned:
             places (T′,) of the training samples that have a whole window, and w (T′, n) there, in units of the
             states per second (for the roll rate, rad/s²).
         """
-        n, p = self.model.A.shape[0], self.settings.p
-        m, r = self.model.C.shape[0], self.model.B.shape[1] + self.scaling.constant
-        X = np.concatenate(generalized(self.settings, self.scaling, self.record)) @ self.state_map.T
+        n, m, r = self.model.A.shape[0], self.model.C.shape[0], self.model.B.shape[1] + self.scaling.constant
+        X, p = self._generalized_states, self.settings.p
         A, B, _ = unpack(self.theta, n, r, m)
         slope = X[:, n : 2 * n] if p else np.zeros((len(X), n))
         noise = slope - X[:, :n] @ A.T - X[:, n * (p + 1) :][:, :r] @ B.T
         return self.places, noise * self.scaling.state_scale(n)
+
+    def estimated_inputs(self) -> tuple[NDArray[np.intp], Array]:
+        """The inputs as the model has them: those recorded, or, with unknown inputs, what explains the motion.
+
+        Returns:
+            places (T′,) of the training samples that have a whole window, and v (T′, r) there; of unknown inputs in the
+            engine's units.
+        """
+        r, order = self.model.B.shape[1], self.settings.p + 1
+        v = self._generalized_states[:, self.model.A.shape[0] * order :][:, :r]
+        return self.places, self.scaling.physical_inputs(v)
+
+    @cached_property
+    def _generalized_states(self) -> Array:
+        """X of every sample with a whole window, (T′, dim X), in the engine's units."""
+        return np.concatenate(generalized(self.settings, self.scaling, self.record)) @ self.state_map.T
 
     def to_json(self) -> str:
         """Everything as a JSON object, the training data included; :meth:`from_json` reads it back."""

@@ -57,6 +57,10 @@ class Scaling(NamedTuple):
         scaled = (inputs - self.input_trim) / self.input_scale if self.known else np.zeros_like(inputs)
         return np.hstack([scaled, np.ones((len(scaled), 1))]) if self.constant else scaled
 
+    def physical_inputs(self, scaled: Array) -> Array:
+        """(..., r) in the engine's units, without the constant, back to the unit of the stream, if that is known."""
+        return self.input_trim + self.input_scale * scaled if self.known else scaled
+
     def scale_outputs(self, outputs: Array) -> Array:
         """(T, m) in rad and rad/s to the engine's units."""
         return (outputs - self.output_trim) / self.output_scale

@@ -1,0 +1,198 @@
+"""Priors of any mean and precision, through the settings and through the generative model itself."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from random_models import random_model
+from scipy.ndimage import gaussian_filter1d
+from simulated import DT, GAIN, RATE, simulated
+
+from mavdem import Flight, Learned, Settings, learn
+from mavdem.dem import Gaussian
+from mavdem.dem.model import pack, unpack
+from mavdem.dem.priors import hyperparameter_groups, hyperparameter_prior
+
+KNOWN = 1e8
+
+
+def roll_prior(known_gain=False):
+    """Kinematics and C known, the rate's equation open, or its motors known too; physical units."""
+    mean = pack(np.array([[0.0, 1.0], [-5.0, -2.0]]), np.array([np.zeros(4), GAIN]), np.eye(2))
+    precision = pack(
+        np.array([[KNOWN, KNOWN], [1e-3, 1e-3]]),
+        np.array([np.full(4, 1e4 * KNOWN), np.full(4, KNOWN if known_gain else 1e-3)]),
+        np.full((2, 2), KNOWN),
+    )
+    return Gaussian(mean, precision)
+
+
+SETTINGS = Settings(order=2, window=3, prior=roll_prior(), parameter_precision=0.01)
+
+
+def test_a_prior_in_physical_units_means_the_same_in_any_scaling():
+    flight = simulated(wind=0.2)[:700]
+    scaled = learn(flight, SETTINGS)
+    # As they are: the prior then has no trim to learn beside it, so the trims are taken off first.
+    centred = Flight(
+        flight.time, flight.inputs - flight.inputs.mean(axis=0), flight.outputs - flight.outputs.mean(axis=0)
+    )
+    plain = learn(centred, replace(SETTINGS, scaling="none", lambda_w=0.0))
+    for learned in (scaled, plain):
+        np.testing.assert_allclose(learned.model.A[1], [-9, -RATE], rtol=0.15)
+        np.testing.assert_allclose(learned.model.B[1], GAIN, rtol=0.15)
+    np.testing.assert_allclose(scaled.model.A, plain.model.A, atol=0.1)
+    np.testing.assert_allclose(scaled.model.B, plain.model.B, atol=2e-3)
+
+
+def test_a_known_parameter_stays_and_is_told_as_known():
+    off = 1.3
+    prior = roll_prior(known_gain=True)
+    mean = np.array(prior.mean)
+    mean[8:12] *= off
+    learned = learn(simulated(wind=0.5)[:700], replace(SETTINGS, prior=Gaussian(mean, prior.precision)))
+    # To within five of the prior's standard deviations, 1e-4 each.
+    np.testing.assert_allclose(learned.model.B[1], off * GAIN, atol=5e-4)
+    A, B, C = unpack(learned.known, 2, 4, 2)
+    assert B.all() and C.all() and A[0].all() and not A[1].any()
+    np.testing.assert_allclose(learned.prior_sd[8:12], 1e-4, rtol=1e-6)
+
+
+def test_coupled_parameters_may_be_known_by_their_sum_alone():
+    """A precision matrix with off-diagonal entries: the first two motors' gains must cancel."""
+    prior = roll_prior()
+    mean, precision = np.array(prior.mean), np.array(prior.precision)
+    precision[np.ix_([8, 9], [8, 9])] += 1e8 * np.ones((2, 2))
+    mean[8:10] = 0.3, -0.3
+    learned = learn(simulated(wind=0.1)[:700], replace(SETTINGS, prior=Gaussian(mean, precision)))
+    assert abs(learned.model.B[1, 0] + learned.model.B[1, 1]) < 1e-3
+    assert learned.model.B[1, 0] == pytest.approx(GAIN[0], rel=0.2)
+
+
+def test_unknown_inputs_are_estimated():
+    """The angle of a known axis tells what pushed it; nothing of the recorded inputs is used."""
+    rng = np.random.default_rng(0)
+    fine, samples = 20, 1200
+    push = gaussian_filter1d(rng.standard_normal(samples * fine), 30 * fine)
+    push *= 3 / push.std()
+    outputs, roll, rate = np.empty((samples, 2)), 0.0, 0.0
+    for i in range(samples * fine):
+        if i % fine == 0:
+            outputs[i // fine] = roll, rate
+        rate += DT / fine * (push[i] - RATE * rate - 9.0 * roll)
+        roll += DT / fine * rate
+    mean = pack(np.array([[0.0, 1.0], [-9.0, -RATE]]), np.array([[0.0], [1.0]]), np.eye(2))
+    settings = Settings(
+        order=2,
+        window=3,
+        smoothness=0.3,
+        prior=Gaussian(mean, KNOWN),
+        scaling="none",
+        known_inputs=False,
+        input_precision=0.1,
+        lambda_w=10.0,
+        lambda_w_precision=1e4,
+        parameter_precision=1.0,
+    )
+    flight = Flight(DT * np.arange(samples), np.zeros(samples), outputs)
+    learned = learn(flight, settings)
+    places, estimated = learned.estimated_inputs()
+    assert np.corrcoef(estimated[:, 0], push[::fine][places])[0, 1] > 0.99
+    assert np.std(estimated[:, 0] - push[::fine][places]) < 0.1 * push.std()
+    # Nothing is known of inputs to come, whatever is handed in.
+    np.testing.assert_array_equal(learned.forecast(np.ones((20, 1))), learned.forecast(np.zeros((20, 1))))
+    again = Learned.from_json(learned.to_json())
+    np.testing.assert_array_equal(again.estimated_inputs()[1], estimated)
+
+
+def test_known_inputs_are_the_recorded_ones():
+    flight = simulated(wind=0.5)[:400]
+    learned = learn(flight, Settings(order=2, window=3, parameter_precision=1.0))
+    places, estimated = learned.estimated_inputs()
+    np.testing.assert_allclose(estimated, flight.inputs[places], atol=0.5)
+
+
+def test_noise_precisions_may_be_shared_by_groups():
+    groups = Settings(output_groups=(0, 1), state_groups=(0, 0, 1), lambda_z=(1, 2), lambda_w_precision=(3.0, 4.0))
+    of_outputs, of_states = hyperparameter_groups(groups, 3, 2)
+    assert (of_outputs.tolist(), of_states.tolist()) == ([0, 1], [2, 2, 3])
+    mean, precision = hyperparameter_prior(groups, 3, 2)
+    assert mean.tolist() == [1, 2, 3, 3]
+    np.testing.assert_allclose(np.diag(precision), [groups.lambda_z_precision] * 2 + [3, 4])
+    learned = learn(
+        simulated(wind=0.5)[:400],
+        Settings(order=2, window=3, parameter_precision=1.0, state_groups=(0, 1), lambda_w=(10.0, 0.0)),
+    )
+    assert learned.learning.lambda_.shape[1] == 3
+    # The kinematic relation has far less noise than the rate, which the wind drives.
+    assert learned.learning.lambda_[-1, 1] > learned.learning.lambda_[-1, 2] + 2
+
+
+@pytest.mark.parametrize("p", range(7))
+@pytest.mark.parametrize("d", range(7))
+def test_every_order_from_zero_to_six_can_be_learnt(p, d):
+    window = max(p, d) + 1
+    settings = Settings(
+        order=2, p=p, d=d, window=window + 1 - window % 2, parameter_precision=1.0, iterations=5,
+        last_derivative_zero=True, correlation="continuous",
+    )  # fmt: skip
+    learned = learn(simulated(wind=0.5)[:120], settings)
+    assert np.isfinite(learned.forecast(np.full((20, 4), 1500.0))).all()
+    assert (np.diff(learned.free_energy.total) >= 0).all()
+    assert len(learned.process_noise()[0]) == len(learned.free_energy_of_samples)
+
+
+@pytest.mark.parametrize(
+    ("mean", "precision", "named"),
+    [
+        ([[1.0]], 1.0, "^mean"),
+        ([np.nan], 1.0, "^mean"),
+        ([1.0, 2.0], [[1.0]], "^precision must have shape"),
+        ([1.0, 2.0], [[1.0, 2.0], [2.0, 1.0]], "^precision must be positive definite"),
+        ([1.0, 2.0], [[1.0, 0.5], [0.0, 1.0]], "^precision must be symmetric"),
+        ([1.0, 2.0], [1.0, -1.0], "^precision must be positive definite"),
+        ([1.0], [[np.inf]], "^precision must be finite"),
+    ],
+)
+def test_what_is_no_gaussian_is_named(mean, precision, named):
+    with pytest.raises(ValueError, match=named):
+        Gaussian(mean, precision)
+
+
+@pytest.mark.parametrize(
+    ("settings", "named"),
+    [
+        ({"prior": Gaussian([0.0] * 3, 1.0)}, "^prior must be of the 16 parameters"),
+        ({"prior": Gaussian([0.0] * 16, 1.0)}, "^last_derivative_zero must be True with a prior that leaves C free"),
+        ({"output_groups": (0, 0, 0)}, "^output_groups must be 2 group numbers"),
+        ({"state_groups": (0,)}, "^state_groups must be 2 group numbers"),
+        ({"input_precision": ((1.0,),)}, "^input_precision must be of 4 inputs and 3 orders"),
+    ],
+)
+def test_settings_that_do_not_fit_the_flight_are_named(settings, named):
+    with pytest.raises(ValueError, match=named):
+        learn(simulated()[:200], Settings(order=2, window=3, parameter_precision=1.0, **settings))
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "named"),
+    [
+        ("output_correlation", np.eye(2), "^output_correlation must have shape"),
+        ("state_correlation", -np.eye(3), "^state_correlation must be positive definite"),
+        ("input_precision", np.full((4, 4), np.nan), "^input_precision must be finite"),
+        ("q", 3, "^n and m"),
+        ("n", 0, "^n and m"),
+    ],
+)
+def test_what_is_no_generative_model_is_named(field, value, named):
+    model = random_model(3, 2, 2, 1, 2, 1, drop=False, groups=False)
+    with pytest.raises(ValueError, match=named):
+        replace(model, **{field: value})
+
+
+@pytest.mark.parametrize("field", ["theta_mean", "theta_precision", "lambda_mean", "lambda_precision"])
+def test_a_prior_of_the_wrong_size_is_named(field):
+    model = random_model(3, 2, 2, 1, 2, 1, drop=False, groups=False)
+    wrong = getattr(model.prior, field)[:1, ...]
+    with pytest.raises(ValueError, match=f"^prior.{field} must"):
+        replace(model, prior=model.prior._replace(**{field: wrong}))
