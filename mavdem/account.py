@@ -136,10 +136,7 @@ def _model(train: Flight, learned: Learned) -> list[Sentence | Table]:
         )
     return [
         *blocks,
-        Sentence(
-            f"± is half the interval that holds the parameter with probability {LEVEL:.0%}, were it not for motors "
-            "that answer the very wind which is called noise (see Limits in the README)."
-        ),
+        *_precision(learned),
         *_undetermined(train, learned),
         Sentence(
             "; ".join(
@@ -153,6 +150,17 @@ def _model(train: Flight, learned: Learned) -> list[Sentence | Table]:
             "Trim:",
         ),
         *(Sentence(sentence) for sentence in [_stability(model.A)] if sentence),
+    ]
+
+
+def _precision(learned: Learned) -> list[Sentence]:
+    if learned.scatter is None:
+        return []
+    return [
+        Sentence(
+            f"± is half the interval that holds the parameter with probability {LEVEL:.0%}, were it not for motors "
+            "that answer the very wind which is called noise (see Limits in the README)."
+        )
     ]
 
 

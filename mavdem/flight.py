@@ -10,6 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+LARGEST = 1e100
+"""Of any number of a flight: differences and squares of larger ones leave the range of numbers."""
+
 GAP = 1.5
 """A step longer than so many usual ones is a gap: a sample is missing."""
 
@@ -67,7 +70,7 @@ class Flight:
             "output_names": _labels(output_names, "output_names", outputs, "output"),
             "input_units": _labels(input_units, "input_units", inputs, None),
             "output_units": _labels(output_units, "output_units", outputs, None),
-            "provenance": dict(provenance or {}),
+            "provenance": _provenance(provenance),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
@@ -135,6 +138,12 @@ class Flight:
         return len(self) * self.dt
 
 
+def _provenance(values: Mapping[str, Any] | None) -> dict[str, Any]:
+    if not (values is None or isinstance(values, Mapping)):
+        raise ValueError(f"provenance must be values by name, not {values!r}")
+    return dict(values or {})
+
+
 def _column(values: ArrayLike, name: str) -> NDArray[np.float64]:
     array = _frozen(values, name)
     if array.ndim != 1 or not len(array):
@@ -152,12 +161,18 @@ def _table(values: ArrayLike, name: str, length: int) -> NDArray[np.float64]:
 
 
 def _frozen(values: ArrayLike, name: str) -> NDArray[np.float64]:
+    if np.ma.isMaskedArray(values) and np.ma.is_masked(values):
+        raise ValueError(f"{name} must not be masked: leave out what is missing, or cut there with Flight.segments")
     try:
+        if np.asarray(values).dtype.kind not in "biufO":
+            raise TypeError(f"{np.asarray(values).dtype} are none")
         array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{name} must be numbers: {error}") from None
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{name} must be real numbers: {error}") from None
     if not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite; {np.count_nonzero(~np.isfinite(array))} values are NaN or infinite")
+    if np.abs(array).max(initial=0.0) > LARGEST:
+        raise ValueError(f"{name} must not be larger than {LARGEST:g}")
     array.setflags(write=False)
     return array
 
@@ -166,9 +181,12 @@ def _uniform_step(time: NDArray[np.float64], dt: float | None) -> float:
     if dt is None:
         if len(time) < 2:
             raise ValueError("dt must be given for a flight of one sample")
-        dt = float(time[-1] - time[0]) / (len(time) - 1)
-    if not (np.isfinite(dt) and dt > 0):
-        raise ValueError(f"time must increase: its mean step is {dt} s")
+        # Divided first: stamps far apart must not overflow.
+        dt = float(time[-1] / (len(time) - 1) - time[0] / (len(time) - 1))
+        if not dt > 0:
+            raise ValueError(f"time must increase: its mean step is {dt} s")
+    elif not (isinstance(dt, int | float | np.integer | np.floating) and np.isfinite(dt) and dt > 0):
+        raise ValueError(f"dt must be positive seconds, not {dt!r}")
     off_grid = np.ptp(time - dt * np.arange(len(time))) / 2 / dt
     if off_grid > UNIFORMITY:
         raise ValueError(f"time must be uniform: a stamp lies {off_grid:.3g} steps off a grid of {dt:.6g} s")
@@ -181,6 +199,8 @@ def _labels(
     columns = table.shape[1]
     if labels is None:
         return tuple(f"{prefix} {i + 1}" if prefix else "" for i in range(columns))
+    if not (isinstance(labels, list | tuple) and all(isinstance(label, str) for label in labels)):
+        raise ValueError(f"{name} must be strings in a tuple, not {labels!r}")
     if len(labels) != columns:
         raise ValueError(f"{name} must have one string for each of the {columns} columns, not {len(labels)}")
     return tuple(labels)

@@ -11,6 +11,7 @@ from scipy.ndimage import gaussian_filter1d
 import mavdem
 from mavdem import evaluate
 from mavdem.account import Sentence, Table, _entry, _stability, account
+from mavdem.dem.determined import Direction
 
 DT = 0.01
 
@@ -96,6 +97,22 @@ def test_the_model_can_be_used_from_what_is_told(learned):
     trims = next(block.text for block in blocks if isinstance(block, Sentence) and block.lead == "Trim:")
     assert trims.startswith(f"roll {TRAIN.outputs[:, 0].mean():.4g} rad, ")
     assert trims.endswith(f"input 2 {TRAIN.inputs[:, 1].mean():.4g} µs.")
+
+
+def test_what_is_not_known_of_the_parameters_is_not_told(learned):
+    assert "±" in words(told(learned))
+    unknown = words(told(replace(learned, scatter=None)))
+    assert "±" not in unknown and "nan" not in unknown
+
+
+def test_the_least_determined_combination_is_named(learned):
+    weights = np.zeros(len(learned.known))
+    weights[[9, 10]] = -0.8, 0.6  # B: roll from inputs 1 and 2
+    blocks = told(replace(learned, undetermined=(Direction(weights, 0.1), Direction(weights, 0.2))))
+    text = next(block.text for block in blocks if isinstance(block, Sentence) and block.lead == "Undetermined:")
+    assert "of 2 combinations" in text
+    assert "0.8 (B: roll from input 1) - 0.6 (B: roll from input 2)" in text
+    assert "Undetermined" not in words(told(replace(learned, undetermined=())))
 
 
 def test_outputs_are_told_where_c_is_free_and_only_there(learned):

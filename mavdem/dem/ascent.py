@@ -13,12 +13,16 @@ from mavdem.dem.flow import StateFlow
 from mavdem.dem.free_energy import Belief, optimal_terms
 from mavdem.dem.generative import GenerativeModel, Moments, Samples
 from mavdem.dem.positive import inverse, solve
+from mavdem.dem.profile import Newton, newton_step
 from mavdem.dem.steps import d_step, e_step, m_step, state_slope, with_optimal_lambda_precision, with_optimal_precisions
 
 Array = NDArray[np.float64]
 
 SETTLED = 0.1
-"""Two rounds that gain less than this, in nats over the whole flight, are the last: it would tell no models apart."""
+"""Nats over the whole flight that are next to nothing: so few would tell no models apart."""
+
+SHARES = (1.0, 0.25, 0.0625)
+"""Of a Newton step, that are tried in turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +35,7 @@ class Ascent:
         terms: each named term of F̄ᵒ, (I + 1,).
         theta, theta_sd: (I + 1, k).
         lambda_, lambda_sd: (I + 1, g).
-        settled: whether F̄ stopped rising before the iterations ran out.
+        settled: whether next to nothing was left to climb before the iterations ran out.
         flowed: (I + 1,) whether the D step followed its flow at the finite rate asked for, which must be stable and
             must not lower F̄, or took the exact limit.
     """
@@ -73,14 +77,21 @@ class Rates(NamedTuple):
 
 LIMIT = Rates()
 
+LARGEST_LAMBDA = 150.0
+"""No noise is so small, or so large: beyond e^±150 there is only rounding."""
 
-def ascend(model: GenerativeModel, samples: Samples, iterations: int, rates: Rates = LIMIT) -> Ascent:
+
+def ascend(
+    model: GenerativeModel, samples: Samples, iterations: int, rates: Rates = LIMIT, finish: bool = True
+) -> Ascent:
     """Climbs F̄ from the priors' means, for at most so many rounds of D, E and M steps.
 
     After each step the covariances are set to their optimum, which also raises F̄; so F̄ᵒ is what rises. Steps in turn
     are slow where one part of the belief holds the others (X and θ, when noise is small), but steadily so: after every
-    two rounds a third starts from where their course would lead, and is kept if it ends higher. With finite rates,
-    where the gradient's own course is what was asked for, there is no such third round.
+    two rounds a third starts from where their course would lead, and is kept if it ends higher. Where these no longer
+    gain anything to speak of, the Newton step of θ and λ with X following says what is left: next to nothing, and the
+    climb has settled; or more, and the next round starts from there. With finite rates, where the gradient's own course
+    is what was asked for, no round starts elsewhere.
 
     A flow of X that is unstable, or that would lower F̄, gives way to its exact limit in that round.
 
@@ -89,6 +100,7 @@ def ascend(model: GenerativeModel, samples: Samples, iterations: int, rates: Rat
         samples: the data.
         iterations: rounds at most.
         rates: learning rates.
+        finish: whether what is left is looked for; else the climb ends where rounds no longer gain, unsettled, sooner.
 
     Raises:
         numpy.linalg.LinAlgError: at the priors' means a curvature is not negative definite.
@@ -96,16 +108,25 @@ def ascend(model: GenerativeModel, samples: Samples, iterations: int, rates: Rat
     climb = _Climb(model, samples, rates)
     places = [climb.start()]
     settled = False
-    while not settled and len(places) < iterations:
+    while not settled and len(places) <= iterations:
         height = places[-1].height
-        for _ in range(2):
+        for _ in range(min(2, iterations + 1 - len(places))):
             places.append(climb.round(places[-1], places[-1].belief))
-        ahead = _course(*(place.belief for place in places[-3:])) if rates.exact else None
-        if ahead is not None and len(places) <= iterations:
-            places.append(climb.round(places[-1], ahead))
-        settled = places[-1].height - height < SETTLED
-    if not settled and len(places) <= iterations:
-        places.append(climb.round(places[-1], places[-1].belief))
+        if rates.exact and len(places) <= iterations:
+            ahead = _course(*(place.belief for place in places[-3:])) if len(places) > 2 else None
+            if ahead is not None:
+                places.append(climb.round(places[-1], ahead))
+        if places[-1].height - height < SETTLED:
+            if not finish:
+                break
+            left = climb.left(places[-1])
+            settled = left is not None and left.gain < SETTLED
+            if left is None or settled or not rates.exact:
+                continue
+            if len(places) <= iterations:
+                places.append(climb.towards(places[-1], left))
+            if places[-1].height - height < SETTLED:
+                break
     return _ascent(places, settled)
 
 
@@ -162,10 +183,28 @@ class _Climb:
         for flowed in (False,) if self.rates.state is None else (True, False):
             try:
                 then = self._steps(start, flowed, known=start is now.belief)
-            except np.linalg.LinAlgError:
+            except (np.linalg.LinAlgError, FloatingPointError):
                 # A flow that does not hold, a noise so small, or a course so wild, that the rest is lost in rounding.
                 continue
             if then.height >= now.height:
+                return then
+        return now
+
+    def left(self, now: _Place) -> Newton | None:
+        """What is left to climb, and the way; None where rounding hides it."""
+        try:
+            return newton_step(self.model, self.samples, now.belief)
+        except (np.linalg.LinAlgError, FloatingPointError):
+            return None
+
+    def towards(self, now: _Place, left: Newton) -> _Place:
+        """A round from as far along the Newton step as leads higher; ``now`` if none does."""
+        for share in SHARES:
+            ahead = now.belief._replace(
+                theta=now.belief.theta + share * left.theta, lambda_=now.belief.lambda_ + share * left.lambda_
+            )
+            then = self.round(now, ahead)
+            if then is not now:
                 return then
         return now
 
@@ -175,6 +214,7 @@ class _Climb:
         Of a ``known`` start the covariances suit θ and λ, and the E step needs those of λ only to suit X as well.
         """
         model, samples, rates = self.model, self.samples, self.rates
+        _require_sane(start.lambda_)
         slope = state_slope(model, start.theta, start.theta_covariance, start.lambda_, start.lambda_covariance)
         state_map = solve(slope[1], slope[0])
         if flowed:
@@ -186,11 +226,17 @@ class _Climb:
         belief = with_precisions(model, start._replace(moments=moments))
         belief = with_optimal_precisions(model, belief._replace(theta=e_step(model, samples, belief, rates.theta)))
         belief = belief._replace(lambda_=m_step(model, samples, belief, rates.lambda_))
+        _require_sane(belief.lambda_)
         return self._place(belief, state_map, flowed)
 
     def _place(self, belief: Belief, state_map: Array, flowed: bool) -> _Place:
         belief = with_optimal_precisions(self.model, belief)
         return _Place(belief, state_map, optimal_terms(self.model, self.samples, belief), flowed)
+
+
+def _require_sane(lambda_: Array) -> None:
+    if not np.abs(lambda_).max() < LARGEST_LAMBDA:
+        raise np.linalg.LinAlgError("a noise precision has run away")
 
 
 def _course(first: Belief, second: Belief, third: Belief) -> Belief | None:

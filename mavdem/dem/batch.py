@@ -66,6 +66,7 @@ def learn_many(
         concurrent.futures.BrokenExecutor: a worker died, such as for want of memory.
         Exception: anything but a ``ValueError`` that ``learn`` raised, and what ``jobs`` raised.
     """
+    jobs = _checked(jobs)
     sent: deque[Future[list[Answer]]] = deque()
     if executor is not None:
         try:
@@ -74,7 +75,6 @@ def learn_many(
             for future in sent:
                 future.cancel()
         return
-    jobs = iter(jobs)
     first = list(islice(jobs, FEW + 1))
     workers = spare_cores() if len(first) > FEW else 1
     jobs = chain(first, jobs)
@@ -114,6 +114,14 @@ def _chunks(jobs: Iterable[Job]) -> Iterator[list[Job]]:
     while chunk := list(islice(jobs, min(1 + taken // JOBS_PER_SIZE, LARGEST_CHUNK))):
         taken += len(chunk)
         yield chunk
+
+
+def _checked(jobs: Iterable[Job]) -> Iterator[Job]:
+    for job in jobs:
+        if not (isinstance(job, tuple | list) and len(job) == 2):
+            raise ValueError(f"jobs must be pairs of a flight and its settings, not {job!r}")
+        train, settings = job
+        yield train, settings
 
 
 def _learn_each(jobs: list[Job]) -> list[Answer]:

@@ -7,13 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.positive import SYMMETRY
-from mavdem.dem.priors import Prior
-
 Array = NDArray[np.float64]
-
-AS_MUCH = 1.0
-"""Information of the data over that of the prior, below which a direction is the prior's."""
 
 
 class Direction(NamedTuple):
@@ -28,25 +22,36 @@ class Direction(NamedTuple):
     share: float
 
 
-def undetermined(information: Array, prior: Prior, free: NDArray[np.bool_]) -> tuple[Direction, ...]:
-    """The directions, the least determined first.
+def undetermined(information: Array, precision: Array, free: NDArray[np.bool_]) -> tuple[Direction, ...]:
+    """The directions among ``free`` parameters of which the data tell less than the prior, the least determined first.
 
     Args:
-        information: (k, k) of the data on θ.
-        prior: of θ.
-        free: (k,) which parameters the prior leaves to the data.
+        information: (k, k) of the data on the parameters.
+        precision: (k, k) of their prior.
+        free: (k,) which of them the prior leaves to the data.
     """
     places = np.flatnonzero(free)
     if not len(places):
         return ()
-    values, vectors = np.linalg.eigh(prior.theta_precision[np.ix_(places, places)])
+    of_free = np.ix_(places, places)
+    values, vectors = np.linalg.eigh(precision[of_free])
     to_units = (vectors / np.sqrt(values)) @ vectors.T
-    shares, modes = np.linalg.eigh(to_units @ information[np.ix_(places, places)] @ to_units)
-    rounding = SYMMETRY * max(np.abs(shares).max(), 1.0)
+    shares, modes = np.linalg.eigh(to_units @ information[of_free] @ to_units)
     directions = []
     for share, mode in zip(shares, modes.T, strict=True):
-        if share < AS_MUCH + rounding:
+        if share < 1.0:
             weights = np.zeros(len(free))
             weights[places] = mode
-            directions.append(Direction(weights, float(np.clip(share, 0.0, AS_MUCH))))
+            directions.append(Direction(weights, max(float(share), 0.0)))
     return tuple(directions)
+
+
+def without(information: Array, precision: Array, kept: NDArray[np.intp]) -> Array:
+    """Information on the parameters at places ``kept``, when the others, with their prior, are whatever suits them."""
+    others = np.setdiff1d(np.arange(len(information)), kept)
+    of_kept = information[np.ix_(kept, kept)]
+    if not len(others):
+        return of_kept
+    cross = information[np.ix_(kept, others)]
+    of_others = information[np.ix_(others, others)] + precision[np.ix_(others, others)]
+    return np.asarray(of_kept - cross @ np.linalg.pinv(of_others, hermitian=True) @ cross.T)

@@ -42,7 +42,7 @@ def values_of(learned: Learned) -> dict[str, Any]:
         "dt": learned.dt,
         "smoothness": learned.smoothness,
         "colour": None if learned.colour is None else _colour_values(learned.colour),
-        "scatter": _lists({**learned.scatter._asdict(), "freedom": _finite(learned.scatter.freedom)}),
+        "scatter": None if learned.scatter is None else _lists(learned.scatter._asdict()),
         "undetermined": [_lists(direction._asdict()) for direction in learned.undetermined],
         "cautions": list(learned.cautions),
         "inputs": learned.record.inputs.tolist(),
@@ -66,9 +66,9 @@ def fields_of(values: Any) -> dict[str, Any]:
     """
     try:
         fields = _fields(values)
-    except (KeyError, TypeError, AttributeError, IndexError) as error:
+        _check(fields)
+    except (KeyError, TypeError, AttributeError, IndexError, OverflowError, AssertionError) as error:
         raise ValueError(f"not the document of a learnt model: {type(error).__name__} {error}") from None
-    _check(fields)
     return fields
 
 
@@ -89,11 +89,7 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
         "dt": float(values["dt"]),
         "smoothness": float(values["smoothness"]),
         "colour": None if values["colour"] is None else _colour(values["colour"]),
-        "scatter": Scatter(
-            np.array(values["scatter"]["covariance"], np.float64),
-            _or_infinite(values["scatter"]["freedom"]),
-            np.array(values["scatter"]["information"], np.float64),
-        ),
+        "scatter": None if values["scatter"] is None else _scatter(values["scatter"]),
         "undetermined": tuple(
             Direction(np.array(direction["weights"], np.float64), float(direction["share"]))
             for direction in values["undetermined"]
@@ -122,13 +118,16 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
+def _scatter(values: Mapping[str, Any]) -> Scatter:
+    return Scatter(np.array(values["covariance"], np.float64), float(values["freedom"]))
+
+
 def _colour_values(colour: Colour) -> dict[str, Any]:
-    reached = np.isfinite(colour.free_energy)
     return {
         "smoothness": colour.smoothness,
         "log_sd": _finite(colour.log_sd),
-        "tried": colour.tried[reached].tolist(),
-        "free_energy": colour.free_energy[reached].tolist(),
+        "tried": colour.tried.tolist(),
+        "free_energy": colour.free_energy.tolist(),
     }
 
 
@@ -140,7 +139,7 @@ def _colour(values: Mapping[str, Any]) -> Colour:
 def _check(fields: dict[str, Any]) -> None:
     """That every array is finite and of the shape that the model, the data and the settings give it."""
     model, settings, scaling = fields["model"], fields["settings"], fields["scaling"]
-    unseen = fields["unseen"]
+    unseen, scatter = fields["unseen"], fields["scatter"]
     record = fields["record"]
     inputs, outputs = record.inputs, record.outputs
     tables = {"model.A": model.A, "unseen.mse": unseen.mse, "inputs": inputs, "outputs": outputs}
@@ -158,8 +157,7 @@ def _check(fields: dict[str, Any]) -> None:
         "model.input_trim": (model.input_trim, (r,)),
         "model.output_trim": (model.output_trim, (m,)),
         "theta_covariance": (fields["theta_covariance"], (k, k)),
-        "scatter.covariance": (fields["scatter"].covariance, (k, k)),
-        "scatter.information": (fields["scatter"].information, (k, k)),
+        **({"scatter.covariance": (scatter.covariance, (k, k))} if scatter else {}),
         **{f"undetermined[{i}]": (d.weights, (k,)) for i, d in enumerate(fields["undetermined"])},
         "prior_sd": (fields["prior_sd"], (k,)),
         "known": (fields["known"], (k,)),
@@ -186,8 +184,30 @@ def _check(fields: dict[str, Any]) -> None:
         raise ValueError("free_energy_of_samples must have one value for each sample with a whole window")
     if sum(record.lengths) != T or min(record.lengths, default=0) < 1:
         raise ValueError(f"segments must be positive lengths that sum to {T}, not {record.lengths}")
-    if not (np.isfinite(fields["dt"]) and fields["dt"] > 0):
-        raise ValueError(f"dt must be positive seconds, not {fields['dt']}")
+    open_settings = [
+        name for name in ("order", "d", "window", "parameter_precision") if getattr(settings, name) is None
+    ]
+    if open_settings or settings.smoothness == "learn":
+        raise ValueError(f"settings must be complete, not without {', '.join(open_settings or ['smoothness'])}")
+    scales = {
+        "dt": fields["dt"],
+        "smoothness": fields["smoothness"],
+        "scaling.input_scale": scaling.input_scale,
+        "scaling.output_scale": scaling.output_scale,
+        "prior_sd": fields["prior_sd"],
+        "theta_covariance": np.diag(fields["theta_covariance"]),
+        **({"scatter": np.append(np.diag(scatter.covariance), scatter.freedom)} if scatter else {}),
+    }
+    for name, values in scales.items():
+        if not (np.isfinite(values).all() and np.all(np.asarray(values) > 0)):
+            raise ValueError(f"{name} must be positive")
+    if not (unseen.mse >= 0).all() or not (unseen.weighted_mse >= 0).all():
+        raise ValueError("unseen.mse and unseen.weighted_mse must not be negative")
+    terms = fields["free_energy"].terms
+    lengths = {len(term) for term in terms.values()}
+    lengths |= {len(rows) for rows in vars(fields["learning"]).values()}
+    if not terms or len(lengths) != 1 or 0 in lengths:
+        raise ValueError("free_energy and learning must have as many rows")
 
 
 def _finite(value: float) -> float | None:

@@ -29,6 +29,9 @@ from mavdem.dem.smoothness import sampled_output_precision, sampled_state_precis
 
 Array = NDArray[np.float64]
 
+ROUGHEST, SMOOTHEST = 1e-3, 1e5
+"""Steps: noise of a smoothness beyond these is white to the samples, or constant."""
+
 KNOWN_INPUT = float(np.exp(12.0))
 """Precision of the constant input: as good as known."""
 
@@ -54,19 +57,32 @@ class Fit:
     predictor: Predictor
 
 
-def fit(record: Record, settings: Settings) -> Fit:
+def fit(record: Record, settings: Settings, finish: bool = True) -> Fit:
     """Learns from a record, with complete settings.
+
+    Args:
+        record: the training data.
+        settings: with nothing left open.
+        finish: as in ``ascend``.
 
     Raises:
         ValueError: the record or the settings do not fit the rest.
         numpy.linalg.LinAlgError: the fit broke down.
     """
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            return _fit(record, settings, finish)
+    except FloatingPointError as error:
+        raise np.linalg.LinAlgError(f"numbers beyond all bounds: {error}") from None
+
+
+def _fit(record: Record, settings: Settings, finish: bool) -> Fit:
     scaling = Scaling.of(record.inputs, record.outputs, settings)
     model = generative_model(settings, scaling, record)
     segments = generalized(settings, scaling, record)
     samples = Samples.of(*segments)
     rates = Rates(settings.state_rate, settings.parameter_rate, settings.hyperparameter_rate, segments, record.dt)
-    ascent = ascend(model, samples, settings.iterations, rates)
+    ascent = ascend(model, samples, settings.iterations, rates, finish)
     smoothness = smoothness_of(settings, record.dt)
     return Fit(settings, scaling, model, smoothness, ascent, _predictor(model, ascent, smoothness, record.dt))
 
@@ -74,7 +90,13 @@ def fit(record: Record, settings: Settings) -> Fit:
 def smoothness_of(settings: Settings, dt: float) -> float:
     """Kernel width s of the noise that complete settings mean at a sampling step ``dt``, seconds."""
     assert settings.smoothness != "learn"
-    return dt if settings.smoothness is None else settings.smoothness
+    smoothness = dt if settings.smoothness is None else settings.smoothness
+    if not ROUGHEST <= smoothness / dt <= SMOOTHEST:
+        raise ValueError(
+            f"smoothness must be between {ROUGHEST * dt:g} and {SMOOTHEST * dt:g} s where samples are {dt:g} s apart, "
+            f"not {smoothness:g}"
+        )
+    return smoothness
 
 
 def generative_model(settings: Settings, scaling: Scaling, record: Record) -> GenerativeModel:
@@ -141,6 +163,23 @@ def of_vehicle(n: int, motors: int, m: int, constant: bool) -> NDArray[np.intp]:
     A, B, C = (np.ones(shape, np.bool_) for shape in ((n, n), (n, motors + constant), (m, n)))
     B[:, motors:] = False
     return np.flatnonzero(pack(A, B, C))
+
+
+def held_by_prior(precision: Array, scale: Array, settings: Settings, record: Record) -> NDArray[np.bool_]:
+    """(k,) which of the vehicle's parameters the prior holds to what is known, whatever units the engine works in.
+
+    Those it knows to a hundredth of their natural unit, which is made of the channels' standard deviations.
+
+    Args:
+        precision: (k,) of the prior, in the engine's units.
+        scale: (k,) physical size of those units.
+        settings, record: what was learnt, and from what.
+    """
+    assert settings.order is not None
+    natural = Scaling.of(record.inputs, record.outputs, replace(settings, scaling="channel"))
+    motors = of_vehicle(settings.order, record.inputs.shape[1], record.outputs.shape[1], natural.constant)
+    units = natural.parameter_scale(settings.order)[motors] / scale
+    return np.asarray(precision * units**2 >= KINEMATIC)
 
 
 def _input_precision(settings: Settings, motors: int, constant: bool) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mavdem.dem.positive import require_positive_definite
+from mavdem.dem.real import real_numbers
 
 Array = NDArray[np.float64]
 
@@ -30,11 +31,13 @@ class Gaussian:
     precision: tuple[tuple[float, ...], ...]
 
     def __init__(self, mean: ArrayLike, precision: ArrayLike) -> None:
-        means, precisions = np.asarray(mean, np.float64), np.asarray(precision, np.float64)
-        if means.ndim != 1 or not np.isfinite(means).all():
+        means, precisions = real_numbers(mean, "mean"), real_numbers(precision, "precision")
+        if means.ndim != 1 or not len(means) or not np.isfinite(means).all():
             raise ValueError(f"mean must be finite numbers of shape (k,), not of shape {means.shape}")
-        if precisions.ndim < 2:
-            precisions = np.diag(np.broadcast_to(precisions, means.shape))
+        if precisions.ndim == 0:
+            precisions = np.full(len(means), precisions)
+        if precisions.ndim == 1 and len(precisions) == len(means):
+            precisions = np.diag(precisions)
         require_positive_definite(precisions, "precision", len(means))
         object.__setattr__(self, "mean", tuple(means.tolist()))
         object.__setattr__(self, "precision", tuple(map(tuple, precisions.tolist())))

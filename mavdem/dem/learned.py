@@ -12,16 +12,18 @@ from scipy.stats import norm
 
 from mavdem.dem.choice import Candidate
 from mavdem.dem.colour import Colour
-from mavdem.dem.determined import Direction, undetermined
+from mavdem.dem.determined import Direction, undetermined, without
 from mavdem.dem.document import fields_of, values_of
-from mavdem.dem.fit import Fit, generalized, of_vehicle
+from mavdem.dem.fit import Fit, generalized, held_by_prior, of_vehicle
+from mavdem.dem.json_text import json_values
+from mavdem.dem.level import require_probability
 from mavdem.dem.model import LinearModel, unpack
 from mavdem.dem.positive import inverse
 from mavdem.dem.prediction import Predictor
-from mavdem.dem.priors import KINEMATIC
+from mavdem.dem.real import real_numbers
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
-from mavdem.dem.scatter import Scatter
+from mavdem.dem.scatter import Certainty, Scatter
 from mavdem.dem.settings import Settings
 from mavdem.dem.trace import FreeEnergy, Learning
 from mavdem.dem.trials import Unseen
@@ -38,7 +40,8 @@ class Learned:
         model: posterior means.
         theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units.
         scatter: of the estimate of θ, physical units: how far it would fall from here on other data of this kind. It
-            does not count neighbouring samples as independent, as the posterior does; see ``model_interval``.
+            does not count neighbouring samples as independent, as the posterior does; see ``model_interval``. ``None``
+            where F̄ has no maximum.
         undetermined: combinations of parameters of which the data tell less than the prior.
         prior_sd: (k,) prior standard deviations of θ.
         known: (k,) which parameters the prior holds to what is known beforehand: that a rate is the derivative of its
@@ -61,7 +64,7 @@ class Learned:
     settings: Settings
     model: LinearModel
     theta_covariance: Array
-    scatter: Scatter
+    scatter: Scatter | None
     undetermined: tuple[Direction, ...]
     prior_sd: Array
     known: NDArray[np.bool_]
@@ -86,7 +89,7 @@ class Learned:
         cls,
         fit: Fit,
         record: Record,
-        scatter: Scatter,
+        certainty: Certainty,
         free_energy_of_samples: Array,
         unseen: Unseen,
         candidates: tuple[Candidate, ...],
@@ -98,7 +101,7 @@ class Learned:
         Args:
             fit: the settled (or given up) fit, in the engine's units.
             record: the training data it was made from, in physical units.
-            scatter: of the fit's θ, in the engine's units.
+            certainty: of the fit's θ, in the engine's units.
             free_energy_of_samples: F(t) of its generalized samples.
             unseen: forecasts of data that the fit has not seen.
             candidates, colour, cautions: as in :class:`Learned`, found outside the fit.
@@ -106,27 +109,21 @@ class Learned:
         order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
         scale = scaling.parameter_scale(order)
         motors = of_vehicle(order, record.inputs.shape[1], fit.model.m, scaling.constant)
+        of_motors = np.ix_(motors, motors)
         covariance = ascent.belief.theta_covariance * np.outer(scale, scale)
-        prior_covariance = inverse(fit.model.prior.theta_precision) * np.outer(scale, scale)
-        held = np.diag(fit.model.prior.theta_precision) >= KINEMATIC
-        free = np.zeros_like(held)
-        free[motors] = ~held[motors]
-        units = np.outer(scale, scale)[np.ix_(motors, motors)]
+        precision = fit.model.prior.theta_precision
+        prior_covariance = inverse(precision) * np.outer(scale, scale)
+        held = held_by_prior(np.diag(precision)[motors], scale[motors], fit.settings, record)
+        information = without(certainty.information, precision, motors)
+        scatter = certainty.scatter
         return cls(
             settings=fit.settings,
             model=scaling.physical_model(ascent.belief.theta, order),
-            theta_covariance=covariance[np.ix_(motors, motors)],
-            scatter=Scatter(
-                scatter.covariance[np.ix_(motors, motors)] * units,
-                scatter.freedom,
-                scatter.information[np.ix_(motors, motors)] / units,
-            ),
-            undetermined=tuple(
-                direction._replace(weights=direction.weights[motors])
-                for direction in undetermined(scatter.information, fit.model.prior, free)
-            ),
+            theta_covariance=covariance[of_motors],
+            scatter=scatter and scatter._replace(covariance=(scatter.covariance * np.outer(scale, scale))[of_motors]),
+            undetermined=undetermined(information, precision[of_motors], ~held),
             prior_sd=np.sqrt(np.diag(prior_covariance))[motors],
-            known=held[motors],
+            known=held,
             free_energy=FreeEnergy(dict(ascent.terms)),
             free_energy_of_samples=free_energy_of_samples,
             learning=Learning(
@@ -169,7 +166,16 @@ class Learned:
 
         Args:
             level: probability, between 0 and 1.
+
+        Returns:
+            NaN throughout where :attr:`scatter` is not known.
+
+        Raises:
+            ValueError: a level that is no probability between 0 and 1.
         """
+        require_probability(level)
+        if self.scatter is None:
+            return self._in_places(np.full(len(self.theta_covariance), np.nan))
         return self._in_places(self.scatter.half_width(level))
 
     def one_step(self) -> Array:
@@ -195,7 +201,7 @@ class Learned:
         Raises:
             ValueError: inputs of another width, or not finite.
         """
-        ahead = np.asarray(inputs, dtype=np.float64)
+        ahead = real_numbers(inputs, "inputs")
         if ahead.ndim == 1 and self.record.inputs.shape[1] == 1:
             ahead = ahead[:, None]
         if ahead.ndim != 2 or ahead.shape[1] != self.record.inputs.shape[1]:
@@ -222,8 +228,7 @@ class Learned:
         Raises:
             ValueError: as :meth:`forecast`.
         """
-        if not 0 < level < 1:
-            raise ValueError(f"level must be between 0 and 1, not {level}")
+        require_probability(level)
         centre = self.forecast(inputs)
         mse = self._by_horizon(self.unseen.weighted_mse, len(centre))
         half = norm.ppf(0.5 + level / 2) * np.sqrt(mse)
@@ -302,4 +307,4 @@ class Learned:
         Raises:
             ValueError: it is not such a document; what is missing or of another shape is named.
         """
-        return cls(**fields_of(json.loads(text)))
+        return cls(**fields_of(json_values(text, "a learnt model")))

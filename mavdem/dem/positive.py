@@ -34,7 +34,7 @@ def inverse(matrix: Array) -> Array:
     factor, failed = dpotrf(scaled, clean=1)
     _check(failed)
     # Both keep to the upper triangle and leave zeros below it.
-    upper = dpotri(factor)[0] * (unit * unit[:, None])
+    upper = dpotri(factor)[0] * unit * unit[:, None]
     upper.flat[:: len(upper) + 1] *= 0.5
     return np.asarray(upper + upper.T)
 
@@ -50,7 +50,7 @@ def logdet(matrix: Array) -> float:
 def _scaled(matrix: Array) -> tuple[Array, Array]:
     # A diagonal that is not positive stays so, and the factorization tells: looking at it first would cost as much.
     unit = 1.0 / np.sqrt(np.abs(matrix.diagonal()) + SMALLEST)
-    return unit, matrix * (unit * unit[:, None])
+    return unit, matrix * unit * unit[:, None]
 
 
 def _check(failed: int) -> None:

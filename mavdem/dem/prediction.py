@@ -50,7 +50,10 @@ class Predictor:
         Q = process_noise * power * dt
         # Measurements are samples: noise that forgets within a step has its variance and no more.
         R = np.diag(measurement_noise) * max(power / dt, 1.0)
-        P = solve_discrete_are(transition.state.T, C.T, Q, R)
+        try:
+            P = solve_discrete_are(transition.state.T, C.T, Q, R)
+        except ValueError as error:
+            raise np.linalg.LinAlgError(f"no filter settles: {error}") from None
         return cls(transition, C, np.linalg.solve(C @ P @ C.T + R, C @ P).T)
 
     def filtered(self, outputs: Array, inputs: Array) -> Array:

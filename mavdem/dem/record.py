@@ -14,7 +14,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.dem.real import real_numbers
+
 Array = NDArray[np.float64]
+
+SHORTEST_STEP, LARGEST = 1e-9, 1e50
+"""Seconds between samples, and size of one: beyond, squares and derivatives leave the range of numbers."""
 
 SAME_STEP = 1e-6
 """How far the sampling steps of segments may differ, relative to the first: by rounding only."""
@@ -102,15 +107,19 @@ class Record:
 
 def _checked(train: Recorded) -> tuple[Array, Array, float]:
     try:
-        inputs, outputs = np.asarray(train.inputs, np.float64), np.asarray(train.outputs, np.float64)
-        dt = float(train.dt)
+        inputs, outputs = real_numbers(train.inputs, "inputs"), real_numbers(train.outputs, "outputs")
+        dt = float(real_numbers(train.dt, "dt"))
     except (AttributeError, TypeError) as error:
         raise ValueError(f"train must be a Flight, or have inputs, outputs and dt like one: {error}") from None
     if inputs.ndim != 2 or outputs.ndim != 2 or len(inputs) != len(outputs):
         raise ValueError(f"inputs and outputs must be (T, r) and (T, m), not {inputs.shape} and {outputs.shape}")
-    if not (np.isfinite(dt) and dt > 0):
-        raise ValueError(f"dt must be positive seconds, not {dt}")
+    if not (inputs.shape[1] and outputs.shape[1]):
+        raise ValueError(f"inputs and outputs must have at least one column, not {inputs.shape} and {outputs.shape}")
+    if not SHORTEST_STEP <= dt <= 1 / SHORTEST_STEP:
+        raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {dt}")
     for name, values in (("inputs", inputs), ("outputs", outputs)):
         if not np.isfinite(values).all():
             raise ValueError(f"{name} must be finite")
+        if np.abs(values).max(initial=0.0) > LARGEST:
+            raise ValueError(f"{name} must not be larger than {LARGEST:g}")
     return inputs, outputs, dt

@@ -12,6 +12,9 @@ from mavdem.dem.settings import Settings
 
 Array = NDArray[np.float64]
 
+SMALLEST = 1e-50
+"""So is one that moves by less than this in any unit: squares and derivatives would leave the range of numbers."""
+
 ROUNDING = 1e-9
 """A channel that moves by less than this, relative to its size, is constant."""
 
@@ -37,10 +40,10 @@ class Scaling(NamedTuple):
         Raises:
             ValueError: a channel that must vary does not.
         """
-        if settings.known_inputs and not _vary(inputs).any():
+        if settings.known_inputs and not varying(inputs).any():
             raise ValueError(f"inputs {_CONSTANT}")
-        if not _vary(outputs).all():
-            raise ValueError(f"outputs column {np.argmin(_vary(outputs))} {_CONSTANT}")
+        if not varying(outputs).all():
+            raise ValueError(f"outputs column {np.argmin(varying(outputs))} {_CONSTANT}")
         r, m = inputs.shape[1], outputs.shape[1]
         known = settings.known_inputs
         if settings.scaling == "none":
@@ -92,6 +95,6 @@ class Scaling(NamedTuple):
 _CONSTANT = "must vary over each half of the training data; constant samples determine no model"
 
 
-def _vary(samples: Array) -> NDArray[np.bool_]:
-    """Which columns move by more than the rounding of their numbers."""
-    return np.asarray(np.ptp(samples, axis=0) > ROUNDING * np.abs(samples).max(axis=0))
+def varying(samples: Array) -> NDArray[np.bool_]:
+    """Which columns (k,) of samples (T, k) move by more than the rounding of their numbers."""
+    return np.asarray(np.ptp(samples, axis=0) > np.maximum(ROUNDING * np.abs(samples).max(axis=0), SMALLEST))

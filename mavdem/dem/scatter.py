@@ -17,18 +17,18 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from mavdem.dem.ascent import Ascent
-from mavdem.dem.free_energy import Belief, expected_weights, state_curvature
-from mavdem.dem.generative import GenerativeModel, Moments, Samples
+from mavdem.dem.free_energy import Belief, expected_weights
+from mavdem.dem.generative import GenerativeModel, Samples
 from mavdem.dem.positive import inverse
-from mavdem.dem.steps import d_step, theta_slope
+from mavdem.dem.profile import theta_curvature_of_profile
 
 Array = NDArray[np.float64]
 
-STEP = 1e-3
-"""Of differences of the slope, in posterior standard deviations: far above rounding, and the slope is smooth."""
+LARGEST_CORRELATION = 0.999
+"""Between neighbouring slopes, as far as the kernel's width goes by it."""
 
-LARGEST_CORRELATION = 0.97
-"""Between neighbouring slopes: beyond this their number of lags would exceed all data."""
+FEWEST_DEGREES = 8.0
+"""Of freedom that a covariance is estimated with; no kernel is so wide that fewer are left."""
 
 
 class Scatter(NamedTuple):
@@ -38,36 +38,49 @@ class Scatter(NamedTuple):
         covariance: (k, k).
         freedom: degrees of freedom that the covariance itself is estimated with: deviations in its units have
             Student's distribution with so many.
-        information: (k, k) of the data on θ, each sample counted as independent: the curvature of F̄ without its prior.
     """
 
     covariance: Array
     freedom: float
-    information: Array
 
     def half_width(self, level: float) -> Array:
         """(k,) of the interval about the estimate that holds the parameter with probability ``level``."""
         return np.asarray(student.ppf(0.5 + level / 2, self.freedom) * np.sqrt(self.covariance.diagonal()))
 
 
-def scatter(model: GenerativeModel, segments: Sequence[Array], ascent: Ascent) -> Scatter:
-    """The scatter of the parameters at the end of a climb, in its units.
+class Certainty(NamedTuple):
+    """What is known of θ at the end of a climb, in its units.
+
+    Attributes:
+        information: (k, k) of the data, each sample counted as independent: the curvature of F̄ without its prior.
+        scatter: of the estimate; ``None`` where F̄ has no maximum.
+    """
+
+    information: Array
+    scatter: Scatter | None
+
+
+def certainty_of(model: GenerativeModel, segments: Sequence[Array], ascent: Ascent) -> Certainty:
+    """What is known of the parameters at the end of a climb.
 
     Args:
         model: that was fitted.
         segments: generalized data [ỹ; η̃], (T, ·) each; slopes correlate within a segment only.
         ascent: the climb.
-
-    Raises:
-        numpy.linalg.LinAlgError: F̄ has no maximum there.
     """
-    samples, belief = Samples.of(*segments), ascent.belief
-    slopes = [sample_slopes(model, data, data @ ascent.state_map.T, belief) for data in segments]
-    spread, freedom = long_run_covariance(slopes)
-    prior = model.prior.theta_precision
-    curvature = _curvature(model, samples, belief)
-    bread = inverse(curvature)
-    return Scatter(bread @ (spread + prior) @ bread, freedom, curvature - prior)
+    samples, belief, prior = Samples.of(*segments), ascent.belief, model.prior.theta_precision
+    information = np.zeros_like(prior)
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            curvature = theta_curvature_of_profile(model, samples, belief)
+            information = curvature - prior
+            bread = inverse(curvature)
+            spread, freedom = long_run_covariance(
+                [sample_slopes(model, data, data @ ascent.state_map.T, belief) for data in segments]
+            )
+            return Certainty(information, Scatter(bread @ (spread + prior) @ bread, freedom))
+    except (np.linalg.LinAlgError, FloatingPointError):
+        return Certainty(information, None)
 
 
 def sample_slopes(model: GenerativeModel, data: Array, states: Array, belief: Belief) -> Array:
@@ -116,7 +129,7 @@ def long_run_covariance(segments: Sequence[Array]) -> tuple[Array, float]:
     alpha = np.sum(4 * correlation**2 * innovation / (1 - correlation) ** 8) / np.sum(
         innovation / (1 - correlation) ** 4
     )
-    width = 1.3221 * (alpha * number) ** 0.2
+    width = min(1.3221 * (alpha * number) ** 0.2, number / FEWEST_DEGREES)
     longest = max(map(len, segments))
     lags = np.arange(1, longest)
     kernel = _quadratic_spectral(lags / width) if width > 0 else np.zeros(len(lags))
@@ -142,22 +155,3 @@ def _quadratic_spectral(x: Array) -> Array:
     """The kernel of that name, at x ≠ 0."""
     z = 6 * np.pi * x / 5
     return np.asarray(25 / (12 * np.pi**2 * x**2) * (np.sin(z) / z - np.cos(z)))
-
-
-def _curvature(model: GenerativeModel, samples: Samples, belief: Belief) -> Array:
-    """−∂²F̄/∂θ² (k, k) with X and its covariance following θ to their maximum; λ and other covariances held."""
-    weights = np.exp(belief.lambda_)
-
-    def slope(theta: Array) -> Array:
-        state_map = d_step(model, theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
-        there = belief._replace(
-            theta=theta,
-            moments=Moments.of(model, samples, state_map),
-            state_covariance=inverse(-state_curvature(model, theta, weights)),
-        )
-        return theta_slope(model, samples, there)[0]
-
-    steps = STEP * np.diag(np.sqrt(belief.theta_covariance.diagonal()))
-    columns = [(slope(belief.theta - step) - slope(belief.theta + step)) / (2 * step.max()) for step in steps]
-    curvature = np.array(columns)
-    return np.asarray((curvature + curvature.T) / 2)

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from math import e
-from numbers import Integral, Real
 from typing import Any, Literal
 
 import numpy as np
 
 from mavdem.dem.gaussian import Gaussian
+from mavdem.dem.json_text import json_values
 from mavdem.dem.positive import require_positive_definite
+
+LARGEST_LOG = 100.0
+"""Of a log precision: e^±100 is beyond anything measured, and far within what numbers hold."""
+
+SMALLEST = 1e-50
+"""Of a positive setting; and the inverse of the largest."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +92,9 @@ class Settings:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if isinstance(value, np.generic):
+                object.__setattr__(self, name, value.item())
         for name in ("lambda_z", "lambda_z_precision", "lambda_w", "lambda_w_precision", "input_precision"):
             object.__setattr__(self, name, _tuples(getattr(self, name)))
         for name in ("output_groups", "state_groups"):
@@ -95,8 +103,9 @@ class Settings:
         for name in ("order", "p", "d", "window", "iterations", "seed"):
             value = getattr(self, name)
             optional = name in ("order", "d", "window")
-            whole = isinstance(value, Integral) and not isinstance(value, bool)
-            _require(whole or optional and value is None, name, "a whole number", value)
+            _require(_whole(value) or optional and value is None, name, "a whole number", value)
+        for name in ("smoothness", "scaling", "prior", "correlation"):
+            _require(not isinstance(getattr(self, name), np.ndarray), name, "no array", getattr(self, name))
         for name in ("last_derivative_zero", "known_inputs", "shrink_forecasts"):
             _require(isinstance(getattr(self, name), bool), name, "True or False", getattr(self, name))
         _require(
@@ -110,7 +119,7 @@ class Settings:
         _require(learnt, "smoothness", 'a positive number, None or "learn"', self.smoothness)
         for name in ("parameter_precision", "state_rate", "parameter_rate", "hyperparameter_rate"):
             value = getattr(self, name)
-            _require(value is None or _positive(value), name, "a positive number, or None", value)
+            _require(value is None or _positive(value), name, f"{_LIKE[_positive]}, or None", value)
         for kind, groups in (("z", self.output_groups), ("w", self.state_groups)):
             for name, fits in ((f"lambda_{kind}", _finite), (f"lambda_{kind}_precision", _positive)):
                 self._require_each(name, fits, 1 if groups is None else max(groups) + 1)
@@ -128,17 +137,20 @@ class Settings:
         needed = self.last_derivative_zero or self.prior != "uniform"
         _require(needed, "last_derivative_zero", "True with the uniform prior, which leaves C free", False)
         _require(self.last_derivative_zero or self.p > 0, "last_derivative_zero", "True with p = 0", False)
+        needed = self.known_inputs or self.smoothness != "learn"
+        _require(needed, "smoothness", "a number where inputs are unknown, which have a colour of their own", "learn")
         needed = self.known_inputs or self.prior != "regulated"
         _require(needed, "known_inputs", "True with the regulated prior, under which B would stay 0", False)
         _require(self.iterations >= 1, "iterations", "at least 1", self.iterations)
+        _require(self.seed >= 0, "seed", "at least 0", self.seed)
 
     def _require_groups(self, name: str) -> None:
         groups = getattr(self, name)
         numbered = groups is None or (
             isinstance(groups, tuple)
             and groups != ()
-            and all(isinstance(group, Integral) and not isinstance(group, bool) for group in groups)
-            and set(groups) == set(range(max(groups) + 1))
+            and all(map(_whole, groups))
+            and sorted(set(groups)) == list(range(len(set(groups))))
         )
         _require(numbered, name, "group numbers that start at 0 and leave none out, or None", groups)
 
@@ -160,7 +172,7 @@ class Settings:
             return _require(_positive(value), "input_precision", "a positive number or a matrix", value)
         try:
             matrix = np.array(value, np.float64)
-        except ValueError:
+        except (TypeError, ValueError, OverflowError):
             matrix = np.empty(0)
         require_positive_definite(matrix, "input_precision", len(value))
 
@@ -207,7 +219,7 @@ class Settings:
     @classmethod
     def from_json(cls, text: str) -> Settings:
         """Settings whose :meth:`to_json` wrote ``text``; ``ValueError`` names a key that is not a setting."""
-        return cls.from_dict(json.loads(text))
+        return cls.from_dict(json_values(text, "settings"))
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Settings:
@@ -222,20 +234,28 @@ class Settings:
         return cls(**values)
 
 
+def _whole(value: object) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**63
+
+
 def _finite(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    """Whether it is a log precision that arithmetic can bear."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_LOG
 
 
 def _positive(value: object) -> bool:
-    return _finite(value) and value > 0  # type: ignore[operator]
+    return isinstance(value, int | float) and not isinstance(value, bool) and SMALLEST <= value <= 1 / SMALLEST
 
 
-_LIKE: dict[Callable[[object], bool], str] = {_finite: "a finite number", _positive: "a positive number"}
+_LIKE: dict[Callable[[object], bool], str] = {
+    _finite: f"a number of at most {LARGEST_LOG:g} either way",
+    _positive: f"a positive number of at least {SMALLEST:g} and at most {1 / SMALLEST:g}",
+}
 
 
 def _tuples(value: Any) -> Any:
-    """Lists and arrays as tuples, which cannot be changed and compare by value."""
-    if isinstance(value, np.ndarray):
+    """Lists and arrays as tuples of plain numbers, which cannot be changed and compare by value."""
+    if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
     return tuple(map(_tuples, value)) if isinstance(value, (list, tuple)) else value
 

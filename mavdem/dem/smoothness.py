@@ -19,6 +19,9 @@ from scipy.special import erf
 
 from mavdem.dem.coordinates import taylor_weights
 
+WORST_CONDITION = 1e12
+"""Of a covariance that is inverted: beyond, less than four digits are left of some of it."""
+
 
 def temporal_covariance(order: int, smoothness: float) -> NDArray[np.float64]:
     """Covariance of [w, w′, …] of a noise of unit variance, Eq. ``Smatrix`` before it is inverted.
@@ -94,5 +97,10 @@ def _reading(order: int, dt: float, window: int) -> tuple[NDArray[np.float64], N
 def _precision_in_steps(covariance: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
     """The inverse, taken in units of steps, where orders do not differ by powers of the sampling rate."""
     units = dt ** np.arange(len(covariance))
+    if not np.linalg.cond(covariance * np.outer(units, units)) < WORST_CONDITION:
+        raise ValueError(
+            f"smoothness must be shorter for derivatives up to order {len(covariance) - 1}, or correlation "
+            '"continuous": as they are read from samples, those of so smooth a noise are lost in rounding'
+        )
     inverse = inv(covariance * np.outer(units, units)) * np.outer(units, units)
     return np.asarray((inverse + inverse.T) / 2)

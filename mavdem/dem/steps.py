@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 NEWTON_STEPS = 50
 LONGEST_STEP = 4.0
 """A step of λ changes a noise precision at most by e⁴: far from the maximum the curvature says little."""
-SETTLED = 1e-6
+SHORTEST_STEP = 1e-6
 """A step of λ shorter than this ends the M step: Newton's method has then converged to twice as many digits."""
 
 
@@ -102,12 +102,12 @@ def m_step(model: GenerativeModel, samples: Samples, belief: Belief, rate: float
     height = fall.height(lambda_)
     for _ in range(NEWTON_STEPS if rate is None else 1):
         step = np.clip(_flow(*fall.slope(lambda_), rate), -LONGEST_STEP, LONGEST_STEP)
-        while (higher := fall.height(lambda_ + step)) < height and np.abs(step).max() > SETTLED:
+        while (higher := fall.height(lambda_ + step)) < height and np.abs(step).max() > SHORTEST_STEP:
             step = step / 2
         if higher < height:
             break
         lambda_, height = lambda_ + step, higher
-        if np.abs(step).max() <= SETTLED:
+        if np.abs(step).max() <= SHORTEST_STEP:
             break
     return lambda_
 

@@ -128,7 +128,7 @@ def test_a_closed_pipe_is_no_error():
 
 def test_a_terminal_without_unicode_gets_its_answer(tmp_path):
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    words = [*MAVDEM, "learn", FLIGHT, "--out", tmp_path, "--preset", "paper"]
+    words = [*MAVDEM, "learn", FLIGHT, "--out", tmp_path]
     done = subprocess.run(words, capture_output=True, env=environment, timeout=60)
     assert done.returncode == 0, done.stderr
     assert done.stdout.isascii()

@@ -128,9 +128,24 @@ def test_what_jobs_raise_ends_the_processes(two_workers):
     assert not multiprocessing.active_children()
 
 
-def test_other_errors_are_raised():
-    with pytest.raises(AttributeError), ThreadPoolExecutor(1) as executor:
-        list(learn_many([JOBS[0], (FLIGHTS[0], "no settings")], executor))
+def test_other_errors_are_raised(monkeypatch):
+    def broken(train, settings):
+        raise MemoryError
+
+    monkeypatch.setattr("mavdem.dem.batch.learn", broken)
+    with pytest.raises(MemoryError), ThreadPoolExecutor(1) as executor:
+        list(learn_many(JOBS[:1], executor))
+
+
+@pytest.mark.parametrize("job", [None, 1, FLIGHTS[0], (FLIGHTS[0],)])
+def test_what_is_no_job_is_named(job):
+    with pytest.raises(ValueError, match="^jobs must be pairs"):
+        list(learn_many([job]))
+
+
+def test_what_are_no_settings_is_that_job_s_answer():
+    answers = list(learn_many([(FLIGHTS[0], "none"), (FLIGHTS[0], {}), JOBS[0]]))
+    assert [str(answer).startswith("settings must be") for answer in answers] == [True, True, False]
 
 
 @pytest.mark.slow

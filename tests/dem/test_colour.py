@@ -17,6 +17,7 @@ from mavdem.dem.smoothness import (
 
 DT = 0.01
 COMPLETE = Settings(order=2, d=2, window=3, parameter_precision=1.0)
+"""What is estimated with unless asked for something else."""
 
 
 def record(ratio, seed, wind=1.0, samples=6000):
@@ -63,11 +64,19 @@ def test_noise_that_is_white_to_the_samples_is_said_to_be():
     assert colour.smoothness < 1.0 * DT
 
 
-def test_learning_may_be_left_to_find_it():
+@pytest.mark.parametrize(
+    "settings",
+    [
+        Settings(smoothness="learn"),
+        Settings(order=2, p=4, window=9, parameter_precision=1.0, smoothness="learn"),
+        Settings(order=4, window=5, parameter_precision=1.0, smoothness="learn"),
+    ],
+)
+def test_learning_may_be_left_to_find_it_whatever_the_model(settings):
     theta = calibration.theta_of(calibration.VEHICLE)
     outputs, inputs = calibration.flight(theta, 1.0, 0.03, 3000, DT, np.random.default_rng(0))
     flight = Flight(DT * np.arange(3000), inputs, outputs)
-    learned = learn(flight, Settings(order=2, window=3, parameter_precision=1.0, smoothness="learn"))
+    learned = learn(flight, settings)
     assert learned.smoothness == learned.settings.smoothness == learned.colour.smoothness
     assert learned.smoothness == pytest.approx(0.03, rel=0.15)
     again = Learned.from_json(learned.to_json()).colour

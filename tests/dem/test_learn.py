@@ -271,7 +271,7 @@ def test_derivative_pairs_are_found_whatever_their_places():
         (lambda f: f[:30], "at least 50 samples"),
         (lambda f: Flight(f.time, f.inputs, f.outputs * [1, 0])[:700], "outputs column 1 must vary"),
         (lambda f: Flight(f.time, f.inputs, f.outputs * [0, 1] + 0.1)[:700], "outputs column 0 must vary"),
-        (lambda f: Flight(f.time, f.inputs * 0 + 1500.1, f.outputs)[:700], "inputs must vary"),
+        (lambda f: Flight(f.time, f.inputs * 0 + 1500.1, f.outputs)[:700], "inputs column 0 must vary"),
     ],
 )
 def test_data_that_determine_nothing_are_refused(change, message):
@@ -335,5 +335,5 @@ def test_wrong_forecast_inputs_are_named():
         learned.forecast(np.zeros((10, 3)))
     with pytest.raises(ValueError, match="inputs must be finite"):
         learned.forecast(np.full((10, 4), np.nan))
-    with pytest.raises(ValueError, match="level must be between 0 and 1"):
+    with pytest.raises(ValueError, match="level must be a probability"):
         learned.forecast_band(np.zeros((10, 4)), level=2)

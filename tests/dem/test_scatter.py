@@ -1,7 +1,5 @@
 """How far estimates scatter, and what the data did not determine."""
 
-import sys
-
 import calibration
 import numpy as np
 import pytest
@@ -13,9 +11,10 @@ from simulated import simulated
 
 from mavdem import Flight, Learned, Settings, learn
 from mavdem.dem.ascent import ascend
+from mavdem.dem.determined import undetermined, without
 from mavdem.dem.free_energy import free_energy
 from mavdem.dem.generative import Samples
-from mavdem.dem.scatter import _lagged, long_run_covariance, sample_slopes, scatter
+from mavdem.dem.scatter import _lagged, certainty_of, long_run_covariance, sample_slopes
 
 seeds = st.integers(0, 10**6)
 
@@ -76,7 +75,7 @@ def test_independent_samples_scatter_as_the_posterior_says():
     truth = calibration.theta_of(calibration.VEHICLE)
     data = calibration.independent_samples(model, truth, 3000, 0.1, rng)
     climb = ascend(model, Samples.of(data), 100)
-    found = scatter(model, [data], climb)
+    found = certainty_of(model, [data], climb).scatter
     free = np.ix_(calibration.FREE, calibration.FREE)
     own = climb.belief.theta_covariance[free]
     # A variance of N samples is known to √(2/N); five of those.
@@ -126,13 +125,43 @@ def test_two_motors_that_always_agree_leave_their_difference_undetermined():
     assert not learn(flight[:700], settings).undetermined
 
 
-def test_nothing_but_the_prior_is_known_of_a_fit_without_a_maximum(monkeypatch):
-    def fails(*_):
-        raise np.linalg.LinAlgError
-
-    monkeypatch.setattr(sys.modules["mavdem.dem.learn"], "scatter", fails)
-    learned = learn(simulated(wind=0.5)[:300], Settings(order=2, window=3, parameter_precision=1.0))
-    np.testing.assert_allclose(np.sqrt(np.diag(learned.scatter.covariance)), learned.prior_sd)
-    assert len(learned.undetermined) == np.count_nonzero(~learned.known)
+def test_where_there_is_no_maximum_no_interval_is_told():
+    """The paper's settings leave C free, and twenty iterations short of any maximum."""
+    learned = learn(simulated(wind=0.5)[:700], Settings.paper())
+    assert learned.scatter is None
+    assert np.isnan(learned.model_interval().A).all()
+    assert any("no maximum" in caution for caution in learned.cautions)
     again = Learned.from_json(learned.to_json())
-    assert again.scatter.freedom == np.inf
+    assert again.scatter is None and np.isnan(again.model_interval().B).all()
+    assert again.to_json() == learned.to_json()
+
+
+def test_what_is_undetermined_is_the_vehicle_s_and_of_unit_length():
+    flight = simulated(wind=0.5)
+    for settings in (None, Settings(order=2, window=9, parameter_precision=100.0)):
+        learned = learn(flight[:700], settings)
+        for direction in learned.undetermined:
+            assert np.linalg.norm(direction.weights) == pytest.approx(1.0)
+            assert not direction.weights[learned.known].any()
+            assert 0 <= direction.share < 1
+
+
+def test_much_information_on_one_parameter_hides_no_other():
+    directions = undetermined(np.diag([1e13, 500.0, 0.5]), np.eye(3), np.ones(3, bool))
+    (one,) = directions
+    np.testing.assert_allclose(np.abs(one.weights), [0, 0, 1], atol=1e-6)
+    assert one.share == pytest.approx(0.5)
+
+
+def test_information_without_a_nuisance_is_that_of_its_best_value():
+    """Schur's complement: minimizing over the second parameter, which its own prior holds somewhat."""
+    information, precision = np.array([[4.0, 3.0], [3.0, 5.0]]), np.diag([1.0, 2.0])
+    np.testing.assert_allclose(without(information, precision, np.array([0])), [[4.0 - 9.0 / 7.0]])
+
+
+@pytest.mark.parametrize("level", [0, 1, -1, 2, np.nan, "x", None])
+def test_a_level_that_is_no_probability_is_named(level):
+    learned = learn(simulated()[:200], Settings(order=2, window=3, parameter_precision=1.0))
+    for interval in (learned.model_interval, lambda level: learned.forecast_band(np.full((3, 4), 1500.0), level)):
+        with pytest.raises(ValueError, match="^level must"):
+            interval(level)

@@ -24,7 +24,7 @@ from mavdem.dem.generative import GenerativeModel, Samples
 from mavdem.dem.model import discretize, pack, unpack
 from mavdem.dem.prediction import recursion
 from mavdem.dem.priors import KNOWN, Prior
-from mavdem.dem.scatter import scatter
+from mavdem.dem.scatter import certainty_of
 from mavdem.dem.smoothness import (
     sampled_output_precision,
     sampled_state_precision,
@@ -94,7 +94,8 @@ def covered(model: GenerativeModel, data: Array, truth: Array) -> tuple[Array, A
     ascent = ascend(model, Samples.of(data), ITERATIONS)
     error = np.abs(ascent.belief.theta - truth)[FREE]
     own = norm.ppf(0.5 + LEVEL / 2) * np.sqrt(ascent.belief.theta_covariance.diagonal())
-    corrected = scatter(model, [data], ascent).half_width(LEVEL)
+    scatter = certainty_of(model, [data], ascent).scatter
+    corrected = scatter.half_width(LEVEL) if scatter else np.full(len(truth), np.nan)
     return error <= own[FREE], error <= corrected[FREE]
 
 
