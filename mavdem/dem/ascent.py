@@ -14,7 +14,7 @@ from mavdem.dem.free_energy import Belief, optimal_terms
 from mavdem.dem.generative import GenerativeModel, Moments, Samples
 from mavdem.dem.positive import inverse, solve
 from mavdem.dem.profile import Newton, newton_step
-from mavdem.dem.steps import d_step, e_step, m_step, state_slope, with_optimal_lambda_precision, with_optimal_precisions
+from mavdem.dem.steps import d_step, e_step, m_step, state_slope, with_optimal_precisions
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ def ascend(
 ) -> Ascent:
     """Climbs F̄ from the priors' means, for at most so many rounds of D, E and M steps.
 
-    After each step the covariances are set to their optimum, which also raises F̄; so F̄ᵒ is what rises. Steps in turn
+    After each round the covariances are set to their optimum, which also raises F̄; so F̄ᵒ is what rises. Steps in turn
     are slow where one part of the belief holds the others (X and θ, when noise is small), but steadily so: after every
     two rounds a third starts from where their course would lead, and is kept if it ends higher. Where these no longer
     gain anything to speak of, the Newton step of θ and λ with X following says what is left: next to nothing, and the
@@ -211,7 +211,8 @@ class _Climb:
     def _steps(self, start: Belief, flowed: bool, known: bool) -> _Place:
         """A D step, by the flow or in its exact limit, and E and M steps after it.
 
-        Of a ``known`` start the covariances suit θ and λ, and the E step needs those of λ only to suit X as well.
+        The covariances of a ``known`` start are those at its maximum, and wait for the end of the round: moving them
+        after each step as well would raise F̄ hardly more, at twice the cost.
         """
         model, samples, rates = self.model, self.samples, self.rates
         _require_sane(start.lambda_)
@@ -222,9 +223,10 @@ class _Climb:
             moments = StateFlow.of(model, *slope, rates.state).moments(model, rates.segments, rates.dt)
         else:
             moments = Moments.of(model, samples, state_map)
-        with_precisions = with_optimal_lambda_precision if known else with_optimal_precisions
-        belief = with_precisions(model, start._replace(moments=moments))
-        belief = with_optimal_precisions(model, belief._replace(theta=e_step(model, samples, belief, rates.theta)))
+        belief = start._replace(moments=moments)
+        if not known:
+            belief = with_optimal_precisions(model, belief)
+        belief = belief._replace(theta=e_step(model, samples, belief, rates.theta))
         belief = belief._replace(lambda_=m_step(model, samples, belief, rates.lambda_))
         _require_sane(belief.lambda_)
         return self._place(belief, state_map, flowed)

@@ -164,13 +164,8 @@ def _parameter_spread(model: GenerativeModel, belief: Belief) -> Array:
 def with_optimal_precisions(model: GenerativeModel, belief: Belief) -> Belief:
     """The belief with every covariance at the maximum of F̄, Eq. ``Pi_curvature``."""
     weights = np.exp(belief.lambda_)
-    return with_optimal_lambda_precision(model, belief)._replace(
+    return belief._replace(
         state_covariance=inverse(-state_curvature(model, belief.theta, weights)),
         theta_covariance=inverse(-theta_curvature(model, belief.moments, weights)),
+        lambda_covariance=inverse(-lambda_curvature(model, belief.moments, belief.theta, belief.lambda_)),
     )
-
-
-def with_optimal_lambda_precision(model: GenerativeModel, belief: Belief) -> Belief:
-    """The belief with the covariance of λ at the maximum of F̄: all that an E step needs after a D step."""
-    curvature = lambda_curvature(model, belief.moments, belief.theta, belief.lambda_)
-    return belief._replace(lambda_covariance=inverse(-curvature))
