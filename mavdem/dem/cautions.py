@@ -40,7 +40,7 @@ def cautions(
             f"{judged} forecasts beyond {useful:.2g} s were hardly better than the constant mean: a good one after it "
             "is luck. Learn from more, or from a livelier stretch."
         )
-    if fitted.settings.known_inputs and not unseen.motors_share > MOTORS_SHARE:
+    if fitted.scaling.known.any() and not unseen.motors_share > MOTORS_SHARE:
         told.append(
             f"{judged} the motors took {max(unseen.motors_share, 0):.0%} off the squared error of forecasts: the model "
             "hardly ties the motion to them. Let them work more, in wind or with small sideways steps."

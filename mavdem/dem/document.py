@@ -103,11 +103,11 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
         ),
         "scaling": Scaling(
             np.array(scaling["input_trim"], float),
-            float(scaling["input_scale"]),
+            np.array(scaling["input_scale"], float),
             np.array(scaling["output_trim"], float),
             np.array(scaling["output_scale"], float),
             bool(scaling["constant"]),
-            bool(scaling["known"]),
+            np.array(scaling["known"], np.bool_),
         ),
         "predictor": Predictor(
             Transition(**_arrays(predictor["transition"])),
@@ -167,6 +167,8 @@ def _check(fields: dict[str, Any]) -> None:
         "unseen.weight": (unseen.weight, unseen.mse.shape),
         "unseen.weighted_mse": (unseen.weighted_mse, unseen.mse.shape),
         "scaling.input_trim": (scaling.input_trim, (r,)),
+        "scaling.input_scale": (scaling.input_scale, (r,)),
+        "scaling.known": (scaling.known, (r,)),
         "scaling.output_trim": (scaling.output_trim, (m,)),
         "scaling.output_scale": (scaling.output_scale, (m,)),
         "predictor.state": (fields["predictor"].transition.state, (n, n)),

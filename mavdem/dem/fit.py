@@ -186,8 +186,10 @@ def _input_precision(settings: Settings, motors: int, constant: bool) -> Array:
     """P̃ᵛ of the engine's inputs, of which the constant is known as well as anything."""
     assert settings.d is not None
     orders, given = settings.d + 1, np.array(settings.input_precision, np.float64)
+    if given.shape == (motors,):
+        given = np.diag(np.tile(given, orders))
     if given.ndim and len(given) != motors * orders:
-        raise ValueError(f"input_precision must be of {motors} inputs and {orders} orders, not {given.shape}")
+        raise ValueError(f"input_precision must be of {motors} inputs, or of their {orders} orders, not {given.shape}")
     precision = np.diag(np.full((motors + constant) * orders, KNOWN_INPUT))
     places = np.arange(len(precision)).reshape(orders, motors + constant)[:, :motors].ravel()
     precision[np.ix_(places, places)] = given if given.ndim else given * np.eye(len(places))

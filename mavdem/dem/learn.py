@@ -18,7 +18,7 @@ from mavdem.dem.fit import Fit, fit, generalized
 from mavdem.dem.free_energy import free_energy
 from mavdem.dem.learned import Learned
 from mavdem.dem.record import Record, Recorded
-from mavdem.dem.scaling import varying
+from mavdem.dem.scaling import known_inputs, varying
 from mavdem.dem.scatter import certainty_of
 from mavdem.dem.settings import Settings
 from mavdem.dem.trials import trials, unseen_forecasts
@@ -99,9 +99,10 @@ def _learn(record: Record, settings: Settings) -> Learned:
 
 def _require_moving(record: Record, settings: Settings) -> None:
     """Refuses channels that tell nothing, over the whole record."""
-    for name, values, needed in (("inputs", record.inputs, settings.known_inputs), ("outputs", record.outputs, True)):
-        still = np.flatnonzero(~varying(values))
-        if needed and len(still):
+    known = known_inputs(settings, record.inputs.shape[1])
+    for name, values, needed in (("inputs", record.inputs, known), ("outputs", record.outputs, True)):
+        still = np.flatnonzero(~varying(values) & needed)
+        if len(still):
             raise ValueError(f"{name} column {still[0]} must vary: constant samples determine no model")
 
 

@@ -67,15 +67,20 @@ def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
 def hyperparameter_prior(settings: Settings, n: int, m: int) -> tuple[Array, Array]:
     """Mean (g,) and precision (g, g) of λ: those of measurement noise first, then those of process noise."""
     of_outputs, of_states = hyperparameter_groups(settings, n, m)
+    if settings.lambda_prior is not None:
+        mean, precision = settings.lambda_prior.arrays
+        if len(mean) != of_states.max() + 1:
+            raise ValueError(f"lambda_prior must be of {of_states.max() + 1} hyperparameters, not of {len(mean)}")
+        return mean, precision
     sizes = int(of_outputs.max()) + 1, int(of_states.max() - of_outputs.max())
-    mean, precision = (
+    means, precisions = (
         np.concatenate([np.broadcast_to(value, size) for value, size in zip(values, sizes, strict=True)])
         for values in (
             (settings.lambda_z, settings.lambda_w),
             (settings.lambda_z_precision, settings.lambda_w_precision),
         )
     )
-    return np.asarray(mean, np.float64), np.diag(precision)
+    return np.asarray(means, np.float64), np.diag(precisions)
 
 
 def hyperparameter_groups(settings: Settings, n: int, m: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -22,16 +22,16 @@ ROUNDING = 1e-9
 class Scaling(NamedTuple):
     """y = output_trim + output_scale · (engine's y), and likewise for inputs.
 
-    ``constant``: whether one more input, after the motors, is 1. ``known``: whether the recorded inputs count; if not,
-    those of the engine are 0, which is all that is known of them, and a unit of them is one of the engine's.
+    ``constant``: whether one more input, after the motors, is 1. ``known``: which of the recorded inputs count; of the
+    others the engine has 0, which is all that is known of them, and a unit of theirs is one of its own.
     """
 
     input_trim: Array  # (r,)
-    input_scale: float
+    input_scale: Array  # (r,)
     output_trim: Array  # (m,)
     output_scale: Array  # (m,)
     constant: bool
-    known: bool = True
+    known: NDArray[np.bool_]  # (r,)
 
     @classmethod
     def of(cls, inputs: Array, outputs: Array, settings: Settings) -> Scaling:
@@ -40,29 +40,32 @@ class Scaling(NamedTuple):
         Raises:
             ValueError: a channel that must vary does not.
         """
-        if settings.known_inputs and not varying(inputs).any():
+        known = known_inputs(settings, inputs.shape[1])
+        if known.any() and not varying(inputs[:, known]).any():
             raise ValueError(f"inputs {_CONSTANT}")
         if not varying(outputs).all():
             raise ValueError(f"outputs column {np.argmin(varying(outputs))} {_CONSTANT}")
-        r, m = inputs.shape[1], outputs.shape[1]
-        known = settings.known_inputs
-        if settings.scaling == "none":
-            return cls(np.zeros(r), 1.0, np.zeros(m), np.ones(m), constant=False, known=known)
-        if settings.scaling == "paper":
-            spread = float(np.ptp(inputs)) if known else 1.0
-            return cls(np.full(r, inputs.mean()), spread, np.zeros(m), np.ones(m), constant=False, known=known)
-        # One scale for all inputs: a motor that hardly moves must not have its noise blown up.
-        input_scale = float(np.sqrt(inputs.var(axis=0).mean())) if known else 1.0
-        return cls(inputs.mean(axis=0), input_scale, outputs.mean(axis=0), outputs.std(axis=0), True, known)
+        m, constant = outputs.shape[1], settings.scaling == "channel"
+        output_trim, output_scale = np.zeros(m), np.ones(m)
+        trim, scale = np.zeros(len(known)), np.ones(len(known))
+        if settings.scaling == "channel":
+            output_trim, output_scale = outputs.mean(axis=0), outputs.std(axis=0)
+        if known.any() and settings.scaling == "channel":
+            trim[known] = inputs[:, known].mean(axis=0)
+            # One scale for all inputs: a motor that hardly moves must not have its noise blown up.
+            scale[known] = np.sqrt(inputs[:, known].var(axis=0).mean())
+        if known.any() and settings.scaling == "paper":
+            trim[known], scale[known] = inputs[:, known].mean(), np.ptp(inputs[:, known])
+        return cls(trim, scale, output_trim, output_scale, constant, known)
 
     def scale_inputs(self, inputs: Array) -> Array:
         """(T, r) in the unit of the stream to (T, r or r + 1) in the engine's."""
-        scaled = (inputs - self.input_trim) / self.input_scale if self.known else np.zeros_like(inputs)
+        scaled = np.where(self.known, (inputs - self.input_trim) / self.input_scale, 0.0)
         return np.hstack([scaled, np.ones((len(scaled), 1))]) if self.constant else scaled
 
     def physical_inputs(self, scaled: Array) -> Array:
-        """(..., r) in the engine's units, without the constant, back to the unit of the stream, if that is known."""
-        return self.input_trim + self.input_scale * scaled if self.known else scaled
+        """(..., r) in the engine's units, without the constant, back to the stream's unit; unknown ones have none."""
+        return self.input_trim + self.input_scale * scaled
 
     def scale_outputs(self, outputs: Array) -> Array:
         """(T, m) in rad and rad/s to the engine's units."""
@@ -79,7 +82,7 @@ class Scaling(NamedTuple):
 
     def parameter_scale(self, order: int) -> Array:
         """(k,) physical size of a unit of each parameter, for the engine's θ."""
-        state, inputs = self.state_scale(order), np.full(len(self.input_trim), 1 / self.input_scale)
+        state, inputs = self.state_scale(order), 1 / self.input_scale
         if self.constant:
             inputs = np.append(inputs, 1.0)
         return pack(np.outer(state, 1 / state), np.outer(state, inputs), np.outer(self.output_scale, 1 / state))
@@ -90,6 +93,17 @@ class Scaling(NamedTuple):
         A, B, C = unpack(theta * self.parameter_scale(order), order, r + self.constant, m)
         offset = B[:, r] if self.constant else np.zeros(order)
         return LinearModel(A, B[:, :r], C, offset, self.input_trim, self.output_trim)
+
+
+def known_inputs(settings: Settings, inputs: int) -> NDArray[np.bool_]:
+    """Which (r,) of so many recorded inputs are known.
+
+    Raises:
+        ValueError: the settings say it of another number.
+    """
+    if isinstance(settings.known_inputs, tuple) and len(settings.known_inputs) != inputs:
+        raise ValueError(f"known_inputs must say it of {inputs} inputs, not of {len(settings.known_inputs)}")
+    return np.broadcast_to(np.array(settings.known_inputs), inputs).copy()
 
 
 _CONSTANT = "must vary over each half of the training data; constant samples determine no model"

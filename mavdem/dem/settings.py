@@ -50,11 +50,13 @@ class Settings:
         lambda_z, lambda_w: prior means of the log precisions of measurement and process noise, in the units of
             ``scaling``; one number, or one for each group.
         lambda_z_precision, lambda_w_precision: how sure the prior is of them, likewise.
+        lambda_prior: in place of these four, a ``Gaussian`` of all λ, outputs' groups before states'.
         output_groups, state_groups: for each output, and each state, the number of its group, from 0; a group shares
             one λ. ``None``: all share one, as in the paper.
-        known_inputs: whether the recorded inputs are η̃ᵛ; if not, it is 0, and B belongs to inputs nobody recorded.
-        input_precision: P̃ᵛ, in the units of ``scaling``: the precision of inputs about η̃ᵛ and of each derivative; or
-            a matrix ((d + 1)r, (d + 1)r), order-major.
+        known_inputs: whether the recorded inputs are η̃ᵛ; if not, it is 0, and B belongs to inputs nobody recorded. For
+            each column by itself, if several are given: a column of zeros then stands for one unknown input.
+        input_precision: P̃ᵛ, in the units of ``scaling``: the precision of inputs about η̃ᵛ and of each derivative; one
+            number, one for each input, or a matrix ((d + 1)r, (d + 1)r), order-major.
         state_rate, parameter_rate, hyperparameter_rate: learning rates k^X, k^θ and k^λ of Eq. ``GA_basic``, in the
             engine's units; ``None``: the exact limit, in which each step goes to its maximum.
         shrink_forecasts: whether forecasts are drawn back towards the trim by as much as forecasts of training data
@@ -80,10 +82,11 @@ class Settings:
     lambda_z_precision: float | tuple[float, ...] = e**25
     lambda_w: float | tuple[float, ...] = 3.0
     lambda_w_precision: float | tuple[float, ...] = 0.01
+    lambda_prior: Gaussian | None = None
     output_groups: tuple[int, ...] | None = None
     state_groups: tuple[int, ...] | None = None
-    known_inputs: bool = True
-    input_precision: float | tuple[tuple[float, ...], ...] = e**12
+    known_inputs: bool | tuple[bool, ...] = True
+    input_precision: float | tuple[float, ...] | tuple[tuple[float, ...], ...] = e**12
     state_rate: float | None = None
     parameter_rate: float | None = None
     hyperparameter_rate: float | None = None
@@ -95,7 +98,14 @@ class Settings:
         for name, value in vars(self).items():
             if isinstance(value, np.generic):
                 object.__setattr__(self, name, value.item())
-        for name in ("lambda_z", "lambda_z_precision", "lambda_w", "lambda_w_precision", "input_precision"):
+        for name in (
+            "lambda_z",
+            "lambda_z_precision",
+            "lambda_w",
+            "lambda_w_precision",
+            "input_precision",
+            "known_inputs",
+        ):
             object.__setattr__(self, name, _tuples(getattr(self, name)))
         for name in ("output_groups", "state_groups"):
             object.__setattr__(self, name, _tuples(getattr(self, name)))
@@ -106,8 +116,13 @@ class Settings:
             _require(_whole(value) or optional and value is None, name, "a whole number", value)
         for name in ("smoothness", "scaling", "prior", "correlation"):
             _require(not isinstance(getattr(self, name), np.ndarray), name, "no array", getattr(self, name))
-        for name in ("last_derivative_zero", "known_inputs", "shrink_forecasts"):
+        for name in ("last_derivative_zero", "shrink_forecasts"):
             _require(isinstance(getattr(self, name), bool), name, "True or False", getattr(self, name))
+        known = self.known_inputs if isinstance(self.known_inputs, tuple) else (self.known_inputs,)
+        said = bool(known) and all(isinstance(one, bool) for one in known)
+        _require(said, "known_inputs", "True or False, or that for each input", self.known_inputs)
+        prior = self.lambda_prior is None or isinstance(self.lambda_prior, Gaussian)
+        _require(prior, "lambda_prior", "a Gaussian or None", self.lambda_prior)
         _require(
             self.order is None or self.order >= 1, "order", "at least 1, or None for one more than outputs", self.order
         )
@@ -137,9 +152,9 @@ class Settings:
         needed = self.last_derivative_zero or self.prior != "uniform"
         _require(needed, "last_derivative_zero", "True with the uniform prior, which leaves C free", False)
         _require(self.last_derivative_zero or self.p > 0, "last_derivative_zero", "True with p = 0", False)
-        needed = self.known_inputs or self.smoothness != "learn"
+        needed = all(known) or self.smoothness != "learn"
         _require(needed, "smoothness", "a number where inputs are unknown, which have a colour of their own", "learn")
-        needed = self.known_inputs or self.prior != "regulated"
+        needed = all(known) or self.prior != "regulated"
         _require(needed, "known_inputs", "True with the regulated prior, under which B would stay 0", False)
         _require(self.iterations >= 1, "iterations", "at least 1", self.iterations)
         _require(self.seed >= 0, "seed", "at least 0", self.seed)
@@ -170,6 +185,8 @@ class Settings:
         value = self.input_precision
         if not isinstance(value, tuple):
             return _require(_positive(value), "input_precision", "a positive number or a matrix", value)
+        if value and not any(isinstance(one, tuple) for one in value):
+            return _require(all(map(_positive, value)), "input_precision", "positive numbers", value)
         try:
             matrix = np.array(value, np.float64)
         except (TypeError, ValueError, OverflowError):
@@ -229,9 +246,12 @@ class Settings:
         unknown = set(values) - {f.name for f in fields(cls)}
         if unknown:
             raise ValueError(f"not a setting: {', '.join(sorted(unknown))}")
-        if isinstance(values.get("prior"), dict):
-            values = {**values, "prior": Gaussian.from_dict(values["prior"])}
-        return cls(**values)
+        gaussians = {
+            name: Gaussian.from_dict(values[name])
+            for name in ("prior", "lambda_prior")
+            if isinstance(values.get(name), dict)
+        }
+        return cls(**{**values, **gaussians})
 
 
 def _whole(value: object) -> bool:

@@ -12,6 +12,7 @@ from mavdem import Flight, Learned, Settings, learn
 from mavdem.dem import Gaussian
 from mavdem.dem.model import pack, unpack
 from mavdem.dem.priors import hyperparameter_groups, hyperparameter_prior
+from mavdem.dem.smoothness import temporal_precision
 
 KNOWN = 1e8
 
@@ -105,6 +106,37 @@ def test_unknown_inputs_are_estimated():
     np.testing.assert_array_equal(again.estimated_inputs()[1], estimated)
 
 
+def test_the_wind_may_be_an_unknown_input_beside_motors_that_are_known():
+    """A fifth input, of which nothing is recorded, enters the rate with gain 1: it finds the moment of the wind."""
+    flight = simulated(3, wind=0.5)[:700]
+    rng = np.random.default_rng(3)
+    rng.standard_normal((850, 4))
+    moment = (0.5 * gaussian_filter1d(rng.standard_normal(8500), 50) * np.sqrt(100 * np.sqrt(np.pi)))[::10]
+    mean = pack(np.array([[0.0, 1.0], [-9.0, -RATE]]), np.array([np.zeros(5), [*GAIN, 1.0]]), np.eye(2))
+    # Its derivatives at the pace of the wind's, whose kernel is 0.05 s wide, and a variance of 0.25.
+    of_wind = temporal_precision(2, 0.05) / 0.25
+    precision = np.kron(np.diag([1e4, 1e2, 1.0]), np.diag([1e4] * 4 + [0.0]))
+    precision[np.ix_([4, 9, 14], [4, 9, 14])] = of_wind
+    settings = Settings(
+        order=2,
+        d=2,
+        window=3,
+        prior=Gaussian(mean, KNOWN),
+        known_inputs=(True, True, True, True, False),
+        input_precision=precision,
+        lambda_w=12.0,
+        lambda_w_precision=1e6,
+        parameter_precision=1.0,
+    )
+    beside = Flight(flight.time, np.hstack([flight.inputs, np.zeros((700, 1))]), flight.outputs)
+    learned = learn(beside, settings)
+    places, estimated = learned.estimated_inputs()
+    np.testing.assert_allclose(learned.model.B[1], [*GAIN, 1.0], rtol=0.05)
+    # Motors are held over a step and taken to run on: what they seem to push then is noise to the wind.
+    assert np.corrcoef(estimated[:, 4], moment[places])[0, 1] > 0.9
+    assert np.std(estimated[:, 4]) == pytest.approx(np.std(moment[places]), rel=0.3)
+
+
 def test_known_inputs_are_the_recorded_ones():
     flight = simulated(wind=0.5)[:400]
     learned = learn(flight, Settings(order=2, window=3, parameter_precision=1.0))
@@ -119,6 +151,9 @@ def test_noise_precisions_may_be_shared_by_groups():
     mean, precision = hyperparameter_prior(groups, 3, 2)
     assert mean.tolist() == [1, 2, 3, 3]
     np.testing.assert_allclose(np.diag(precision), [groups.lambda_z_precision] * 2 + [3, 4])
+    coupled = Gaussian([10.0, 0.0, 0.0], [[2.0, 0.0, 0.0], [0.0, 2.0, 1.0], [0.0, 1.0, 2.0]])
+    mean, precision = hyperparameter_prior(Settings(state_groups=(0, 1), lambda_prior=coupled), 2, 2)
+    assert (mean.tolist(), precision.tolist()) == (list(coupled.mean), [list(row) for row in coupled.precision])
     learned = learn(
         simulated(wind=0.5)[:400],
         Settings(order=2, window=3, parameter_precision=1.0, state_groups=(0, 1), lambda_w=(10.0, 0.0)),
@@ -165,8 +200,11 @@ def test_what_is_no_gaussian_is_named(mean, precision, named):
         ({"prior": Gaussian([0.0] * 3, 1.0)}, "^prior must be of the 16 parameters"),
         ({"prior": Gaussian([0.0] * 16, 1.0)}, "^last_derivative_zero must be True with a prior that leaves C free"),
         ({"output_groups": (0, 0, 0)}, "^output_groups must be 2 group numbers"),
+        ({"known_inputs": (True, False), "prior": roll_prior()}, "^known_inputs must say it of 4 inputs"),
+        ({"lambda_prior": Gaussian([1.0], 1.0)}, "^lambda_prior must be of 2 hyperparameters"),
+        ({"input_precision": (1.0, 2.0)}, "^input_precision must be of 4 inputs, or"),
         ({"state_groups": (0,)}, "^state_groups must be 2 group numbers"),
-        ({"input_precision": ((1.0,),)}, "^input_precision must be of 4 inputs and 3 orders"),
+        ({"input_precision": ((1.0,),)}, "^input_precision must be of 4 inputs, or of their 3 orders"),
     ],
 )
 def test_settings_that_do_not_fit_the_flight_are_named(settings, named):

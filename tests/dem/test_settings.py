@@ -1,5 +1,6 @@
 from math import e
 
+import numpy as np
 import pytest
 
 from mavdem import Settings
@@ -13,6 +14,8 @@ from mavdem.dem import Gaussian
         Settings.paper(),
         Settings(order=3, smoothness=0.02, window=9),
         Settings(prior=Gaussian([1, 2], [[2, 1], [1, 2]]), lambda_z=[1, 2], output_groups=[0, 1]),
+        Settings(prior=Gaussian([1], 1), lambda_prior=Gaussian([1], 2), known_inputs=[True, False]),
+        Settings(order=np.int64(2), smoothness=np.float32(0.5), input_precision=np.array([1.0, 2.0])),
     ],
 )
 def test_json_both_ways(settings):
@@ -38,6 +41,9 @@ def test_paper_settings_are_those_of_section_v_d():
         ("output_groups", (0, 2)),
         ("state_groups", ()),
         ("known_inputs", False),
+        ("known_inputs", ("yes",)),
+        ("lambda_prior", 3.0),
+        ("input_precision", (1.0, -1.0)),
         ("state_rate", 0.0),
         ("smoothness", "short"),
         ("p", -1),
