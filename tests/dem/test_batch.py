@@ -90,6 +90,7 @@ def test_a_given_executor_does_the_work_and_is_left_open(make, expected):
         assert executor.submit(int, "3").result() == 3
 
 
+@pytest.mark.slow
 def test_a_dask_cluster_does_the_work(expected):
     distributed = pytest.importorskip("distributed", reason="the extra [dask] is not installed")
     with (

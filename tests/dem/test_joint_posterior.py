@@ -81,6 +81,7 @@ def test_exact_states_err_by_what_they_say(outputs):
     assert (np.abs(np.mean(squares, axis=0) - 1) < 4 * standard_error(squares)).all()
 
 
+@pytest.mark.slow
 def test_exact_parameters_err_by_what_they_say():
     system = decay(2, 0.1, gain=1.0)
     squares = []
@@ -195,6 +196,7 @@ def test_every_sample_is_counted_as_if_independent(smoothness, p):
     assert dem / exact == pytest.approx(counted.real, rel=tolerance)
 
 
+@pytest.mark.slow
 def test_of_a_motion_that_only_noise_drives_dem_sees_the_ends_alone():
     """DEM's rate of decay is Σ x̃ᵀS Dx̃ / Σ x̃ᵀS x̃: of a smooth motion the upper sum telescopes.
 
@@ -227,6 +229,7 @@ def test_a_backward_difference_makes_such_a_motion_grow(smoothness):
     assert np.mean(rates) > 4 * standard_error(rates)
 
 
+@pytest.mark.slow
 def test_the_last_derivative_draws_parameters_away_from_the_exact_ones():
     """With little process noise the posterior is sharp, and an equation that leaves out x‴ contradicts it."""
     system = roll(2, 0.01, process_noise=0.1)

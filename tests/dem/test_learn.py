@@ -190,6 +190,7 @@ def test_process_noise_is_the_moment_of_the_wind():
     assert noise[:, 1].std() == pytest.approx(moment[places].std(), rel=0.2)
 
 
+@pytest.mark.slow
 def test_the_band_holds_nine_samples_in_ten():
     flights = 40
     inside = []
@@ -279,6 +280,7 @@ def test_data_that_determine_nothing_are_refused(change, message):
         learn(change(simulated()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("p", "order"), [(1, 4), (2, 5), (3, 6)])
 def test_more_hidden_states_than_derivatives_are_refused_and_one_fewer_learnt(p, order):
     flight = simulated(wind=0.5)[:700]

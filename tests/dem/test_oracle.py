@@ -77,6 +77,7 @@ PRIORS = 40
 """Draws of the random prior: its climbs end in different places, so one alone says little."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("p", "settings", "share"),
     [(2, {}, 0.9), (1, {"p": 1, "d": 1, "window": 2}, 0.25)],
