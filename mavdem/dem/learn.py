@@ -72,7 +72,9 @@ def _learn(record: Record, settings: Settings) -> Learned:
     if settings.smoothness == "learn":
         colour = _colour(record)
         settings = replace(settings, smoothness=colour.smoothness)
-    attempts = [_attempt(record, choice) for choice in candidates(settings, record)]
+    choices = candidates(settings, record)
+    # Where there is a choice, only the chosen one is climbed to its end.
+    attempts = [_attempt(record, choice, finish=len(choices) == 1) for choice in choices]
     best = min(attempts, key=lambda attempt: attempt.candidate.error)
     if best.fit is None or best.candidate.error == np.inf:
         raise ValueError("no model of the training data, with these settings, can forecast any part of them")
@@ -82,7 +84,7 @@ def _learn(record: Record, settings: Settings) -> Learned:
         unseen = None
     if unseen is None or not np.isfinite(unseen.mse).all():
         raise ValueError("half of the training data do not determine a model that can forecast: more are needed")
-    finished = _finished(best.fit, record)
+    finished = best.fit if len(choices) == 1 else _finished(best.fit, record)
     segments = generalized(finished.settings, finished.scaling, record)
     certainty = certainty_of(finished.model, segments, finished.ascent)
     return Learned.of(
@@ -133,11 +135,11 @@ class _Attempt:
     fit: Fit | None
 
 
-def _attempt(record: Record, settings: Settings) -> _Attempt:
+def _attempt(record: Record, settings: Settings, finish: bool) -> _Attempt:
     assert settings.window and settings.parameter_precision
     choice = (settings.window, settings.parameter_precision)
     try:
-        fitted = fit(record, settings, finish=False)
+        fitted = fit(record, settings, finish)
         error = float(np.mean(trials(fitted, record).mse / record.outputs.var(axis=0)))
     except np.linalg.LinAlgError:
         return _Attempt(Candidate(*choice, np.inf), None)
