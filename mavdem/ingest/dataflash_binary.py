@@ -1,0 +1,234 @@
+"""Binary DataFlash logs (.bin): finding the messages, and decoding them by column.
+
+There are no checksums. A message counts when its header stands where the one before it ends; after damage the next
+header with a known id is tried. A message that is not followed by a header may be whole, with garbage behind it, or
+hit itself. It is given up when another one, itself followed by a header, begins inside it, or when bytes differ in it
+that are the same in all messages of its id around it: of most messages some bytes never change.
+"""
+
+from __future__ import annotations
+
+import struct
+from array import array
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.ingest.dataflash_definition import (
+    DIVISORS,
+    EMPTY,
+    FORMAT,
+    FORMAT_ID,
+    HEADER,
+    HEADER_LENGTH,
+    LONGEST,
+    Definition,
+    Recording,
+    Table,
+    defined,
+    joined,
+)
+from mavdem.ingest.framing import Progress
+
+BLOCK = 1 << 22
+"""Bytes between two calls of ``progress``."""
+NEIGHBOURS, FEWEST = 8, 4
+"""Messages of its id before and after a doubtful one that it is compared with, and how many there must be."""
+
+_FORMAT_BODY = struct.Struct("<BB4s16s64s")
+_Dated = list[tuple[int, Definition]]
+"""The definitions of one id, each with the place from which it holds."""
+
+
+def read_binary(content: bytes, progress: Progress | None = None) -> Recording:
+    """The messages in the bytes of a binary log; ``progress`` is called with the fraction done."""
+    scan = _Scan(content)
+    scan.run(progress)
+    # Padded, so that the last message may be read with any definition.
+    data = np.zeros(len(content) + LONGEST, dtype=np.uint8)
+    data[: len(content)] = np.frombuffer(content, dtype=np.uint8)
+    starts = np.array(scan.starts, dtype=np.int64)
+    hit = _hit(data, starts, scan.doubtful)
+    starts = np.delete(starts, hit)
+    ids = data[starts + 2]
+    groups: dict[str, list[tuple[Definition, NDArray[np.int64]]]] = {}
+    for kind in np.unique(ids).tolist():
+        places, dated = starts[ids == kind], scan.definitions[kind]
+        version = np.searchsorted([since for since, _ in dated], places, side="right") - 1
+        for number in np.unique(version).tolist():
+            definition = dated[number][1]
+            groups.setdefault(definition.name, []).append((definition, places[version == number]))
+    return Recording(
+        counts={name: sum(len(places) for _, places in group) for name, group in groups.items()},
+        table=lambda name: joined([_decoded(data, *group) for group in groups.get(name, [])]),
+        bytes_skipped=scan.skipped(),
+        repairs=(*scan.repairs, *((f"{len(hit)} damaged messages were left out.",) if hit else ())),
+    )
+
+
+class _Scan:
+    """One pass over a log: ``starts`` are the places of its messages, ``definitions`` theirs by id.
+
+    ``doubtful`` has the row and the length of each message that is not followed by a header.
+    """
+
+    def __init__(self, content: bytes) -> None:
+        self.content = content
+        self.starts = array("q")
+        self.doubtful: list[tuple[int, int]] = []
+        self.read = 0
+        self.repairs: list[str] = []
+        self.definitions: dict[int, _Dated] = {FORMAT_ID: [(0, FORMAT)]}
+        self.lengths = [0] * 256
+        self.lengths[FORMAT_ID] = FORMAT.length
+        self._learn_definitions()
+
+    def run(self, progress: Progress | None) -> None:
+        """Finds the messages."""
+        content, lengths, starts = self.content, self.lengths, self.starts
+        size, place, told = len(content), 0, 0
+        first, second = HEADER
+        while place <= size - HEADER_LENGTH:
+            if progress is not None and place >= told:
+                progress(place / size)
+                told = place + BLOCK
+            if content[place] == first and content[place + 1] == second:
+                kind = content[place + 2]
+                length = lengths[kind]
+                if length and place + length <= size:
+                    starts.append(place)
+                    self.read += length
+                    if kind == FORMAT_ID:
+                        self._define(place)
+                    place += length
+                else:
+                    place = self._next_header(place + 1)
+            else:
+                place = self._after_damage(place)
+        if progress is not None:
+            progress(1.0)
+
+    def skipped(self) -> int:
+        """Bytes that belong to no message; the fill of the last page of a flash chip is no loss."""
+        end = self.starts[-1] + self.lengths[self.content[self.starts[-1] + 2]] if self.starts else 0
+        tail = self.content[end:]
+        filled = len(tail) if tail.count(tail[:1]) == len(tail) and tail[:1] in (b"\0", b"\xff") else 0
+        return len(self.content) - self.read - filled
+
+    def _learn_definitions(self) -> None:
+        """The first definition of each id, wherever it stands: messages may come before their FMT."""
+        place = self.content.find(HEADER + bytes([FORMAT_ID]))
+        contradictory: dict[int, Definition] = {}
+        while place >= 0:
+            found = self._defined_at(place)
+            if found is not None and found[0] not in self.definitions:
+                kind, definition = found
+                if definition.length == definition.wire_length:
+                    self._set(kind, definition)
+                else:
+                    contradictory.setdefault(kind, definition)
+            place = self.content.find(HEADER + bytes([FORMAT_ID]), place + 1)
+        for kind, definition in contradictory.items():
+            if kind not in self.definitions:
+                self._settle(kind, definition)
+
+    def _settle(self, kind: int, definition: Definition) -> None:
+        """Believes the length that puts more of the messages before another header, where the two lengths differ.
+
+        With the length that FMT says and fields of another, messages are stepped over but cannot be decoded.
+        """
+        candidates = [length for length in (definition.wire_length, definition.length) if length > HEADER_LENGTH]
+        if not candidates:
+            return
+        data = np.frombuffer(self.content + bytes(LONGEST), dtype=np.uint8)
+        headers = (data[:-1] == HEADER[0]) & (data[1:] == HEADER[1])
+        places = np.flatnonzero(headers[: len(self.content)] & (data[2 : len(self.content) + 2] == kind))
+        length = max(
+            candidates, key=lambda length: np.count_nonzero(headers[np.minimum(places + length, len(headers) - 1)])
+        )
+        decodable = length == definition.wire_length
+        self._set(kind, Definition(definition.name, length, definition.characters, definition.fields))
+        if definition.wire is None and length == definition.length:
+            return  # a field of a kind newer than this reader is no damage
+        self.repairs.append(
+            f"The definition (FMT) of {definition.name} says {definition.length} bytes and lists fields for "
+            f"{definition.wire_length}: its messages were {'read by the fields' if decodable else 'left out'}."
+        )
+
+    def _set(self, kind: int, definition: Definition, since: int = 0) -> None:
+        self.definitions.setdefault(kind, []).append((since, definition))
+        self.lengths[kind] = definition.length
+
+    def _define(self, place: int) -> None:
+        """Takes over a definition that differs from the one that holds: another log was appended."""
+        found = self._defined_at(place)
+        if found is None or found[0] == FORMAT_ID:
+            return
+        kind, definition = found
+        if definition.length == definition.wire_length and definition != self.definitions[kind][-1][1]:
+            self._set(kind, definition, place)
+
+    def _defined_at(self, place: int) -> tuple[int, Definition] | None:
+        if place + FORMAT.length > len(self.content):
+            return None
+        return defined(_FORMAT_BODY.unpack_from(self.content, place + HEADER_LENGTH))
+
+    def _after_damage(self, place: int) -> int:
+        """Where to go on from a place that should hold a header; gives up the message before it if that was hit."""
+        if self.starts:
+            previous = self.starts[-1]
+            length = self.lengths[self.content[previous + 2]]
+            if previous + length == place:
+                inside = self._begun_inside(previous, place)
+                if inside is not None:
+                    self.starts.pop()
+                    self.read -= length
+                    return inside
+                self.doubtful.append((len(self.starts) - 1, length))
+        return self._next_header(place)
+
+    def _begun_inside(self, previous: int, end: int) -> int | None:
+        """A message that begins inside the one before and has a header, or the end of the log, behind it."""
+        place = self.content.find(HEADER, previous + 1, end + 1)
+        while place >= 0:
+            length = self.lengths[self.content[place + 2]] if place + 2 < len(self.content) else 0
+            behind = place + length
+            if length and (self.content.startswith(HEADER, behind) or behind == len(self.content)):
+                return place
+            place = self.content.find(HEADER, place + 1, end + 1)
+        return None
+
+    def _next_header(self, place: int) -> int:
+        found = self.content.find(HEADER, place)
+        return found if found >= 0 else len(self.content)
+
+
+def _hit(data: NDArray[np.uint8], starts: NDArray[np.int64], doubtful: list[tuple[int, int]]) -> list[int]:
+    """Those rows of the doubtful that differ from their neighbours where these all agree."""
+    ids, suspect, hit = data[starts + 2], {row for row, _ in doubtful}, []
+    rows_of = {kind: np.flatnonzero(ids == kind) for kind in np.unique(ids[sorted(suspect)]).tolist()}
+    for row, length in doubtful:
+        same = rows_of[int(ids[row])]
+        at = int(np.searchsorted(same, row))
+        around = [
+            other for other in same[max(at - NEIGHBOURS, 0) : at + NEIGHBOURS + 1].tolist() if other not in suspect
+        ]
+        if len(around) >= FEWEST:
+            bodies = np.stack([data[start : start + length] for start in starts[around].tolist()])
+            constant = (bodies == bodies[0]).all(axis=0)
+            if (data[starts[row] : starts[row] + length] != bodies[0])[constant].any():
+                hit.append(row)
+    return hit
+
+
+def _decoded(data: NDArray[np.uint8], definition: Definition, places: NDArray[np.int64]) -> Table:
+    wire = definition.wire
+    if wire is None or definition.length != definition.wire_length or not wire.itemsize:
+        return EMPTY
+    bodies = np.lib.stride_tricks.sliding_window_view(data, wire.itemsize)[places + HEADER_LENGTH]
+    messages = bodies.view(wire)[:, 0]
+    columns = {}
+    for name, character in zip(definition.fields, definition.characters, strict=True):
+        column = np.ascontiguousarray(messages[name])
+        columns[name] = column / DIVISORS[character] if character in DIVISORS else column
+    return Table(places, columns)

@@ -1,0 +1,51 @@
+"""The messages of a DataFlash log on the boot clock.
+
+All carry the same one: TimeUS, microseconds since boot, or TimeMS before ArduPilot 3.3. A log may hold several boots,
+appended; stamps in a garbled message lie anywhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from mavdem.ingest.clocks import Stamps, boot_clock
+from mavdem.ingest.dataflash_definition import Table
+from mavdem.telemetry import Columns
+
+CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}
+"""Stamps and their units in a second."""
+
+
+def on_boot_clock(tables: Mapping[str, Table]) -> tuple[dict[str, Columns], tuple[str, ...]]:
+    """The tables with ``time`` (s) and ``boot`` beside their columns, and a sentence for each thing mended.
+
+    Tables without stamps are left out, and so are messages whose stamp cannot be.
+    """
+    clocks = {name: field for name, table in tables.items() for field in CLOCKS if field in table.columns}
+    if not clocks:
+        return {}, ()
+    seconds = {
+        name: np.asarray(tables[name].columns[field], dtype=np.float64) / CLOCKS[field]
+        for name, field in clocks.items()
+    }
+    place = np.concatenate([tables[name].place for name in clocks])
+    order = np.argsort(place, kind="stable")
+    stamps = np.concatenate([seconds[name] for name in clocks])[order]
+    clock = boot_clock(
+        [Stamps("the messages", np.arange(len(order)), stamps, np.inf)], received=np.full(len(order), np.nan)
+    )
+    row = np.empty(len(order), dtype=np.int64)
+    row[order] = np.arange(len(order))
+    placed: dict[str, Columns] = {}
+    first = 0
+    for name in clocks:
+        rows = row[first : first + len(seconds[name])]
+        first += len(rows)
+        time, boot = clock.time[rows], clock.boot[rows]
+        # A stamp that was ignored took the place of the one before it: its message cannot be trusted either.
+        kept = time == seconds[name]
+        columns = {field: values[kept] for field, values in tables[name].columns.items()}
+        placed[name] = {**columns, "time": time[kept], "boot": boot[kept]}
+    return placed, clock.repairs

@@ -1,0 +1,88 @@
+"""Made-up DataFlash logs, byte by byte: FMT for each message, then messages."""
+
+from __future__ import annotations
+
+import struct
+
+HEADER = b"\xa3\x95"
+STRUCTS = {"Q": "Q", "B": "B", "b": "b", "H": "H", "h": "h", "I": "I", "i": "i", "f": "f", "d": "d", "q": "q"}
+STRUCTS |= {"c": "h", "C": "H", "e": "i", "E": "I", "L": "i", "M": "B", "n": "4s", "N": "16s", "Z": "64s", "a": "64s"}
+
+MESSAGES = {
+    "PARM": (64, "QNff", "TimeUS,Name,Value,Default"),
+    "MSG": (91, "QZ", "TimeUS,Message"),
+    "ATT": (129, "QccccCCCCB", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw,ErrRP,ErrYaw,AEKF"),
+    "RATE": (130, "Qfffffffffffff", "TimeUS,RDes,R,ROut,PDes,P,POut,YDes,Y,YOut,ADes,A,AOut,AOutSlew"),
+    "RCOU": (131, "Q" + 14 * "H", "TimeUS," + ",".join(f"C{n}" for n in range(1, 15))),
+    "IMU": (132, "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
+    "EV": (133, "QB", "TimeUS,Id"),
+    "ARM": (134, "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method"),
+    "CTUN": (135, "Qfhh", "TimeUS,ThI,DCRt,CRt"),
+}
+
+
+def packed(characters: str) -> str:
+    return "<" + "".join(STRUCTS[character] for character in characters)
+
+
+def fmt(name: str, length: int | None = None, kind: int | None = None, characters: str | None = None) -> bytes:
+    """FMT of one of ``MESSAGES``, true or with something else in it."""
+    own, usual, fields = MESSAGES[name]
+    length = 3 + struct.calcsize(packed(usual)) if length is None else length
+    body = struct.pack(
+        "<BB4s16s64s",
+        own if kind is None else kind,
+        length,
+        name.encode(),
+        (characters or usual).encode(),
+        fields.encode(),
+    )
+    return HEADER + b"\x80" + body
+
+
+def formats() -> bytes:
+    own = struct.pack("<BB4s16s64s", 0x80, 89, b"FMT", b"BBnNZ", b"Type,Length,Name,Format,Columns")
+    return HEADER + b"\x80" + own + b"".join(fmt(name) for name in MESSAGES)
+
+
+def message(name: str, *values: object, kind: int | None = None) -> bytes:
+    """Raw values in the order of the fields; what is not given is zero."""
+    own, characters, _ = MESSAGES[name]
+    empty = [b"" if character in "nNZa" else 0 for character in characters]
+    given = [value.encode() if isinstance(value, str) else value for value in values]
+    body = struct.pack(packed(characters), *given, *empty[len(given) :])
+    return HEADER + bytes([own if kind is None else kind]) + body
+
+
+def att(time: float, roll: float, pitch: float = 0.0, yaw: float = 0.0) -> bytes:
+    """Angles in degrees; the last field, the estimator, is 3."""
+    centi = [round(100 * angle) for angle in (roll, pitch, yaw)]
+    return message("ATT", round(1e6 * time), 0, centi[0], 0, centi[1], 0, centi[2], 0, 0, 3)
+
+
+def rate(time: float, roll: float, demand: float = 0.0) -> bytes:
+    """Roll rate in °/s, roll demand -1 to 1; the last field is 1."""
+    return message("RATE", round(1e6 * time), 0, roll, demand, 0, 0, 0, 0, 0, 0, 0, 0, 0.5, 1.0)
+
+
+def rcou(time: float, *pulses: int) -> bytes:
+    """Pulses in µs; the last channel is 1500."""
+    return message("RCOU", round(1e6 * time), *pulses, *[0] * (13 - len(pulses)), 1500)
+
+
+def flight(times: list[float]) -> list[bytes]:
+    """Attitude, rate and motors at each time: roll 2°, 4°, …, roll rate a tenth of that, motor 1 at 1500, 1501, …."""
+    rows = enumerate(times)
+    return [att(t, 2.0 + 2 * (i % 5)) + rate(t, 0.2 + 0.2 * (i % 5)) + rcou(t, 1500 + i % 5, 1600) for i, t in rows]
+
+
+def told() -> bytes:
+    """What a log says at its beginning: firmware, frame, parameters."""
+    return b"".join(
+        [
+            message("MSG", 1_000_000, "ArduCopter V4.5.7 (2a3dc4b7)"),
+            message("MSG", 1_000_000, "Frame: QUAD/X"),
+            message("PARM", 1_000_000, "SYSID_THISMAV", 7.0, 1.0),
+            message("PARM", 1_000_000, "FRAME_CLASS", 1.0, 0.0),
+        ]
+    )

@@ -1,0 +1,433 @@
+"""DataFlash logs: every value against DFReader's, the same flight's telemetry log, and damage that costs its own."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import dataflash_logs as made
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pymavlink import DFReader
+
+from mavdem.errors import NotLearnable, Unreadable
+from mavdem.ingest import Log, meaning, read_log
+from mavdem.ingest.dataflash import read_dataflash
+from mavdem.ingest.dataflash_binary import read_binary
+from mavdem.ingest.dataflash_definition import Recording
+from mavdem.read import read_flight
+from mavdem.telemetry import Telemetry
+
+SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
+STEPS = SHARED / "sitl_ardupilot" / "ardupilot_inertia_wind5_steps.BIN"
+LOGS = [STEPS, SHARED / "logs" / "wlichon_baseline.BIN"]
+TIMES = [20 + 0.01 * row for row in range(200)]
+
+
+def shared(path: Path) -> Path:
+    if not path.exists():
+        pytest.skip(f"the shared data are not here: {path.name}")
+    return path
+
+
+def log_of(content: bytes, folder: Path, name: str = "flight.bin") -> Log:
+    path = folder / name
+    path.write_bytes(content)
+    return read_dataflash(path)
+
+
+def vehicle_of(content: bytes, folder: Path, name: str = "flight.bin") -> Telemetry:
+    (vehicle,) = log_of(content, folder, name).vehicles
+    return vehicle
+
+
+def by_dfreader(path: Path, names: list[str] | None = None) -> dict[str, dict[str, list]]:
+    """Every message as plain DFReader reads it, as lists by message and field."""
+    reader, read = DFReader.DFReader_binary(str(path)), defaultdict(lambda: defaultdict(list))
+    while (message := reader.recv_match(type=names, strict=True)) is not None:
+        for field, value in message.to_dict().items():
+            read[message.get_type()][field].append(value)
+    return read
+
+
+@pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)
+def test_every_value_of_every_message_is_dfreaders(path: Path) -> None:
+    recording = read_binary(shared(path).read_bytes())
+    names = ["ATT", "ANG", "RATE", "RCOU", "CTUN", "XKF1", "EV", "ARM", "PARM", "MSG", "GPS", "BARO", "ESC", "MODE"]
+    expected = by_dfreader(path, names)
+    assert len(expected) > 9
+    for name, fields in expected.items():
+        table = recording.table(name)
+        for field in recording.table(name).columns:
+            ours, theirs = table.columns[field], fields[field]
+            if ours.dtype.kind == "S":
+                assert [text.split(b"\0")[0].decode("latin-1") for text in ours.tolist()] == theirs, (name, field)
+            elif (name, field) != ("MODE", "Mode"):
+                assert np.array_equal(ours, np.array(theirs), equal_nan=True), (name, field)
+    reader = DFReader.DFReader_binary(str(path))
+    for kind, counted in enumerate(reader.counts):
+        if kind in reader.id_to_name and counted:
+            # DFReader's index counts a message that the end of the file cuts off.
+            assert 0 <= counted - recording.counts.get(reader.id_to_name[kind], 0) <= 1, reader.id_to_name[kind]
+
+
+def test_the_translation_holds_dfreaders_values_in_mavlinks_units(tmp_path: Path) -> None:
+    read = by_dfreader(shared(STEPS), ["ANG", "RATE", "RCOU", "CTUN", "XKF1", "PARM"])
+    (vehicle,) = read_dataflash(STEPS).vehicles
+    attitude, servos = vehicle.messages["ATTITUDE"], vehicle.messages["SERVO_OUTPUT_RAW"]
+    assert np.array_equal(attitude["time"], np.array(read["ANG"]["TimeUS"]) / 1e6)
+    assert np.array_equal(attitude["roll"], np.radians(read["ANG"]["Roll"]))
+    assert np.array_equal(attitude["pitch"], np.radians(read["ANG"]["Pitch"]))
+    heading = np.radians(read["ANG"]["Yaw"])
+    assert np.allclose(np.exp(1j * attitude["yaw"]), np.exp(1j * heading), atol=1e-12)
+    assert np.abs(attitude["yaw"]).max() <= np.pi
+    assert np.array_equal(attitude["rollspeed"], np.radians(read["RATE"]["R"]))
+    assert np.array_equal(servos["time_usec"], read["RCOU"]["TimeUS"])
+    for channel in range(1, 15):
+        assert np.array_equal(servos[f"servo{channel}_raw"], read["RCOU"][f"C{channel}"])
+    controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
+    assert np.array_equal(
+        controls[:, :4], np.column_stack([read["RATE"][name] for name in ("ROut", "POut", "YOut", "AOut")])
+    )
+    primary = np.array(read["XKF1"]["C"]) == 0
+    assert np.array_equal(vehicle.messages["LOCAL_POSITION_NED"]["vz"], np.array(read["XKF1"]["VD"])[primary])
+    assert np.array_equal(vehicle.messages["VFR_HUD"]["climb"], np.array(read["CTUN"]["CRt"]) / 100)
+    named = dict(zip(read["PARM"]["Name"], read["PARM"]["Value"], strict=True))
+    assert vehicle.parameters == named
+    assert (vehicle.system, vehicle.vehicle, vehicle.autopilot) == (1, "QUADROTOR", "ARDUPILOTMEGA")
+
+
+def test_the_same_flight_over_the_link_reads_the_same() -> None:
+    (logged,) = read_dataflash(shared(STEPS)).vehicles
+    (sent,) = [one for one in read_log(shared(STEPS.with_suffix(".tlog"))).vehicles if "ATTITUDE" in one.messages]
+    ours, theirs = logged.messages["ATTITUDE"], sent.messages["ATTITUDE"]
+    # Sent stamps are milliseconds, rounded down: the message is up to 1 ms, and up to a loop of 2.5 ms, off.
+    within = (theirs["time"] > ours["time"][0] + 0.1) & (theirs["time"] < ours["time"][-1] - 0.1)
+    assert np.count_nonzero(within) > 10_000
+    for angle, speed in (("roll", "rollspeed"), ("pitch", "pitchspeed")):
+        moved = np.interp(theirs["time"][within], ours["time"], ours[angle])
+        fastest = np.abs(ours[speed]).max()
+        assert np.abs(moved - theirs[angle][within]).max() < 0.0035 * fastest
+        moved = np.interp(theirs["time"][within], ours["time"], ours[speed])
+        steepest = np.abs(np.diff(ours[speed]) / np.diff(ours["time"])).max()
+        assert np.abs(moved - theirs[speed][within]).max() < 0.0035 * steepest
+    ours, theirs = logged.messages["SERVO_OUTPUT_RAW"], sent.messages["SERVO_OUTPUT_RAW"]
+    inside = (ours["time"] > theirs["time"][0]) & (ours["time"] < theirs["time"][-1])
+    for motor in range(1, 5):
+        name = f"servo{motor}_raw"
+        sent_there = np.interp(ours["time"][inside], theirs["time"], theirs[name])
+        # What one message in 10 ms leaves out lies between the two: on average a few µs of a range of 1000.
+        assert np.corrcoef(sent_there, ours[name][inside])[0, 1] > 0.999
+    unflown = [f"servo{channel}_raw" for channel in range(5, 15)]
+    assert all(set(ours[name].tolist()) == set(theirs[name].tolist()) for name in unflown if name in theirs)
+
+
+def test_a_made_up_log(tmp_path: Path) -> None:
+    events = made.message("EV", 20_500_000, 10) + made.message("EV", 20_900_000, 28)
+    landed = made.message("EV", 21_700_000, 18) + made.message("ARM", 21_800_000, 0, 0, 0, 1)
+    content = made.formats() + made.told() + b"".join(made.flight(TIMES[:50])) + events
+    content += b"".join(made.flight(TIMES[50:])) + landed
+    log = log_of(content, tmp_path)
+    (vehicle,) = log.vehicles
+    assert (vehicle.system, vehicle.component, vehicle.vehicle, vehicle.repairs) == (7, 1, "QUADROTOR", ())
+    assert (log.bytes_skipped, log.frames) == (0, 10 + 4 + 600 + 4)
+    attitude = vehicle.messages["ATTITUDE"]
+    assert np.allclose(attitude["time"], TIMES, atol=1e-9)
+    assert np.allclose(attitude["roll"][:5], np.radians([2, 4, 6, 8, 10]))
+    assert np.allclose(attitude["rollspeed"][:5], np.radians([0.2, 0.4, 0.6, 0.8, 1.0]))
+    armed, in_air = meaning.armed(vehicle), meaning.in_air(vehicle)
+    assert armed is not None and in_air is not None
+    assert armed.time[armed.values > 0].tolist() == [20.5, 21.0]
+    assert in_air.time[in_air.values > 0].tolist() == [20.9, 21.0]
+
+
+def test_a_log_that_begins_in_the_air_says_so(tmp_path: Path) -> None:
+    content = made.formats() + made.told() + b"".join(made.flight(TIMES))
+    content += made.message("EV", 21_990_000, 18) + made.message("EV", 21_991_000, 11)
+    vehicle = vehicle_of(content, tmp_path)
+    assert vehicle.messages["HEARTBEAT"]["base_mode"].tolist() == [128, 128, 0]
+    assert vehicle.messages["EXTENDED_SYS_STATE"]["landed_state"].tolist() == [2, 2, 1]
+    silent = vehicle_of(made.formats() + made.told() + b"".join(made.flight(TIMES)), tmp_path)
+    assert "HEARTBEAT" not in silent.messages and "EXTENDED_SYS_STATE" not in silent.messages
+
+
+def test_yaw_is_between_half_turns_and_rates_move_to_the_angles_stamps(tmp_path: Path) -> None:
+    rows = [made.att(20 + 0.1 * i, 0, 0, (350 + 4 * i) % 360) for i in range(10)]
+    rows += [made.rate(20.003 + 0.1 * i, 10.0 * i) for i in range(-1, 11)]
+    attitude = vehicle_of(made.formats() + b"".join(sorted(rows, key=lambda row: row[3:11][::-1])), tmp_path)
+    columns = attitude.messages["ATTITUDE"]
+    expected = np.array([-10, -6, -2, 2, 6, 10, 14, 18, 22, 26])
+    assert np.allclose(np.degrees(columns["yaw"]), expected)
+    assert np.allclose(np.degrees(columns["rollspeed"]), 10.0 * np.arange(10) - 0.3)
+
+
+def test_no_attitude_is_invented_between_slow_rates_nor_in_their_gaps(tmp_path: Path) -> None:
+    angles = [made.att(20 + 0.01 * i, 0.1 * i) for i in range(301)]
+    rates = [made.rate(20 + 0.05 * i, 1.0) for i in range(61) if not 20 < i < 40]
+    rows = sorted(angles + rates, key=lambda row: row[3:11][::-1])
+    columns = vehicle_of(made.formats() + b"".join(rows), tmp_path).messages["ATTITUDE"]
+    assert len(columns["time"]) == len(rates)
+    assert np.allclose(np.degrees(columns["roll"]), 10 * (columns["time"] - 20))
+    # Angles in a gap of the rates have none.
+    angles = [made.att(20 + 0.05 * i, 0.5 * i) for i in range(61)]
+    rates = [made.rate(20 + 0.05 * i + 0.01, float(i)) for i in range(-1, 61) if not 25 < i < 30]
+    rows = sorted(angles + rates, key=lambda row: row[3:11][::-1])
+    columns = vehicle_of(made.formats() + b"".join(rows), tmp_path).messages["ATTITUDE"]
+    assert np.flatnonzero(np.isnan(columns["rollspeed"])).tolist() == [26, 27, 28, 29, 30]
+
+
+def test_gyros_stand_in_for_rates_that_were_logged_slower(tmp_path: Path) -> None:
+    def gyro(t: float, instance: int, speed: float) -> bytes:
+        return made.message("IMU", round(1e6 * t), instance, speed, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+    rows = [made.att(t, 1.0) + gyro(t, 0, 0.25) + gyro(t, 1, 9.0) for t in TIMES]
+    slow = [made.rate(t, 1.0) for t in TIMES[::10]]
+    content = made.formats() + b"".join(sorted(rows + slow, key=lambda row: row[3:11][::-1]))
+    columns = vehicle_of(content, tmp_path).messages["ATTITUDE"]
+    assert len(columns["time"]) == len(TIMES) and (columns["rollspeed"] == 0.25).all()
+
+
+def test_a_reboot_within_a_file(tmp_path: Path) -> None:
+    first, second = [500 + 0.1 * row for row in range(50)], [3 + 0.1 * row for row in range(50)]
+    content = (
+        made.formats() + made.told() + b"".join(made.flight(first)) + made.formats() + b"".join(made.flight(second))
+    )
+    vehicle = vehicle_of(content, tmp_path)
+    for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "ACTUATOR_CONTROL_TARGET"):
+        assert vehicle.messages[name]["boot"].tolist() == [0] * 50 + [1] * 50
+        assert np.allclose(vehicle.messages[name]["time"], first + second, atol=1e-9)
+    assert any("rebooted" in repair for repair in vehicle.repairs)
+
+
+def test_an_appended_log_of_other_definitions(tmp_path: Path) -> None:
+    other = made.fmt("ATT", kind=130) + made.fmt("RATE", kind=129)
+    rows = b"".join(
+        other_id(made.att(t, 6.0), 130) + other_id(made.rate(t, 1.5), 129) for t in [3 + 0.1 * row for row in range(50)]
+    )
+    content = made.formats() + b"".join(made.flight([500 + 0.1 * row for row in range(50)])) + other + rows
+    attitude = vehicle_of(content, tmp_path).messages["ATTITUDE"]
+    assert attitude["boot"].tolist() == [0] * 50 + [1] * 50
+    assert np.allclose(attitude["roll"][50:], np.radians(6)) and np.allclose(
+        attitude["rollspeed"][50:], np.radians(1.5)
+    )
+
+
+def other_id(message: bytes, kind: int) -> bytes:
+    return message[:2] + bytes([kind]) + message[3:]
+
+
+def test_repeated_and_disordered_messages_are_put_in_order(tmp_path: Path) -> None:
+    rows = made.flight(TIMES)
+    disordered = rows[:50] + [rows[51], rows[50]] + rows[52:] + rows[-1:]
+    attitude = meaning.attitude(vehicle_of(made.formats() + b"".join(disordered), tmp_path), "roll")
+    plain = meaning.attitude(vehicle_of(made.formats() + b"".join(rows), tmp_path), "roll")
+    assert attitude is not None and plain is not None
+    assert np.array_equal(attitude.time, plain.time) and np.array_equal(attitude.angle, plain.angle)
+    assert attitude.left_out == 0
+
+
+GARBAGE = random.Random(5).randbytes(400)
+
+
+@pytest.mark.parametrize("garbage", [GARBAGE, bytes(100), b"\xff" * 50, b"\xa3\x95" * 40, b"\xa3\x95\x81", b"\xa3"])
+def test_garbage_between_messages_costs_nothing_else(tmp_path: Path, garbage: bytes) -> None:
+    rows = made.flight(TIMES)
+    vehicle = vehicle_of(made.formats() + made.told() + b"".join(rows[:80]) + garbage + b"".join(rows[80:]), tmp_path)
+    for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
+        assert np.allclose(vehicle.messages[name]["time"], TIMES, atol=1e-9)
+    assert np.allclose(vehicle.messages["ATTITUDE"]["roll"], np.radians([2.0 + 2 * (i % 5) for i in range(200)]))
+    assert f"{len(garbage)} bytes that belong to no message were skipped." in vehicle.repairs
+
+
+@pytest.mark.parametrize("lost", [1, 5, 20, 60])
+def test_lost_bytes_cost_the_messages_they_were_in(tmp_path: Path, lost: int) -> None:
+    rows = made.flight(TIMES)
+    content = bytearray(made.formats() + b"".join(rows))
+    at = len(made.formats()) + len(b"".join(rows[:80])) + 7
+    del content[at : at + lost]
+    vehicle = vehicle_of(bytes(content), tmp_path)
+    gone = {80} if lost < 20 + len(rows[0]) else {80, 81}
+    kept = [t for i, t in enumerate(TIMES) if i not in gone]
+    times = vehicle.messages["ATTITUDE"]["time"]
+    assert np.isin(np.round(kept, 6), np.round(times, 6)).all() and len(times) <= len(TIMES)
+    assert set(np.round(np.degrees(vehicle.messages["ATTITUDE"]["roll"]), 6)) == {2, 4, 6, 8, 10}
+    assert vehicle.repairs
+
+
+def test_a_zeroed_block_leaves_no_half_messages(tmp_path: Path) -> None:
+    rows = made.flight(TIMES)
+    content = bytearray(made.formats() + b"".join(rows))
+    at = len(made.formats()) + len(b"".join(rows[:80])) + 14
+    content[at : at + 512] = bytes(512)
+    vehicle = vehicle_of(bytes(content), tmp_path)
+    assert set(np.round(np.degrees(vehicle.messages["ATTITUDE"]["roll"]), 6)) == {2, 4, 6, 8, 10}
+    first, last = 80, 80 + 14 // len(rows[0]) + 512 // len(rows[0]) + 1
+    times = np.round(vehicle.messages["SERVO_OUTPUT_RAW"]["time"], 6)
+    assert np.isin(np.round(TIMES[:first] + TIMES[last + 1 :], 6), times).all()
+
+
+def test_a_cut_off_end_costs_the_last_message(tmp_path: Path) -> None:
+    rows = made.flight(TIMES)
+    whole = made.formats() + b"".join(rows)
+    vehicle = vehicle_of(whole[:-9], tmp_path)
+    assert len(vehicle.messages["ATTITUDE"]["time"]) == 200
+    assert len(vehicle.messages["SERVO_OUTPUT_RAW"]["time"]) == 199
+    assert vehicle.repairs == (f"{len(made.rcou(0)) - 9} bytes that belong to no message were skipped.",)
+
+
+def test_the_fill_behind_the_last_page_is_no_damage(tmp_path: Path) -> None:
+    vehicle = vehicle_of(made.formats() + b"".join(made.flight(TIMES)) + b"\xff" * 200, tmp_path)
+    assert vehicle.repairs == ()
+
+
+def test_messages_before_their_definition_are_read(tmp_path: Path) -> None:
+    rows = made.flight(TIMES)
+    vehicle = vehicle_of(b"".join(rows[:100]) + made.formats() + b"".join(rows[100:]), tmp_path)
+    assert np.allclose(vehicle.messages["ATTITUDE"]["time"], TIMES, atol=1e-9)
+    assert vehicle.repairs == ()
+
+
+@pytest.mark.parametrize("length", [0, 1, 2, 3, 10, 255])
+def test_an_absurd_length_is_set_right_by_the_fields(tmp_path: Path, length: int) -> None:
+    own, rest = made.fmt("ATT"), made.formats()
+    content = rest.replace(own, made.fmt("ATT", length=length)) + b"".join(made.flight(TIMES))
+    vehicle = vehicle_of(content, tmp_path)
+    assert np.allclose(vehicle.messages["ATTITUDE"]["time"], TIMES, atol=1e-9)
+    assert any("definition (FMT) of ATT" in repair for repair in vehicle.repairs)
+
+
+def test_a_message_of_unknown_fields_costs_itself(tmp_path: Path) -> None:
+    true = made.fmt("CTUN")
+    strange = made.fmt("CTUN", characters="Q?hh")
+    rows = b"".join(
+        row + made.message("CTUN", round(1e6 * t)) for row, t in zip(made.flight(TIMES), TIMES, strict=True)
+    )
+    vehicle = vehicle_of(made.formats().replace(true, strange) + rows, tmp_path)
+    assert len(vehicle.messages["ATTITUDE"]["time"]) == 200
+    assert "VFR_HUD" not in vehicle.messages and vehicle.repairs == ()
+
+
+def test_messages_without_any_definition_cost_themselves(tmp_path: Path) -> None:
+    rows = b"".join(row + other_id(made.message("EV", 5, 5), 200) for row in made.flight(TIMES))
+    vehicle = vehicle_of(made.formats() + rows, tmp_path)
+    assert np.allclose(vehicle.messages["ATTITUDE"]["time"], TIMES, atol=1e-9)
+    assert len(vehicle.messages["SERVO_OUTPUT_RAW"]["time"]) == 200
+    assert vehicle.repairs == (f"{200 * len(made.message('EV'))} bytes that belong to no message were skipped.",)
+
+
+def test_a_stamp_that_cannot_be_costs_its_message(tmp_path: Path) -> None:
+    rows = made.flight(TIMES)
+    rows.insert(100, made.message("ATT", 2**63, 0, 900))
+    vehicle = vehicle_of(made.formats() + b"".join(rows), tmp_path)
+    assert np.allclose(vehicle.messages["ATTITUDE"]["time"], TIMES, atol=1e-9)
+    assert any("ignored" in repair for repair in vehicle.repairs)
+
+
+@pytest.mark.parametrize(
+    ("said", "parameters", "expected"),
+    [
+        ("ArduCopter V4.5.7 (2a3dc4b7)", {"FRAME_CLASS": 2.0}, "HEXAROTOR"),
+        ("APM:Copter V3.4.6 (e707341b)", {}, "GENERIC_MULTIROTOR"),
+        ("ArduPlane V4.5.7", {"FRAME_CLASS": 1.0}, "FIXED_WING"),
+        ("ArduRover V4.2.3", {"FRAME_CLASS": 1.0}, "GROUND_ROVER"),
+        ("hello", {"FRAME_CLASS": 3.0, "ATC_RAT_RLL_P": 0.1}, "OCTOROTOR"),
+        ("hello", {"FRAME_CLASS": 1.0}, "UNKNOWN"),
+    ],
+)
+def test_who_flies(tmp_path: Path, said: str, parameters: dict[str, float], expected: str) -> None:
+    told = made.message("MSG", 1, said) + b"".join(made.message("PARM", 1, *pair, 0.0) for pair in parameters.items())
+    assert vehicle_of(made.formats() + told + b"".join(made.flight(TIMES)), tmp_path).vehicle == expected
+
+
+def text_of(recording: Recording, names: list[str]) -> str:
+    """The text log of the same messages, values in their units."""
+    lines = ["FMT, 128, 89, FMT, BBnNZ, Type,Length,Name,Format,Columns"]
+    rows = []
+    for name in names:
+        kind, characters, fields = made.MESSAGES[name]
+        lines.append(f"FMT, {kind}, 0, {name}, {characters}, {fields}")
+        table = recording.table(name)
+        for row, place in enumerate(table.place.tolist()):
+            values = [table.columns[field][row] for field in fields.split(",")]
+            texts = [value.decode() if isinstance(value, bytes) else repr(value.item()) for value in values]
+            rows.append((place, f"{name}, " + ", ".join(texts)))
+    return "\r\n".join([*lines, *(line for _, line in sorted(rows))]) + "\r\n"
+
+
+def test_a_text_log_reads_as_the_binary_one(tmp_path: Path) -> None:
+    content = made.formats() + made.told() + made.message("MSG", 2, "a, text, with commas")
+    content += b"".join(made.flight(TIMES)) + made.message("EV", 21_990_000, 18)
+    binary = vehicle_of(content, tmp_path)
+    text = text_of(read_binary(content), ["MSG", "PARM", "ATT", "RATE", "RCOU", "EV"])
+    broken = text.replace("\r\nRATE", "\r\nRATE, 5\r\nnonsense\r\nRATE", 1) + "ATT, 1, 2"
+    for number, written in enumerate((text, "ArduCopter V4\r\n\r\n" + text, broken)):
+        (vehicle,) = read_log(write(tmp_path / f"{number}.log", written)).vehicles
+        assert (vehicle.system, vehicle.vehicle, vehicle.parameters) == (7, "QUADROTOR", binary.parameters)
+        assert set(vehicle.messages) == set(binary.messages)
+        for name, columns in binary.messages.items():
+            for field, values in columns.items():
+                assert np.allclose(vehicle.messages[name][field], values, atol=1e-12), (name, field)
+    assert vehicle.repairs[0] == "3 lines that fit no definition were left out."
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_bytes(text.encode())
+    return path
+
+
+@pytest.mark.parametrize(
+    "content", [made.HEADER, made.formats(), b"\xa3\x95\x80" + bytes(500), b"FMT,", b"FMT, 1\nATT, 2\n", GARBAGE]
+)
+def test_nothing_to_read_is_one_sentence(tmp_path: Path, content: bytes) -> None:
+    (tmp_path / "flight.bin").write_bytes(content)
+    with pytest.raises(Unreadable, match="DataFlash") as raised:
+        read_dataflash(tmp_path / "flight.bin")
+    assert "\n" not in str(raised.value)
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data())
+def test_any_damage_is_survived(data: st.DataObject, tmp_path_factory: pytest.TempPathFactory) -> None:
+    content = bytearray(made.formats() + made.told() + b"".join(made.flight(TIMES[:20])))
+    for _ in range(data.draw(st.integers(1, 30))):
+        at = data.draw(st.integers(0, len(content) - 1))
+        content[at] = data.draw(
+            st.sampled_from([0x00, 0xFF, 0xA3, 0x95, 0x80, 0x81, 0x2C, data.draw(st.integers(0, 255))])
+        )
+    start = data.draw(st.integers(0, len(content)))
+    try:
+        (vehicle,) = log_of(bytes(content[start:]), tmp_path_factory.getbasetemp()).vehicles
+    except Unreadable:
+        return
+    for columns in vehicle.messages.values():
+        assert len({len(values) for values in columns.values()}) == 1
+        assert np.isfinite(columns["time"]).all()
+
+
+def test_all_headers_and_no_message_takes_no_long(tmp_path: Path) -> None:
+    for content in (b"\xa3\x95" * 500_000, made.formats() + b"\xa3\x95\x81" * 300_000):
+        began = time.perf_counter()
+        with contextlib.suppress(Unreadable):
+            log_of(content, tmp_path)
+        assert time.perf_counter() - began < 10
+
+
+def test_slow_motors_of_the_real_log_are_refused_with_the_rate() -> None:
+    with pytest.raises(NotLearnable, match=r"SERVO_OUTPUT_RAW comes at 10\.0 Hz"):
+        read_flight(shared(STEPS))
+
+
+@pytest.mark.slow
+def test_faster_than_dfreader() -> None:
+    began = time.perf_counter()
+    read_dataflash(shared(STEPS))
+    ours = time.perf_counter() - began
+    began = time.perf_counter()
+    by_dfreader(STEPS, ["ATT", "ANG", "RATE", "RCOU", "CTUN", "XKF1", "EV", "ARM", "PARM", "MSG"])
+    assert ours < (time.perf_counter() - began) / 3
