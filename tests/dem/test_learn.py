@@ -339,3 +339,29 @@ def test_wrong_forecast_inputs_are_named():
         learned.forecast(np.full((10, 4), np.nan))
     with pytest.raises(ValueError, match="level must be a probability"):
         learned.forecast_band(np.zeros((10, 4)), level=2)
+
+
+def test_a_forecast_begins_from_the_last_training_input():
+    """Between it and the first one ahead the input runs linearly, so the first sample ahead feels both."""
+    flight = simulated(wind=0.5)
+    learned = learn(flight[:400], Settings(order=2, window=3, parameter_precision=1.0, shrink_forecasts=False))
+    inputs = learned.record.inputs.copy()
+    inputs[-1] += 50.0 * np.sign(GAIN)
+    pushed = replace(learned, record=replace(learned.record, inputs=inputs))
+    ahead = flight.inputs[400:402]
+    transition = learned.predictor.transition
+    change = inputs[-1:] - learned.record.inputs[-1:]
+    # By way of the last state, which the filter carries there under that input, and of the step after it.
+    keep = np.eye(2) - learned.predictor.gain @ learned.predictor.C
+    scaled = np.append(change[0] / learned.scaling.input_scale, 0.0)
+    moved = transition.state @ keep @ transition.input_next @ scaled + transition.input_now @ scaled
+    expected = learned.scaling.output_scale * (learned.predictor.C @ moved)
+    np.testing.assert_allclose(pushed.forecast(ahead)[0] - learned.forecast(ahead)[0], expected, rtol=1e-6)
+
+
+def test_a_hidden_state_has_the_unit_of_the_last_output():
+    learned = learn(simulated(wind=0.5)[:400], Settings(order=4, window=5, parameter_precision=1.0))
+    scale = learned.scaling.output_scale
+    np.testing.assert_array_equal(learned.scaling.state_scale(4), [*scale, scale[1], scale[1]])
+    # What feeds the rate from its lag has then one unit on both sides: 1/s, as the prior has it.
+    assert learned.model.A[1, 2] == pytest.approx(20.0, rel=0.2)

@@ -93,3 +93,15 @@ def test_one_sample_has_no_prediction():
     predictor = random_predictor(0)
     assert predictor.one_step(np.ones((1, 2)), np.ones((1, 2))).shape == (0, 2)
     assert predictor.forecast(np.ones(3), np.ones((1, 2))) == pytest.approx(np.empty((0, 2)))
+
+
+@pytest.mark.parametrize("smoothness", [0.002, 0.5])
+def test_coloured_noises_count_with_their_power_at_low_frequency(smoothness):
+    """Of w 2s√π in continuous time; of samples of z the same over the step, but not less than their variance."""
+    dt, process, measurement = 0.02, np.array([[2.0, 0.3], [0.3, 1.0]]), np.array([0.01, 0.04])
+    A, B, C = np.array([[0.0, 1.0], [-9.0, -4.0]]), np.zeros((2, 1)), np.eye(2)
+    predictor = Predictor.of(A, B, C, dt, measurement, process, smoothness)
+    power = 2 * smoothness * np.sqrt(np.pi)
+    Q, R = process * power * dt, np.diag(measurement) * (power / dt if power > dt else 1.0)
+    P = solve_discrete_are(predictor.transition.state.T, C.T, Q, R)
+    np.testing.assert_allclose(predictor.gain, P @ C.T @ np.linalg.inv(C @ P @ C.T + R), rtol=1e-9)

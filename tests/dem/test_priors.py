@@ -100,6 +100,11 @@ def test_unknown_inputs_are_estimated():
     places, estimated = learned.estimated_inputs()
     assert np.corrcoef(estimated[:, 0], push[::fine][places])[0, 1] > 0.99
     assert np.std(estimated[:, 0] - push[::fine][places]) < 0.1 * push.std()
+    # What is not known of them moves the state as well: the filter trusts the outputs more than without.
+    sure = replace(settings, known_inputs=True, input_precision=1e12)
+    inputs = estimated[:, :1]
+    known = learn(Flight(DT * np.arange(len(inputs)), inputs, outputs[places]), sure)
+    assert (np.diag(learned.predictor.gain) > np.diag(known.predictor.gain)).all()
     # Nothing is known of inputs to come, whatever is handed in.
     np.testing.assert_array_equal(learned.forecast(np.ones((20, 1))), learned.forecast(np.zeros((20, 1))))
     again = Learned.from_json(learned.to_json())
