@@ -1,0 +1,277 @@
+"""PX4's topics in MAVLink's words: which topic becomes which message, field by field.
+
+The translation is the one PX4 itself does when it sends these messages; each function names the file of
+https://github.com/PX4/PX4-Autopilot/tree/main/src/modules/mavlink/streams it agrees with. Topics are defined in
+https://github.com/PX4/PX4-Autopilot/tree/main/msg. Fields of a message that no topic tells are left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.ingest.geometry import layout
+from mavdem.telemetry import Columns
+
+Topic = Mapping[str, NDArray[Any]]
+"""The fields of one topic by pyulog's names ("q[0]"), (N,) each, and beside them ``time`` (N,) s since boot."""
+Topics = Mapping[str, Mapping[int, Topic]]
+"""Topics by name, and of each the instances by their number."""
+Parameters = Mapping[str, float]
+
+NEEDED = frozenset(
+    {"vehicle_attitude", "vehicle_angular_velocity", "vehicle_local_position", "vehicle_status"}
+    | {"vehicle_land_detected", "vehicle_control_mode", "position_setpoint_triplet"}
+    | {"actuator_outputs", "actuator_motors", "actuator_controls_0"}
+    | {"vehicle_torque_setpoint", "vehicle_thrust_setpoint"}
+)
+"""The topics that are read."""
+PX4 = 12
+"""MAV_AUTOPILOT_PX4."""
+BRIDGED = 0.1
+"""Longest step, s, of the attitude that a line may bridge: half a period of the 5 Hz at which roll dynamics live."""
+
+_CUSTOM_MODE, _ARMED = 1, 128
+_ARMING_STATE_ARMED = 2
+_FIXED_WING, _GROUND_ROVER, _GENERIC_MULTIROTOR = 1, 10, 43
+_OF_WINGS = {1: _GENERIC_MULTIROTOR, 2: _FIXED_WING, 3: _GROUND_ROVER}
+"""MAV_TYPE by vehicle_status.vehicle_type, which tells no number of rotors."""
+_ON_GROUND, _IN_AIR, _TAKING_OFF, _LANDING = 1, 2, 3, 4
+_SETPOINT_TAKEOFF, _SETPOINT_LAND = 3, 4
+_OUTPUTS, _MOTORS, _CONTROLS = 16, 12, 8
+
+
+def mav_type(topics: Topics, parameters: Parameters) -> int | None:
+    """MAV_TYPE, from vehicle_status.system_type, the parameter MAV_TYPE, or the kind of wings; None when none says."""
+    status = _first(topics, "vehicle_status") or {}
+    said = [*status.get("system_type", ()), parameters.get("MAV_TYPE", 0)]
+    said = [int(kind) for kind in said if 0 < kind < 256] or [
+        *(_OF_WINGS[kind] for kind in status.get("vehicle_type", ()) if kind in _OF_WINGS),
+        *(_GENERIC_MULTIROTOR for rotary in status.get("is_rotary_wing", ()) if rotary),
+    ]
+    return max(set(said), key=said.count, default=None)
+
+
+def messages(topics: Topics, parameters: Parameters, vehicle: str, kind: int | None) -> dict[str, Columns]:
+    """The messages that topics make, by name; ``time`` is PX4's own stamp of the topic, ``boot`` 0 throughout.
+
+    Args:
+        topics: as far as they were logged.
+        parameters: of the autopilot.
+        vehicle: its MAV_TYPE without the prefix.
+        kind: its MAV_TYPE, None when unknown.
+    """
+    with np.errstate(all="ignore"):  # damage makes numbers that are none; who uses them leaves them out
+        made = {
+            "ATTITUDE_QUATERNION": _attitude_quaternion(topics),
+            "SERVO_OUTPUT_RAW": _servo_output_raw(topics),
+            "HIL_ACTUATOR_CONTROLS": _hil_actuator_controls(topics, vehicle, parameters),
+            "ACTUATOR_CONTROL_TARGET": _actuator_control_target(topics),
+            "HEARTBEAT": _heartbeat(topics, kind or 0),
+            "EXTENDED_SYS_STATE": _extended_sys_state(topics),
+            "LOCAL_POSITION_NED": _local_position_ned(topics),
+        }
+    return {
+        name: columns | {"boot": np.zeros(len(columns["time"]), dtype=np.int64)}
+        for name, columns in made.items()
+        if columns is not None and len(columns["time"])
+    }
+
+
+def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]] | None:
+    """ATTITUDE_QUATERNION.hpp: vehicle_attitude and, from PX4 1.10 on, vehicle_angular_velocity for the rates.
+
+    PX4 sends the rates that were last published. Here attitude, the smoother of the two, is moved to the stamps of the
+    rates by the line between its neighbours, so that neither is late. Only an attitude too slow for that keeps its own.
+    """
+    attitude = _first(topics, "vehicle_attitude")
+    if attitude is None or not _has(attitude, "q", 4):
+        return None
+    q, names = _array(attitude, "q", 4), ("q1", "q2", "q3", "q4")
+    if all(name in attitude for name in ("rollspeed", "pitchspeed", "yawspeed")):
+        rates = {name: attitude[name] for name in ("rollspeed", "pitchspeed", "yawspeed")}
+        return {"time": attitude["time"], **dict(zip(names, q.T, strict=True)), **rates}
+    angular = _first(topics, "vehicle_angular_velocity")
+    if angular is None or not _has(angular, "xyz", 3):
+        return None
+    measured, moments = _moments(attitude, angular)
+    xyz, time = _array(angular, "xyz", 3), angular["time"]
+    finite = np.isfinite(q).all(axis=1) & q.any(axis=1)
+    measured, q, stamps = measured[finite], q[finite], attitude["time"][finite]
+    if len(q) < 2:
+        return None
+    steps = np.diff(measured)
+    if np.median(steps) > BRIDGED:
+        xyz = np.column_stack([np.interp(measured, moments, rate) for rate in xyz.T])
+        time = stamps
+    else:
+        after = np.clip(np.searchsorted(measured, moments), 1, len(measured) - 1)
+        inside = (moments >= measured[0]) & (moments <= measured[-1]) & (steps[after - 1] <= BRIDGED)
+        q, xyz, time = _between(measured, q, after[inside], moments[inside]), xyz[inside], time[inside]
+    return {
+        "time": time,
+        **dict(zip(names, q.T, strict=True)),
+        **dict(zip(("rollspeed", "pitchspeed", "yawspeed"), xyz.T, strict=True)),
+    }
+
+
+def _moments(*topics: Topic) -> list[NDArray[np.float64]]:
+    """When each was measured, s, where all tell it in order, or else published, a little later: not one each way."""
+    told = all("timestamp_sample" in topic for topic in topics)
+    if told and all(topic["timestamp_sample"][0] > 0 and _increasing(topic["timestamp_sample"]) for topic in topics):
+        return [topic["timestamp_sample"] / 1e6 for topic in topics]
+    return [topic["time"] for topic in topics]
+
+
+def _increasing(stamps: NDArray[Any]) -> bool:
+    return bool((stamps[1:] >= stamps[:-1]).all())
+
+
+def _between(
+    time: NDArray[np.float64], q: NDArray[np.float64], after: NDArray[np.intp], moments: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Unit quaternions (M, 4) on the chord between those of ``q`` (N, 4) before and ``after`` (M,) the moments (M,)."""
+    before, following = q[after - 1], q[after]
+    # q and −q are the same attitude: the chord must not lead from one to the other.
+    following = np.where((before * following).sum(axis=1, keepdims=True) < 0, -following, following)
+    step = time[after] - time[after - 1]
+    share = np.divide(moments - time[after - 1], step, out=np.ones_like(step), where=step > 0)[:, None]
+    chord = before + share * (following - before)
+    # At a sample the sample itself, not its rounding.
+    unit = chord / np.linalg.norm(chord, axis=1, keepdims=True)
+    return np.where(share == 1, following, np.where(share == 0, before, unit))
+
+
+def _servo_output_raw(topics: Topics) -> dict[str, NDArray[Any]] | None:
+    """SERVO_OUTPUT_RAW.hpp: actuator_outputs, each instance a port of 16, with the decimals the message cuts off."""
+    ports = {port: topic for port, topic in topics.get("actuator_outputs", {}).items() if _has(topic, "output", 1)}
+    if not ports:
+        return None
+    outputs = np.concatenate([_outputs(topic) for topic in ports.values()])
+    port = np.concatenate([np.full(len(topic["time"]), port, dtype=np.uint8) for port, topic in ports.items()])
+    time = np.concatenate([topic["time"] for topic in ports.values()])
+    order = np.argsort(time, kind="stable")
+    fields = {f"servo{n + 1}_raw": outputs[order, n] for n in range(_OUTPUTS)}
+    return {"time": time[order], "port": port[order], **fields}
+
+
+def _outputs(topic: Topic) -> NDArray[np.float64]:
+    """(N, 16), zero beyond the number of outputs in use."""
+    there = [n for n in range(_OUTPUTS) if f"output[{n}]" in topic]
+    outputs = np.zeros((len(topic["time"]), _OUTPUTS))
+    outputs[:, there] = np.column_stack([topic[f"output[{n}]"] for n in there])
+    if "noutputs" in topic:
+        outputs[np.arange(_OUTPUTS) >= topic["noutputs"][:, None]] = 0.0
+    return outputs
+
+
+def _hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters) -> dict[str, NDArray[Any]] | None:
+    """HIL_ACTUATOR_CONTROLS, which has outputs as shares of the range: actuator_motors, from PX4 1.13 on.
+
+    The topic counts motors, the message channels: each motor is put on the channel that the parameters give it. NaN,
+    a motor that is off, becomes 0.
+    """
+    topic = _first(topics, "actuator_motors")
+    if topic is None or not _has(topic, "control", 1):
+        return None
+    plan = layout(vehicle, "PX4", parameters, range(1, _OUTPUTS + 1), _OUTPUTS)
+    channel = {motor: motor for motor in range(1, _MOTORS + 1)}
+    if plan is not None and not plan.channels_assumed:
+        channel = dict(zip(plan.motors, plan.channels, strict=True))
+    controls = np.zeros((len(topic["time"]), _OUTPUTS))
+    for motor in range(1, _MOTORS + 1):
+        if f"control[{motor - 1}]" in topic and motor in channel:
+            control = topic[f"control[{motor - 1}]"]
+            controls[:, channel[motor] - 1] = np.where(np.isfinite(control), control, 0.0)
+    return {"time": topic["time"], "controls": controls}
+
+
+def _actuator_control_target(topics: Topics) -> dict[str, NDArray[Any]] | None:
+    """ACTUATOR_CONTROL_TARGET: the demands on roll, pitch, yaw (−1…1) and thrust (0…1), group 0.
+
+    From vehicle_torque_setpoint and vehicle_thrust_setpoint, whose z points down, or the actuator_controls_0 of PX4
+    before 1.14, whose controls the message sent as they are (ACTUATOR_CONTROL_TARGET.hpp until then).
+    """
+    torque = _first(topics, "vehicle_torque_setpoint")
+    if torque is not None and _has(torque, "xyz", 3):
+        controls = np.zeros((len(torque["time"]), _CONTROLS))
+        controls[:, :3] = _array(torque, "xyz", 3)
+        thrust = _first(topics, "vehicle_thrust_setpoint")
+        if thrust is not None and "xyz[2]" in thrust:
+            controls[:, 3] = np.interp(torque["time"], thrust["time"], -thrust["xyz[2]"])
+        time = torque["time"]
+    else:
+        old = _first(topics, "actuator_controls_0")
+        if old is None or not _has(old, "control", _CONTROLS):
+            return None
+        controls, time = _array(old, "control", _CONTROLS), old["time"]
+    return {"time": time, "group_mlx": np.zeros(len(time), dtype=np.uint8), "controls": controls}
+
+
+def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]] | None:
+    """HEARTBEAT.hpp: vehicle_status. The state "armed" has been 2 in every version."""
+    status = _first(topics, "vehicle_status")
+    if status is None or "arming_state" not in status:
+        return None
+    armed = status["arming_state"] == _ARMING_STATE_ARMED
+    count = len(status["time"])
+    return {
+        "time": status["time"],
+        "type": np.full(count, kind, dtype=np.uint8),
+        "autopilot": np.full(count, PX4, dtype=np.uint8),
+        "base_mode": np.where(armed, _CUSTOM_MODE | _ARMED, _CUSTOM_MODE).astype(np.uint8),
+    }
+
+
+def _extended_sys_state(topics: Topics) -> dict[str, NDArray[Any]] | None:
+    """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, and what an automatic mode flies to.
+
+    One row whenever one of the topics came, with what was last known of the others.
+    """
+    land, mode = _first(topics, "vehicle_land_detected"), _first(topics, "vehicle_control_mode")
+    target = _first(topics, "position_setpoint_triplet")
+    if land is None or "landed" not in land:
+        return None
+    time = np.unique(np.concatenate([topic["time"] for topic in (land, mode, target) if topic is not None]))
+    time = time[time >= land["time"].min()]
+    state = np.where(_held(land, "landed", time), _ON_GROUND, _IN_AIR)
+    automatic = (_held(mode, "flag_control_auto_enabled", time) > 0) & (_held(target, "current.valid", time) > 0)
+    heading_for = _held(target, "current.type", time)
+    state[(state == _IN_AIR) & automatic & (heading_for == _SETPOINT_TAKEOFF)] = _TAKING_OFF
+    state[(state == _IN_AIR) & automatic & (heading_for == _SETPOINT_LAND)] = _LANDING
+    return {"time": time, "landed_state": state.astype(np.uint8)}
+
+
+def _held(topic: Topic | None, field: str, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The field's last value at each time (N,); 0 before the first, and where it was not logged."""
+    if topic is None or field not in topic:
+        return np.zeros(len(time))
+    last = np.searchsorted(topic["time"], time, side="right") - 1
+    return np.where(last >= 0, topic[field][np.maximum(last, 0)].astype(np.float64), 0.0)
+
+
+def _local_position_ned(topics: Topics) -> dict[str, NDArray[Any]] | None:
+    """LOCAL_POSITION_NED.hpp: vehicle_local_position where its vertical speed is valid; m and m/s."""
+    topic = _first(topics, "vehicle_local_position")
+    fields = ("x", "y", "z", "vx", "vy", "vz")
+    if topic is None or not all(field in topic for field in fields):
+        return None
+    valid = topic.get("v_z_valid", np.ones(len(topic["time"]))).astype(np.bool_)
+    return {"time": topic["time"][valid], **{field: topic[field][valid] for field in fields}}
+
+
+def _first(topics: Topics, name: str) -> Topic | None:
+    """The instance of the lowest number."""
+    instances = topics.get(name)
+    return instances[min(instances)] if instances else None
+
+
+def _has(topic: Topic, field: str, count: int) -> bool:
+    return all(f"{field}[{n}]" in topic for n in range(count))
+
+
+def _array(topic: Topic, field: str, count: int) -> NDArray[np.float64]:
+    return np.column_stack([topic[f"{field}[{n}]"] for n in range(count)]).astype(np.float64)

@@ -1,0 +1,146 @@
+"""ULog files to read, built byte by byte as https://docs.px4.io/main/en/dev_log/ulog_file_format.html lays them out."""
+
+from __future__ import annotations
+
+import os
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mavdem.ingest import Log, read_log
+from mavdem.telemetry import Telemetry
+
+SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
+REAL = ["logs/pyulog_sample.ulg", "logs/pyulog_appended_multiple.ulg"]
+TIMES = 20 + 0.01 * np.arange(300)
+"""A short flight."""
+HEADER = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1_000_000)
+SYNC = struct.pack("<HB", 8, ord("S")) + bytes.fromhex("2F731320250CBB12")
+FORMATS = {
+    "vehicle_attitude": "uint64_t timestamp;uint64_t timestamp_sample;float[4] q;uint8_t reset;uint8_t[7] _padding0;",
+    "vehicle_angular_velocity": "uint64_t timestamp;uint64_t timestamp_sample;float[3] xyz;",
+    "actuator_motors": "uint64_t timestamp;uint64_t timestamp_sample;float[12] control;",
+    "actuator_outputs": "uint64_t timestamp;uint32_t noutputs;float[16] output;uint8_t[4] _padding0;",
+    "actuator_controls_0": "uint64_t timestamp;float[8] control;",
+    "vehicle_torque_setpoint": "uint64_t timestamp;float[3] xyz;",
+    "vehicle_thrust_setpoint": "uint64_t timestamp;float[3] xyz;",
+    "vehicle_status": "uint64_t timestamp;uint8_t arming_state;uint8_t system_type;uint8_t vehicle_type;",
+    "vehicle_land_detected": "uint64_t timestamp;bool landed;",
+    "vehicle_control_mode": "uint64_t timestamp;bool flag_control_auto_enabled;",
+    "position_setpoint": "uint64_t timestamp;double lat;bool valid;uint8_t type;",
+    "position_setpoint_triplet": "uint64_t timestamp;position_setpoint previous;position_setpoint current;",
+    "vehicle_local_position": "uint64_t timestamp;float x;float y;float z;float vx;float vy;float vz;bool v_z_valid;",
+    "cpuload": "uint64_t timestamp;float load;",
+}
+"""As PX4 defines them, shortened."""
+LAYOUTS = {
+    "vehicle_attitude": "<QQ4fB",
+    "vehicle_angular_velocity": "<QQ3f",
+    "actuator_motors": "<QQ12f",
+    "actuator_outputs": "<QI16f",
+    "actuator_controls_0": "<Q8f",
+    "vehicle_torque_setpoint": "<Q3f",
+    "vehicle_thrust_setpoint": "<Q3f",
+    "vehicle_status": "<QBBB",
+    "vehicle_land_detected": "<Q?",
+    "vehicle_control_mode": "<Q?",
+    "position_setpoint_triplet": "<QQd?BQd?B",
+    "vehicle_local_position": "<Q6f?",
+    "cpuload": "<Qf",
+}
+"""What the logger writes of each: no padding at the end."""
+NUMBERS = {name: number for number, name in enumerate(LAYOUTS)}
+OFF = [float("nan")] * 8
+"""Controls of the motors that a quadrotor does not have."""
+
+
+def message(kind: str, content: bytes) -> bytes:
+    """Any message."""
+    return struct.pack("<HB", len(content), ord(kind)) + content
+
+
+def definitions(*more: str) -> bytes:
+    """The formats of ``FORMATS``, and more of them."""
+    texts = [f"{name}:{fields}" for name, fields in FORMATS.items()]
+    return b"".join(message("F", text.encode()) for text in [*texts, *more])
+
+
+def parameter(name: str, value: float, kind: str = "int32_t") -> bytes:
+    """A parameter, initial or changed by where it stands."""
+    key = f"{kind} {name}".encode()
+    return message("P", bytes([len(key)]) + key + struct.pack("<f" if kind == "float" else "<i", value))
+
+
+def subscription(name: str, instance: int = 0, number: int | None = None) -> bytes:
+    """The subscription to one instance of a topic; its number is that of ``NUMBERS`` and its instance times 100."""
+    number = NUMBERS[name] + 100 * instance if number is None else number
+    return message("A", struct.pack("<BH", instance, number) + name.encode())
+
+
+def data(name: str, seconds: float, *values: float, instance: int = 0, number: int | None = None) -> bytes:
+    """One data message; topics with a ``timestamp_sample`` have it 1 ms before their time stamp."""
+    number = NUMBERS[name] + 100 * instance if number is None else number
+    stamp = round(seconds * 1e6)
+    sample = (stamp - 1000,) if "timestamp_sample" in FORMATS[name] else ()
+    return message("D", struct.pack("<H", number) + struct.pack(LAYOUTS[name], stamp, *sample, *values))
+
+
+def subscriptions(*names: str) -> bytes:
+    """Of the topics named, or of all."""
+    return b"".join(subscription(name) for name in names or LAYOUTS)
+
+
+def log(*pieces: bytes, parameters: bytes = b"") -> bytes:
+    """A file of all formats and subscriptions, and then the pieces."""
+    return b"".join([HEADER, definitions(), parameters, subscriptions(), *pieces])
+
+
+def roll(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A motion: angle, rad, and its derivative, rad/s."""
+    waves = [(0.1, 0.7), (0.05, 1.9), (0.01, 4.3)]
+    angle = sum(size * np.sin(2 * np.pi * hz * time + hz) for size, hz in waves)
+    rate = sum(size * 2 * np.pi * hz * np.cos(2 * np.pi * hz * time + hz) for size, hz in waves)
+    return np.asarray(angle), np.asarray(rate)
+
+
+def flight(times: NDArray[np.float64]) -> list[bytes]:
+    """A quadrotor's hover: attitude, rates, motors and the torque behind them at each of the times, s, and a status."""
+    pieces = []
+    for row, (time, angle, rate) in enumerate(
+        zip(times.tolist(), *(part.tolist() for part in roll(times)), strict=True)
+    ):
+        q = (np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0)
+        motors = [0.5 - angle, 0.5 + angle, 0.5 + angle, 0.5 - angle, *OFF]
+        pieces.append(data("vehicle_angular_velocity", time, rate, 0.0, 0.0))
+        pieces.append(data("vehicle_attitude", time, *q, 0))
+        pieces.append(data("vehicle_torque_setpoint", time, angle, 0.0, 0.0))
+        pieces.append(data("actuator_motors", time, *motors))
+        pieces.append(data("cpuload", time, 0.5))
+        if row % 50 == 0:
+            pieces.append(data("vehicle_status", time, 2, 2, 1))
+            pieces.append(SYNC)
+    return pieces
+
+
+def log_of(content: bytes, folder: Path) -> Log:
+    """What is read of a file of that content."""
+    path = folder / "flight.ulg"
+    path.write_bytes(content)
+    return read_log(path)
+
+
+def vehicle_of(content: bytes, folder: Path) -> Telemetry:
+    """The vehicle in it."""
+    (vehicle,) = log_of(content, folder).vehicles
+    return vehicle
+
+
+def shared(name: str) -> Path:
+    """A recorded log, where it is at hand."""
+    path = SHARED / name
+    if not path.exists():
+        pytest.skip(f"{path} is not on this machine")
+    return path
