@@ -13,18 +13,18 @@ from mavdem.ingest.framing import MARKER_1, MARKER_2, Progress
 from mavdem.ingest.log import Log
 from mavdem.ingest.tlog import STAMP, read_tlog
 
-ULOG, DATAFLASH, DATAFLASH_TEXT, TLOG = "PX4 ULog", "DataFlash", "DataFlash as text", "telemetry log"
-BEGINNINGS = {b"ULog\x01\x12\x35": ULOG, b"\xa3\x95": DATAFLASH}
+ULOG, DATAFLASH, DATAFLASH_TEXT = "PX4 ULog", "DataFlash", "DataFlash as text"
+MCAP, TLOG = "MCAP recording", "telemetry log"
+BEGINNINGS = {b"ULog\x01\x12\x35": ULOG, b"\xa3\x95": DATAFLASH, b"\x89MCAP0\r\n": MCAP}
 """First bytes of the logs that can be read and begin in one way."""
-NAMES = {".ulg": ULOG, ".bin": DATAFLASH}
+NAMES = {".ulg": ULOG, ".bin": DATAFLASH, ".mcap": MCAP}
 """What a file is by its name, where its beginning is damaged."""
 OTHERS = {
-    b"\x89MCAP0\r\n": "an MCAP recording",
     b"\x1f\x8b": "a gzip archive",
     b"PK\x03\x04": "a zip archive",
 }
 """First bytes of the files that are often at hand where a log is meant."""
-READ = "telemetry logs (.tlog), ArduPilot DataFlash logs (.bin, .log) and PX4 ULogs (.ulg), also as .xz"
+READ = "telemetry logs (.tlog), MCAP recordings (.mcap), ArduPilot DataFlash logs (.bin, .log) and PX4 ULogs (.ulg)"
 SAMPLE = 4096
 
 
@@ -32,8 +32,8 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = N
     """Reads a recorded flight.
 
     Args:
-        path: a telemetry log (.tlog), an ArduPilot DataFlash log (.bin, or as text .log) or a PX4 ULog (.ulg), whatever
-            its name, or an xz archive of one; str, bytes or path-like.
+        path: a telemetry log (.tlog), an MCAP recording of MAVLink (.mcap), an ArduPilot DataFlash log (.bin, or as
+            text .log) or a PX4 ULog (.ulg), whatever its name, or an xz archive of one; str, bytes or path-like.
         progress: called with the fraction done.
 
     Raises:
@@ -46,8 +46,7 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = N
     beginning = file_bytes(name)[:SAMPLE]
     reader = _reader(_kind(name, beginning))
     if reader is None:
-        other = next((other for first, other in OTHERS.items() if beginning.startswith(first)), None)
-        other = other or ("text" if _is_text(beginning) else "a damaged MCAP recording")
+        other = next((other for first, other in OTHERS.items() if beginning.startswith(first)), "text")
         raise Unreadable(f"{name} is {other}: this version reads {READ} only.")
     return reader(name, progress)
 
@@ -63,10 +62,7 @@ def _kind(name: str, beginning: bytes) -> str | None:
         return None
     if len(beginning) > STAMP and beginning[STAMP] in (MARKER_1, MARKER_2):
         return TLOG
-    suffix = Path(name.removesuffix(".xz")).suffix.lower()
-    if suffix == ".mcap":
-        return None
-    named = NAMES.get(suffix)
+    named = NAMES.get(Path(name.removesuffix(".xz")).suffix.lower())
     return named or (None if _is_text(beginning) else TLOG)
 
 
@@ -80,6 +76,10 @@ def _reader(kind: str | None) -> Callable[[str, Progress | None], Log] | None:
         from mavdem.ingest.dataflash import read_dataflash
 
         return read_dataflash
+    if kind == MCAP:
+        from mavdem.ingest.mcap_log import read_mcap
+
+        return read_mcap
     return read_tlog if kind == TLOG else None
 
 

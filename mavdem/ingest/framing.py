@@ -144,7 +144,7 @@ def _good(data: Bytes, start: Places, size: int, seeds: NDArray[np.int32]) -> Fr
     frames = frames[(frames.end <= size) & (_seeds_of(frames, seeds) >= 0)]
     at = frames.payload + frames.length
     sent = data[at] | data[at + 1].astype(np.uint16) << 8
-    return frames[sent == _checksums(data, frames, _seeds_of(frames, seeds))]
+    return frames[sent == checksums(data, frames, _seeds_of(frames, seeds))]
 
 
 def _seeds_of(frames: Frames, seeds: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -229,9 +229,15 @@ def _checksum_table() -> NDArray[np.uint16]:
     return register
 
 
-def _checksums(data: Bytes, frames: Frames, seeds: NDArray[np.int32]) -> NDArray[np.uint16]:
-    """X.25 checksums from the byte after the marker to the end of the payload and the seed, two bytes a step."""
-    checksums = np.empty(len(frames), dtype=np.uint16)
+def checksums(data: Bytes, frames: Frames, seeds: NDArray[np.int32]) -> NDArray[np.uint16]:
+    """X.25 checksums (N,) from the byte after the marker to the end of the payload and the seed, two bytes a step.
+
+    Args:
+        data: bytes as ``padded`` gives them.
+        frames: whole frames in them.
+        seeds: (N,) CRC_EXTRA of each.
+    """
+    computed = np.empty(len(frames), dtype=np.uint16)
     for begin in range(0, len(frames), BATCH):
         rows = slice(begin, begin + BATCH)
         start = frames.start[rows] + 1
@@ -247,8 +253,8 @@ def _checksums(data: Bytes, frames: Frames, seeds: NDArray[np.int32]) -> NDArray
         last = np.where(count % 2, data[start + count - 1] | seed << 8, seed)
         two_left = _CHECKSUM_TABLE[register ^ last.astype(np.uint16)]
         one_left = register >> 8 ^ _CHECKSUM_BYTE_TABLE[(register ^ last) & 0xFF]
-        checksums[begin + order] = np.where(count % 2, two_left, one_left)
-    return checksums
+        computed[begin + order] = np.where(count % 2, two_left, one_left)
+    return computed
 
 
 _CHECKSUM_TABLE = _checksum_table()

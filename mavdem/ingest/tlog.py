@@ -17,7 +17,7 @@ from mavdem.ingest.decode import seeds
 from mavdem.ingest.files import file_bytes
 from mavdem.ingest.framing import GOOD, Bytes, Frames, Progress, find_frames, padded
 from mavdem.ingest.log import Log
-from mavdem.ingest.vehicles import assemble
+from mavdem.ingest.stream import Stream
 
 STAMP = 8
 """Bytes of the time stamp before each frame."""
@@ -39,13 +39,27 @@ def read_tlog(path: str | os.PathLike[str], progress: Progress | None = None) ->
     Raises:
         Unreadable: the file cannot be opened, or there is no MAVLink in it.
     """
+    return tlog_stream(path, progress).log()
+
+
+def tlog_stream(path: str | os.PathLike[str], progress: Progress | None = None) -> Stream:
+    """The frames of a telemetry log with their receive stamps, not yet sorted by who sent them.
+
+    Args:
+        path: the file.
+        progress: called with the fraction done.
+
+    Raises:
+        Unreadable: the file cannot be opened, or there is no MAVLink in it.
+    """
     content, repairs = _without_carriage_returns(file_bytes(path))
     data = padded(content)
     frames = find_frames(data, seeds(), STAMP, progress)
     if not (frames.verdict == GOOD).any():
         raise Unreadable(_nothing_in(path, frames))
+    skipped = _skipped(frames, len(content))
     received = _receive_times(data, frames)
-    return assemble(data, frames, received, _skipped(frames, len(content)), os.fspath(path), repairs)
+    return Stream(os.fspath(path), ".tlog", data, frames, _stamps(data, frames), received, skipped, repairs)
 
 
 def _without_carriage_returns(content: bytes) -> tuple[bytes, tuple[str, ...]]:
@@ -57,20 +71,34 @@ def _without_carriage_returns(content: bytes) -> tuple[bytes, tuple[str, ...]]:
     return content.replace(b"\r\n", b"\n"), (sentence,)
 
 
+def _stamps(data: Bytes, frames: Frames) -> NDArray[np.uint64]:
+    """The stamp before each frame as it stands there, microseconds; 0 where there is none."""
+    stamped = np.flatnonzero(_space(frames) >= STAMP)
+    stamps = np.zeros(len(frames), dtype=np.uint64)
+    at = frames.start[stamped] - STAMP
+    stamps[stamped] = np.lib.stride_tricks.sliding_window_view(data, STAMP)[at].view(">u8")[:, 0]
+    return stamps
+
+
+def _space(frames: Frames) -> NDArray[np.int64]:
+    """Bytes between each frame and the one before."""
+    return np.asarray(frames.start - np.concatenate([[0], frames.end[:-1]]))
+
+
 def _receive_times(data: Bytes, frames: Frames) -> Times:
     """UNIX seconds from the stamp before each frame; NaN where there is none or it lies far from its neighbours'."""
-    space = frames.start - np.concatenate([[0], frames.end[:-1]])
+    space = _space(frames)
     stamped = np.flatnonzero(space >= STAMP)
-    at = frames.start[stamped] - STAMP
-    stamps = np.lib.stride_tricks.sliding_window_view(data, STAMP)[at].view(">u8")[:, 0] / 1e6
+    stamps = _stamps(data, frames)[stamped] / 1e6
     times = np.full(len(frames), np.nan)
     limit = np.where(space[stamped] == STAMP, FAR, FAR_AFTER_DAMAGE)
-    near = _near_neighbours(stamps, limit)
+    near = near_neighbours(stamps, limit)
     times[stamped[near]] = stamps[near]
     return times
 
 
-def _near_neighbours(stamps: Times, limit: NDArray[np.float64]) -> NDArray[np.bool_]:
+def near_neighbours(stamps: Times, limit: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which stamps (N,), s, lie no farther than ``limit`` (N,), s, from the median of the nine around them."""
     if not len(stamps) or (np.abs(np.diff(stamps)) <= limit[1:]).all():
         return np.ones(len(stamps), dtype=np.bool_)
     return np.asarray(np.abs(stamps - running_median(stamps, 9)) <= limit)

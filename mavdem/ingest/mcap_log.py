@@ -1,0 +1,192 @@
+"""MCAP recordings (.mcap) of MAVLink: as JSON, in the layouts of BlueOS and of another bridge, or as the frames.
+
+MCAP's registry has no MAVLink. In use are the topics ``mavlink/{system}/{component}/{MESSAGE}`` (BlueOS) and the same
+with a slash before, both with a JSON body (``mavlink_json``), and ``mavlink/out``, which repeats everything. Frames are
+recorded with the message encoding ``mavlink``, or as bytes without a schema. Whoever is heard in frames is read from
+them alone: what there is as JSON beside them is the same once more.
+
+Source of BlueOS's layout: its recorder, https://github.com/bluerobotics/BlueOS.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.errors import Unreadable
+from mavdem.ingest.clocks import Times
+from mavdem.ingest.compose import Sender
+from mavdem.ingest.decode import seeds
+from mavdem.ingest.files import file_bytes
+from mavdem.ingest.framing import GOOD, MARKER_1, MARKER_2, Frames, Progress, find_frames, padded
+from mavdem.ingest.json_topics import JsonTopics, Kind
+from mavdem.ingest.log import Log
+from mavdem.ingest.mcap_records import Channel, Message, Recording
+from mavdem.ingest.part import Part, joined
+from mavdem.ingest.stream import Stream
+from mavdem.ingest.tlog import FAR, near_neighbours
+
+OWN_TOPIC = re.compile(r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)")
+REPEATED_TOPIC = re.compile(r"/?mavlink/out")
+JSON = frozenset({"json", "json5"})
+FRAMES = "mavlink"
+"""The message encoding of frames."""
+NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
+"""Message encodings (https://mcap.dev/spec/registry) of something else, whatever the first byte."""
+MARKERS = (bytes([MARKER_1]), bytes([MARKER_2]))
+MOST_TOPICS_TOLD = 5
+
+
+def read_mcap(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
+    """Reads the MAVLink in an MCAP recording, cut and damaged ones as far as they go.
+
+    Args:
+        path: the file.
+        progress: called with the fraction done.
+
+    Raises:
+        Unreadable: the file cannot be opened, or there is no MAVLink in it.
+    """
+    return mcap_stream(path, progress).log()
+
+
+def mcap_stream(path: str | os.PathLike[str], progress: Progress | None = None) -> Stream:
+    """The MAVLink in an MCAP recording as frames; those of JSON messages are composed of their values.
+
+    Args:
+        path: the file.
+        progress: called with the fraction done.
+
+    Raises:
+        Unreadable: the file cannot be opened, or there is no MAVLink in it.
+    """
+    content = file_bytes(path)
+    recording = Recording(content)
+    carried: dict[Channel, _Carried | None] = {}
+    for place, message in enumerate(recording.messages(_within(progress, 0.0, 0.5))):
+        if message.channel not in carried:
+            carried[message.channel] = _Carried() if _carries_frames(message) else None
+        if (frames := carried[message.channel]) is not None:
+            frames.add(place, message)
+    found = [frames.found() for frames in carried.values() if frames is not None]
+    heard = set().union(*(_speaking(part.frames) for part, _ in found))
+    json, left_out = _json_parts(content, list(recording.channels.values()), heard, _within(progress, 0.5, 1.0))
+    parts = [*(part for part, _ in found), *json]
+    if not any((part.frames.verdict == GOOD).any() for part in parts):
+        raise Unreadable(_nothing_in(path, recording, sum(len(part.frames) for part in parts)))
+    part = joined(parts)
+    stamps = part.log_time // np.uint64(1000)
+    repairs = (*recording.damage.sentences(), *left_out)
+    skipped = sum(skipped for _, skipped in found)
+    return Stream(os.fspath(path), ".mcap", part.data, part.frames, stamps, _received(stamps), skipped, repairs)
+
+
+def _carries_frames(message: Message) -> bool:
+    """Whether a channel carries frames, by its first message."""
+    channel = message.channel
+    if channel.encoding == FRAMES:
+        return True
+    return channel.schema == 0 and channel.encoding not in NO_FRAMES and message.data[:1] in MARKERS
+
+
+@dataclass
+class _Carried:
+    """The frames in a channel's messages, which may hold one each, or several, or a piece."""
+
+    pieces: list[bytes] = field(default_factory=list)
+    places: list[int] = field(default_factory=list)
+    log_times: list[int] = field(default_factory=list)
+
+    def add(self, place: int, message: Message) -> None:
+        self.pieces.append(message.data)
+        self.places.append(place)
+        self.log_times.append(message.log_time)
+
+    def found(self) -> tuple[Part, int]:
+        """The frames, and the number of bytes that belong to none."""
+        content = b"".join(self.pieces)
+        ends = np.cumsum([len(piece) for piece in self.pieces], dtype=np.int64)
+        data = padded(content)
+        frames = find_frames(data, seeds())
+        holding = np.searchsorted(ends, frames.start, side="right")
+        places, times = np.array(self.places, dtype=np.int64), np.array(self.log_times, dtype=np.uint64)
+        skipped = len(content) - int((frames.end - frames.start).sum())
+        return Part(data[: len(content)], frames, places[holding], times[holding]), skipped
+
+
+def _speaking(frames: Frames) -> set[Sender]:
+    ids = (frames.system[frames.verdict == GOOD].tolist(), frames.component[frames.verdict == GOOD].tolist())
+    return {Sender(*sender) for sender in zip(*ids, strict=True)}
+
+
+def _json_parts(
+    content: bytes, channels: Sequence[Channel], heard: set[Sender], progress: Progress | None
+) -> tuple[list[Part], tuple[str, ...]]:
+    """What there is as JSON of senders not ``heard`` in frames, and a sentence for each reason to leave some out."""
+    kinds = _own_kinds(channels)
+    repeated = {channel for channel in channels if channel.encoding in JSON and REPEATED_TOPIC.fullmatch(channel.topic)}
+    if not repeated and all(kind.sender in heard for kind in kinds.values()):
+        if progress is not None:
+            progress(1.0)
+        return [], ()
+    topics = JsonTopics(kinds.values(), heard)
+    for place, message in enumerate(Recording(content).messages(progress)):
+        kind = kinds.get(message.channel)
+        if kind is not None:
+            topics.add(kind, place, message)
+        elif message.channel in repeated:
+            topics.add_repeated(place, message)
+    parts = list(topics.parts())
+    return parts, topics.sentences()
+
+
+def _own_kinds(channels: Sequence[Channel]) -> dict[Channel, Kind]:
+    """The channels of one kind of message each. Where both bridges were recorded, BlueOS's alone: it has headers."""
+    kinds = {channel: kind for channel in channels if (kind := _own_kind(channel)) is not None}
+    with_headers = {kind for channel, kind in kinds.items() if not channel.topic.startswith("/")}
+    return {
+        channel: kind for channel, kind in kinds.items() if not (channel.topic.startswith("/") and kind in with_headers)
+    }
+
+
+def _own_kind(channel: Channel) -> Kind | None:
+    """What a channel's messages are, by its topic; None where that tells nothing."""
+    topic = OWN_TOPIC.fullmatch(channel.topic)
+    if topic is None or channel.encoding not in JSON:
+        return None
+    system, component = int(topic[1]), int(topic[2])
+    return Kind(Sender(system, component), topic[3]) if max(system, component) <= 255 else None
+
+
+def _within(progress: Progress | None, first: float, last: float) -> Progress | None:
+    """Progress of a step that goes from one fraction to another."""
+    if progress is None:
+        return None
+    return lambda fraction: progress(first + (last - first) * fraction)
+
+
+def _received(stamps: NDArray[np.uint64]) -> Times:
+    """Seconds; NaN where there is no stamp or it lies far from its neighbours'."""
+    received = np.full(len(stamps), np.nan)
+    rows = np.flatnonzero(stamps)
+    seconds = stamps[rows] / 1e6
+    near = near_neighbours(seconds, np.full(len(rows), FAR))
+    received[rows[near]] = seconds[near]
+    return received
+
+
+def _nothing_in(path: str | os.PathLike[str], recording: Recording, messages: int) -> str:
+    if messages:
+        return (
+            f"{os.fspath(path)} is an MCAP recording of {messages} messages that look like MAVLink, but none agrees "
+            "with a dialect that pymavlink knows: it is of another dialect or damaged throughout."
+        )
+    names = sorted({channel.topic for channel in recording.channels.values()})
+    topics = ", ".join(names[:MOST_TOPICS_TOLD]) + (", …" if len(names) > MOST_TOPICS_TOLD else "")
+    held = f"its topics are {topics}" if names else "nothing in it can be read"
+    return f"{os.fspath(path)} holds no MAVLink, as an MCAP recording ({held}): record the topics mavlink/…."

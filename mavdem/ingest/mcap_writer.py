@@ -1,0 +1,174 @@
+"""Writing MCAP: a recorded stream with its frames and BlueOS's JSON topics, and series of numbers that viewers plot.
+
+The frames, in the channel ``mavlink/raw`` with the message encoding ``mavlink``, are the recording: one message each,
+its log time the receive stamp. The JSON topics beside them, ``mavlink/{system}/{component}/{MESSAGE}``, say the same
+for viewers, so numbers that JSON does not know are null there.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import Any, BinaryIO
+
+import numpy as np
+from mcap.writer import Writer
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import all as dialect
+
+from mavdem.ingest.decode import Definition, columns, decode, definitions
+from mavdem.ingest.framing import GOOD
+from mavdem.ingest.stream import Stream
+
+RAW_TOPIC, RAW_ENCODING = "mavlink/raw", "mavlink"
+BATCH = 1 << 13
+"""Frames whose JSON is held at a time."""
+LATEST = 2**64 // 1000 - 1
+"""The last receive stamp, µs, that nanoseconds of 64 bits hold: the year 2554."""
+Series = tuple[NDArray[np.float64], Mapping[str, NDArray[np.float64]]]
+"""Times (T,), s, and columns (T,) by name."""
+
+
+def write_mcap(file: BinaryIO, stream: Stream) -> int:
+    """Writes every frame with its stamp, and the messages of the dialect as JSON; answers how many frames there were.
+
+    A stamp beyond the year 2554, which MCAP cannot hold, becomes that of the frame before.
+
+    Args:
+        file: open for writing.
+        stream: what to write; messages that could not be made a frame of are left out.
+    """
+    writer = _started(file)
+    raw = writer.register_channel(RAW_TOPIC, RAW_ENCODING, schema_id=0)
+    channels: dict[str, int] = {}
+    frames = stream.stamped_frames()
+    rows = np.flatnonzero(stream.frames.end > stream.frames.start)
+    last = 0
+    for begin in range(0, len(rows), BATCH):
+        batch = rows[begin : begin + BATCH]
+        for row, (topic, body) in zip(batch.tolist(), _bodies(stream, batch), strict=True):
+            stamp, frame = next(frames)
+            last = stamp if stamp <= LATEST else last
+            _write(writer, raw, last * 1000, frame)
+            if topic is not None:
+                if topic not in channels:
+                    channels[topic] = _registered(writer, topic, _schema(stream, row))
+                _write(writer, channels[topic], last * 1000, json.dumps(body).encode())
+    writer.finish()  # type: ignore[no-untyped-call]
+    return len(rows)
+
+
+def write_series(file: BinaryIO, series: Mapping[str, Series]) -> None:
+    """Writes columns over time as JSON topics, one message a row.
+
+    Args:
+        file: open for writing.
+        series: by topic, the times (T,), s from 0 on, and the columns (T,) by name; what is not finite becomes null.
+    """
+    writer = _started(file)
+    queue: list[tuple[float, int, dict[str, Any]]] = []
+    for topic, (time, named) in series.items():
+        channel = _registered(writer, topic, _object({name: {"type": "number"} for name in named}))
+        values = [_numbers(column) for column in named.values()]
+        queue += [
+            (at, channel, dict(zip(named, row, strict=True)))
+            for at, row in zip(time.tolist(), zip(*values, strict=True), strict=True)
+        ]
+    for at, channel, body in sorted(queue, key=lambda entry: entry[0]):
+        _write(writer, channel, round(at * 1e9), json.dumps(body).encode())
+    writer.finish()  # type: ignore[no-untyped-call]
+
+
+def _started(file: BinaryIO) -> Writer:
+    writer = Writer(file)
+    writer.start(library="mavdem")
+    return writer
+
+
+def _registered(writer: Writer, topic: str, schema: Mapping[str, Any]) -> int:
+    """A new JSON channel; a viewer plots what its schema names."""
+    number = writer.register_schema(topic.replace("/", "."), "jsonschema", json.dumps(schema).encode())
+    return writer.register_channel(topic, "json", number)
+
+
+def _write(writer: Writer, channel: int, time: int, data: bytes) -> None:
+    writer.add_message(channel, log_time=time, data=data, publish_time=time)
+
+
+def _bodies(stream: Stream, rows: NDArray[np.int64]) -> list[tuple[str | None, dict[str, Any]]]:
+    """The topic and the body of each row; no topic for a frame that could not be read."""
+    frames = stream.frames[rows]
+    bodies: list[tuple[str | None, dict[str, Any]]] = [(None, {})] * len(rows)
+    for message_id in np.unique(frames.message_id[frames.verdict == GOOD]).tolist():
+        definition = definitions()[message_id]
+        same = np.flatnonzero((frames.message_id == message_id) & (frames.verdict == GOOD))
+        values = columns(decode(stream.data, frames[same], definition), definition)
+        values_by_row = zip(*(_values(values[name], definition, name) for name in definition.fields), strict=True)
+        keys = [_key(name) for name in definition.fields]
+        for at, row in zip(same.tolist(), values_by_row, strict=True):
+            system, component = int(frames.system[at]), int(frames.component[at])
+            header = {
+                "system_id": system,
+                "component_id": component,
+                "sequence": int(frames.sequence[at]),
+                "message_id": message_id,
+            }
+            message = {"type": definition.name, **dict(zip(keys, row, strict=True))}
+            bodies[at] = f"mavlink/{system}/{component}/{definition.name}", {"header": header, "message": message}
+    return bodies
+
+
+def _key(name: str) -> str:
+    """A field's name in BlueOS's JSON, where ``type`` is the message's."""
+    return "mavtype" if name == "type" else name
+
+
+def _values(column: NDArray[Any], definition: Definition, name: str) -> list[Any]:
+    if column.dtype.kind == "S":
+        return [value.decode("utf-8", errors="replace") for value in column.tolist()]
+    if column.dtype.kind == "f":
+        return _numbers(column)
+    entries = _entries(definition, name)
+    if entries and column.ndim == 1:
+        return [{"type": entries[value]} if value in entries else value for value in column.tolist()]
+    listed: list[Any] = column.tolist()
+    return listed
+
+
+def _entries(definition: Definition, name: str) -> dict[int, str]:
+    """The names of the values of a field that is an enum and no bitmask."""
+    message = dialect.mavlink_map[definition.message_id]
+    enum = message.fieldenums_by_name.get(name)
+    if enum is None or message.fielddisplays_by_name.get(name) == "bitmask":
+        return {}
+    return {value: entry.name for value, entry in dialect.enums[enum].items() if not entry.name.endswith("_ENUM_END")}
+
+
+def _numbers(column: NDArray[Any]) -> list[Any]:
+    """Floats in as few digits as tell them apart in their own width; None for what is not finite."""
+    if column.ndim > 1:
+        return [_numbers(row) for row in column]
+    digits = column.astype("U32").tolist() if column.dtype.itemsize == 4 else column.tolist()
+    return [float(text) if good else None for text, good in zip(digits, np.isfinite(column).tolist(), strict=True)]
+
+
+def _schema(stream: Stream, row: int) -> dict[str, Any]:
+    """The JSON Schema of the messages like that of the row."""
+    definition = definitions()[int(stream.frames.message_id[row])]
+    header = {name: {"type": "integer"} for name in ("system_id", "component_id", "sequence", "message_id")}
+    message = {"type": {"type": "string"}}
+    message |= {_key(name): _field_schema(definition, name) for name in definition.fields}
+    return _object({"header": _object(header), "message": _object(message)})
+
+
+def _field_schema(definition: Definition, name: str) -> dict[str, Any]:
+    kind = definition.wire[name]
+    if kind.kind == "S":
+        return {"type": "string"}
+    if kind.subdtype is not None:
+        return {"type": "array", "items": {"type": "number"}}
+    return _object({"type": {"type": "string"}}) if _entries(definition, name) else {"type": "number"}
+
+
+def _object(properties: Mapping[str, Any]) -> dict[str, Any]:
+    return {"type": "object", "properties": dict(properties)}

@@ -1,0 +1,182 @@
+"""``mavdem convert``: what comes out is what went in, and nothing is overwritten that should not be."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mavdem import read_flight
+from mavdem.cli.main import main
+
+LOGS = Path(__file__).parents[2] / "logs"
+FLIGHT = LOGS / "ardupilot_wind5_steps.tlog"
+
+
+def convert(capsys, *words: object) -> dict:
+    assert main(["convert", *map(str, words), "--json"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    return json.loads(said.out)
+
+
+def refused(capsys, code: int, *words: object) -> str:
+    assert main(["convert", *map(str, words)]) == code
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1 and said.err.startswith("mavdem: ")
+    assert "should not have happened" not in said.err
+    return said.err
+
+
+@pytest.mark.parametrize("log", sorted(LOGS.glob("*.tlog")), ids=lambda log: log.stem)
+def test_through_mcap_a_telemetry_log_comes_back_byte_by_byte(log, tmp_path, capsys):
+    mcap, back = tmp_path / "flight.mcap", tmp_path / "back.tlog"
+    told = convert(capsys, log, mcap)
+    assert told["frames"] > 1000
+    assert (told["left_out"], told["unread"], told["bytes_skipped"], told["repairs"]) == (0, 0, 0, [])
+    assert convert(capsys, mcap, back)["frames"] == told["frames"]
+    assert back.read_bytes() == log.read_bytes()
+    assert {path.name for path in tmp_path.iterdir()} == {"flight.mcap", "back.tlog"}
+
+
+def test_every_command_reads_the_mcap(tmp_path, capsys):
+    mcap = tmp_path / "flight.mcap"
+    convert(capsys, FLIGHT, mcap)
+    documents = []
+    for source in (FLIGHT, mcap):
+        assert main(["info", str(source), "--json"]) == 0
+        documents.append(capsys.readouterr().out.replace(str(source), "SOURCE"))
+    assert documents[0] == documents[1]
+
+
+@pytest.mark.parametrize("axis", ["roll", "pitch"])
+def test_a_table_is_the_flight(axis, tmp_path, capsys):
+    out = tmp_path / "flight.csv"
+    told = convert(capsys, FLIGHT, out, "--axis", axis, "--vehicle", "1")
+    flight = read_flight(FLIGHT, axis)
+    with out.open(newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    assert head == told["columns"]
+    assert head[0] == "time [s]" and head[-2:] == [f"{axis} [rad]", f"{axis} rate [rad/s]"]
+    values = np.array(rows, dtype=np.float64)
+    assert told["samples"] == len(values)
+    assert np.array_equal(values, np.column_stack([flight.time, flight.inputs, flight.outputs]))
+
+
+def test_a_parquet_table_is_the_flight(tmp_path, capsys):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is optional")
+    out = tmp_path / "flight.parquet"
+    told = convert(capsys, FLIGHT, out)
+    table = parquet.read_table(out)
+    flight = read_flight(FLIGHT)
+    assert table.column_names == told["columns"]
+    values = np.column_stack([column.to_numpy() for column in table.columns])
+    assert np.array_equal(values, np.column_stack([flight.time, flight.inputs, flight.outputs]))
+    assert json.loads(table.schema.metadata[b"provenance"])["source"] == str(FLIGHT)
+
+
+def test_without_pyarrow_it_says_what_to_install(tmp_path, monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert "mavdem[parquet]" in refused(capsys, 2, FLIGHT, tmp_path / "flight.parquet")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("how", ["itself", "by another path", "by a link", "by a hard link"])
+def test_the_input_is_never_overwritten(how, tmp_path, capsys):
+    source = tmp_path / "flight.tlog"
+    source.write_bytes(FLIGHT.read_bytes())
+    out = tmp_path / "other.csv"
+    if how == "itself":
+        out = source
+    elif how == "by another path":
+        (tmp_path / "folder").mkdir()
+        out = tmp_path / "folder" / ".." / "flight.tlog"
+    elif how == "by a link":
+        out.symlink_to(source)
+    else:
+        out.hardlink_to(source)
+    assert "is the input" in refused(capsys, 2, source, out)
+    assert source.read_bytes() == FLIGHT.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("out", "named"),
+    [("flight.txt", ".parquet"), ("flight", ".parquet"), ("again.tlog", ".tlog already"), ("none/flight.mcap", "none")],
+)
+def test_bad_usage_names_what_is_wrong(out, named, tmp_path, capsys):
+    assert named in refused(capsys, 2, FLIGHT, tmp_path / out)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_cannot_be_replaced_is_left_alone(tmp_path, capsys):
+    (tmp_path / "folder.csv").mkdir()
+    assert "folder.csv cannot be written" in refused(capsys, 2, FLIGHT, tmp_path / "folder.csv")
+    os.mkfifo(tmp_path / "pipe.mcap")
+    assert "pipe.mcap cannot be written" in refused(capsys, 2, FLIGHT, tmp_path / "pipe.mcap")
+    assert (tmp_path / "pipe.mcap").is_fifo()
+
+
+@pytest.mark.parametrize("name", ["empty.tlog", "text.tlog", "flight.ulg", "cut.mcap", "missing.tlog", "folder.tlog"])
+@pytest.mark.parametrize("kind", [".mcap", ".tlog", ".csv"])
+def test_unreadable_input_writes_nothing_and_replaces_nothing(kind, name, tmp_path, capsys):
+    source, out = tmp_path / name, tmp_path / f"out{kind}"
+    contents = {
+        "empty.tlog": b"",
+        "text.tlog": b"a letter\n" * 50,
+        "flight.ulg": b"ULog\x01\x12\x35\x01" + bytes(99),
+        "cut.mcap": b"\x89MCAP0\r\n\x01",
+    }
+    if name in contents:
+        source.write_bytes(contents[name])
+    elif name == "folder.tlog":
+        source.mkdir()
+    out.write_text("kept")
+    assert str(source) in refused(capsys, 2, source, out)
+    assert out.read_text() == "kept"
+
+
+def test_a_flight_that_makes_no_table_ends_with_1(tmp_path, capsys):
+    refused(capsys, 1, LOGS / "ardupilot_default_rates.tlog", tmp_path / "slow.csv")
+    assert "no vehicle 9" in refused(capsys, 1, FLIGHT, tmp_path / "nobody.csv", "--vehicle", "9")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("kind", [".mcap", ".csv"])
+def test_a_full_disk_is_told_and_leaves_nothing(kind, tmp_path):
+    limited = (
+        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000));"
+        "from mavdem.cli.entry import run; sys.exit(run())"
+    )
+    words = [sys.executable, "-c", limited, "convert", FLIGHT, tmp_path / f"flight{kind}"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2, done.stderr
+    assert "cannot be written" in done.stderr and done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_termination_while_writing_leaves_nothing(tmp_path):
+    stopped = (
+        "import os, signal, sys, mavdem.convert as c; from mavdem.cli.entry import run;"
+        "c.STREAMS['.mcap'] = lambda file, stream: os.kill(os.getpid(), signal.SIGTERM); sys.exit(run())"
+    )
+    words = [sys.executable, "-c", stopped, "convert", FLIGHT, tmp_path / "flight.mcap"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 128 + signal.SIGTERM
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_in_prose_it_says_what_was_left_out(tmp_path, capsys):
+    source = tmp_path / "gaps.tlog"
+    source.write_bytes(FLIGHT.read_bytes()[:100_000] + b"noise" * 5 + FLIGHT.read_bytes()[100_000:])
+    assert main(["convert", str(source), str(tmp_path / "out.mcap")]) == 0
+    said = capsys.readouterr().out
+    assert "Wrote 156" in said and "bytes that belong to no frame" in said

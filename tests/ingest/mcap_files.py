@@ -1,0 +1,95 @@
+"""MCAP files to read, written with the mcap library."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from mavlink_streams import NOW
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from mavdem.ingest.mcap_writer import write_mcap
+from mavdem.ingest.tlog import tlog_stream
+
+
+class Recorder:
+    """Writes messages by topic; every channel is registered when first used."""
+
+    def __init__(self, path: Path, **options: Any) -> None:
+        self.path = path
+        self._file = path.open("wb")
+        self._writer = Writer(self._file, **options)
+        self._writer.start()
+        self._channels: dict[str, int] = {}
+        self._time = NOW * 1000
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._writer.finish()
+        self._file.close()
+
+    def write(
+        self, topic: str, data: bytes, encoding: str = "json", schema: bool = True, time: int | None = None
+    ) -> None:
+        if topic not in self._channels:
+            number = self._writer.register_schema(topic.replace("/", "."), "jsonschema", b"{}") if schema else 0
+            self._channels[topic] = self._writer.register_channel(topic, encoding, number)
+        self._time += 10_000_000
+        time = self._time if time is None else time
+        self._writer.add_message(self._channels[topic], log_time=time, data=data, publish_time=time)
+
+    def blueos(
+        self,
+        name: str,
+        fields: str | dict[str, Any],
+        sequence: int = 0,
+        system: int = 1,
+        repeat: bool = True,
+        own: bool = True,
+    ) -> None:
+        """A message as BlueOS records it; ``fields`` as JSON text where they are to be written just so."""
+        inner = fields if isinstance(fields, str) else json.dumps(fields)[1:-1]
+        header = f'{{"system_id":{system},"component_id":1,"sequence":{sequence % 256},"message_id":0}}'
+        body = f'{{"header":{header},"message":{{"type":"{name}",{inner}}}}}'.encode()
+        if own:
+            self.write(f"mavlink/{system}/1/{name}", body)
+        if repeat:
+            self.write("mavlink/out", body)
+
+    def flight(self, times: Iterable[float], **how: Any) -> None:
+        """A heartbeat, and ATTITUDE and SERVO_OUTPUT_RAW at boot clock times, s."""
+        self.blueos("HEARTBEAT", HEARTBEAT, 0, **how)
+        for row, time in enumerate(times):
+            boot_us = round(time * 1e6) % 2**32
+            self.blueos("ATTITUDE", {"time_boot_ms": round(time * 1e3), "roll": 0.1, "yaw": row}, 2 * row + 1, **how)
+            self.blueos("SERVO_OUTPUT_RAW", {"time_usec": boot_us, "servo1_raw": 1500}, 2 * row + 2, **how)
+
+
+HEARTBEAT = (
+    '"custom_mode":5,"mavtype":{"type":"MAV_TYPE_QUADROTOR"},"autopilot":{"type":"MAV_AUTOPILOT_ARDUPILOTMEGA"},'
+    '"base_mode":{"bits":209},"system_status":{"type":"MAV_STATE_ACTIVE"},"mavlink_version":3'
+)
+
+
+def converted(log: Path, folder: Path) -> Path:
+    """The recorded stream of a telemetry log as this project writes it."""
+    path = folder / f"{log.stem}.mcap"
+    with path.open("wb") as file:
+        write_mcap(file, tlog_stream(log))
+    return path
+
+
+def json_only(mcap: Path, folder: Path, compression: CompressionType = CompressionType.ZSTD) -> Path:
+    """The same file without the frames, everything repeated on ``mavlink/out`` as BlueOS does."""
+    path = folder / f"{mcap.stem}_json.mcap"
+    with mcap.open("rb") as file, Recorder(path, compression=compression) as recorder:
+        for schema, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            if schema is not None:
+                recorder.write(channel.topic, message.data, time=message.log_time)
+                recorder.write("mavlink/out", message.data, time=message.log_time)
+    return path

@@ -1,0 +1,544 @@
+"""MCAP recordings: the same stream as the telemetry log they were made from, other recorders' layouts, and damage."""
+
+from __future__ import annotations
+
+import json
+import random
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zstandard
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mavlink_streams import NOW, SAMPLES, SHARED, flight, heartbeat, message, tlog
+from mcap.reader import NonSeekingReader
+from mcap.writer import CompressionType
+from mcap_files import HEARTBEAT, Recorder, converted, json_only
+from pymavlink import mavutil
+
+from mavdem.errors import Unreadable
+from mavdem.ingest import Log, mcap_records, read_log
+from mavdem.ingest.log import Speaker
+from mavdem.ingest.mcap_log import mcap_stream, read_mcap
+from mavdem.ingest.mcap_records import MAGIC, Recording
+from mavdem.ingest.mcap_writer import LATEST, write_series
+from mavdem.ingest.tlog import read_tlog, tlog_stream
+from mavdem.ingest.tlog_writer import write_tlog
+
+TIMES = [20 + 0.01 * row for row in range(300)]
+COMPRESSIONS = list(CompressionType)
+SAMPLE_LOGS = sorted(SAMPLES.glob("*.tlog"))
+
+
+def assert_same(one: Log, other: Log, unknown: frozenset[str] = frozenset()) -> None:
+    """``unknown``: parameters that only the other log can know."""
+
+    def told(speaker: Speaker) -> dict[str, Any]:
+        return {**vars(speaker), "messages": dict(speaker.messages)}
+
+    assert [told(speaker) for speaker in one.speakers] == [told(speaker) for speaker in other.speakers]
+    assert one.receive_time == other.receive_time
+    for mine, theirs in zip(one.vehicles, other.vehicles, strict=True):
+        assert (mine.vehicle, mine.autopilot) == (theirs.vehicle, theirs.autopilot)
+        assert mine.parameters == {name: value for name, value in theirs.parameters.items() if name not in unknown}
+        for name, columns in mine.messages.items():
+            for field, values in columns.items():
+                expected = theirs.messages[name][field]
+                assert values.dtype == expected.dtype, (name, field)
+                if field == "param_type":
+                    values, expected = (both[np.isfinite(columns["param_value"])] for both in (values, expected))
+                assert np.array_equal(values, expected, equal_nan=values.dtype.kind == "f"), (name, field)
+
+
+def back_to_tlog(mcap: Path) -> bytes:
+    path = mcap.with_suffix(".back.tlog")
+    with path.open("wb") as file:
+        write_tlog(file, mcap_stream(mcap))
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("log", SAMPLE_LOGS, ids=lambda log: log.stem)
+def test_there_and_back_every_byte_is_the_same(log: Path, tmp_path: Path) -> None:
+    assert back_to_tlog(converted(log, tmp_path)) == log.read_bytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("log", sorted(SHARED.rglob("*.tlog")), ids=lambda log: log.stem)
+def test_there_and_back_other_logs_keep_every_frame_and_stamp(log: Path, tmp_path: Path) -> None:
+    whole = tlog_stream(log)
+    back = tmp_path / "back.tlog"
+    back.write_bytes(back_to_tlog(converted(log, tmp_path)))
+    again = tlog_stream(back)
+    kept = [(stamp, frame) for stamp, frame in whole.stamped_frames() if 0 < stamp <= LATEST]
+    assert len(kept) >= len(whole.frames) - 1
+    assert kept == [both for both in again.stamped_frames() if both[0] <= LATEST][-len(kept) :]
+    assert_same(read_tlog(back), read_mcap(tmp_path / f"{log.stem}.mcap"))
+
+
+@pytest.mark.parametrize("log", SAMPLE_LOGS, ids=lambda log: log.stem)
+def test_columns_are_those_of_the_telemetry_log(log: Path, tmp_path: Path) -> None:
+    path = converted(log, tmp_path)
+    assert_same(read_log(path), read_log(log))
+
+
+@pytest.mark.parametrize("log", SAMPLE_LOGS, ids=lambda log: log.stem)
+def test_json_alone_tells_the_same(log: Path, tmp_path: Path) -> None:
+    path = json_only(converted(log, tmp_path), tmp_path)
+    theirs = read_log(log)
+    # The bits of a NaN are an integer of PX4's, and JSON has but one NaN.
+    sent = theirs.vehicles[0].messages.get("PARAM_VALUE", {"param_id": np.zeros(0), "param_value": np.zeros(0)})
+    unknown = frozenset(name.decode() for name in sent["param_id"][np.isnan(sent["param_value"])].tolist())
+    assert bool(unknown) == (theirs.vehicles[0].autopilot == "PX4")
+    assert_same(read_log(path), theirs, unknown)
+
+
+def test_frames_made_of_json_are_what_pymavlink_reads(tmp_path: Path) -> None:
+    log = SAMPLES / "ardupilot_default_rates.tlog"
+    path = tmp_path / "back.tlog"
+    path.write_bytes(back_to_tlog(json_only(converted(log, tmp_path), tmp_path)))
+
+    def theirs(name: Path) -> list[tuple[float, dict[str, Any]]]:
+        reader = mavutil.mavlogfile(str(name), robust_parsing=True)
+        read = iter(reader.recv_match, None)
+        return [(one._timestamp, one.to_dict() | {"sequence": one.get_seq()}) for one in read]
+
+    assert theirs(path) == theirs(log)
+
+
+@pytest.mark.parametrize("case", ["wrap", "reboot", "backwards"])
+def test_odd_clocks_come_through_json(case: str, tmp_path: Path) -> None:
+    times = {
+        "wrap": [4290 + 0.05 * row for row in range(400)],
+        "reboot": [500 + 0.1 * row for row in range(50)] + [3 + 0.1 * row for row in range(50)],
+        "backwards": TIMES[:100],
+    }[case]
+    content = tlog([heartbeat(), *flight(times)], step=-1000 if case == "backwards" else 25_000)
+    log = tmp_path / "odd.tlog"
+    log.write_bytes(content)
+    mcap = converted(log, tmp_path)
+    assert back_to_tlog(mcap) == content
+    from_json = read_log(json_only(mcap, tmp_path))
+    assert_same(from_json, read_log(log))
+    assert from_json.vehicles[0].repairs == read_log(log).vehicles[0].repairs
+    assert from_json.vehicles[0].messages["ATTITUDE"]["boot"].max() == (case == "reboot")
+
+
+def test_a_stamp_that_mcap_cannot_hold_becomes_the_one_before(tmp_path: Path) -> None:
+    content = bytearray(tlog([heartbeat(), *flight(TIMES)]))
+    second = 8 + len(heartbeat())
+    content[second : second + 8] = struct.pack(">Q", 2**63)
+    log = tmp_path / "future.tlog"
+    log.write_bytes(content)
+    content[second : second + 8] = struct.pack(">Q", NOW)
+    assert back_to_tlog(converted(log, tmp_path)) == content
+
+
+# Other recorders' files
+
+
+def test_blueos(tmp_path: Path) -> None:
+    path = tmp_path / "blueos.mcap"
+    with Recorder(path) as recorder:
+        recorder.flight(TIMES)
+        name = json.dumps([*"SERVO1_FUNCTION", "\0"])
+        recorder.blueos(
+            "PARAM_VALUE",
+            f'"param_value":33.0,"param_count":1,"param_index":0,"param_id":{name},'
+            '"param_type":{"type":"MAV_PARAM_TYPE_INT16"}',
+        )
+        recorder.blueos("PARAM_VALUE", '"param_value":2.5,"param_id":"GAIN\0","param_type":9')
+        recorder.blueos(
+            "VFR_HUD", '"airspeed":NaN,"groundspeed":Infinity,"alt":-inf,"climb":null,"heading":-3,"throttle":7'
+        )
+        recorder.blueos(
+            "SYS_STATUS",
+            '"onboard_control_sensors_present":"MAV_SYS_STATUS_SENSOR_3D_GYRO | MAV_SYS_STATUS_SENSOR_3D_MAG | 0x8",'
+            '"onboard_control_sensors_enabled":"","load":12',
+        )
+    log = read_log(path)
+    (vehicle,) = log.vehicles
+    assert (vehicle.vehicle, vehicle.autopilot, vehicle.repairs) == ("QUADROTOR", "ARDUPILOTMEGA", ())
+    assert log.frames == 605
+    assert vehicle.messages["HEARTBEAT"]["base_mode"].tolist() == [209]
+    assert np.allclose(vehicle.messages["ATTITUDE"]["time"], TIMES)
+    assert vehicle.messages["ATTITUDE"]["yaw"].tolist() == list(range(300))
+    assert np.isnan(vehicle.messages["ATTITUDE"]["pitch"]).all()
+    assert (vehicle.messages["SERVO_OUTPUT_RAW"]["servo16_raw"] == 0).all()
+    assert vehicle.parameters == {"SERVO1_FUNCTION": 33.0, "GAIN": 2.5}
+    hud = vehicle.messages["VFR_HUD"]
+    assert np.isnan([hud["airspeed"][0], hud["climb"][0]]).all()
+    assert (hud["groundspeed"][0], hud["alt"][0], hud["heading"][0]) == (np.inf, -np.inf, -3)
+    assert vehicle.messages["SYS_STATUS"]["onboard_control_sensors_present"].tolist() == [1 + 4 + 8]
+    assert vehicle.messages["SYS_STATUS"]["onboard_control_sensors_enabled"].tolist() == [0]
+
+
+@pytest.mark.parametrize("repeat", [True, False])
+@pytest.mark.parametrize("own", [True, False])
+def test_each_message_counts_once_wherever_it_stands(own: bool, repeat: bool, tmp_path: Path) -> None:
+    if not (own or repeat):
+        return
+    path = tmp_path / "once.mcap"
+    with Recorder(path) as recorder:
+        recorder.flight(TIMES, own=own, repeat=repeat)
+        recorder.blueos("VFR_HUD", {"alt": 1.0}, 601 % 256, own=False)
+    (speaker,) = read_log(path).speakers
+    assert speaker.messages == {"HEARTBEAT": 1, "ATTITUDE": 300, "SERVO_OUTPUT_RAW": 300, "VFR_HUD": 1}
+    assert speaker.lost == 0
+
+
+def test_gaps_in_the_headers_sequence_are_losses(tmp_path: Path) -> None:
+    path = tmp_path / "lost.mcap"
+    with Recorder(path) as recorder:
+        for row in range(300):
+            if not 100 <= row < 107:
+                recorder.blueos("ATTITUDE", {"time_boot_ms": 20_000 + row, "roll": 0.0}, row)
+    assert read_log(path).speakers[0].lost == 7
+
+
+def test_the_other_bridge(tmp_path: Path) -> None:
+    path = tmp_path / "bridge.mcap"
+    with Recorder(path) as recorder:
+        recorder.write("/camera/image", b"\xff\xd8", "cdr")
+        beat = {"type": 2, "autopilot": 12, "base_mode": 81, "custom_mode": 0, "system_status": 4, "mavlink_version": 3}
+        recorder.write("/mavlink/3/1/HEARTBEAT", json.dumps(beat).encode())
+        for time in TIMES:
+            body = {"time_boot_ms": round(time * 1e3), "roll": time, "pitch": 0, "yaw": 0, "rollspeed": 1.5}
+            recorder.write("/mavlink/3/1/ATTITUDE", json.dumps(body).encode())
+    log = read_log(path)
+    (vehicle,) = log.vehicles
+    assert (vehicle.system, vehicle.vehicle, vehicle.autopilot) == (3, "QUADROTOR", "PX4")
+    assert np.array_equal(vehicle.messages["ATTITUDE"]["roll"], np.array(TIMES, dtype=np.float32))
+    assert log.speakers[0].lost == 0
+
+
+def test_two_bridges_in_one_recording_count_once(tmp_path: Path) -> None:
+    path = tmp_path / "bridges.mcap"
+    with Recorder(path) as recorder:
+        for row in range(20):
+            fields = {"time_boot_ms": row + 1, "roll": 0.5}
+            recorder.write("/mavlink/1/1/ATTITUDE", json.dumps(fields).encode())
+            recorder.blueos("ATTITUDE", fields, row)
+        recorder.write("/mavlink/1/1/VFR_HUD", b'{"alt":1.0}')
+    assert read_log(path).speakers[0].messages == {"ATTITUDE": 20, "VFR_HUD": 1}
+
+
+@pytest.mark.parametrize("encoding", ["mavlink", ""])
+def test_frames_may_come_in_pieces(encoding: str, tmp_path: Path) -> None:
+    frames = [heartbeat(), *flight(TIMES)]
+    content, size = b"".join(frames), 100
+    path = tmp_path / "pieces.mcap"
+    with Recorder(path) as recorder:
+        for begin in range(0, len(content), size):
+            recorder.write("serial", content[begin : begin + size], encoding, schema=False)
+            recorder.write("noise", b"\xfe\x01\x02 something else", "x", schema=False)
+    log = read_log(path)
+    assert log.speakers[0].messages == {"HEARTBEAT": 1, "ATTITUDE": 300, "SERVO_OUTPUT_RAW": 300}
+    first, last = log.receive_time
+    assert (first, last) == pytest.approx((NOW / 1e6 + 0.01, NOW / 1e6 + 0.02 * (len(content) // size) + 0.01))
+
+
+def test_who_is_heard_in_frames_is_not_read_again_from_json(tmp_path: Path) -> None:
+    path = tmp_path / "both.mcap"
+    with Recorder(path) as recorder:
+        for row, frame in enumerate(flight(TIMES[:20], system=1)):
+            recorder.write("raw", frame, "mavlink", schema=False)
+            recorder.blueos("ATTITUDE", {"time_boot_ms": row + 1, "roll": 9.0}, row, system=1)
+        recorder.flight(TIMES[:20], system=2)
+    log = read_log(path)
+    assert [(one.system, one.messages.get("ATTITUDE")) for one in log.speakers] == [(1, 20), (2, 20)]
+    assert (log.vehicles[0].messages["ATTITUDE"]["roll"] == np.float32(0.1)).all()
+
+
+@pytest.mark.parametrize("chunked", [True, False])
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_the_library_reads_the_same_messages(compression: CompressionType, chunked: bool, tmp_path: Path) -> None:
+    path = tmp_path / "compared.mcap"
+    with Recorder(path, compression=compression, use_chunking=chunked, chunk_size=3000) as recorder:
+        recorder.flight(TIMES[:50])
+    recording = Recording(path.read_bytes())
+    ours = [(one.channel.topic, one.log_time, one.data) for one in recording.messages()]
+    with path.open("rb") as file:
+        read = NonSeekingReader(file).iter_messages(log_time_order=False)
+        assert ours == [(channel.topic, one.log_time, one.data) for _, channel, one in read]
+    assert recording.damage.sentences() == ()
+
+
+def test_a_dialect_nobody_knows_is_counted(tmp_path: Path) -> None:
+    path = tmp_path / "dialect.mcap"
+    with Recorder(path) as recorder:
+        recorder.flight(TIMES[:20])
+        recorder.write("mavlink/1/1/SECRET", b'{"header":{"message_id":54321},"message":{"type":"SECRET","x":1}}')
+        recorder.write("mavlink/1/1/SECRET_TOO", b'{"x":1}')
+        recorder.write("mavlink/1/1/VFR_HUD", b'{"alt":"high"}')
+    log = read_log(path)
+    assert {(one.message_id, one.cause) for one in log.unread} == {(54321, "another dialect"), (74, "damage")}
+    assert any("SECRET_TOO" in repair for repair in log.vehicles[0].repairs)
+
+
+@pytest.mark.parametrize("columns", [{}, {"x": np.arange(3.0)}])
+def test_a_recording_of_something_else_is_said_in_one_sentence(columns: dict[str, Any], tmp_path: Path) -> None:
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        write_series(file, {"flight/outputs": (np.arange(3.0), columns)} if columns else {})
+    with pytest.raises(Unreadable) as failure:
+        read_log(path)
+    sentence = str(failure.value)
+    assert "MCAP" in sentence and "\n" not in sentence and str(path) in sentence
+    assert ("flight/outputs" in sentence) == bool(columns)
+
+
+def test_progress_rises_to_one(tmp_path: Path) -> None:
+    for path in (mcap := converted(SAMPLE_LOGS[0], tmp_path), json_only(mcap, tmp_path)):
+        seen: list[float] = []
+        read_log(path, seen.append)
+        assert seen == sorted(seen) and seen[-1] == 1.0
+
+
+# Damage and malice
+
+
+def small(folder: Path, compression: CompressionType, frames: bool) -> bytes:
+    """A recording of several chunks."""
+    path = folder / "small.mcap"
+    with Recorder(path, compression=compression, chunk_size=2500) as recorder:
+        if frames:
+            for frame in [heartbeat(), *flight(TIMES[:60])]:
+                recorder.write("mavlink/raw", frame, "mavlink", schema=False)
+        else:
+            recorder.flight(TIMES[:30])
+    return path.read_bytes()
+
+
+def attitudes(path: Path) -> list[int] | None:
+    """The stamps of ATTITUDE, or None where the file is unreadable, and says so in one sentence."""
+    try:
+        log = read_mcap(path)
+    except Unreadable as error:
+        assert "\n" not in str(error) and "MCAP" in str(error) or "empty" in str(error)
+        return None
+    stamps: list[int] = []
+    for vehicle in log.vehicles:
+        if "ATTITUDE" in vehicle.messages:
+            stamps += vehicle.messages["ATTITUDE"]["time_boot_ms"].tolist()
+    return stamps
+
+
+@pytest.mark.parametrize("frames", [True, False])
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_a_cut_recording_is_read_up_to_the_cut(compression: CompressionType, frames: bool, tmp_path: Path) -> None:
+    content = small(tmp_path, compression, frames)
+    path = tmp_path / "cut.mcap"
+    whole = [round(time * 1e3) for time in TIMES[: 60 if frames else 30]]
+    fewest = 0
+    for cut in [*range(40), *range(40, len(content), 61), len(content)]:
+        path.write_bytes(content[:cut])
+        read = attitudes(path) or []
+        assert read == whole[: len(read)]
+        assert len(read) >= fewest
+        fewest = len(read)
+    assert fewest == len(whole)
+
+
+def test_a_cut_is_told(tmp_path: Path) -> None:
+    content = small(tmp_path, CompressionType.ZSTD, frames=False)
+    path = tmp_path / "cut.mcap"
+    path.write_bytes(content[: len(content) // 2])
+    assert any("cut off" in repair for repair in read_mcap(path).vehicles[0].repairs)
+
+
+@given(st.integers(0, 2**32), st.sampled_from(COMPRESSIONS), st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_damage_never_makes_an_error_or_a_false_message(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, compression: CompressionType, frames: bool
+) -> None:
+    chance = random.Random(seed)
+    folder = tmp_path_factory.mktemp("damaged")
+    content = bytearray(small(folder, compression, frames))
+    for _ in range(chance.choice([1, 1, 3, 30])):
+        place = chance.randrange(len(content))
+        content[place : place + chance.randrange(3)] = chance.randbytes(chance.randrange(4))
+    path = folder / "damaged.mcap"
+    path.write_bytes(content)
+    assert set(attitudes(path) or []) <= {round(time * 1e3) for time in TIMES}
+
+
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_a_damaged_stretch_costs_its_own_messages(compression: CompressionType, tmp_path: Path) -> None:
+    content = bytearray(small(tmp_path, compression, frames=True))
+    place = len(MAGIC)
+    while content[place] != mcap_records.CHUNK:
+        place += 9 + int.from_bytes(content[place + 1 : place + 9], "little")
+    # The length of the first chunk: the file can no longer be walked from record to record.
+    content[place + 1 : place + 9] = struct.pack("<Q", 2**62)
+    path = tmp_path / "damaged.mcap"
+    path.write_bytes(content)
+    read = attitudes(path)
+    assert read is not None and len(read) > 30
+    assert any("damaged bytes" in repair for repair in read_mcap(path).vehicles[0].repairs)
+
+
+def test_what_a_damaged_chunk_says_in_json_is_not_believed(tmp_path: Path) -> None:
+    content = small(tmp_path, CompressionType.NONE, frames=False)
+    wrong = content.replace(b'"roll": 0.1, "yaw": 3}', b'"roll": 0.9, "yaw": 3}')
+    assert wrong != content
+    path = tmp_path / "wrong.mcap"
+    path.write_bytes(wrong)
+    (vehicle,) = read_mcap(path).vehicles
+    assert (vehicle.messages["ATTITUDE"]["roll"] == np.float32(0.1)).all()
+    assert any("damaged chunks were left out" in repair for repair in vehicle.repairs)
+
+
+BODIES = [
+    b"",
+    b"null",
+    b"[]",
+    b"7",
+    b'"ATTITUDE"',
+    b"{}",
+    b"{",
+    b"\xff\xfe\x00",
+    b"[" * 100_000,
+    b'{"a":' * 100_000,
+    b'{"message":{}}',
+    b'{"message":[],"header":{}}',
+    b'{"message":{"type":"HEARTBEAT","time_boot_ms":1,"roll":0}}',
+    b'{"message":{"type":5,"roll":"x"}}',
+    b'{"message":{"type":"ATTITUDE","roll":{"type":{"type":1}}}}',
+    b'{"message":{"type":"ATTITUDE","roll":[1,2]}}',
+    b'{"message":{"type":"ATTITUDE","roll":1e400,"time_boot_ms":-1}}',
+    b'{"message":{"type":"ATTITUDE","time_boot_ms":4294967296}}',
+    b'{"message":{"type":"ATTITUDE","time_boot_ms":1.5}}',
+    b'{"message":{"type":"ATTITUDE","time_boot_ms":NaN}}',
+    b'{"message":{"type":"ATTITUDE","roll":' + b"9" * 400 + b"}}",
+    b'{"message":{"type":"ATTITUDE","roll":' + b"9" * 10_000 + b"}}",
+    b'{"message":{"type":"ATTITUDE","roll":1e39}}',
+    b'{"message":{"type":"ATTITUDE","roll":true,"time_boot_ms":"MAV_NO_SUCH"}}',
+]
+
+
+@pytest.mark.parametrize("body", BODIES, ids=range(len(BODIES)))
+def test_a_hostile_body_costs_itself_only(body: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "hostile.mcap"
+    with Recorder(path) as recorder:
+        recorder.flight(TIMES[:20])
+        for topic in ("mavlink/1/1/ATTITUDE", "mavlink/out", "mavlink/1/1/NOTHING", "mavlink/1/1/STATUSTEXT"):
+            recorder.write(topic, body)
+        recorder.blueos("ATTITUDE", {"time_boot_ms": 20_200, "roll": 0.1}, 42)
+    (vehicle,) = read_mcap(path).vehicles
+    assert vehicle.messages["ATTITUDE"]["time_boot_ms"].tolist() == [
+        *(round(time * 1e3) for time in TIMES[:20]),
+        20_200,
+    ]
+    assert "STATUSTEXT" not in vehicle.messages
+
+
+@pytest.mark.parametrize(
+    "header", ["5", "{}", '{"sequence":"x"}', '{"sequence":-1,"system_id":1e9}', '{"sequence":1e400}']
+)
+def test_without_a_header_the_topic_tells_who_sent_it(header: str, tmp_path: Path) -> None:
+    path = tmp_path / "headless.mcap"
+    with Recorder(path) as recorder:
+        for row in range(20):
+            body = f'{{"header":{header},"message":{{"type":"ATTITUDE","time_boot_ms":{row + 1},"roll":1}}}}'
+            recorder.write("mavlink/7/1/ATTITUDE", body.encode())
+    (speaker,) = read_log(path).speakers
+    assert (speaker.system, speaker.messages, speaker.lost) == (7, {"ATTITUDE": 20}, 0)
+
+
+def record(opcode: int, content: bytes, length: int | None = None) -> bytes:
+    return struct.pack("<BQ", opcode, len(content) if length is None else length) + content
+
+
+def chunk(packed: bytes, compression: bytes = b"zstd", size: int = 0, length: int | None = None) -> bytes:
+    head = struct.pack("<QQQI", 0, 0, size, 0) + struct.pack("<I", len(compression)) + compression
+    return record(6, head + struct.pack("<Q", len(packed) if length is None else length) + packed)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        record(1, b"", 2**64 - 1),
+        record(4, struct.pack("<HHI", 1, 0, 2**32 - 1)),
+        record(4, struct.pack("<HHI", 1, 0, 1) + b"a" + struct.pack("<I", 2**31)),
+        record(4, b""),
+        record(5, b"\0" * 21),
+        record(6, b""),
+        record(6, struct.pack("<QQQII", 0, 0, 2**63, 0, 2**32 - 1)),
+        chunk(b"nonsense"),
+        chunk(b"nonsense", b"lz4"),
+        chunk(b"nonsense", b"bz2"),
+        chunk(b"", size=2**63, length=2**63),
+        b"\0" * 1_000_000,
+        b"\x05" * 200_000,
+        b"\x05\0\0\0\0\0\0\0\0" * 50_000,
+        (record(0x0F, b"")[:-1] + b"\x01") * 20_000,
+        MAGIC * 1000,
+    ],
+    ids=range(16),
+)
+def test_absurd_lengths_do_no_harm(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "absurd.mcap"
+    path.write_bytes(MAGIC + content)
+    assert attitudes(path) is None
+    path.write_bytes(MAGIC + content + small(tmp_path, CompressionType.LZ4, frames=True))
+    assert attitudes(path) is None or len(attitudes(path) or []) <= 60
+
+
+def test_what_chunks_unpack_to_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bomb = chunk(zstandard.ZstdCompressor().compress(record(0x80, bytes(1 << 23))))
+    given: list[int] = []
+    unpack = mcap_records._unpacked
+
+    def watched(compression: str, packed: bytes, most: int) -> tuple[bytes, bool]:
+        records, whole = unpack(compression, packed, most)
+        assert len(records) <= most
+        given.append(len(records))
+        return records, whole
+
+    monkeypatch.setattr(mcap_records, "_unpacked", watched)
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(MAGIC + 100 * bomb)
+    assert attitudes(path) is None
+    assert len(given) == 100
+    assert sum(given) <= mcap_records.MOST_IN_ALL + mcap_records.MOST_RATIO * path.stat().st_size
+    assert sum(given) < 50 << 23
+
+
+def test_numbers_come_in_other_words(tmp_path: Path) -> None:
+    path = tmp_path / "words.mcap"
+    with Recorder(path) as recorder:
+        body = {
+            "time_boot_ms": 5.0,
+            "roll": "NaN",
+            "pitch": "-Infinity",
+            "yaw": "1.5",
+            "rollspeed": 2,
+            "yawspeed": False,
+        }
+        recorder.write("/mavlink/1/1/ATTITUDE", json.dumps(body).encode())
+        recorder.write("/mavlink/1/1/ATTITUDE", json.dumps({"time_boot_ms": "6", "roll": "level"}).encode())
+    (vehicle,) = read_log(path).vehicles
+    (row,) = zip(*(vehicle.messages["ATTITUDE"][name].tolist() for name in body), strict=True)
+    assert np.array_equal(row, [5, np.nan, -np.inf, 1.5, 2, 0], equal_nan=True)
+
+
+def test_texts_and_heartbeats_of_json_are_as_on_the_wire(tmp_path: Path) -> None:
+    path = tmp_path / "texts.mcap"
+    with Recorder(path) as recorder:
+        recorder.flight(TIMES[:5])
+        for text in ('"hello"', '["h","e","l","l","o","\\u0000"]', "[104,101,108,108,111,0,0]"):
+            recorder.blueos("STATUSTEXT", f'"severity":{{"type":"MAV_SEVERITY_INFO"}},"text":{text}')
+        recorder.blueos("HEARTBEAT", HEARTBEAT)
+        recorder.blueos("STATUSTEXT", f'"text":"{51 * "x"}"')
+    (vehicle,) = read_log(path).vehicles
+    assert vehicle.messages["STATUSTEXT"]["text"].tolist() == [b"hello"] * 3
+    assert vehicle.messages["STATUSTEXT"]["severity"].tolist() == [6] * 3
+    wire = tmp_path / "wire.tlog"
+    beat = message("HEARTBEAT", type=2, autopilot=3, base_mode=209, custom_mode=5, system_status=4, mavlink_version=3)
+    wire.write_bytes(tlog([beat, *flight(TIMES[:5])]))
+    (theirs,) = read_log(wire).vehicles
+    for field in ("type", "autopilot", "base_mode", "custom_mode", "system_status", "mavlink_version"):
+        assert vehicle.messages["HEARTBEAT"][field][0] == theirs.messages["HEARTBEAT"][field][0], field
