@@ -78,21 +78,40 @@ def segments(telemetry: Telemetry, axis: str = "roll") -> tuple[Segment, ...]:
     Raises:
         ValueError: an axis that is neither "roll" nor "pitch".
     """
-    attitude, motors = meaning.attitude(telemetry, axis), meaning.motors(telemetry)
+    attitude, motors = meaning.attitude(telemetry, axis), inputs(telemetry, axis)
     other = meaning.attitude(telemetry, next(name for name in AXES if name != axis))
     if attitude is None or other is None or motors is None:
         return ()
+    collective = meaning.collective(telemetry)
     found: list[Segment] = []
     for heard in (_fast, _at_any_rate):
         for boot in np.intersect1d(attitude.boot, motors.boot):
             together = both(heard(attitude.time[attitude.boot == boot]), heard(motors.time[motors.boot == boot]))
-            for start, end in both(together, phases.settled(telemetry, attitude, other, motors, boot)):
+            for start, end in both(together, phases.settled(telemetry, attitude, other, collective, boot)):
                 segment = Segment(int(boot), start, end)
                 if segment.duration >= SHORTEST and _sampled(attitude, motors, segment):
                     found.append(segment)
         if found:
             break
     return tuple(sorted(found, key=lambda segment: -segment.duration))
+
+
+def inputs(telemetry: Telemetry, axis: str = "roll") -> Motors | None:
+    """What drives the axis: the motors, or, where they come too slowly and it does not, the controller's demand.
+
+    Raises:
+        ValueError: an axis that is neither "roll" nor "pitch".
+    """
+    motors, demand = meaning.motors(telemetry), meaning.demand(telemetry, axis)
+    if demand is None or (motors is not None and usual_rate(motors) >= MINIMUM_RATE):
+        return motors
+    return demand if motors is None or usual_rate(demand) >= MINIMUM_RATE else motors
+
+
+def usual_rate(stream: Attitude | Motors) -> float:
+    """Messages a second between outages: steps of more than three usual ones, and those from boot to boot, left out."""
+    steps = np.diff(stream.time)[np.diff(stream.boot) == 0]
+    return 1 / float(steps[steps <= 3 * np.median(steps)].mean()) if len(steps) else 0.0
 
 
 def align(telemetry: Telemetry, segment: Segment, axis: str = "roll") -> Flight:
@@ -114,7 +133,7 @@ def align(telemetry: Telemetry, segment: Segment, axis: str = "roll") -> Flight:
     Raises:
         ValueError: a segment without samples of attitude or motors, or an unknown axis.
     """
-    attitude, motors = meaning.attitude(telemetry, axis), meaning.motors(telemetry)
+    attitude, motors = meaning.attitude(telemetry, axis), inputs(telemetry, axis)
     if attitude is None or motors is None:
         raise ValueError("the telemetry holds no attitude or no motor outputs to align")
     return flight_of(telemetry, attitude, motors, segment, axis)

@@ -10,7 +10,8 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import welch
 
 from mavdem import phases
-from mavdem.align import Segment, flight_of, mean_rate, sample, within
+from mavdem.align import Segment, flight_of, mean_rate, sample, usual_rate, within
+from mavdem.ingest import meaning
 from mavdem.ingest.meaning import Attitude, Motors
 from mavdem.intervals import both
 from mavdem.telemetry import Telemetry
@@ -87,19 +88,16 @@ class Figures:
 def of_log(telemetry: Telemetry, attitude: Attitude, motors: Motors, found: int) -> Figures:
     """The figures of the whole log, which has ``found`` segments; its rates are those between outages."""
     armed = airborne = 0.0
+    collective = meaning.collective(telemetry)
     for boot in np.intersect1d(attitude.boot, motors.boot):
         time = motors.time[motors.boot == boot]
         recorded = [(float(time[0]), float(time[-1]))]
         flown = both(recorded, phases.armed(telemetry, boot))
         armed += sum(end - start for start, end in flown)
-        airborne += sum(end - start for start, end in both(flown, phases.airborne(telemetry, motors, boot)))
-    return Figures(armed, airborne, found, attitude_rate=_usual_rate(attitude), motor_rate=_usual_rate(motors))
-
-
-def _usual_rate(stream: Attitude | Motors) -> float | None:
-    """Messages a second between outages: steps of more than three usual ones, and those from boot to boot, left out."""
-    steps = np.diff(stream.time)[np.diff(stream.boot) == 0]
-    return 1 / float(steps[steps <= 3 * np.median(steps)].mean()) if len(steps) else None
+        airborne += sum(end - start for start, end in both(flown, phases.airborne(telemetry, collective, boot)))
+    return Figures(
+        armed, airborne, found, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(motors) or None
+    )
 
 
 def of_segment(

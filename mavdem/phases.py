@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest import meaning
-from mavdem.ingest.meaning import Attitude, Motors, Signal
+from mavdem.ingest.meaning import Attitude, Signal
 from mavdem.intervals import ALWAYS, Interval, Intervals, both, where
 from mavdem.telemetry import Telemetry
 
@@ -30,13 +30,16 @@ _AVERAGING = 2.0
 """Seconds over which vertical speed and collective are averaged, so that a gust does not end a climb."""
 
 
-def settled(telemetry: Telemetry, attitude: Attitude, other: Attitude, motors: Motors, boot: int) -> Intervals:
+def settled(
+    telemetry: Telemetry, attitude: Attitude, other: Attitude, collective: Signal | None, boot: int
+) -> Intervals:
     """Intervals of ``boot`` in settled flight, by what the autopilot says and, where it says nothing, by the motors.
 
     Args:
         attitude, other: the axis to learn and the other one: both must stay upright.
+        collective: as for :func:`airborne`.
     """
-    flying = both(armed(telemetry, boot), airborne(telemetry, motors, boot))
+    flying = both(armed(telemetry, boot), airborne(telemetry, collective, boot))
     climb = _of(meaning.climb_rate(telemetry), boot)
     level = [stretch for flight in flying if (stretch := _between_transients(flight, climb)) is not None]
     return both(both(level, _upright(attitude, boot)), _upright(other, boot))
@@ -47,14 +50,17 @@ def armed(telemetry: Telemetry, boot: int) -> Intervals:
     return _true(_of(meaning.armed(telemetry), boot))
 
 
-def airborne(telemetry: Telemetry, motors: Motors, boot: int) -> Intervals:
-    """Intervals of ``boot`` off the ground: EXTENDED_SYS_STATE where it comes, otherwise by motors that carry."""
+def airborne(telemetry: Telemetry, collective: Signal | None, boot: int) -> Intervals:
+    """Intervals of ``boot`` off the ground: EXTENDED_SYS_STATE where it comes, otherwise by motors that carry.
+
+    Args:
+        collective: how hard the motors work together, of ``meaning.collective``.
+    """
     said = _of(meaning.in_air(telemetry), boot)
     if said is not None:
         return _true(said)
-    here = motors.boot == boot
-    collective = motors.scale.fraction(motors.outputs[here]).mean(axis=1)
-    return where(motors.time[here], _average(motors.time[here], collective) > CARRYING)
+    working = _of(collective, boot)
+    return [] if working is None else where(working.time, _average(working.time, working.values) > CARRYING)
 
 
 def _between_transients(flight: Interval, climb: Signal | None) -> Interval | None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mavdem import figures as measured
-from mavdem.align import MINIMUM_RATE, Segment, segments
+from mavdem.align import MINIMUM_RATE, Segment, inputs, segments
 from mavdem.figures import CONSISTENCY_SPAN, Figures
 from mavdem.ingest import meaning
 from mavdem.ingest.geometry import MULTIROTORS
@@ -69,7 +69,7 @@ def judge(telemetry: Telemetry, axis: str = "roll") -> Verdict:
     Raises:
         ValueError: an axis that is neither "roll" nor "pitch".
     """
-    attitude, motors = meaning.attitude(telemetry, axis), meaning.motors(telemetry)
+    attitude, motors = meaning.attitude(telemetry, axis), inputs(telemetry, axis)
     figures = Figures()
 
     def refused(reason: str, remedy: str) -> Verdict:
@@ -113,7 +113,7 @@ def judge(telemetry: Telemetry, axis: str = "roll") -> Verdict:
         objection = _objection(telemetry, names, motors.scale.unit, axis, figures, of_segment)
         if objection is None:
             cautions = _losses(attitude, motors) + _cautions(telemetry, motors, axis, of_segment)
-            return Verdict(axis, True, _praise(of_segment), "", cautions, segment, of_segment)
+            return Verdict(axis, True, _praise(motors, of_segment), "", cautions, segment, of_segment)
         refusals.append(Verdict(axis, False, *objection, (), segment, of_segment))
     return refusals[0]
 
@@ -199,9 +199,10 @@ def _too_short(figures: Figures) -> Objection:
     )
 
 
-def _praise(figures: Figures) -> str:
+def _praise(motors: Motors, figures: Figures) -> str:
+    what = "motor outputs" if motors.message != meaning.DEMAND else motors.layout.names[0]
     return (
-        f"{figures.duration:.1f} s of settled flight with attitude at {figures.attitude_rate:.1f} Hz and motor outputs "
+        f"{figures.duration:.1f} s of settled flight with attitude at {figures.attitude_rate:.1f} Hz and {what} "
         f"at {figures.motor_rate:.1f} Hz."
     )
 
@@ -255,6 +256,11 @@ def _losses(attitude: Attitude, motors: Motors) -> tuple[str, ...]:
 
 def _cautions(telemetry: Telemetry, motors: Motors, axis: str, figures: Figures) -> tuple[str, ...]:
     layout, cautions = motors.layout, []
+    if motors.message == meaning.DEMAND:
+        cautions.append(
+            f"Motor outputs come too slowly, so the {axis} demand was taken for the input: what the mixer, the motors' "
+            "limits and the battery make of it is not in it."
+        )
     if telemetry.vehicle == "UNKNOWN":
         cautions.append("No heartbeat says what the vehicle is: a multirotor was assumed.")
     if layout.channels_assumed or layout.positions_assumed:

@@ -13,6 +13,7 @@ from hover import X_QUAD, Hover, changed, columns
 from mavdem.align import GAP, MINIMUM_RATE, Segment, align, segments
 from mavdem.ingest import read_log
 from mavdem.phases import SETTLING
+from mavdem.verdict import judge
 
 HOVER = Hover()
 DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[2] / "shared/data"))
@@ -216,3 +217,32 @@ def test_a_recorded_flight_gives_its_hover(name, dt, kept):
     when = telemetry.messages["LOCAL_POSITION_NED"]["time"]
     inside = (when > segment.start) & (when < segment.end)
     assert np.ptp(height[inside]) < 1.0 < np.ptp(height)
+
+
+@pytest.mark.parametrize(("motor_rate", "demand_rate", "taken"), [(100.0, 100.0, "motors"), (10.0, 100.0, "demand")])
+def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, demand_rate, taken):
+    hover = Hover()
+    telemetry = hover.telemetry(motor_time=motor_rate)
+    time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 1 / demand_rate)
+    controls = np.zeros((len(time), 8))
+    controls[:, 0], controls[:, 3] = 0.1 * np.sin(3 * time), 0.5
+    demanded = changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=0 * time))
+    verdict = judge(demanded)
+    assert verdict.learnable
+    flight = align(demanded, verdict.segment)
+    said = any("roll demand was taken" in caution for caution in verdict.cautions)
+    if taken == "motors":
+        assert len(flight.input_names) == 4 and not said
+    else:
+        assert flight.input_names == ("roll demand",) and said
+        assert "roll demand at 100.0 Hz" in verdict.reason
+        np.testing.assert_allclose(flight.inputs[:, 0], 0.1 * np.sin(3 * flight.time), atol=2e-3)
+
+
+def test_a_demand_as_slow_as_the_motors_does_not_replace_them():
+    telemetry = Hover().telemetry(motor_time=10.0)
+    time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 0.1)
+    controls = np.tile(np.sin(time)[:, None], (1, 8))
+    slow = changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=0 * time))
+    verdict = judge(slow)
+    assert not verdict.learnable and "SERVO_OUTPUT_RAW" in verdict.reason

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover, changed, columns
@@ -221,3 +223,34 @@ def test_armed_outvotes_strays_and_foreign_heartbeats():
     expected = (state.time >= 5) & (state.time < HOVER.landed + 1)
     np.testing.assert_array_equal(state.values > 0, expected)
     assert len(state.time) == len(table["time"]) - 3
+
+
+def with_demand(telemetry, rate=100.0, group=0.0, thrust=0.5):
+    """The telemetry with a controller's demand beside it: roll a sine, pitch nothing."""
+    time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 1 / rate)
+    controls = np.zeros((len(time), 8))
+    controls[:, 0], controls[:, 3] = 0.1 * np.sin(time), thrust
+    return changed(
+        telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=np.full(len(time), group))
+    )
+
+
+def test_the_demand_on_an_axis_is_one_input_that_turns_it():
+    demand = meaning.demand(with_demand(HOVER.telemetry()), "roll")
+    np.testing.assert_allclose(demand.outputs[:, 0], 0.1 * np.sin(demand.time))
+    assert demand.layout.names == ("roll demand",)
+    np.testing.assert_array_equal(demand.layout.effect("roll"), [1.0])
+    assert (demand.scale.low, demand.scale.high) == (-1.0, 1.0)
+    # A demand that never moves, one of another group, and none at all are no input.
+    assert meaning.demand(with_demand(HOVER.telemetry()), "pitch") is None
+    assert meaning.demand(with_demand(HOVER.telemetry(), group=1.0), "roll") is None
+    assert meaning.demand(HOVER.telemetry(), "roll") is None
+
+
+def test_the_collective_is_the_motors_mean_or_else_the_thrust_asked_for():
+    telemetry = with_demand(HOVER.telemetry())
+    motors = meaning.motors(telemetry)
+    expected = motors.scale.fraction(motors.outputs).mean(axis=1)
+    np.testing.assert_array_equal(meaning.collective(telemetry).values, expected)
+    without = replace(telemetry, messages={k: v for k, v in telemetry.messages.items() if k != "SERVO_OUTPUT_RAW"})
+    np.testing.assert_array_equal(np.unique(meaning.collective(without).values), [0.5])

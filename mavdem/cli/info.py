@@ -26,8 +26,9 @@ WORTH_TELLING = 0.01
 def info(context: click.Context, source: str, axis: str, vehicle: str | None, as_json: bool) -> None:
     """Says what a log holds, and whether a model can be learnt from it.
 
-    SOURCE is a telemetry log (.tlog). For each vehicle: the verdict (learnable or not, why, and what to change), the
-    stretches of settled flight, and its messages with their rates. --json tells everything, for example the counts.
+    SOURCE is a log: .tlog, .mcap, .bin, .log or .ulg. For each vehicle: the verdict (learnable or not, why, and what to
+    change), the stretches of settled flight, and its messages with their rates. --json tells everything, for example
+    the counts.
 
     Ends with 0 when a model can be learnt from at least one vehicle, otherwise with 1.
     """

@@ -65,9 +65,9 @@ def learn(
 ) -> None:
     """Learns a linear model from a log and forecasts with it.
 
-    SOURCE is a telemetry log (.tlog). Of the longest stretch of settled flight, --train samples are learnt from and the
-    --test samples after them forecast. The folder --out receives model.json (the model with all it needs to forecast),
-    report.json (the figures) and flight.rrd (pictures, to be opened with `rerun flight.rrd`).
+    SOURCE is a log: .tlog, .mcap, .bin, .log or .ulg. Of the longest stretch of settled flight, --train samples are
+    learnt from and the --test samples after them forecast. The folder --out receives model.json (the model with all it
+    needs to forecast), report.json (the figures) and flight.rrd (pictures, to be opened with `rerun flight.rrd`).
 
     \b
     Examples:

@@ -53,8 +53,6 @@ def read_source(source: str) -> Log:
         Unreadable: it is a link, or ``mavdem.ingest.read_log`` says so.
     """
     if LINK.match(source) and not os.path.isfile(source):
-        raise Unreadable(
-            f"{source} is a MAVLink link, and this version reads files only: record a telemetry log (.tlog), name that."
-        )
+        raise Unreadable(f"{source} is a MAVLink link, and this version reads files only: record a log and name that.")
     with progress(f"Reading {source}") as done:
         return read_log(source, done)

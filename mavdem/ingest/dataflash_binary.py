@@ -228,7 +228,7 @@ def _decoded(data: NDArray[np.uint8], definition: Definition, places: NDArray[np
     bodies = np.lib.stride_tricks.sliding_window_view(data, wire.itemsize)[places + HEADER_LENGTH]
     messages = bodies.view(wire)[:, 0]
     columns = {}
-    for name, character in zip(definition.fields, definition.characters, strict=True):
-        column = np.ascontiguousarray(messages[name])
+    for i, (name, character) in enumerate(zip(definition.fields, definition.characters, strict=True)):
+        column = np.ascontiguousarray(messages[f"{i}"])
         columns[name] = column / DIVISORS[character] if character in DIVISORS else column
     return Table(places, columns)

@@ -68,14 +68,14 @@ class Definition:
 
     @cached_property
     def wire(self) -> np.dtype[Any] | None:
-        """What follows the header as a structured dtype; None where characters or names make no sense."""
+        """What follows the header, its fields numbered from 0; None where characters or names make no sense."""
         known = all(character in FIELD_TYPES for character in self.characters)
         if not (known and len(self.fields) == len(self.characters) == len(set(self.fields))):
             return None
-        pairs = zip(self.fields, self.characters, strict=True)
+        # By number: of a name that damage has made, NumPy may make another.
         kinds: list[Any] = [
-            (name, kind) if isinstance(kind := FIELD_TYPES[character], str) else (name, *kind)
-            for name, character in pairs
+            (f"{i}", kind) if isinstance(kind := FIELD_TYPES[character], str) else (f"{i}", *kind)
+            for i, character in enumerate(self.characters)
         ]
         return np.dtype(kinds)
 

@@ -41,6 +41,7 @@ class Layout:
         positions: where each motor sits; empty when unknown.
         basis: what this was read from, or what was assumed; one phrase.
         channels_assumed, positions_assumed: whether no parameter said so.
+        labels: names of the inputs, where they are not motors.
     """
 
     motors: tuple[int, ...]
@@ -49,10 +50,13 @@ class Layout:
     basis: str
     channels_assumed: bool
     positions_assumed: bool
+    labels: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
         """One name a motor: ``motor 1 (front right)``, without the place when it is unknown."""
+        if self.labels:
+            return self.labels
         if not self.positions:
             return tuple(f"motor {motor}" for motor in self.motors)
         return tuple(f"motor {motor} ({_place(at)})" for motor, at in zip(self.motors, self.positions, strict=True))
@@ -69,6 +73,13 @@ class Layout:
         weights = -right if axis == "roll" else forward
         total = float(np.abs(weights).sum())
         return weights / total if total > 0 else None
+
+
+def of_demand(axis: str) -> Layout:
+    """The one input that the controller's demand on an axis is: as a motor that turns it one for one would be."""
+    place = (0.0, -1.0) if axis == "roll" else (1.0, 0.0)
+    basis = "the controller's demand, before the mixer shares it out to the motors"
+    return Layout((1,), (1,), (place,), basis, False, False, (f"{axis} demand",))
 
 
 def layout(

@@ -12,12 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.decode import enum_name
-from mavdem.ingest.geometry import Layout, layout
+from mavdem.ingest.geometry import Layout, layout, of_demand
 from mavdem.ingest.scale import Scale, recognise
 from mavdem.telemetry import Columns, Telemetry
 
 AXES = ("roll", "pitch")
 
+DEMAND = "ACTUATOR_CONTROL_TARGET"
+_THRUST = 3
+"""Place of thrust in ACTUATOR_CONTROL_TARGET.controls of group 0."""
 _MOTOR_MESSAGES = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS")
 _UNUSED_CHANNEL = 65535
 _ARMED = 128
@@ -145,6 +148,42 @@ def motors(telemetry: Telemetry) -> Motors | None:
     if not len(time):
         return None
     return Motors(message, time, boot, outputs, plan, scale, main.sent, main.left_out + lost)
+
+
+def demand(telemetry: Telemetry, axis: str) -> Motors | None:
+    """What the controller asked of the axis, −1 to 1, from ACTUATOR_CONTROL_TARGET; None when it never moved.
+
+    Raises:
+        ValueError: an axis that is neither "roll" nor "pitch".
+    """
+    if axis not in AXES:
+        raise ValueError(f"axis must be one of {', '.join(AXES)}, not {axis!r}")
+    columns = telemetry.messages.get(DEMAND)
+    if columns is None:
+        return None
+    bank = _bank(columns, _floats(columns, "controls")[:, [AXES.index(axis)]], 1, _flight_control(columns))
+    if not _moves(bank.values[:, 0]):
+        return None
+    scale = Scale("demand", "", -1.0, 1.0, float(np.diff(np.unique(bank.values)).min()))
+    plan = of_demand(axis)
+    return Motors(DEMAND, bank.time, bank.boot, bank.values, plan, scale, bank.sent, bank.left_out)
+
+
+def collective(telemetry: Telemetry) -> Signal | None:
+    """How hard the motors work together, 0 to 1: their mean, or the thrust that the controller asked for."""
+    working = motors(telemetry)
+    if working is not None:
+        return Signal(working.time, working.boot, working.scale.fraction(working.outputs).mean(axis=1))
+    columns = telemetry.messages.get(DEMAND)
+    if columns is None:
+        return None
+    bank = _bank(columns, _floats(columns, "controls")[:, [_THRUST]], 1, _flight_control(columns))
+    return Signal(bank.time, bank.boot, bank.values[:, 0]) if len(bank.time) else None
+
+
+def _flight_control(columns: Columns) -> NDArray[np.bool_]:
+    """Which ACTUATOR_CONTROL_TARGET are of group 0, which is roll, pitch, yaw and thrust."""
+    return np.asarray(columns["group_mlx"]) == 0 if "group_mlx" in columns else np.ones(len(columns["time"]), bool)
 
 
 def armed(telemetry: Telemetry) -> Signal | None:
