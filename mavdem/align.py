@@ -46,6 +46,9 @@ DECIMATED = 1.5
 """A stream that comes so many times as fast as the grid is low-passed first; below that the filter would reach into the
 band in which the stream itself is already aliased."""
 
+SLOWEST_FILTER = 1e-4
+"""Of the stream's rate: the least cut-off that is filtered with."""
+
 PASSED = 0.4
 """Cut-off of that filter in grid rates: 0.5 is the Nyquist frequency, and 0.1 (5 Hz at 50) passes unchanged."""
 
@@ -287,6 +290,8 @@ def _low_passed(
     even = np.linspace(time[0], time[-1], len(time))
     table = np.column_stack([np.interp(even, time, column) for column in values.T])
     rate = mean_rate(time)
+    # A slower filter's numbers are lost in rounding; whatever is sampled on so coarse a grid is refused for its rate.
+    cutoff = max(cutoff, SLOWEST_FILTER * rate)
     passing = butter(4, cutoff, fs=rate, output="sos")
     settling = round(3 * rate / cutoff)
     return even, sosfiltfilt(passing, table, axis=0, padlen=min(settling, len(table) - 1))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hover import X_QUAD, Hover, changed, columns
 
-from mavdem.align import GAP, MINIMUM_RATE, Segment, align, segments
+from mavdem.align import GAP, MINIMUM_RATE, Segment, align, sample, segments
 from mavdem.ingest import read_log
 from mavdem.phases import SETTLING
 from mavdem.verdict import judge
@@ -246,3 +246,9 @@ def test_a_demand_as_slow_as_the_motors_does_not_replace_them():
     slow = changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=0 * time))
     verdict = judge(slow)
     assert not verdict.learnable and "SERVO_OUTPUT_RAW" in verdict.reason
+
+
+def test_a_stream_beside_one_a_million_times_slower_is_sampled_without_a_fault():
+    time = np.arange(5.0) / 100
+    values, way = sample(np.array([0.0, 0.02]), 1e6, time, np.sin(time)[:, None])
+    assert np.isfinite(values).all() and way.startswith("low-passed")
