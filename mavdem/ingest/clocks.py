@@ -9,153 +9,213 @@ A ``time_usec`` may also be UNIX time: a type whose stamps lie on another epoch 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Times = NDArray[np.float64]
-Rows = NDArray[np.int64]
+from mavdem.ingest.strays import LASTING, Boots, Places, Rows, Times, before_lower, strays, without
 
 REFERENCES = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "SYSTEM_TIME")
 """Stamped by the autopilot itself, often: the first of these that was sent is what the others are read against."""
 FEWEST = 3
 """Stamps that make a message type fit to be the reference."""
-STRAY = 5.0
-"""Seconds off its neighbours, beside ten usual steps, that make a stamp of the reference a stray."""
 WRAP_GAP = 60.0
 """Longest silence, s, across which a 32-bit reference clock is taken to have wrapped rather than started anew."""
 STEP_BACK = 1.0
 """Seconds a clock must fall to have been reset; less is reordering."""
-LASTING = 5
-"""Stamps in a row that must all lie below those before, for a reset; fewer are late arrivals."""
 BOOT_SLACK = 30.0
 """Seconds a clock may read after a reboot beyond those the receiver saw pass."""
 OTHER_EPOCH = 10.0
 """Seconds between a type's stamps and the reference, in the median, that make it another clock."""
+BATCH = 1 << 16
+"""Messages placed together: bounds the memory that the steps on the way take."""
 
 
 @dataclass(frozen=True, eq=False)
-class Stamps:
-    """The stamps of one message type: ``rows`` (n,) among the component's messages, ``seconds`` (n,), zero for none.
+class Sent:
+    """The messages of one type: ``places`` (n,) in the stream, ascending, and what gives their stamps, where any are.
 
-    ``period`` is where the counter wraps, s; infinite for 64-bit counters.
+    ``stamps`` answers with (n,) s, zero for none, in an array of its own. ``period`` is where the counter wraps, s;
+    infinite for 64-bit counters.
     """
 
     message: str
-    rows: Rows
+    places: Places
+    stamps: Callable[[], Times] | None = None
+    period: float = np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """``time`` (n,) s and ``boot`` (n,) of each message of one type."""
+
+    time: Times
+    boot: Boots
+
+    def rows(self, rows: slice) -> Placed:
+        """Those of some of the messages: a view."""
+        return Placed(self.time[rows], self.boot[rows])
+
+
+@dataclass(frozen=True, eq=False)
+class BootClock:
+    """The messages of each type on the boot clock, by name, and a sentence for each thing mended.
+
+    Messages before the first stamp take the first stamp; without any stamp all times are NaN.
+    """
+
+    placed: Mapping[str, Placed]
+    repairs: tuple[str, ...]
+
+
+def boot_clock(sent: Sequence[Sent], received: Callable[[Places], Times]) -> BootClock:
+    """Places each of a component's messages on its boot clock.
+
+    Stamps are read one type at a time: all those of a long log would take much memory.
+
+    Args:
+        sent: every message type of the component.
+        received: (n,) s, when the messages at the places (n,) were received by the receiver's clock; NaN where that is
+            not known.
+    """
+    chosen = _reference(sent)
+    if chosen is None:
+        return BootClock({kind.message: _unplaced(kind, np.dtype(np.uint8)) for kind in sent}, ())
+    stamps = _stamps(chosen)
+    reference, repairs = _placed_alone(stamps, received(stamps.places))
+    placed = {}
+    for kind in sent:
+        placed[kind.message] = _unplaced(kind, reference.boot.dtype)
+        stamps, own = _stamps(kind), reference
+        if kind is not chosen and len(stamps.places):
+            own, repair = _placed_against(reference, stamps)
+            repairs += repair
+        if len(stamps.places) and len(own.places):
+            rows = _last_at(kind.places, stamps.places)
+            # A message whose stamp was ignored repeats the last of its kind: between those of others it would pass for
+            # one that was sent then.
+            at = _last_at(own.places, stamps.places)
+            placed[kind.message].time[rows], placed[kind.message].boot[rows] = own.time[at], own.boot[at]
+    _fill(sent, placed)
+    return BootClock(placed, tuple(repairs))
+
+
+@dataclass(frozen=True, eq=False)
+class _Stamps:
+    """The stamps of one message type, where there are any: ``places`` (n,) in the stream, ``seconds`` (n,)."""
+
+    message: str
+    places: Places
     seconds: Times
     period: float
 
 
 @dataclass(frozen=True, eq=False)
-class BootClock:
-    """``time`` (N,) s and ``boot`` (N,) of each of a component's messages, and a sentence for each thing mended.
-
-    Messages before the first stamp take the first stamp; without any stamp all times are NaN.
-    """
-
-    time: Times
-    boot: Rows
-    repairs: tuple[str, ...]
-
-
-def boot_clock(stamps: Sequence[Stamps], received: Times) -> BootClock:
-    """Places each of a component's messages on its boot clock.
-
-    Args:
-        stamps: those of every message type that has any.
-        received: (N,) s, when each message was received by the receiver's clock; NaN where that is not known.
-    """
-    time, boot = np.full(len(received), np.nan), np.zeros(len(received), dtype=np.int64)
-    stamps = [kind for kind in map(_without_zeros, stamps) if len(kind.rows)]
-    if not stamps:
-        return BootClock(time, boot, ())
-    reference, repairs = _placed_alone(_reference(stamps), received)
-    for kind in stamps:
-        placed = reference
-        if kind.message != reference.message:
-            placed, repair = _placed_against(reference, kind)
-            repairs += repair
-        if len(placed.rows):
-            # A message whose stamp was ignored repeats the last of its kind: between those of others it would pass for
-            # one that was sent then.
-            at = np.maximum(np.searchsorted(placed.rows, kind.rows, side="right") - 1, 0)
-            time[kind.rows], boot[kind.rows] = placed.time[at], placed.boot[at]
-    last = np.maximum.accumulate(np.where(np.isnan(time), -1, np.arange(len(time))))
-    last[last < 0] = np.flatnonzero(~np.isnan(time))[0]
-    return BootClock(time[last], boot[last], tuple(repairs))
-
-
-@dataclass(frozen=True, eq=False)
-class _Placed:
+class _Kept:
     """Messages of one type on the boot clock; strays are left out."""
 
-    message: str
-    rows: Rows
+    places: Places
     time: Times
-    boot: Rows
+    boot: Boots
 
 
-def _without_zeros(stamps: Stamps) -> Stamps:
-    sent = stamps.seconds > 0
-    return Stamps(stamps.message, stamps.rows[sent], stamps.seconds[sent], stamps.period)
+def _stamps(kind: Sent) -> _Stamps:
+    seconds = np.empty(0) if kind.stamps is None else kind.stamps()
+    places = kind.places[: len(seconds)]
+    there = seconds > 0
+    if not there.all():
+        places, seconds = places[there], seconds[there]
+    return _Stamps(kind.message, places, seconds, kind.period)
 
 
-def _reference(stamps: Sequence[Stamps]) -> Stamps:
-    enough = {kind.message: kind for kind in stamps if len(kind.rows) >= FEWEST}
+def _reference(sent: Sequence[Sent]) -> Sent | None:
+    stamped = {kind.message: kind for kind in sent if kind.stamps is not None}
     for message in REFERENCES:
-        if message in enough:
-            return enough[message]
-    return max(stamps, key=lambda kind: (np.isfinite(kind.period), len(kind.rows)))
+        if message in stamped and len(_stamps(stamped[message]).places) >= FEWEST:
+            return stamped[message]
+    counts = {message: len(_stamps(kind).places) for message, kind in stamped.items()}
+    some = [kind for message, kind in stamped.items() if counts[message]]
+    return max(some, key=lambda kind: (np.isfinite(kind.period), counts[kind.message]), default=None)
 
 
-def running_median(values: Times, window: int) -> Times:
-    """The median of the ``window`` (odd) values around each; the ends are reflected."""
-    around = np.pad(values, window // 2, mode="reflect")
-    return np.asarray(np.median(np.lib.stride_tricks.sliding_window_view(around, window), axis=1))
+def _unplaced(kind: Sent, boot: np.dtype[Any]) -> Placed:
+    return Placed(np.full(len(kind.places), np.nan), np.zeros(len(kind.places), dtype=boot))
 
 
-def _placed_alone(stamps: Stamps, received: Times) -> tuple[_Placed, list[str]]:
+def _last_at(places: Places, wanted: Places) -> Rows | slice:
+    """The row of the last of ``places`` not behind each of those wanted, or the first; one holds all of the other."""
+    if len(places) == len(wanted):
+        return slice(None)
+    return np.asarray(np.maximum(np.searchsorted(places, wanted, side="right") - 1, 0))
+
+
+def _fill(sent: Sequence[Sent], placed: Mapping[str, Placed]) -> None:
+    """Gives each message without a time that of the last before it, whatever its type, or else the first there is."""
+    kinds = [(kind.places, placed[kind.message]) for kind in sent]
+    known = [int(np.argmin(np.isnan(own.time))) for _, own in kinds]
+    firsts = [
+        (int(places[row]), own.time[row], own.boot[row])
+        for (places, own), row in zip(kinds, known, strict=True)
+        if not np.isnan(own.time[row])
+    ]
+    if not firsts:
+        return
+    _, time, boot = min(firsts)
+    first, last = min(int(places[0]) for places, _ in kinds), max(int(places[-1]) for places, _ in kinds)
+    pieces = 1 + sum(len(places) for places, _ in kinds) // BATCH
+    edges = np.linspace(first, last + 1, pieces + 1).astype(np.int64)
+    bounds = [np.searchsorted(places, edges.astype(places.dtype)).tolist() for places, _ in kinds]
+    for piece in range(pieces):
+        parts = [
+            (places[rows], own.rows(rows))
+            for (places, own), ends in zip(kinds, bounds, strict=True)
+            if len(places[rows := slice(ends[piece], ends[piece + 1])])
+        ]
+        if not parts:
+            continue
+        order = np.argsort(np.concatenate([places for places, _ in parts]), kind="stable")
+        times = np.concatenate([[time], np.concatenate([own.time for _, own in parts])[order]])
+        boots = np.concatenate([[boot], np.concatenate([own.boot for _, own in parts])[order]])
+        latest = np.maximum.accumulate(np.where(np.isnan(times), 0, np.arange(len(times))))
+        time, boot = times[latest[-1]], boots[latest[-1]]
+        back = np.empty(len(order), dtype=np.int64)
+        back[order] = latest[1:]
+        for places, own in parts:
+            at, back = back[: len(places)], back[len(places) :]
+            own.time[:], own.boot[:] = times[at], boots[at]
+
+
+def _placed_alone(stamps: _Stamps, received: Times) -> tuple[_Kept, list[str]]:
     """The reference, by its own stamps: strays out, wraps undone, reboots counted."""
-    kept = ~_strays(stamps.seconds)
-    rows, raw = stamps.rows[kept], stamps.seconds[kept]
-    steps = np.diff(raw)
-    wraps = np.concatenate([[False], (steps < 0) & (steps + stamps.period <= WRAP_GAP)])
-    turns = np.cumsum(wraps)
-    time = raw + turns * (stamps.period if wraps.any() else 0.0)
-    reboots = _reboots(time, raw, received[rows])
-    boot = np.zeros(len(rows), dtype=np.int64)
+    stray = strays(stamps.seconds)
+    places, raw, received = without(stray, stamps.places, stamps.seconds, received)
+    wraps = 1 + np.flatnonzero((np.diff(raw) < 0) & (np.diff(raw) + stamps.period <= WRAP_GAP))
+    time = raw + stamps.period * _turns(wraps, len(raw)) if len(wraps) else raw
+    reboots = _reboots(time, raw, received)
+    boot = np.zeros(len(places), dtype=np.min_scalar_type(len(reboots)))
     boot[reboots] = 1
-    boot = np.cumsum(boot)
-    turns -= turns[np.concatenate([[0], reboots])][boot]
-    time = raw + turns * (stamps.period if wraps.any() else 0.0)
-    late = _before_lower(time, boot)
-    repairs = _ignored(stamps.message, int(np.count_nonzero(~kept) + np.count_nonzero(late)))
-    if wraps.any():
+    boot = np.cumsum(boot, dtype=boot.dtype)
+    if len(wraps):
+        turns = _turns(wraps, len(raw))
+        time = raw + stamps.period * (turns - turns[np.concatenate([[0], reboots])][boot])
+    late = before_lower(time, boot)
+    repairs = _ignored(stamps.message, int(np.count_nonzero(stray) + np.count_nonzero(late)))
+    if len(wraps):
         repairs.append(f"The clock of {stamps.message} wraps every {stamps.period / 60:.1f} min; undone.")
     if len(reboots):
         at = time[reboots[0] - 1]
         times = "once," if len(reboots) == 1 else f"{len(reboots)} times, first"
         repairs.append(f"The vehicle rebooted {times} when its clock read {at:.1f} s.")
-    return _Placed(stamps.message, rows[~late], time[~late], boot[~late]), repairs
+    return _Kept(*without(late, places, time, boot)), repairs
 
 
-def _strays(seconds: Times) -> NDArray[np.bool_]:
-    """Stamps far off the median of the five around them: one or two odd messages, no lasting change of the clock."""
-    if len(seconds) < FEWEST:
-        return np.zeros(len(seconds), dtype=np.bool_)
-    usual = float(np.median(np.abs(np.diff(seconds))))
-    return np.asarray(np.abs(seconds - running_median(seconds, 5)) > STRAY + 10 * usual)
-
-
-def _before_lower(time: Times, boot: Rows) -> NDArray[np.bool_]:
-    """Stamps soon followed by one far lower in the same boot: the upper ones of a clock that jumps to and fro."""
-    lower = np.zeros(len(time), dtype=np.bool_)
-    for ahead in range(1, min(LASTING, len(time))):
-        lower[:-ahead] |= (time[:-ahead] - time[ahead:] > STRAY) & (boot[:-ahead] == boot[ahead:])
-    return lower
+def _turns(wraps: Rows, count: int) -> Rows:
+    """How often the counter has wrapped at each of ``count`` stamps, from the rows at which it did."""
+    turns = np.zeros(count, dtype=np.int64)
+    turns[wraps] = 1
+    return np.cumsum(turns)
 
 
 def _ignored(message: str, stamps: int) -> list[str]:
@@ -168,53 +228,70 @@ def _reboots(time: Times, raw: Times, received: Times) -> Rows:
     gaps = np.abs(np.diff(received, prepend=np.nan))
     passed = float(np.nansum(gaps))
     speed = max(float(np.clip(np.diff(time), 0, None).sum()) / passed, 1.0) if passed > 0 else 1.0
-    most = np.where(gaps > 0, BOOT_SLACK + 2 * speed * gaps, BOOT_SLACK if passed > 0 else np.inf)
-    possible = ((raw <= most) | np.isnan(gaps)).tolist()
     reboots, peak = [], -np.inf
-    for row, (now, highest_ahead) in enumerate(zip(time.tolist(), ahead.tolist(), strict=True)):
-        if highest_ahead < peak - STEP_BACK and possible[row]:
-            reboots.append(row)
-            peak = now
-        peak = max(peak, now)
+    for begin in range(0, len(time), BATCH):
+        rows = slice(begin, begin + BATCH)
+        peaks = np.maximum.accumulate(np.concatenate([[peak], time[rows]]))
+        if not (ahead[rows] < peaks[:-1] - STEP_BACK).any():
+            peak = peaks[-1]
+            continue
+        gap = gaps[rows]
+        most = np.where(gap > 0, BOOT_SLACK + 2 * speed * gap, BOOT_SLACK if passed > 0 else np.inf)
+        possible = (raw[rows] <= most) | np.isnan(gap)
+        batch = zip(time[rows].tolist(), ahead[rows].tolist(), possible.tolist(), strict=True)
+        for row, (now, highest_ahead, may_be) in enumerate(batch, begin):
+            if highest_ahead < peak - STEP_BACK and may_be:
+                reboots.append(row)
+                peak = now
+            peak = max(peak, now)
     return np.array(reboots, dtype=np.int64)
 
 
-def _placed_against(reference: _Placed, stamps: Stamps) -> tuple[_Placed, list[str]]:
+def _placed_against(reference: _Kept, stamps: _Stamps) -> tuple[_Kept, list[str]]:
     """Another type, by the reference's stamps before and after each of its messages."""
-    following = np.searchsorted(reference.rows, stamps.rows)
-    before = np.maximum(following - 1, 0)
-    after = np.minimum(following, len(reference.rows) - 1)
-    earlier, later = reference.time[before], reference.time[after]
-    same_boot = reference.boot[before] == reference.boot[after]
-    by_earlier, by_later = _unwrapped(stamps, earlier), _unwrapped(stamps, later)
-    off_earlier = by_earlier - np.where(same_boot, np.clip(by_earlier, earlier, later), earlier)
-    off_later = by_later - np.where(same_boot, np.clip(by_later, earlier, later), later)
-    first = np.abs(off_earlier) <= np.abs(off_later)
-    time = np.where(first, by_earlier, by_later)
-    off = np.where(first, off_earlier, off_later)
-    boot = np.where(first, reference.boot[before], reference.boot[after])
-
+    time, off = np.empty(len(stamps.places)), np.empty(len(stamps.places))
+    boot = np.empty(len(stamps.places), dtype=reference.boot.dtype)
+    for begin in range(0, len(time), BATCH):
+        rows = slice(begin, begin + BATCH)
+        part = _Stamps(stamps.message, stamps.places[rows], stamps.seconds[rows], stamps.period)
+        time[rows], off[rows], boot[rows] = _read_against(reference, part)
     wrapped = np.isfinite(stamps.period) and bool((np.abs(time - stamps.seconds) > stamps.period / 2).any())
-    inside = (following > 0) & (following < len(reference.rows))
-    typical = float(np.median(off[inside] if inside.any() else off))
+    inside = slice(*np.searchsorted(stamps.places, reference.places[[0, -1]], side="right").tolist())
+    typical = float(np.median(off[inside] if inside.start < inside.stop else off))
     repairs = []
     if abs(typical) > OTHER_EPOCH:
         for number in np.unique(boot):
-            shift = np.median(off[boot == number])
-            time[boot == number] -= shift
-            off[boot == number] -= shift
+            of_boot = boot == number
+            shift = np.median(off[of_boot])
+            time[of_boot] -= shift
+            off[of_boot] -= shift
         repairs.append(
             f"The time stamps of {stamps.message} are of another clock, {typical:.6g} s away; "
             "they were moved to the boot clock."
         )
     elif wrapped:
         repairs.append(f"The clock of {stamps.message} wraps every {stamps.period / 60:.1f} min; undone.")
-    kept = ~_strays(off)
-    repairs += _ignored(stamps.message, int(np.count_nonzero(~kept)))
-    return _Placed(stamps.message, stamps.rows[kept], time[kept], boot[kept]), repairs
+    stray = strays(off)
+    repairs += _ignored(stamps.message, int(np.count_nonzero(stray)))
+    return _Kept(*without(stray, stamps.places, time, boot)), repairs
 
 
-def _unwrapped(stamps: Stamps, near: Times) -> Times:
+def _read_against(reference: _Kept, stamps: _Stamps) -> tuple[Times, Times, Boots]:
+    """The time of each stamp, how far off it is from between the reference's stamps around it, and its boot."""
+    following = np.searchsorted(reference.places, stamps.places)
+    before = np.maximum(following - 1, 0)
+    after = np.minimum(following, len(reference.places) - 1)
+    earlier, later = reference.time[before], reference.time[after]
+    same_boot = reference.boot[before] == reference.boot[after]
+    by_earlier, by_later = _unwrapped(stamps, earlier), _unwrapped(stamps, later)
+    off_earlier = by_earlier - np.where(same_boot, np.clip(by_earlier, earlier, later), earlier)
+    off_later = by_later - np.where(same_boot, np.clip(by_later, earlier, later), later)
+    first = np.abs(off_earlier) <= np.abs(off_later)
+    boot = np.where(first, reference.boot[before], reference.boot[after])
+    return np.where(first, by_earlier, by_later), np.where(first, off_earlier, off_later), boot
+
+
+def _unwrapped(stamps: _Stamps, near: Times) -> Times:
     """The stamps, whole periods added so that each lies nearest to the time given for it."""
     if not np.isfinite(stamps.period):
         return stamps.seconds

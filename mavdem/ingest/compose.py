@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.ingest.checksum import LONGEST, Bytes, checksums
 from mavdem.ingest.decode import Definition
-from mavdem.ingest.framing import CHECKSUM, FAILED, GOOD, MARKER_2, Bytes, Frames, checksums, padded
-
-HEADER = 10
+from mavdem.ingest.framing import CHECKSUM, FAILED, GOOD, HEADER, MARKER_2, Frames
 
 
 @dataclass(frozen=True)
@@ -64,8 +63,10 @@ def compose(
         sequence=sequence,
         verdict=np.where(good, GOOD, FAILED).astype(np.uint8),
     )
-    data = padded(whole[kept].tobytes())
+    data = whole[kept]
     sealed = frames[good]
-    sums = checksums(data, sealed, np.full(len(sealed), definition.seed, dtype=np.int32))
-    data[sealed.end - 2], data[sealed.end - 1] = sums & 0xFF, sums >> 8
-    return data[: int(end[-1]) if count else 0], frames
+    body, at = sealed.start + 1, sealed.end - CHECKSUM
+    seeds = np.full(len(sealed), definition.seed, dtype=np.int32)
+    sums = checksums(np.pad(data, (0, LONGEST)), body, at - body, seeds)
+    data[at], data[at + 1] = sums & 0xFF, sums >> 8
+    return data, frames

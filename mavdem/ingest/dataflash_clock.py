@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from mavdem.ingest.clocks import Stamps, boot_clock
+from mavdem.ingest.clocks import Sent, boot_clock
 from mavdem.ingest.dataflash_definition import Table
 from mavdem.telemetry import Columns
 
@@ -33,9 +33,9 @@ def on_boot_clock(tables: Mapping[str, Table]) -> tuple[dict[str, Columns], tupl
     place = np.concatenate([tables[name].place for name in clocks])
     order = np.argsort(place, kind="stable")
     stamps = np.concatenate([seconds[name] for name in clocks])[order]
-    clock = boot_clock(
-        [Stamps("the messages", np.arange(len(order)), stamps, np.inf)], received=np.full(len(order), np.nan)
-    )
+    sent = Sent("the messages", np.arange(len(order)), stamps.copy)
+    clock = boot_clock([sent], received=lambda places: np.full(len(places), np.nan))
+    on_clock = clock.placed[sent.message]
     row = np.empty(len(order), dtype=np.int64)
     row[order] = np.arange(len(order))
     placed: dict[str, Columns] = {}
@@ -43,7 +43,7 @@ def on_boot_clock(tables: Mapping[str, Table]) -> tuple[dict[str, Columns], tupl
     for name in clocks:
         rows = row[first : first + len(seconds[name])]
         first += len(rows)
-        time, boot = clock.time[rows], clock.boot[rows]
+        time, boot = on_clock.time[rows], on_clock.boot[rows].astype(np.int64)
         # A stamp that was ignored took the place of the one before it: its message cannot be trusted either.
         kept = time == seconds[name]
         columns = {field: values[kept] for field, values in tables[name].columns.items()}

@@ -7,7 +7,7 @@ https://mavlink.io/en/guide/serialization.html.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -16,7 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.ingest.framing import Bytes, Frames
+from mavdem.ingest.checksum import Bytes, rows_of
+from mavdem.ingest.framing import HEADER, HEADER_1, MARKER_1
+
+BATCH = 1 << 14
+"""Messages decoded together: few enough to stay in the processor's cache."""
 
 WIRE_TYPES = {
     "char": "S1",
@@ -67,22 +71,55 @@ def seeds() -> NDArray[np.int32]:
     return table
 
 
-def decode(data: Bytes, frames: Frames, definition: Definition) -> NDArray[Any]:
-    """The payloads of frames of one message as a structured array (N,) of ``definition.wire``.
+def columns(
+    data: Bytes, start: NDArray[np.integer], definition: Definition, names: Sequence[str] = ()
+) -> dict[str, NDArray[Any]]:
+    """The payloads of frames of one message as contiguous columns by name: (N,), or (N, k) for an array field.
 
     Bytes that were not sent, the trailing zeros MAVLink 2 cuts off and the extensions MAVLink 1 lacks, are zero; bytes
-    beyond the definition, extensions newer than the dialect, are left out.
+    beyond the definition, extensions newer than the dialect, are left out. Texts are bytes, ``S``.
+
+    Args:
+        data: (size,) the stream.
+        start: (N,) places of the frames' markers.
+        definition: of the message.
+        names: the fields; all unless given.
     """
-    width = definition.wire.itemsize
-    payloads = np.lib.stride_tricks.sliding_window_view(data, width)[frames.payload]
-    if (frames.length < width).any():
-        payloads[np.arange(width) >= frames.length[:, None]] = 0
-    return payloads.view(definition.wire)[:, 0]
+    names = tuple(names) or definition.fields
+    kinds = {name: definition.wire[name] for name in names}
+    filled = {name: np.empty((len(start), *kind.shape), dtype=kind.base) for name, kind in kinds.items()}
+    for begin in range(0, len(start), BATCH):
+        rows = slice(begin, begin + BATCH)
+        messages = _messages(data, start[rows].astype(np.int64), definition, names)
+        for name in names:
+            filled[name][rows] = messages[name]
+    return filled
 
 
-def columns(messages: NDArray[Any], definition: Definition) -> dict[str, NDArray[Any]]:
-    """A structured array as contiguous columns by name: (N,), or (N, k) for an array field. Texts are bytes, ``S``."""
-    return {name: np.ascontiguousarray(messages[name]) for name in definition.fields}
+def _messages(data: Bytes, start: NDArray[np.int64], definition: Definition, names: Sequence[str]) -> NDArray[Any]:
+    """A structured array (N,) of the named fields, read from the stretch of the payload that holds them."""
+    fields = {name: definition.wire.fields[name][:2] for name in names} if definition.wire.fields else {}
+    first = min(offset for _, offset in fields.values())
+    width = max(offset + kind.itemsize for kind, offset in fields.values()) - first
+    wire = np.dtype(
+        {
+            "names": list(fields),
+            "formats": [kind for kind, _ in fields.values()],
+            "offsets": [offset - first for _, offset in fields.values()],
+            "itemsize": width,
+        }
+    )
+    payload = start + np.where(data[start] == MARKER_1, HEADER_1, HEADER) + first
+    inside = int(np.searchsorted(payload, len(data) - width, side="right"))
+    table = rows_of(data, payload[:inside], width)
+    if inside < len(payload):
+        # The definition may reach beyond the end of the stream; what is read instead was not sent.
+        rest = data[np.minimum(payload[inside:, None] + np.arange(width), len(data) - 1)]
+        table = np.concatenate([table, rest])
+    sent = data[start + 1]
+    if int(sent.min()) < first + width:
+        table[np.arange(first, first + width) >= sent[:, None]] = 0
+    return table.view(wire)[:, 0]
 
 
 def enum_name(enum: str, value: int) -> str:

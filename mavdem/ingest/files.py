@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 import lzma
+import mmap
 import os
 import stat
+from collections.abc import Callable
 from pathlib import Path
+from typing import BinaryIO, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
 
+LARGE = 64 << 20
+"""Bytes of a file from which on it is mapped instead of read: it takes no memory of its own, but must stay as it is."""
 XZ = b"\xfd7zXZ\x00"
 """How an xz archive begins."""
 LARGEST_UNPACKED = 1 << 30
 """Bytes that an archive may hold: a few hours of the densest logs. A small one can be made to hold any number."""
 UNPACKING_MEMORY = 1 << 27
 """Bytes that unpacking itself may take; the strongest setting of xz takes half."""
+Content = TypeVar("Content", bytes, bytes | mmap.mmap)
 
 
 def file_bytes(path: str | os.PathLike[str]) -> bytes:
@@ -24,6 +33,30 @@ def file_bytes(path: str | os.PathLike[str]) -> bytes:
         Unreadable: it is missing, no plain file, not permitted, empty, or larger than the memory; or an archive that is
             damaged, or holds more than ``LARGEST_UNPACKED`` bytes.
     """
+    return _content(path, _read)
+
+
+def mapped_bytes(path: str | os.PathLike[str]) -> bytes | mmap.mmap:
+    """The same, but a large file that is no archive as it lies on the disk, brought in where it is looked at.
+
+    Raises:
+        Unreadable: as ``file_bytes``, and larger than the address space instead of the memory.
+    """
+    return _content(path, _read_or_mapped)
+
+
+def require_whole(data: NDArray[np.uint8], source: str) -> None:
+    """Makes sure that ``data`` over ``mapped_bytes`` of the file ``source`` can be read still.
+
+    Raises:
+        Unreadable: the file was cut after it was opened; the system ends a process that reads what is gone.
+    """
+    content = data.base.obj if isinstance(data.base, memoryview) else data.base
+    if isinstance(content, mmap.mmap) and content.size() < len(content):
+        raise Unreadable(f"{source} was cut short while it was in use: read it again.")
+
+
+def _content(path: str | os.PathLike[str], read: Callable[[BinaryIO, int], Content]) -> Content:
     path = Path(path)
     try:
         status = path.stat()
@@ -32,10 +65,9 @@ def file_bytes(path: str | os.PathLike[str]) -> bytes:
             raise Unreadable(f"{path} is a folder: name a log file in it.")
         if not stat.S_ISREG(kind):
             raise Unreadable(f"{path} is not a plain file: name a log file.")
-        # Not to the end: a file that says it is empty may never end (/proc), and one being recorded may grow.
         with path.open("rb") as file:
-            content = file.read(status.st_size)
-        if content.startswith(XZ):
+            content = read(file, status.st_size)
+        if content[: len(XZ)] == XZ:
             content = _unpacked(content, path)
     except FileNotFoundError:
         raise Unreadable(f"{path} does not exist: check the name.") from None
@@ -46,12 +78,21 @@ def file_bytes(path: str | os.PathLike[str]) -> bytes:
             raise
         reason = getattr(error, "strerror", None) or error
         raise Unreadable(f"{path} cannot be read ({reason}): check the name and its permissions.") from None
-    if not content:
+    if not len(content):
         raise Unreadable(f"{path} is empty: nothing was recorded.")
     return content
 
 
-def _unpacked(content: bytes, path: Path) -> bytes:
+def _read(file: BinaryIO, size: int) -> bytes:
+    # Not to the end: a file that says it is empty may never end (/proc), and one being recorded may grow.
+    return file.read(size)
+
+
+def _read_or_mapped(file: BinaryIO, size: int) -> bytes | mmap.mmap:
+    return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) if size >= LARGE else _read(file, size)
+
+
+def _unpacked(content: bytes | mmap.mmap, path: Path) -> bytes:
     """What the first stream of an xz archive holds; ``xz`` writes no second."""
     unpacking = lzma.LZMADecompressor(lzma.FORMAT_XZ, UNPACKING_MEMORY)
     try:

@@ -11,8 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.ingest.checksum import Bytes
 from mavdem.ingest.compose import Sender, compose
-from mavdem.ingest.framing import UNKNOWN, Bytes, Frames, Places
+from mavdem.ingest.framing import UNKNOWN, Frames, Places
 from mavdem.ingest.mavlink_json import NO_SEQUENCE, definition_named, parse, payloads
 from mavdem.ingest.mcap_records import Message
 from mavdem.ingest.part import Part

@@ -19,17 +19,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
-from mavdem.ingest.clocks import Times
+from mavdem.ingest.census import Census
 from mavdem.ingest.compose import Sender
 from mavdem.ingest.decode import seeds
 from mavdem.ingest.files import file_bytes
-from mavdem.ingest.framing import GOOD, MARKER_1, MARKER_2, Frames, Progress, find_frames, padded
+from mavdem.ingest.framing import GOOD, MARKER_1, MARKER_2, Frames, Progress, concatenated, find_frames
 from mavdem.ingest.json_topics import JsonTopics, Kind
 from mavdem.ingest.log import Log
 from mavdem.ingest.mcap_records import Channel, Message, Recording
 from mavdem.ingest.part import Part, joined
+from mavdem.ingest.receipt import AROUND, FAR
+from mavdem.ingest.strays import Places, Times, far_off
 from mavdem.ingest.stream import Stream
-from mavdem.ingest.tlog import FAR, near_neighbours
+from mavdem.ingest.vehicles import assemble
 
 OWN_TOPIC = re.compile(r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)")
 REPEATED_TOPIC = re.compile(r"/?mavlink/out")
@@ -52,7 +54,17 @@ def read_mcap(path: str | os.PathLike[str], progress: Progress | None = None) ->
     Raises:
         Unreadable: the file cannot be opened, or there is no MAVLink in it.
     """
-    return mcap_stream(path, progress).log()
+    stream = mcap_stream(path, progress)
+    census = Census(len(stream.data), seeds())
+    census.add(stream.frames)
+    received = _received(stream.stamps)
+    known = received[~np.isnan(received)]
+    span = (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
+
+    def at(start: Places) -> Times:
+        return received[np.searchsorted(stream.frames.start, start, side="right") - 1]
+
+    return assemble(stream.data, census, at, span, stream.bytes_skipped, stream.source, stream.repairs)
 
 
 def mcap_stream(path: str | os.PathLike[str], progress: Progress | None = None) -> Stream:
@@ -83,7 +95,7 @@ def mcap_stream(path: str | os.PathLike[str], progress: Progress | None = None) 
     stamps = part.log_time // np.uint64(1000)
     repairs = (*recording.damage.sentences(), *left_out)
     skipped = sum(skipped for _, skipped in found)
-    return Stream(os.fspath(path), ".mcap", part.data, part.frames, stamps, _received(stamps), skipped, repairs)
+    return Stream(os.fspath(path), ".mcap", part.data, part.frames, stamps, skipped, repairs)
 
 
 def _carries_frames(message: Message) -> bool:
@@ -111,12 +123,12 @@ class _Carried:
         """The frames, and the number of bytes that belong to none."""
         content = b"".join(self.pieces)
         ends = np.cumsum([len(piece) for piece in self.pieces], dtype=np.int64)
-        data = padded(content)
-        frames = find_frames(data, seeds())
+        data = np.frombuffer(content, dtype=np.uint8)
+        frames = concatenated(list(find_frames(data, seeds())))
         holding = np.searchsorted(ends, frames.start, side="right")
         places, times = np.array(self.places, dtype=np.int64), np.array(self.log_times, dtype=np.uint64)
         skipped = len(content) - int((frames.end - frames.start).sum())
-        return Part(data[: len(content)], frames, places[holding], times[holding]), skipped
+        return Part(data, frames, places[holding], times[holding]), skipped
 
 
 def _speaking(frames: Frames) -> set[Sender]:
@@ -172,11 +184,10 @@ def _within(progress: Progress | None, first: float, last: float) -> Progress | 
 
 def _received(stamps: NDArray[np.uint64]) -> Times:
     """Seconds; NaN where there is no stamp or it lies far from its neighbours'."""
-    received = np.full(len(stamps), np.nan)
+    received = np.where(stamps > 0, stamps / 1e6, np.nan)
     rows = np.flatnonzero(stamps)
-    seconds = stamps[rows] / 1e6
-    near = near_neighbours(seconds, np.full(len(rows), FAR))
-    received[rows[near]] = seconds[near]
+    if (np.abs(np.diff(received[rows])) > FAR).any():
+        received[rows[far_off(received[rows], AROUND, FAR)]] = np.nan
     return received
 
 

@@ -19,7 +19,8 @@ import lz4.frame
 import numpy as np
 import zstandard
 
-from mavdem.ingest.framing import Bytes, Progress
+from mavdem.ingest.checksum import Bytes
+from mavdem.ingest.framing import Progress
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER, CHANNEL, MESSAGE, CHUNK = 0x02, 0x04, 0x05, 0x06

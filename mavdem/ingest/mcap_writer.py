@@ -16,7 +16,8 @@ from mcap.writer import Writer
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.ingest.decode import Definition, columns, decode, definitions
+from mavdem.ingest.decode import Definition, columns, definitions
+from mavdem.ingest.files import require_whole
 from mavdem.ingest.framing import GOOD
 from mavdem.ingest.stream import Stream
 
@@ -46,6 +47,7 @@ def write_mcap(file: BinaryIO, stream: Stream) -> int:
     last = 0
     for begin in range(0, len(rows), BATCH):
         batch = rows[begin : begin + BATCH]
+        require_whole(stream.data, stream.source)
         for row, (topic, body) in zip(batch.tolist(), _bodies(stream, batch), strict=True):
             stamp, frame = next(frames)
             last = stamp if stamp <= LATEST else last
@@ -102,7 +104,7 @@ def _bodies(stream: Stream, rows: NDArray[np.int64]) -> list[tuple[str | None, d
     for message_id in np.unique(frames.message_id[frames.verdict == GOOD]).tolist():
         definition = definitions()[message_id]
         same = np.flatnonzero((frames.message_id == message_id) & (frames.verdict == GOOD))
-        values = columns(decode(stream.data, frames[same], definition), definition)
+        values = columns(stream.data, frames.start[same], definition)
         values_by_row = zip(*(_values(values[name], definition, name) for name in definition.fields), strict=True)
         keys = [_key(name) for name in definition.fields]
         for at, row in zip(same.tolist(), values_by_row, strict=True):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.framing import Bytes, Frames, Places, padded
+from mavdem.ingest.checksum import Bytes
+from mavdem.ingest.framing import Frames, Places, concatenated
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,7 +17,7 @@ class Part:
     """Some of a recording's frames.
 
     Attributes:
-        data: the bytes they lie in, without padding.
+        data: the bytes they lie in.
         frames: the table of them, (N,).
         place: (N,) number of the message of the recording in which each begins.
         log_time: (N,) UNIX nanoseconds it was recorded.
@@ -29,17 +30,16 @@ class Part:
 
 
 def joined(parts: Sequence[Part]) -> Part:
-    """All parts, one at least, as one in the order of the recording; its data are as ``padded`` gives them."""
-    offsets = np.cumsum([0, *(len(part.data) for part in parts)])
+    """All parts, one at least, as one, its frames and their bytes in the order of the recording."""
+    frames = concatenated([part.frames for part in parts])
     place = np.concatenate([part.place for part in parts])
     order = np.argsort(place, kind="stable")
-    moved = [_moved(part.frames, int(offset)) for part, offset in zip(parts, offsets[:-1], strict=True)]
-    columns = ([getattr(frames, column.name) for frames in moved] for column in fields(Frames))
-    frames = Frames(*(np.concatenate(column)[order] for column in columns))
-    data = padded(b"".join(part.data.tobytes() for part in parts))
-    return Part(data, frames, place[order], np.concatenate([part.log_time for part in parts])[order])
-
-
-def _moved(frames: Frames, offset: int) -> Frames:
-    """The same frames in data that begin ``offset`` bytes earlier."""
-    return replace(frames, start=frames.start + offset, end=frames.end + offset, payload=frames.payload + offset)
+    contents = [part.data.data for part in parts]
+    holding = np.repeat(np.arange(len(parts)), [len(part.frames) for part in parts])[order]
+    frames, data = frames[order], bytearray()
+    for number, start, end in zip(holding.tolist(), frames.start.tolist(), frames.end.tolist(), strict=True):
+        data += contents[number][start:end]
+    moved = np.cumsum(frames.end - frames.start) - frames.end
+    frames = replace(frames, start=frames.start + moved, end=frames.end + moved, payload=frames.payload + moved)
+    log_time = np.concatenate([part.log_time for part in parts])[order]
+    return Part(np.frombuffer(data, dtype=np.uint8), frames, place[order], log_time)

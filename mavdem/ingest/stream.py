@@ -8,10 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.clocks import Times
-from mavdem.ingest.framing import Bytes, Frames
-from mavdem.ingest.log import Log
-from mavdem.ingest.vehicles import assemble
+from mavdem.ingest.checksum import Bytes
+from mavdem.ingest.framing import Frames
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,11 +19,10 @@ class Stream:
     Attributes:
         source: the file it came from.
         form: the kind of file that is, as the usual end of its name, ".tlog".
-        data: the bytes the frames lie in, as ``padded`` gives them.
+        data: the bytes the frames lie in, in the same order.
         frames: a row for each of the N messages in the order of the recording; one that could not be made a frame of
             has none of the bytes, and a verdict other than ``GOOD``.
         stamps: (N,) UNIX microseconds each was received, as recorded; 0 where that was not.
-        received: (N,) the same in seconds; NaN where there is none or it cannot be true.
         bytes_skipped: bytes of the recorded stream that belong to no frame.
         repairs: a sentence for each thing that was mended.
     """
@@ -35,20 +32,15 @@ class Stream:
     data: Bytes
     frames: Frames
     stamps: NDArray[np.uint64]
-    received: Times
     bytes_skipped: int
     repairs: tuple[str, ...]
-
-    def log(self) -> Log:
-        """The log it makes."""
-        return assemble(self.data, self.frames, self.received, self.bytes_skipped, self.source, self.repairs)
 
     def stamped_frames(self) -> Iterator[tuple[int, bytes]]:
         """The stamp and the bytes of each frame; one that has no stamp takes that of the frame before."""
         rows = np.flatnonzero(self.frames.end > self.frames.start)
         stamps = self.stamps[rows]
         last = np.maximum.accumulate(np.where(stamps > 0, np.arange(len(rows)), 0))
-        content = self.data.tobytes()
+        content = self.data.data
         places = zip(self.frames.start[rows].tolist(), self.frames.end[rows].tolist(), strict=True)
         for stamp, (start, end) in zip(stamps[last].tolist(), places, strict=True):
-            yield stamp, content[start:end]
+            yield stamp, bytes(content[start:end])

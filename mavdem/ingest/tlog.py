@@ -6,27 +6,27 @@ placed by the autopilot's own stamps (``clocks``). Layout: pymavlink ``mavutil.m
 
 from __future__ import annotations
 
+import mmap
 import os
+from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
-from mavdem.ingest.clocks import Times, running_median
+from mavdem.ingest.census import Census
+from mavdem.ingest.checksum import Bytes
 from mavdem.ingest.decode import seeds
-from mavdem.ingest.files import file_bytes
-from mavdem.ingest.framing import GOOD, Bytes, Frames, Progress, find_frames, padded
+from mavdem.ingest.files import mapped_bytes, require_whole
+from mavdem.ingest.framing import GOOD, Frames, Progress, concatenated, find_frames
 from mavdem.ingest.log import Log
+from mavdem.ingest.receipt import STAMP, Receipts
 from mavdem.ingest.stream import Stream
+from mavdem.ingest.vehicles import assemble
 
-STAMP = 8
-"""Bytes of the time stamp before each frame."""
+BLOCK = 1 << 20
+"""Bytes looked through for line ends at a time."""
 FEWEST_LINE_ENDS = 8
 """Line feeds that must all stand behind a carriage return before a file counts as converted: chance gives 1 in 2^64."""
-FAR = 3600.0
-"""Seconds off its neighbours that make a receive stamp wrong."""
-FAR_AFTER_DAMAGE = 60.0
-"""The same for a stamp behind damage, which may itself be damaged."""
 
 
 def read_tlog(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
@@ -37,83 +37,83 @@ def read_tlog(path: str | os.PathLike[str], progress: Progress | None = None) ->
         progress: called with the fraction done.
 
     Raises:
-        Unreadable: the file cannot be opened, or there is no MAVLink in it.
+        Unreadable: the file cannot be opened, or there is no MAVLink in it, or it is cut short while it is read.
     """
-    return tlog_stream(path, progress).log()
+    source = os.fspath(path)
+    data, repairs = _without_carriage_returns(mapped_bytes(path))
+    census, receipts = Census(len(data), seeds()), Receipts(data)
+    for frames in _tables(data, source, progress):
+        census.add(frames)
+        receipts.add(frames)
+    receipts.close()
+    if not census.good:
+        raise Unreadable(_nothing_in(source, census.frames))
+    return assemble(data, census, receipts.at, receipts.span, receipts.bytes_skipped, source, repairs)
 
 
 def tlog_stream(path: str | os.PathLike[str], progress: Progress | None = None) -> Stream:
-    """The frames of a telemetry log with their receive stamps, not yet sorted by who sent them.
+    """The frames of a telemetry log with their receive stamps, in the order they were received.
 
     Args:
         path: the file.
         progress: called with the fraction done.
 
     Raises:
-        Unreadable: the file cannot be opened, or there is no MAVLink in it.
+        Unreadable: as ``read_tlog``.
     """
-    content, repairs = _without_carriage_returns(file_bytes(path))
-    data = padded(content)
-    frames = find_frames(data, seeds(), STAMP, progress)
+    source = os.fspath(path)
+    data, repairs = _without_carriage_returns(mapped_bytes(path))
+    receipts, tables = Receipts(data), []
+    for table in _tables(data, source, progress):
+        receipts.add(table)
+        tables.append(table)
+    frames = concatenated(tables)
     if not (frames.verdict == GOOD).any():
-        raise Unreadable(_nothing_in(path, frames))
-    skipped = _skipped(frames, len(content))
-    received = _receive_times(data, frames)
-    return Stream(os.fspath(path), ".tlog", data, frames, _stamps(data, frames), received, skipped, repairs)
+        raise Unreadable(_nothing_in(source, len(frames)))
+    return Stream(source, ".tlog", data, frames, receipts.recorded(frames.start), receipts.bytes_skipped, repairs)
 
 
-def _without_carriage_returns(content: bytes) -> tuple[bytes, tuple[str, ...]]:
+def _tables(data: Bytes, source: str, progress: Progress | None) -> Iterator[Frames]:
+    """What ``find_frames`` gives, as long as the file is whole."""
+    for frames in find_frames(data, seeds(), STAMP, progress):
+        require_whole(data, source)
+        yield frames
+
+
+def _without_carriage_returns(content: bytes | mmap.mmap) -> tuple[Bytes, tuple[str, ...]]:
     """Undoes the conversion of line ends that some transfers do: then no line feed is without a carriage return."""
-    feeds = content.count(b"\n")
-    if feeds < FEWEST_LINE_ENDS or content.count(b"\r\n") != feeds:
-        return content, ()
+    data = np.frombuffer(content, dtype=np.uint8)
+    feeds = _converted_line_ends(data)
+    if feeds < FEWEST_LINE_ENDS:
+        return data, ()
+    restored = np.empty(len(data) - feeds, dtype=np.uint8)
+    place = 0
+    for begin in range(0, len(data), BLOCK):
+        block, following = data[begin : begin + BLOCK], data[begin + 1 : begin + BLOCK + 1]
+        put = np.zeros(len(block), dtype=np.bool_)
+        put[: len(following)] = (block[: len(following)] == ord("\r")) & (following == ord("\n"))
+        kept = block[~put]
+        restored[place : place + len(kept)] = kept
+        place += len(kept)
     sentence = f"The file had been transferred as text, which put 0D before each of its {feeds} bytes 0A; undone."
-    return content.replace(b"\r\n", b"\n"), (sentence,)
+    return restored, (sentence,)
 
 
-def _stamps(data: Bytes, frames: Frames) -> NDArray[np.uint64]:
-    """The stamp before each frame as it stands there, microseconds; 0 where there is none."""
-    stamped = np.flatnonzero(_space(frames) >= STAMP)
-    stamps = np.zeros(len(frames), dtype=np.uint64)
-    at = frames.start[stamped] - STAMP
-    stamps[stamped] = np.lib.stride_tricks.sliding_window_view(data, STAMP)[at].view(">u8")[:, 0]
-    return stamps
+def _converted_line_ends(data: Bytes) -> int:
+    """How many line feeds there are, if each is behind a carriage return; else 0."""
+    feeds = 0
+    for begin in range(0, len(data), BLOCK):
+        at = begin + np.flatnonzero(data[begin : begin + BLOCK] == ord("\n"))
+        if len(at) and (at[0] == 0 or (data[at - 1] != ord("\r")).any()):
+            return 0
+        feeds += len(at)
+    return feeds
 
 
-def _space(frames: Frames) -> NDArray[np.int64]:
-    """Bytes between each frame and the one before."""
-    return np.asarray(frames.start - np.concatenate([[0], frames.end[:-1]]))
-
-
-def _receive_times(data: Bytes, frames: Frames) -> Times:
-    """UNIX seconds from the stamp before each frame; NaN where there is none or it lies far from its neighbours'."""
-    space = _space(frames)
-    stamped = np.flatnonzero(space >= STAMP)
-    stamps = _stamps(data, frames)[stamped] / 1e6
-    times = np.full(len(frames), np.nan)
-    limit = np.where(space[stamped] == STAMP, FAR, FAR_AFTER_DAMAGE)
-    near = near_neighbours(stamps, limit)
-    times[stamped[near]] = stamps[near]
-    return times
-
-
-def near_neighbours(stamps: Times, limit: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which stamps (N,), s, lie no farther than ``limit`` (N,), s, from the median of the nine around them."""
-    if not len(stamps) or (np.abs(np.diff(stamps)) <= limit[1:]).all():
-        return np.ones(len(stamps), dtype=np.bool_)
-    return np.asarray(np.abs(stamps - running_median(stamps, 9)) <= limit)
-
-
-def _skipped(frames: Frames, size: int) -> int:
-    """Bytes that are neither frame nor stamp."""
-    between = np.append(frames.start, size + STAMP) - np.concatenate([[0], frames.end]) - STAMP
-    return int(between[between > 0].sum())
-
-
-def _nothing_in(path: str | os.PathLike[str], frames: Frames) -> str:
-    if len(frames):
+def _nothing_in(source: str, frames: int) -> str:
+    if frames:
         return (
-            f"{os.fspath(path)} holds {len(frames)} frames that look like MAVLink, but none agrees with a dialect that "
+            f"{source} holds {frames} frames that look like MAVLink, but none agrees with a dialect that "
             "pymavlink knows: it is of another dialect or damaged throughout."
         )
-    return f"{os.fspath(path)} holds no MAVLink: name a telemetry log (.tlog)."
+    return f"{source} holds no MAVLink: name a telemetry log (.tlog)."

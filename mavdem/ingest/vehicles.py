@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mavdem.ingest.clocks import Times
+from mavdem.ingest.census import Census
+from mavdem.ingest.checksum import Bytes
 from mavdem.ingest.decode import enum_name
-from mavdem.ingest.framing import GOOD, UNKNOWN, Bytes, Frames
 from mavdem.ingest.log import Log, Speaker, Unread
 from mavdem.ingest.messages import Messages
 from mavdem.ingest.parameters import parameters
+from mavdem.ingest.strays import Places, Times
 from mavdem.telemetry import Columns, Telemetry
 
 UNNAMED = "UNKNOWN"
@@ -27,42 +27,46 @@ GENERIC_WEIGHT = 0.1
 """What a HEARTBEAT of type GENERIC counts for: it says nothing, and scripts send it under any id."""
 PARAMETER_STORE = 190
 """Component (MAV_COMP_ID_MISSIONPLANNER) under which MAVProxy writes the parameters it holds of a system."""
-FEWEST_OF_A_DIALECT = 3
-"""Frames of one message that must all fail before they count as another dialect, not as damage."""
 
 
 def assemble(
-    data: Bytes, frames: Frames, received: Times, bytes_skipped: int, source: str, repairs: tuple[str, ...]
+    data: Bytes,
+    census: Census,
+    received: Callable[[Places], Times],
+    receive_time: tuple[float, float],
+    bytes_skipped: int,
+    source: str,
+    repairs: tuple[str, ...],
 ) -> Log:
-    """The log a table of frames makes.
+    """The log a stream makes.
 
     Args:
-        data, frames: as ``find_frames`` takes and gives them.
-        received: (N,) UNIX s each frame was received; NaN where that is not known.
+        data: the stream.
+        census: of all its frames.
+        received: (n,) UNIX s the frames that begin at (n,) were received; NaN where that is not known.
+        receive_time: the first and the last such, UNIX s.
         bytes_skipped: bytes that belong to no frame.
         source: the file's name.
         repairs: what was mended before the frames were found.
+
+    Raises:
+        Unreadable: the file was cut short meanwhile.
     """
-    unread = _unread(frames)
+    sent = census.sent()
+    unread = census.unread(sent)
     repairs += _damage(unread, bytes_skipped)
-    sources = frames.system.astype(np.int64) << 8 | frames.component
-    order = np.argsort(sources, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(sources[order])) + 1)
     heard = []
-    for rows in groups:
-        good = rows[frames.verdict[rows] == GOOD]
-        if len(good):
-            messages = Messages(data, frames[good], received[good])
-            heard.append((_speaker(int(sources[rows[0]]), messages, _lost(frames.sequence[rows])), messages))
+    for ids, starts in sent.items():
+        messages = Messages(data, starts, received, source)
+        heard.append((_speaker(ids, messages, int(census.lost[ids])), messages))
     stores = {speaker.system: messages for speaker, messages in heard if speaker.component == PARAMETER_STORE}
     vehicles = tuple(
         _telemetry(speaker, messages, _stored_parameters(speaker, stores), source, repairs)
         for speaker, messages in heard
         if _is_vehicle(speaker)
     )
-    known = received[~np.isnan(received)]
-    span = (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
-    return Log(source, vehicles, tuple(speaker for speaker, _ in heard), unread, len(frames), bytes_skipped, span)
+    speakers = tuple(speaker for speaker, _ in heard)
+    return Log(source, vehicles, speakers, unread, census.frames, bytes_skipped, receive_time)
 
 
 def _speaker(ids: int, messages: Messages, lost: int) -> Speaker:
@@ -108,27 +112,6 @@ def _stored_parameters(vehicle: Speaker, stores: Mapping[int, Messages]) -> dict
     if store is None or "PARAM_VALUE" not in store:
         return {}
     return parameters(store["PARAM_VALUE"], vehicle.autopilot)
-
-
-def _lost(sequence: NDArray[np.uint8]) -> int:
-    """Messages missing by sequence number; a step back by up to half the range is a late or repeated message."""
-    missing = (np.diff(sequence) - np.uint8(1)).astype(np.int64)
-    return int(missing[missing < 128].sum())
-
-
-def _unread(frames: Frames) -> tuple[Unread, ...]:
-    keys = frames.message_id << 16 | frames.system.astype(np.int64) << 8 | frames.component
-    totals = dict(zip(*(counted.tolist() for counted in np.unique(keys, return_counts=True)), strict=True))
-    bad, failures = np.unique(keys[frames.verdict != GOOD], return_counts=True)
-    unknown = set(np.unique(keys[frames.verdict == UNKNOWN]).tolist())
-    speaking = set(np.unique(keys[frames.verdict == GOOD] & 0xFFFF).tolist())
-    found = []
-    for key, count in zip(bad.tolist(), failures.tolist(), strict=True):
-        total = totals[key]
-        strange = key & 0xFFFF in speaking if key in unknown else count == total >= FEWEST_OF_A_DIALECT
-        cause = "another dialect" if strange else "damage"
-        found.append(Unread(key >> 16, key >> 8 & 0xFF, key & 0xFF, count, total, cause))
-    return tuple(found)
 
 
 def _damage(unread: tuple[Unread, ...], bytes_skipped: int) -> tuple[str, ...]:

@@ -7,8 +7,12 @@ import struct
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 from pymavlink.generator.mavcrc import x25crc
+
+from mavdem.ingest.decode import seeds
+from mavdem.ingest.framing import Frames, concatenated, find_frames
 
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
 SAMPLES = Path(__file__).parents[2] / "logs"
@@ -75,3 +79,8 @@ def flight(times: list[float], system: int = 1, sequence: int = 0) -> list[bytes
 
 def heartbeat(system: int = 1, component: int = 1, kind: int = 2, autopilot: int = 3) -> bytes:
     return message("HEARTBEAT", system, component, type=kind, autopilot=autopilot)
+
+
+def frames_in(content: bytes, gap: int = 0) -> Frames:
+    """What the reader finds, as one table."""
+    return concatenated(list(find_frames(np.frombuffer(content, dtype=np.uint8), seeds(), gap)))

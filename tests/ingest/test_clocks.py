@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,23 +11,56 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mavdem.ingest.clocks import BootClock, Stamps, boot_clock
+from mavdem.ingest import clocks
+from mavdem.ingest.clocks import Sent, boot_clock
+from mavdem.ingest.strays import far_off
 
 WRAP_US = 2.0**32 / 1e6
 WRAP_MS = 2.0**32 / 1e3
 
 
-def clock_of(times: NDArray[Any], received: NDArray[Any] | None = None, period: float = WRAP_MS) -> BootClock:
+@dataclass(frozen=True)
+class Stamps:
+    """The stamps of one type: ``rows`` among the messages of the component, ``seconds``, and where they wrap."""
+
+    message: str
+    rows: NDArray[Any]
+    seconds: NDArray[Any]
+    period: float
+
+
+@dataclass(frozen=True)
+class Clock:
+    """``time`` and ``boot`` of all messages of a component in the order they came."""
+
+    time: NDArray[Any]
+    boot: NDArray[Any]
+    repairs: tuple[str, ...]
+
+
+def clock(kinds: list[Stamps], received: NDArray[Any]) -> Clock:
+    """Rows of no kind are messages without stamps."""
+    unstamped = np.setdiff1d(np.arange(len(received)), np.concatenate([kind.rows for kind in kinds]))
+    sent = [Sent(kind.message, kind.rows, kind.seconds.copy, kind.period) for kind in kinds]
+    sent += [Sent("HEARTBEAT", unstamped)] if len(unstamped) else []
+    made = boot_clock(sent, lambda places: received[places])
+    time, boot = np.empty(len(received)), np.empty(len(received), dtype=np.int64)
+    for kind in sent:
+        time[kind.places], boot[kind.places] = made.placed[kind.message].time, made.placed[kind.message].boot
+    return Clock(time, boot, made.repairs)
+
+
+def clock_of(times: NDArray[Any], received: NDArray[Any] | None = None, period: float = WRAP_MS) -> Clock:
     rows = np.arange(len(times))
     unknown = np.full(len(times), np.nan)
-    return boot_clock([Stamps("ATTITUDE", rows, times, period)], unknown if received is None else received)
+    return clock([Stamps("ATTITUDE", rows, times, period)], unknown if received is None else received)
 
 
-def interleaved(times: NDArray[Any], servo: NDArray[Any]) -> BootClock:
+def interleaved(times: NDArray[Any], servo: NDArray[Any]) -> Clock:
     """ATTITUDE and SERVO_OUTPUT_RAW in turn, received as the clock runs."""
     rows = np.arange(len(times))
     stamps = [Stamps("ATTITUDE", 2 * rows, times, WRAP_MS), Stamps("SERVO_OUTPUT_RAW", 2 * rows + 1, servo, WRAP_US)]
-    return boot_clock(stamps, np.full(2 * len(times), np.nan))
+    return clock(stamps, np.full(2 * len(times), np.nan))
 
 
 @given(st.floats(1, 3e6), st.floats(0.01, 5), st.integers(10, 300))
@@ -34,18 +68,18 @@ def interleaved(times: NDArray[Any], servo: NDArray[Any]) -> BootClock:
 def test_servo_wraps_are_put_on_the_epoch_of_attitude(start: float, step: float, count: int) -> None:
     times = start + step * np.arange(count)
     servo = np.maximum((times + 0.001) % WRAP_US, 1e-6)
-    clock = interleaved(times, servo)
-    assert np.allclose(clock.time[::2], times, atol=1e-9)
-    assert np.allclose(clock.time[1::2], times + 0.001, atol=2e-6)
-    assert not clock.boot.any()
+    made = interleaved(times, servo)
+    assert np.allclose(made.time[::2], times, atol=1e-9)
+    assert np.allclose(made.time[1::2], times + 0.001, atol=2e-6)
+    assert not made.boot.any()
 
 
 def test_a_wrap_of_the_only_clock_is_undone() -> None:
     times = 4000 + 0.5 * np.arange(2000)
-    clock = clock_of(times % WRAP_US, period=WRAP_US)
-    assert np.allclose(clock.time, times)
-    assert not clock.boot.any()
-    assert "wraps every 71.6 min" in clock.repairs[0]
+    made = clock_of(times % WRAP_US, period=WRAP_US)
+    assert np.allclose(made.time, times)
+    assert not made.boot.any()
+    assert "wraps every 71.6 min" in made.repairs[0]
 
 
 def test_49_days_are_undone() -> None:
@@ -60,27 +94,27 @@ def test_a_reboot_starts_a_new_boot(before: float, after: float, step: float) ->
     second = after + step * np.arange(100)
     times = np.concatenate([first, second])
     received = 1e9 + np.concatenate([first - before, first[-1] - before + 10 + second])
-    clock = clock_of(times, received)
-    assert np.array_equal(clock.time, times)
-    assert clock.boot.tolist() == [0] * 100 + [1] * 100
+    made = clock_of(times, received)
+    assert np.array_equal(made.time, times)
+    assert made.boot.tolist() == [0] * 100 + [1] * 100
 
 
 def test_messages_around_a_reboot_go_to_the_boot_their_own_stamp_tells() -> None:
     times = np.concatenate([500 + 0.25 * np.arange(40), 4 + 0.25 * np.arange(40)])
     servo = times + 0.01
     servo[39] = 3.9
-    clock = interleaved(times, servo)
-    assert clock.boot[79] == 1 and clock.time[79] == pytest.approx(3.9)
-    assert clock.boot[77] == 0 and clock.boot[81] == 1
+    made = interleaved(times, servo)
+    assert made.boot[79] == 1 and made.time[79] == pytest.approx(3.9)
+    assert made.boot[77] == 0 and made.boot[81] == 1
 
 
 def test_a_reboot_after_a_wrap_reads_its_own_time() -> None:
     first = 4200 + 0.5 * np.arange(400)
     second = 5 + 0.5 * np.arange(100)
     received = 1e9 + np.concatenate([first, first[-1] + 10 + second])
-    clock = clock_of(np.concatenate([first % WRAP_US, second]), received, period=WRAP_US)
-    assert np.allclose(clock.time, np.concatenate([first, second]))
-    assert clock.boot.tolist() == [0] * 400 + [1] * 100
+    made = clock_of(np.concatenate([first % WRAP_US, second]), received, period=WRAP_US)
+    assert np.allclose(made.time, np.concatenate([first, second]))
+    assert made.boot.tolist() == [0] * 400 + [1] * 100
 
 
 @given(st.integers(0, 199), st.floats(0.001, 4e6), st.booleans())
@@ -90,9 +124,9 @@ def test_a_stray_stamp_is_no_reboot(row: int, wrong: float, twice: bool) -> None
     times = 1000 + 0.1 * np.arange(200)
     stray = times.copy()
     stray[row : row + 1 + (twice and 2 <= row <= 196)] = wrong
-    clock = clock_of(stray)
-    assert not clock.boot.any()
-    assert np.abs(clock.time - times).max() < 10
+    made = clock_of(stray)
+    assert not made.boot.any()
+    assert np.abs(made.time - times).max() < 10
 
 
 def test_late_and_repeated_messages_are_no_reboot() -> None:
@@ -107,10 +141,10 @@ def test_late_and_repeated_messages_are_no_reboot() -> None:
 
 def test_a_jump_forward_stays_a_gap() -> None:
     times = np.concatenate([10 + 0.01 * np.arange(500), 600 + 0.01 * np.arange(500)])
-    clock = clock_of(times)
-    assert np.array_equal(clock.time, times)
-    assert not clock.boot.any()
-    assert clock.repairs == ()
+    made = clock_of(times)
+    assert np.array_equal(made.time, times)
+    assert not made.boot.any()
+    assert made.repairs == ()
 
 
 def test_unix_time_is_moved_to_the_boot_clock() -> None:
@@ -120,51 +154,86 @@ def test_unix_time_is_moved_to_the_boot_clock() -> None:
         Stamps("ATTITUDE", 2 * rows, times, WRAP_MS),
         Stamps("GPS_RAW_INT", 2 * rows + 1, times + 1.6e9, np.inf),
     ]
-    clock = boot_clock(stamps, np.full(200, np.nan))
-    assert np.abs(clock.time[1::2] - times).max() <= 0.1 + 1e-6
-    assert "another clock" in clock.repairs[0]
+    made = clock(stamps, np.full(200, np.nan))
+    assert np.abs(made.time[1::2] - times).max() <= 0.1 + 1e-6
+    assert "another clock" in made.repairs[0]
 
 
 def test_messages_without_a_clock_take_the_last_before_them() -> None:
     stamps = [Stamps("ATTITUDE", np.array([1, 3, 4]), np.array([7.0, 7.1, 7.2]), WRAP_MS)]
-    assert boot_clock(stamps, np.full(6, np.nan)).time.tolist() == [7.0, 7.0, 7.0, 7.1, 7.2, 7.2]
+    assert clock(stamps, np.full(6, np.nan)).time.tolist() == [7.0, 7.0, 7.0, 7.1, 7.2, 7.2]
 
 
 def test_without_any_stamp_there_is_no_time() -> None:
-    clock = clock_of(np.zeros(5))
-    assert np.isnan(clock.time).all() and not clock.boot.any()
+    made = clock_of(np.zeros(5))
+    assert np.isnan(made.time).all() and not made.boot.any()
 
 
 @given(st.lists(st.floats(0, 4e6), min_size=1, max_size=60), st.booleans())
 @settings(deadline=None)
 def test_any_stamps_at_all_give_finite_times(times: list[float], servo: bool) -> None:
     values = np.array(times)
-    clock = interleaved(values, values[::-1] % WRAP_US) if servo else clock_of(values)
-    assert np.isfinite(clock.time).all() or not values.any()
-    assert (np.diff(clock.boot) >= -clock.boot.max()).all() and (clock.boot >= 0).all()
+    made = interleaved(values, values[::-1] % WRAP_US) if servo else clock_of(values)
+    assert np.isfinite(made.time).all() or not values.any()
+    assert (np.diff(made.boot) >= -made.boot.max()).all() and (made.boot >= 0).all()
 
 
 def test_a_clock_that_jumps_to_and_fro_is_ignored_where_it_is_ahead() -> None:
     times = 100 + 0.01 * np.arange(600)
     jumping = times + 100 * (np.arange(600) % 2)
-    clock = clock_of(jumping)
-    assert np.array_equal(clock.time[::2], times[::2]) and not clock.boot.any()
-    assert np.array_equal(clock.time[1:-1:2], times[:-2:2])
-    assert "299 time stamps of ATTITUDE" in clock.repairs[0]
+    made = clock_of(jumping)
+    assert np.array_equal(made.time[::2], times[::2]) and not made.boot.any()
+    assert np.array_equal(made.time[1:-1:2], times[:-2:2])
+    assert "299 time stamps of ATTITUDE" in made.repairs[0]
 
 
 def test_a_message_whose_stamp_is_ignored_repeats_the_last_of_its_kind() -> None:
     times = 100 + 0.1 * np.arange(200)
     servo = times + 0.05
     servo[100] = 900.0
-    clock = interleaved(times, servo)
-    assert clock.time[201] == clock.time[199]
-    assert clock.repairs == ("1 time stamps of SERVO_OUTPUT_RAW far off their neighbours were ignored.",)
+    made = interleaved(times, servo)
+    assert made.time[201] == made.time[199]
+    assert made.repairs == ("1 time stamps of SERVO_OUTPUT_RAW far off their neighbours were ignored.",)
 
 
 @pytest.mark.parametrize("stamp", [0.0, 1e13])
 def test_equal_receive_stamps_say_nothing(stamp: float, recwarn: pytest.WarningsRecorder) -> None:
     times = np.concatenate([100 + 0.1 * np.arange(100), 5 + 0.1 * np.arange(100)])
-    clock = clock_of(times, np.full(200, stamp))
-    assert clock.boot.tolist() == [0] * 100 + [1] * 100
+    made = clock_of(times, np.full(200, stamp))
+    assert made.boot.tolist() == [0] * 100 + [1] * 100
     assert not recwarn.list
+
+
+@given(
+    st.lists(st.one_of(st.floats(0, 1e6), st.floats(99, 101)), min_size=2, max_size=80),
+    st.sampled_from([5, 9]),
+    st.floats(0.01, 1e5),
+)
+@settings(deadline=None)
+def test_what_is_far_off_is_so_by_the_median_of_those_around(times: list[float], window: int, limit: float) -> None:
+    values = np.array(times)
+    around = np.pad(values, window // 2, mode="reflect")
+    medians = np.array([np.median(around[row : row + window]) for row in range(len(values))])
+    assert far_off(values, window, limit).tolist() == (np.abs(values - medians) > limit).tolist()
+
+
+@given(st.lists(st.tuples(st.sampled_from("ASH"), st.floats(0, 300)), min_size=1, max_size=60), st.integers(1, 9))
+@settings(deadline=None)
+def test_batches_change_nothing(messages: list[tuple[str, float]], batch: int) -> None:
+    """ATTITUDE, SERVO_OUTPUT_RAW and messages without a stamp in any order and at any times, wraps and reboots too."""
+    letters = np.array([letter for letter, _ in messages])
+    seconds = np.cumsum([step for _, step in messages]) % 900
+    kinds = [
+        Stamps(name, np.flatnonzero(letters == letter), seconds[letters == letter], period)
+        for letter, name, period in (("A", "ATTITUDE", WRAP_MS), ("S", "SERVO_OUTPUT_RAW", 700.0))
+        if letter in letters
+    ]
+    if not kinds:
+        return
+    received = 1e9 + np.cumsum([step for _, step in messages])
+    whole = clock(kinds, received)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(clocks, "BATCH", batch)
+        in_parts = clock(kinds, received)
+    assert np.array_equal(whole.time, in_parts.time, equal_nan=True) and whole.repairs == in_parts.repairs
+    assert np.array_equal(whole.boot, in_parts.boot)

@@ -1,0 +1,161 @@
+"""Which component sent which message, and where in the stream: taken table by table, kept in a few bytes a frame."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.ingest.framing import GOOD, UNKNOWN, Frames
+from mavdem.ingest.log import Unread
+
+Starts = NDArray[np.unsignedinteger]
+"""Places of frames in the stream, in its order, in the smallest type that holds them."""
+
+BATCH = 1 << 16
+"""Frames sorted together."""
+SOURCES = 1 << 16
+"""Pairs of system and component; a source is ``system << 8 | component``."""
+FEWEST_OF_A_DIALECT = 3
+"""Frames of one message that must all fail before they count as another dialect, not as damage."""
+
+
+class Census:
+    """Counts the frames of a stream.
+
+    Attributes:
+        frames: whole frames so far, unread ones included.
+        good: those whose checksum agrees.
+        lost: (SOURCES,) messages missing by the gaps in each source's sequence numbers.
+    """
+
+    def __init__(self, size: int, seeds: NDArray[np.int32]) -> None:
+        """Takes the bytes of the stream and CRC_EXTRA by message id."""
+        self.frames = self.good = 0
+        self.lost = np.zeros(SOURCES, dtype=np.int64)
+        self._last_sequence = np.full(SOURCES, -1, dtype=np.int16)
+        self._ids = np.flatnonzero(seeds >= 0)
+        self._rank_of_id = np.cumsum(seeds >= 0) - 1
+        # A kind is a message of a source: numbered from 1 on as they come, to be sorted fast.
+        self._kinds: list[int] = []
+        # By the rank of the source, in the order they come, and that of the message id.
+        self._kind_of = np.zeros((1, len(self._ids)), dtype=np.int32)
+        self._rank_of_source = np.full(SOURCES, -1, dtype=np.int32)
+        self._sources = 0
+        self._starts, self._kind = _Growing(np.min_scalar_type(size)), _Growing(np.dtype(np.uint32))
+        self._unread: dict[int, Counter[int]] = {}
+
+    def add(self, frames: Frames) -> None:
+        """Takes the next frames of the stream."""
+        self.frames += len(frames)
+        source = frames.system.astype(np.int64) << 8 | frames.component
+        self._count_lost(source, frames.sequence)
+        good = frames.verdict == GOOD
+        if not good.all():
+            bad = np.flatnonzero(~good)
+            for row in bad.tolist():
+                key = int(frames.message_id[row]) << 16 | int(source[row])
+                self._unread.setdefault(int(frames.verdict[row]), Counter())[key] += 1
+        self.good += int(np.count_nonzero(good))
+        self._starts.extend(frames.start[good])
+        self._kind.extend(self._kinds_of(source[good], self._rank_of_id[frames.message_id[good]]))
+
+    def _kinds_of(self, source: NDArray[np.int64], rank_of_id: NDArray[np.int64]) -> NDArray[np.int32]:
+        rank_of_source = self._rank_of_source[source]
+        if (rank_of_source < 0).any():
+            new = np.unique(source[rank_of_source < 0])
+            self._rank_of_source[new] = self._sources + np.arange(len(new))
+            self._sources += len(new)
+            rank_of_source = self._rank_of_source[source]
+            if self._sources > len(self._kind_of):
+                larger = np.zeros((2 * self._sources, len(self._ids)), dtype=np.int32)
+                larger[: len(self._kind_of)] = self._kind_of
+                self._kind_of = larger
+        kind = self._kind_of[rank_of_source, rank_of_id]
+        if not kind.all():
+            first = np.unique(source[kind == 0] * len(self._ids) + rank_of_id[kind == 0])
+            at = self._rank_of_source[first // len(self._ids)], first % len(self._ids)
+            self._kind_of[at] = len(self._kinds) + 1 + np.arange(len(first))
+            self._kinds += first.tolist()
+            kind = self._kind_of[rank_of_source, rank_of_id]
+        return kind
+
+    def _count_lost(self, source: NDArray[np.int64], sequence: NDArray[np.uint8]) -> None:
+        """A step back by up to half the range is a late or repeated message."""
+        order = np.argsort(source.astype(np.uint16), kind="stable")
+        source, sequence = source[order], sequence[order].astype(np.int16)
+        first, last = np.ones(len(source), dtype=np.bool_), np.ones(len(source), dtype=np.bool_)
+        first[1:] = last[:-1] = source[1:] != source[:-1]
+        before = np.roll(sequence, 1)
+        before[first] = self._last_sequence[source[first]]
+        self._last_sequence[source[last]] = sequence[last]
+        missing = (sequence - before - 1) & 0xFF
+        missing[(missing >= 128) | (before < 0)] = 0
+        gaps = np.flatnonzero(missing)
+        np.add.at(self.lost, source[gaps], missing[gaps])
+
+    def sent(self) -> dict[int, dict[int, Starts]]:
+        """Where the good frames of each message begin, by source and message id, both ascending; ends the census."""
+        smallest = np.min_scalar_type(len(self._kinds))
+        counts = np.zeros(len(self._kinds) + 1, dtype=np.int64)
+        for kind in self._kind.batches():
+            present, number = np.unique(kind.astype(smallest), return_counts=True)
+            counts[present] += number
+        ends = np.cumsum(counts)
+        free = ends - counts
+        starts = np.empty(self.good, dtype=self._starts.dtype)
+        for start, kind in zip(self._starts.batches(), self._kind.batches(), strict=True):
+            order = np.argsort(kind.astype(smallest), kind="stable")
+            present, begin, number = np.unique(kind[order], return_index=True, return_counts=True)
+            starts[np.repeat(free[present] - begin, number) + np.arange(len(kind))] = start[order]
+            free[present] += number
+        self._starts, self._kind = _Growing(self._starts.dtype), _Growing(self._kind.dtype)
+        found: dict[int, dict[int, Starts]] = {}
+        for pair, first, end in sorted(zip(self._kinds, ends[:-1].tolist(), ends[1:].tolist(), strict=True)):
+            source, rank = divmod(pair, len(self._ids))
+            found.setdefault(source, {})[int(self._ids[rank])] = starts[first:end]
+        return found
+
+    def unread(self, sent: Mapping[int, Mapping[int, Starts]]) -> tuple[Unread, ...]:
+        """The frames that could not be read, of a stream in which the good ones are ``sent``."""
+        unknown = self._unread.get(UNKNOWN, Counter[int]())
+        bad: Counter[int] = sum(self._unread.values(), Counter())
+        found = []
+        for key, count in sorted(bad.items()):
+            message_id, source = key >> 16, key & 0xFFFF
+            total = count + len(sent.get(source, {}).get(message_id, ()))
+            strange = source in sent if key in unknown else count == total >= FEWEST_OF_A_DIALECT
+            cause = "another dialect" if strange else "damage"
+            found.append(Unread(message_id, source >> 8, source & 0xFF, count, total, cause))
+        return tuple(found)
+
+
+class _Growing:
+    """Numbers that come in parts, in a few large pieces: many small ones would leave the memory in shreds."""
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self.dtype = dtype
+        self._pieces: list[NDArray[Any]] = []
+        self._free = self._count = 0
+
+    def extend(self, values: NDArray[Any]) -> None:
+        while len(values):
+            if not self._free:
+                self._free = max(BATCH, self._count)
+                self._pieces.append(np.empty(self._free, dtype=self.dtype))
+            piece = self._pieces[-1]
+            part, values = values[: self._free], values[self._free :]
+            piece[len(piece) - self._free :][: len(part)] = part
+            self._free -= len(part)
+            self._count += len(part)
+
+    def batches(self) -> Iterator[NDArray[Any]]:
+        """All of them in order, ``BATCH`` at a time."""
+        left = self._count
+        for piece in self._pieces:
+            filled = piece[:left]
+            left -= len(filled)
+            yield from (filled[begin : begin + BATCH] for begin in range(0, len(filled), BATCH))

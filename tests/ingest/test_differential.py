@@ -1,0 +1,250 @@
+"""Any stream reads as pymavlink reads it, message for message, and better where that is known to stumble.
+
+``test_framing`` sees to single frames and ``test_against_pymavlink`` to real logs; here whole logs are made up.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mavlink_streams import NOW, SAMPLES, flight, frame, frames_in, heartbeat, message, tlog
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import all as dialect
+from whole_logs import everything, in_small_blocks, read
+
+from mavdem.ingest.framing import GOOD
+from mavdem.ingest.receipt import FAR, FAR_AFTER_DAMAGE, STAMP, Receipts
+
+IDS = sorted(dialect.mavlink_map)
+MARKERS = [0, 1, 9, 0x0A, 0x0D, 0xFD, 0xFE, 0xFF]
+TIMES = [20 + 0.01 * row for row in range(60)]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _same_dialect() -> Iterator[None]:
+    usual = mavutil.current_dialect
+    mavutil.set_dialect("all")
+    yield
+    mavutil.set_dialect(usual)
+
+
+@st.composite
+def any_message(draw: st.DrawFn) -> bytes:
+    """A frame of any message with any field values, from one of two vehicles.
+
+    MAVLink 1 frames of fewer than 12 bytes are left out: pymavlink reads 12 at least, and the next stamp with them.
+    """
+    version = draw(st.sampled_from([1, 2]))
+    kinds = [known for known in IDS if version == 2 or (known < 256 and dialect.mavlink_map[known].unpacker.size >= 4)]
+    message_id = draw(st.sampled_from(kinds))
+    size = dialect.mavlink_map[message_id].unpacker.size
+    values = draw(st.one_of(st.binary(min_size=size, max_size=size), st.just(bytes(size)), st.just(b"\xfe" * size)))
+    zeros = draw(st.integers(0, size)) if version == 2 else 0
+    return frame(
+        message_id,
+        values[: size - zeros] + bytes(zeros),
+        system=draw(st.sampled_from([1, 2])),
+        sequence=draw(st.integers(0, 255)),
+        version=version,
+        signed=version == 2 and draw(st.booleans()),
+    )
+
+
+STAMPS = st.lists(st.sampled_from(MARKERS), min_size=6, max_size=6).map(lambda low: b"\0\5" + bytes(low))
+"""Receive stamps, full of markers; the first two bytes keep them in the years 2014 to 2023."""
+GARBAGE = st.one_of(st.binary(max_size=40), st.lists(st.sampled_from(MARKERS), max_size=40).map(bytes))
+INTRODUCED = [each for system in (1, 2) for each in (*[heartbeat(system)] * 9, *flight(TIMES[:1], system))]
+"""More HEARTBEATs than a made-up stream can hold, so that both vehicles stay what they are."""
+
+
+def theirs(content: bytes, folder: Path) -> list[Any]:
+    path = folder / "theirs.tlog"
+    path.write_bytes(content)
+    reader, messages = mavutil.mavlogfile(str(path), robust_parsing=True), []
+    while (read := reader.recv_match()) is not None:
+        if read.get_type() != "BAD_DATA" and not read.get_type().startswith("UNKNOWN"):
+            messages.append(read)
+    reader.close()
+    return messages
+
+
+def assert_columns_equal(content: bytes, messages: list[Any]) -> None:
+    log = read(content)
+    assert log is not None
+    sent: dict[tuple[int, int, str], list[Any]] = defaultdict(list)
+    for each in messages:
+        sent[each.get_srcSystem(), each.get_srcComponent(), each.get_type()].append(each)
+    ours = {
+        (vehicle.system, vehicle.component, name): columns
+        for vehicle in log.vehicles
+        for name, columns in vehicle.messages.items()
+    }
+    assert ours.keys() == sent.keys()
+    for key, columns in ours.items():
+        for field in sent[key][0].get_fieldnames():
+            if field in ("time", "boot"):
+                continue  # ours are the clock
+            expected = [getattr(each, f"_{field}_raw", getattr(each, field)) for each in sent[key]]
+            if columns[field].dtype.kind == "S":
+                assert columns[field].tolist() == expected, (key, field)
+            else:
+                values = np.array(expected, dtype=columns[field].dtype)
+                assert np.array_equal(columns[field], values, equal_nan=True), (key, field)
+
+
+@given(st.lists(st.tuples(STAMPS, any_message()), max_size=8))
+@settings(max_examples=150, deadline=None)
+def test_columns_are_pymavlinks(tmp_path_factory: pytest.TempPathFactory, sent: list[tuple[bytes, bytes]]) -> None:
+    content = tlog(INTRODUCED) + b"".join(stamp + each for stamp, each in sent)
+    messages = theirs(content, tmp_path_factory.mktemp("sound"))
+    assert [bytes(each.get_msgbuf()) for each in messages] == [*INTRODUCED, *(each for _, each in sent)]
+    assert_columns_equal(content, messages)
+
+
+@given(st.lists(st.tuples(GARBAGE, STAMPS, any_message()), min_size=1, max_size=6), any_message(), st.data())
+@settings(max_examples=60, deadline=None)
+def test_among_garbage_none_is_missed_that_was_sent_or_that_pymavlink_finds(
+    tmp_path_factory: pytest.TempPathFactory,
+    sent: list[tuple[bytes, bytes, bytes]],
+    last: bytes,
+    data: st.DataObject,
+) -> None:
+    """The other way round pymavlink loses frames behind garbage that looks like the header of a long one."""
+    cut = last[: data.draw(st.integers(0, len(last) - 1))]
+    content = tlog(INTRODUCED) + b"".join(b"".join(each) for each in sent) + bytes(8) + cut
+    table = frames_in(content, STAMP)
+    good = table[table.verdict == GOOD]
+    found = [content[start:end] for start, end in zip(good.start, good.end, strict=True)]
+    assert in_order([*INTRODUCED, *(each for _, _, each in sent)], found)
+    assert in_order([bytes(each.get_msgbuf()) for each in theirs(content, tmp_path_factory.mktemp("garbage"))], found)
+
+
+def in_order(some: list[bytes], all_of_them: list[bytes]) -> bool:
+    rest = iter(all_of_them)
+    return all(any(each == other for other in rest) for each in some)
+
+
+@given(st.integers(1, 118), st.binary(min_size=8, max_size=8))
+@settings(max_examples=60, deadline=None)
+def test_a_damaged_stamp_misleads_pymavlink_and_not_us(
+    tmp_path_factory: pytest.TempPathFactory, row: int, wrong: bytes
+) -> None:
+    frames = [heartbeat(), *flight(TIMES)]
+    place = sum(STAMP + len(each) for each in frames[:row])
+    content = bytearray(tlog(frames))
+    content[place : place + STAMP] = wrong
+    log = read(bytes(content))
+    assert log is not None
+    first, last = NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)
+    assert log.receive_time == pytest.approx((first, last)) or abs(struct.unpack(">Q", wrong)[0] / 1e6 - first) <= FAR
+    assert np.allclose(log.vehicles[0].messages["ATTITUDE"]["time"], TIMES)
+    messages = theirs(bytes(content), tmp_path_factory.mktemp("stamp"))
+    assert messages[row]._timestamp == pytest.approx(struct.unpack(">Q", wrong)[0] / 1e6)
+
+
+@given(st.integers(1, 117), st.integers(1, 8))
+@settings(max_examples=60, deadline=None)
+def test_a_stamp_with_bytes_missing_costs_us_no_message(row: int, missing: int) -> None:
+    frames = [heartbeat(), *flight(TIMES)]
+    place = sum(STAMP + len(each) for each in frames[:row])
+    content = tlog(frames)
+    log = read(content[:place] + content[place + missing :])
+    assert log is not None
+    assert log.speakers[0].messages == {"HEARTBEAT": 1, "ATTITUDE": len(TIMES), "SERVO_OUTPUT_RAW": len(TIMES)}
+    assert log.receive_time == pytest.approx((NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)))
+
+
+@given(st.lists(st.tuples(st.integers(0, 12), st.sampled_from([0.1, 30.0, 100.0, 3000.0, 1e7, -5e6]))), st.data())
+@settings(max_examples=100, deadline=None)
+def test_receive_stamps_are_believed_by_those_around_them(sent: list[tuple[int, float]], data: st.DataObject) -> None:
+    """Held against the rule itself, over all stamps at once."""
+    content, stamps, limits, now = b"", [], [], 1.5e9
+    for garbage, step in sent:
+        now += step
+        stamps.append(round(now * 1e6) / 1e6)
+        limits.append(FAR_AFTER_DAMAGE if garbage else FAR)
+        content += bytes(garbage) + struct.pack(">Q", round(now * 1e6)) + heartbeat()
+    table, content_array = frames_in(content, STAMP), np.frombuffer(content, dtype=np.uint8)
+    receipts, begin = Receipts(content_array), 0
+    while begin < len(table):
+        end = begin + data.draw(st.integers(1, 12))
+        receipts.add(table[begin:end])
+        begin = end
+    receipts.close()
+    expected, limit = np.array(stamps), np.array(limits)
+    if len(sent) and not (np.abs(np.diff(expected)) <= limit[1:]).all():
+        around = np.pad(expected, 4, mode="reflect")
+        medians = np.array([np.median(around[row : row + 9]) for row in range(len(expected))])
+        expected[np.abs(expected - medians) > limit] = np.nan
+    assert np.array_equal(receipts.at(table.start), expected, equal_nan=True)
+    known = expected[~np.isnan(expected)]
+    assert receipts.span == (known.min(), known.max()) if len(known) else np.isnan(receipts.span).all()
+    assert receipts.bytes_skipped == sum(garbage for garbage, _ in sent)
+
+
+UNREADABLE = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)]
+"""Of another dialect, and damaged."""
+
+
+@given(
+    st.lists(
+        st.tuples(st.one_of(st.just(b""), GARBAGE), STAMPS, st.one_of(any_message(), st.sampled_from(UNREADABLE))),
+        min_size=1,
+        max_size=12,
+    )
+)
+@settings(max_examples=80, deadline=None)
+def test_blocks_of_a_few_bytes_read_as_one_block(sent: list[tuple[bytes, bytes, bytes]]) -> None:
+    content = tlog([heartbeat(), *flight(TIMES[:4])]) + b"".join(b"".join(each) for each in sent)
+    for stream in (content, content.replace(b"\n", b"\r\n")):
+        assert everything(in_small_blocks(stream)) == everything(read(stream))
+
+
+@pytest.mark.parametrize("path", sorted(SAMPLES.glob("*.tlog")), ids=lambda path: path.name)
+def test_samples_in_blocks_of_a_few_bytes(path: Path) -> None:
+    content = path.read_bytes()[:10_000]
+    holed = content[:3_000] + content[3_013:7_000] + b"\xfe" * 500 + content[7_000:]
+    for stream in (content, holed, content[:6_000] * 2):
+        assert everything(in_small_blocks(stream)) == everything(read(stream))
+
+
+@pytest.mark.parametrize("left", range(12))
+def test_a_cut_tail_costs_no_whole_message(left: int) -> None:
+    """Nor where the cut lies in the stamp of the next, or behind it."""
+    content = tlog([heartbeat(), *flight(TIMES)])
+    log = read(content + tlog([heartbeat()])[:left])
+    assert log is not None
+    assert sum(log.speakers[0].messages.values()) == log.frames == 1 + 2 * len(TIMES)
+    assert (log.unread, log.bytes_skipped) == ((), left)
+
+
+def test_a_burst_of_late_and_repeated_messages_costs_none(tmp_path: Path) -> None:
+    """As links that retry and loggers that hear two radios have them."""
+    frames = flight(TIMES)
+    jumbled = [heartbeat(), *frames[:40], *frames[30:70], *reversed(frames[70:90]), *frames[90:]]
+    log = read(tlog(jumbled))
+    assert log is not None
+    attitude = log.vehicles[0].messages["ATTITUDE"]
+    assert len(attitude["time"]) == sum(each in frames[::2] for each in jumbled)
+    assert np.array_equal(attitude["time"], attitude["time_boot_ms"] / 1e3) and not attitude["boot"].any()
+
+
+def test_port_banks_that_interleave_stay_in_the_order_they_came() -> None:
+    banks = [
+        message("SERVO_OUTPUT_RAW", time_usec=1_000_000 + 5_000 * row, port=row % 2, servo1_raw=1000 + row)
+        for row in range(50)
+    ]
+    log = read(tlog([heartbeat(), *banks]))
+    assert log is not None
+    servo = log.vehicles[0].messages["SERVO_OUTPUT_RAW"]
+    assert servo["port"].tolist() == [0, 1] * 25
+    assert servo["servo1_raw"].tolist() == list(range(1000, 1050))
+    assert np.allclose(servo["time"], 1 + 0.005 * np.arange(50))

@@ -1,0 +1,112 @@
+"""Large files are looked at where they lie: reading them takes little memory, and none of it by surprise."""
+
+from __future__ import annotations
+
+import lzma
+import os
+import tracemalloc
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mavlink_streams import flight, frame, heartbeat, tlog
+from pymavlink.dialects.v20 import all as dialect
+
+from mavdem.convert import convert
+from mavdem.errors import Unreadable
+from mavdem.ingest import files, read_log
+from mavdem.ingest.mcap_writer import write_mcap
+from mavdem.ingest.tlog import tlog_stream
+from mavdem.whole_file import whole_file
+
+OTHERS = [
+    kind
+    for kind in dialect.mavlink_map.values()
+    if kind.msgname in ("VFR_HUD", "SIMSTATE", "SYS_STATUS", "AHRS", "WIND")
+]
+TIMES = [20 + 0.01 * row for row in range(300)]
+
+
+@pytest.fixture
+def _mapped(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "LARGE", 1)
+
+
+def written(path: Path, content: bytes) -> Path:
+    path.write_bytes(content)
+    return path
+
+
+@pytest.mark.usefixtures("_mapped")
+@pytest.mark.parametrize("line_ends", [b"\n", b"\r\n"])
+def test_a_mapped_file_reads_as_one_in_memory(tmp_path: Path, line_ends: bytes) -> None:
+    path = written(tmp_path / "flight.tlog", tlog([heartbeat(), *flight(TIMES)]).replace(b"\n", line_ends))
+    (vehicle,) = read_log(path).vehicles
+    assert np.allclose(vehicle.messages["ATTITUDE"]["time"], TIMES)
+    assert (vehicle.messages["SERVO_OUTPUT_RAW"]["servo1_raw"] == 1500).all()
+
+
+@pytest.mark.usefixtures("_mapped")
+def test_a_mapped_archive_is_unpacked(tmp_path: Path) -> None:
+    content = lzma.compress(tlog([heartbeat(), *flight(TIMES)]))
+    (vehicle,) = read_log(written(tmp_path / "flight.tlog.xz", content)).vehicles
+    assert np.allclose(vehicle.messages["ATTITUDE"]["time"], TIMES)
+
+
+@pytest.mark.usefixtures("_mapped")
+def test_a_mapped_file_is_converted_and_back_byte_by_byte(tmp_path: Path) -> None:
+    path = written(tmp_path / "flight.tlog", tlog([heartbeat(), *flight(TIMES)]))
+    convert(path, tmp_path / "flight.mcap")
+    convert(tmp_path / "flight.mcap", tmp_path / "back.tlog")
+    assert (tmp_path / "back.tlog").read_bytes() == path.read_bytes()
+
+
+@pytest.mark.usefixtures("_mapped")
+def test_a_mapped_file_that_is_cut_while_it_is_written_anew_leaves_nothing_behind(tmp_path: Path) -> None:
+    path = written(tmp_path / "flight.tlog", tlog([heartbeat(), *flight(TIMES)]))
+    stream = tlog_stream(path)
+    os.truncate(path, 100)
+    with pytest.raises(Unreadable, match="cut short"), whole_file(tmp_path / "flight.mcap") as file:
+        write_mcap(file, stream)
+    assert [each.name for each in tmp_path.iterdir()] == ["flight.tlog"]
+
+
+@pytest.mark.usefixtures("_mapped")
+def test_an_empty_or_missing_large_file_is_said_in_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(Unreadable, match="empty"):
+        read_log(written(tmp_path / "empty.tlog", b""))
+    with pytest.raises(Unreadable, match="does not exist"):
+        read_log(tmp_path / "missing.tlog")
+
+
+@pytest.mark.usefixtures("_mapped")
+def test_a_mapped_file_that_is_cut_later_ends_in_a_sentence_and_not_the_process(tmp_path: Path) -> None:
+    """Recording again under the same name does that to a log still open in a notebook."""
+    path = written(tmp_path / "flight.tlog", tlog([heartbeat(), *flight(TIMES * 20)]))
+    (vehicle,) = read_log(path).vehicles
+    os.truncate(path, 100)
+    with pytest.raises(Unreadable, match="cut short"):
+        vehicle.messages["ATTITUDE"]["roll"]
+    assert len(vehicle.messages["ATTITUDE"]["time"]) == 20 * len(TIMES)
+
+
+@pytest.mark.usefixtures("_mapped")
+def test_reading_takes_less_memory_than_the_file(tmp_path: Path) -> None:
+    """Counts, clocks and the columns of attitude among other messages: no copy of the file, nor of its frames."""
+    others = [frame(kind.id, bytes(range(1, kind.unpacker.size + 1))) for kind in OTHERS]
+    frames = [each for pair in batched(flight(TIMES), 2) for each in (*pair, *others)]
+    path = written(tmp_path / "long.tlog", tlog([heartbeat(), *frames]) * 200)
+    read_log(written(tmp_path / "short.tlog", tlog(frames)))  # what is made once for all: definitions, checksum tables
+    tracemalloc.start()
+    try:
+        (vehicle,) = read_log(path).vehicles
+        assert len(vehicle.messages["ATTITUDE"]["roll"]) == 200 * len(TIMES)
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < path.stat().st_size, f"{most / path.stat().st_size:.2f} of the file"
+
+
+def batched(frames: list[bytes], count: int) -> Iterator[list[bytes]]:
+    return (frames[row : row + count] for row in range(0, len(frames), count))
