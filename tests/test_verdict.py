@@ -251,6 +251,7 @@ def random_stamps(random: np.random.Generator, end: float) -> np.ndarray:
     return stamps[stamps < end]
 
 
+@pytest.mark.slow
 def test_streams_of_any_pace_are_judged_and_their_segments_align():
     aligned = 0
     for seed in range(600):

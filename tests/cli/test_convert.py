@@ -149,6 +149,7 @@ def test_a_flight_that_makes_no_table_ends_with_1(tmp_path, capsys):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [".mcap", ".csv"])
 def test_a_full_disk_is_told_and_leaves_nothing(kind, tmp_path):
     limited = (
@@ -163,6 +164,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(kind, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_a_termination_while_writing_leaves_nothing(tmp_path):
     stopped = (
         "import os, signal, sys, mavdem.convert as c; from mavdem.cli.entry import run;"

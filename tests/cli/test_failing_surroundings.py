@@ -21,6 +21,7 @@ FLIGHT = Path(__file__).parents[2] / "logs/ardupilot_wind5_steps.tlog"
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.cli.entry import run; sys.exit(run())"]
 FULL = Path("/dev/full")
 
+pytestmark = pytest.mark.slow  # each starts the program anew
 needs_full = pytest.mark.skipif(not FULL.exists(), reason="there is no /dev/full")
 
 

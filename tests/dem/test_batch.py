@@ -59,6 +59,7 @@ def two_workers(monkeypatch):
     monkeypatch.setattr("mavdem.dem.batch.spare_cores", lambda: 2)
 
 
+@pytest.mark.slow
 def test_the_machines_cores_answer_as_learn_does_and_in_order(two_workers, expected):
     answers = learn_many(JOBS)
     first = next(answers)
@@ -76,6 +77,7 @@ def test_a_job_without_an_answer_is_answered_by_its_error():
     assert str(answers[1]) == str(refused.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "make",
     [
@@ -111,6 +113,7 @@ def test_no_jobs_have_no_answers():
     assert list(learn_many([])) == []
 
 
+@pytest.mark.slow
 def test_closing_early_ends_the_processes(two_workers):
     answers = learn_many(repeat(JOBS[0]))
     next(answers)
@@ -119,6 +122,7 @@ def test_closing_early_ends_the_processes(two_workers):
     assert not multiprocessing.active_children()
 
 
+@pytest.mark.slow
 def test_what_jobs_raise_ends_the_processes(two_workers):
     def broken():
         yield from JOBS
@@ -194,6 +198,7 @@ def test_a_bounded_number_is_on_its_way_in_growing_chunks_and_cancelled_at_the_e
     assert [future.cancelled() for future in executor.futures[3:]] == [True] * (len(executor.futures) - 3)
 
 
+@pytest.mark.slow
 def test_a_worker_starts_no_workers_of_its_own():
     with pool(1) as executor:
         assert executor.submit(spare_cores).result() == 1

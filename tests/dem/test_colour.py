@@ -28,6 +28,7 @@ def record(ratio, seed, wind=1.0, samples=6000):
     return Record(inputs, outputs, DT, (samples,))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.7, 1, 2, 5, 7, 10])
 def test_smoothness_is_recovered_over_more_than_a_tenfold_range(ratio):
     estimates = [estimate_colour(record(ratio, seed), COMPLETE).smoothness / DT for seed in range(3)]
@@ -85,6 +86,7 @@ def test_learning_may_be_left_to_find_it_whatever_the_model(settings):
     assert learn(simulated()[:200], COMPLETE).colour is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("window", [3, 7])
 @pytest.mark.parametrize("ratio", [0.5, 1.0, 4.0])
 def test_noise_as_it_is_read_has_the_covariance_that_is_claimed(ratio, window):

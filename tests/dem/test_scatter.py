@@ -85,6 +85,7 @@ def test_independent_samples_scatter_as_the_posterior_says():
     assert found.freedom > 500
 
 
+@pytest.mark.slow
 def test_intervals_hold_parameters_where_the_assumptions_hold():
     coverage = calibration.as_assumed(18.0, 2.0, 150, 0.1)
     assert 0.85 <= coverage.own <= 0.95

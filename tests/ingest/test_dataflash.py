@@ -56,6 +56,7 @@ def by_dfreader(path: Path, names: list[str] | None = None) -> dict[str, dict[st
     return read
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", LOGS, ids=lambda path: path.stem)
 def test_every_value_of_every_message_is_dfreaders(path: Path) -> None:
     recording = read_binary(shared(path).read_bytes())
@@ -77,6 +78,7 @@ def test_every_value_of_every_message_is_dfreaders(path: Path) -> None:
             assert 0 <= counted - recording.counts.get(reader.id_to_name[kind], 0) <= 1, reader.id_to_name[kind]
 
 
+@pytest.mark.slow
 def test_the_translation_holds_dfreaders_values_in_mavlinks_units(tmp_path: Path) -> None:
     read = by_dfreader(shared(STEPS), ["ANG", "RATE", "RCOU", "CTUN", "XKF1", "PARM"])
     (vehicle,) = read_dataflash(STEPS).vehicles

@@ -194,6 +194,7 @@ UNREADABLE = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)
 """Of another dialect, and damaged."""
 
 
+@pytest.mark.slow
 @given(
     st.lists(
         st.tuples(st.one_of(st.just(b""), GARBAGE), STAMPS, st.one_of(any_message(), st.sampled_from(UNREADABLE))),

@@ -84,6 +84,7 @@ def test_columns_are_those_of_the_telemetry_log(log: Path, tmp_path: Path) -> No
     assert_same(read_log(path), read_log(log))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log", SAMPLE_LOGS, ids=lambda log: log.stem)
 def test_json_alone_tells_the_same(log: Path, tmp_path: Path) -> None:
     path = json_only(converted(log, tmp_path), tmp_path)
@@ -326,6 +327,7 @@ def attitudes(path: Path) -> list[int] | None:
     return stamps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [True, False])
 @pytest.mark.parametrize("compression", COMPRESSIONS)
 def test_a_cut_recording_is_read_up_to_the_cut(compression: CompressionType, frames: bool, tmp_path: Path) -> None:

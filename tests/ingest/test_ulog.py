@@ -79,6 +79,7 @@ def at_the_same_stamps(ours: Telemetry, theirs: Telemetry, message: str, clock: 
     return here, there
 
 
+@pytest.mark.slow
 def test_the_log_of_a_flight_tells_what_its_telemetry_tells() -> None:
     shared("sitl_px4/px4_wind5_gust.ulg.xz")
     (ours,) = read_log(GUST).vehicles
@@ -113,6 +114,7 @@ def test_the_log_of_a_flight_tells_what_its_telemetry_tells() -> None:
     assert len(set(theirs.parameters) & set(ours.parameters)) > 800 and differing in ([], ["EKF2_MAG_DECL"])
 
 
+@pytest.mark.slow
 def test_a_log_gives_the_flight_its_telemetry_gives() -> None:
     shared("sitl_px4/px4_wind5_gust.ulg.xz")
     ours, theirs = mavdem.read_flight(GUST), mavdem.read_flight(shared("sitl_px4/px4_wind5_gust.tlog"))
