@@ -178,11 +178,15 @@ def _undetermined(train: Flight, learned: Learned) -> list[Sentence]:
     ).removeprefix("+ ")
     return [
         Sentence(
-            f"of {len(directions)} combination{'s' if len(directions) > 1 else ''} of parameters the data tell less "
-            f"than the prior, least of all of {combination}, in units of the prior's deviations.",
+            f"the data tell less than the prior about {_count(len(directions), 'combination')} of parameters, least "
+            f"about {combination}, in units of the prior's deviations.",
             "Undetermined:",
         )
     ]
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' if number > 1 else ''}"
 
 
 def _entry(value: float, sd: float, fixed: bool) -> str:

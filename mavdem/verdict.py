@@ -217,6 +217,12 @@ def _ask_for_rate(telemetry: Telemetry, rate: int = 100) -> str:
     https://ardupilot.org/dev/docs/mavlink-requesting-data.html; its stream groups EXTRA1 and RC_CHAN send ATTITUDE and
     SERVO_OUTPUT_RAW.
     """
+    if telemetry.source.lower().endswith((".bin", ".log")):
+        return (
+            "Set bit 0 of LOG_BITMASK (fast attitude), which logs attitude and the demand at the loop rate; fly anew."
+        )
+    if telemetry.source.lower().endswith((".ulg", ".ulg.xz")):
+        return "Set SDLOG_PROFILE to 17 (default and high rate), which logs attitude and the demand fast; fly anew."
     if telemetry.autopilot == "PX4":
         return (
             f"In PX4's shell run `mavlink stream -d DEVICE -s ATTITUDE -r {rate}` and "

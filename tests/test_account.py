@@ -110,7 +110,7 @@ def test_the_least_determined_combination_is_named(learned):
     weights[[9, 10]] = -0.8, 0.6  # B: roll from inputs 1 and 2
     blocks = told(replace(learned, undetermined=(Direction(weights, 0.1), Direction(weights, 0.2))))
     text = next(block.text for block in blocks if isinstance(block, Sentence) and block.lead == "Undetermined:")
-    assert "of 2 combinations" in text
+    assert "about 2 combinations" in text
     assert "0.8 (B: roll from input 1) - 0.6 (B: roll from input 2)" in text
     assert "Undetermined" not in words(told(replace(learned, undetermined=())))
 

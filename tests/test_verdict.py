@@ -264,3 +264,12 @@ def test_streams_of_any_pace_are_judged_and_their_segments_align():
             assert len(align(telemetry, segment)) >= 1
             aligned += 1
     assert aligned > 50
+
+
+@pytest.mark.parametrize(
+    ("source", "advice"),
+    [("a.tlog", "SRn_EXTRA1"), ("A.BIN", "LOG_BITMASK"), ("a.ulg.xz", "SDLOG_PROFILE"), ("a.mcap", "SRn_EXTRA1")],
+)
+def test_the_remedy_is_for_what_recorded_the_log(source, advice):
+    slow = dataclasses.replace(Hover().telemetry(4.0, 4.0), source=source)
+    assert advice in judge(slow).remedy

@@ -45,9 +45,9 @@ class _Commands(click.Group):
 def mavdem() -> None:
     """Learns what a multirotor does in wind from its flight logs.
 
-    From motor outputs and attitude in a MAVLink telemetry log, Dynamic Expectation Maximization learns a linear model
-    of the roll or pitch motion with the precision of every parameter, forecasts with it, and says how good the
-    forecasts are beside trivial ones.
+    From motor outputs and attitude in a log, Dynamic Expectation Maximization learns a linear model of the roll or
+    pitch motion with the precision of every parameter, forecasts with it, and says how good the forecasts are beside
+    trivial ones.
 
     \b
     Is a log good enough, and if not, what to change:

@@ -14,7 +14,8 @@ class Direction(NamedTuple):
     """A combination of parameters that stays as the prior had it.
 
     Attributes:
-        weights: (k,) of the parameters in it, of unit length in prior standard deviations.
+        weights: (k,) of the parameters in it, those of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], of unit length in prior
+            standard deviations.
         share: information of the data over that of the prior, 0 to 1.
     """
 

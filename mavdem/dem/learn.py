@@ -77,7 +77,10 @@ def _learn(record: Record, settings: Settings) -> Learned:
     attempts = [_attempt(record, choice, finish=len(choices) == 1) for choice in choices]
     best = min(attempts, key=lambda attempt: attempt.candidate.error)
     if best.fit is None or best.candidate.error == np.inf:
-        raise ValueError("no model of the training data, with these settings, can forecast any part of them")
+        raise ValueError(
+            "no model of the training data, with these settings, can forecast any part of them: where a prior is "
+            "given, its C must see the states"
+        )
     try:
         unseen = unseen_forecasts(record, best.fit.settings)
     except np.linalg.LinAlgError:

@@ -1,0 +1,26 @@
+"""What the documentation shows to be typed runs."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_the_engine_s_example_learns(monkeypatch, capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "engine.md").read_text(), re.DOTALL)
+    monkeypatch.chdir(ROOT)
+    names: dict[str, object] = {}
+    exec(code, names)
+    assert names["learned"].settled
+    assert capsys.readouterr().out.startswith("True ")
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/engine.md"])
+def test_every_file_that_is_named_is_there(page):
+    text = (ROOT / page).read_text()
+    named = set(re.findall(r"`((?:tools|tests|logs|docs|mavdem)/[\w./]+\.?\w*)`", text))
+    named |= {str((ROOT / page).parent.relative_to(ROOT) / link) for link in re.findall(r"\]\(([\w./]+)\)", text)}
+    missing = [name for name in named if not (ROOT / name).exists()]
+    assert named and not missing
