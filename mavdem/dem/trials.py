@@ -90,7 +90,7 @@ def unseen_forecasts(record: Record, settings: Settings) -> Unseen:
     halves = record.halves()
     own, at_trim = [], []
     for learnt, unseen in (halves, halves[::-1]):
-        fitted = fit(learnt, settings, finish=False)
+        fitted = fit(learnt, settings)
         own.append(trials(fitted, unseen))
         at_trim.append(trials(fitted, unseen, fitted.scaling.input_trim))
     both, without = _together(own), _together(at_trim)
