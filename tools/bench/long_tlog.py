@@ -1,3 +1,4 @@
+#!/usr/bin/env python
 """Writes a long telemetry log to read: ``python tools/bench/long_tlog.py 1000 LONG.tlog`` for one of 1000 MB.
 
 What an ArduPilot quadrotor sends at 100 Hz, in about the shares of such a flight: attitude, motor outputs and inertial

@@ -1,3 +1,4 @@
+#!/usr/bin/env python
 """How fast a telemetry log is read and in how much memory, beside pymavlink and fasttlogparser.
 
 ``python tools/bench/read_tlog.py FLIGHT.tlog…``; ``tools/bench/long_tlog.py`` writes a long one. fasttlogparser (PyPI)

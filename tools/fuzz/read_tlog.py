@@ -1,3 +1,4 @@
+#!/usr/bin/env python
 """Looks for a telemetry log that the reader does not survive: ``python tools/fuzz/read_tlog.py [CORPUS] [OPTIONS]``.
 
 Coverage-guided, by atheris (``pip install atheris``, Linux and macOS). OPTIONS are libFuzzer's: ``-max_total_time=480``
