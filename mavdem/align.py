@@ -16,6 +16,9 @@ from mavdem.ingest.meaning import AXES, Attitude, Motors
 from mavdem.intervals import Intervals, both, unbroken
 from mavdem.telemetry import Telemetry
 
+INPUTS = ("motors", "demand")
+"""What a model's inputs may be: the motors' outputs, or what the controller asked of the axis."""
+
 MINIMUM_RATE = 40.0
 """Hz, of attitude and of motors.
 
@@ -71,7 +74,7 @@ class Segment:
         return self.end - self.start
 
 
-def segments(telemetry: Telemetry, axis: str = "roll") -> tuple[Segment, ...]:
+def segments(telemetry: Telemetry, axis: str = "roll", inputs: str | None = None) -> tuple[Segment, ...]:
     """The stretches of one boot, armed, airborne, settled, upright, fast and without gaps; the longest first.
 
     A step longer than ``GAP``, or a while in which messages usually come slower than ``MINIMUM_RATE``, parts one
@@ -81,7 +84,7 @@ def segments(telemetry: Telemetry, axis: str = "roll") -> tuple[Segment, ...]:
     Raises:
         ValueError: an axis that is neither "roll" nor "pitch".
     """
-    attitude, motors = meaning.attitude(telemetry, axis), inputs(telemetry, axis)
+    attitude, motors = meaning.attitude(telemetry, axis), drive(telemetry, axis, inputs)
     other = meaning.attitude(telemetry, next(name for name in AXES if name != axis))
     if attitude is None or other is None or motors is None:
         return ()
@@ -99,13 +102,24 @@ def segments(telemetry: Telemetry, axis: str = "roll") -> tuple[Segment, ...]:
     return tuple(sorted(found, key=lambda segment: -segment.duration))
 
 
-def inputs(telemetry: Telemetry, axis: str = "roll") -> Motors | None:
+def drive(telemetry: Telemetry, axis: str = "roll", inputs: str | None = None) -> Motors | None:
     """What drives the axis: the motors, or, where they come too slowly and it does not, the controller's demand.
 
+    Args:
+        telemetry: of one vehicle.
+        axis: "roll" or "pitch".
+        inputs: "motors" or "demand", to have just that.
+
+    Returns:
+        None where it was not recorded, or never moved.
+
     Raises:
-        ValueError: an axis that is neither "roll" nor "pitch".
+        ValueError: an axis or inputs that are neither.
     """
-    motors, demand = meaning.motors(telemetry), meaning.demand(telemetry, axis)
+    if inputs not in (None, *INPUTS):
+        raise ValueError(f"inputs must be one of {', '.join(INPUTS)}, not {inputs!r}")
+    motors = None if inputs == "demand" else meaning.motors(telemetry)
+    demand = None if inputs == "motors" else meaning.demand(telemetry, axis)
     if demand is None or (motors is not None and usual_rate(motors) >= MINIMUM_RATE):
         return motors
     return demand if motors is None or usual_rate(demand) >= MINIMUM_RATE else motors
@@ -117,10 +131,10 @@ def usual_rate(stream: Attitude | Motors) -> float:
     return 1 / float(steps[steps <= 3 * np.median(steps)].mean()) if len(steps) else 0.0
 
 
-def align(telemetry: Telemetry, segment: Segment, axis: str = "roll") -> Flight:
+def align(telemetry: Telemetry, segment: Segment, axis: str = "roll", inputs: str | None = None) -> Flight:
     """The flight of ``segment``, uniform on the boot clock.
 
-    Its inputs are one column a motor, its outputs angle and rate of ``axis``.
+    Its inputs are one column a motor, or the demand (:func:`drive`), its outputs angle and rate of ``axis``.
 
     The step is the mean interval of the slower of attitude and motors, to 0.1 ms. The mean, because an autopilot that
     rounds 10 ms to its 4 ms loop alternates 8 and 12 and the median is neither.
@@ -134,9 +148,9 @@ def align(telemetry: Telemetry, segment: Segment, axis: str = "roll") -> Flight:
     ahead: an input between two messages knows up to one interval of the future.
 
     Raises:
-        ValueError: a segment without samples of attitude or motors, or an unknown axis.
+        ValueError: a segment without samples of attitude or motors, or an unknown axis or inputs.
     """
-    attitude, motors = meaning.attitude(telemetry, axis), inputs(telemetry, axis)
+    attitude, motors = meaning.attitude(telemetry, axis), drive(telemetry, axis, inputs)
     if attitude is None or motors is None:
         raise ValueError("the telemetry holds no attitude or no motor outputs to align")
     return flight_of(telemetry, attitude, motors, segment, axis)

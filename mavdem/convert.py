@@ -29,6 +29,7 @@ def convert(
     out: str | os.PathLike[str],
     axis: str = "roll",
     vehicle: str | None = None,
+    inputs: str | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Writes what ``source`` holds in the form that the name of ``out`` asks for, and tells what was written.
@@ -40,7 +41,7 @@ def convert(
     Args:
         source: a log; for a .tlog or .mcap one that holds a MAVLink stream.
         out: the file to write, which is replaced; it appears whole or not at all.
-        axis, vehicle: of a table, as for :func:`mavdem.read_flight`.
+        axis, vehicle, inputs: of a table, as for :func:`mavdem.read_flight`.
         progress: called with the fraction of the reading that is done.
 
     Returns:
@@ -59,7 +60,7 @@ def convert(
     if out.exists() and source.exists() and out.samefile(source):
         raise ValueError(f"{out} is the input: name another file")
     if kind in TABLES:
-        told = _convert_to_table(source, out, kind, axis, vehicle, progress)
+        told = _convert_to_table(source, out, kind, axis, vehicle, inputs, progress)
     else:
         told = _convert_stream(source, out, kind, progress)
     return {"source": str(source), "out": str(out), **told}
@@ -91,9 +92,15 @@ def _filled(stream: Stream, kind: str) -> int:
 
 
 def _convert_to_table(
-    source: Path, out: Path, kind: str, axis: str, vehicle: str | None, progress: Progress | None
+    source: Path,
+    out: Path,
+    kind: str,
+    axis: str,
+    vehicle: str | None,
+    inputs: str | None,
+    progress: Progress | None,
 ) -> dict[str, Any]:
-    flight, verdict = learnable_flight(read_log(source, progress), axis, vehicle)
+    flight, verdict = learnable_flight(read_log(source, progress), axis, vehicle, inputs)
     try:
         with whole_file(out) as file:
             TABLES[kind](file, flight)

@@ -18,7 +18,7 @@ ENOUGH = 50
 """Messages that a stream must hold before the regularity of its steps says anything."""
 
 
-def inventory(log: Log, axis: str = "roll", vehicle: str | None = None) -> dict[str, Any]:
+def inventory(log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None) -> dict[str, Any]:
     """Everything there is to know of a log before learning, as plain JSON values; times in s, rates in Hz.
 
     Of each speaker ``lost_share`` is the share of its sequence numbers that do not occur, and of a vehicle
@@ -31,14 +31,15 @@ def inventory(log: Log, axis: str = "roll", vehicle: str | None = None) -> dict[
         log: as ``mavdem.ingest.read_log`` gives it.
         axis: "roll" or "pitch": which model the verdicts are about.
         vehicle: "system" or "system:component", to leave the others out.
+        inputs: of the model, as for :func:`mavdem.read_flight`.
 
     Raises:
         NotLearnable: there is no such vehicle.
-        ValueError: an axis that is neither.
+        ValueError: an axis or inputs that are neither.
     """
     vehicles = log.vehicles if vehicle is None else (choose_vehicle(log.vehicles, vehicle),)
     missing = {(one.system, one.component): _missing_share(one) for one in log.vehicles}
-    described = [_vehicle(telemetry, axis) for telemetry in vehicles]
+    described = [_vehicle(telemetry, axis, inputs) for telemetry in vehicles]
     return {
         "source": log.source,
         "frames": log.frames,
@@ -62,21 +63,24 @@ def inventory(log: Log, axis: str = "roll", vehicle: str | None = None) -> dict[
     }
 
 
-def _vehicle(telemetry: Telemetry, axis: str) -> dict[str, Any]:
+def _vehicle(telemetry: Telemetry, axis: str, inputs: str | None) -> dict[str, Any]:
     return {
         "system": telemetry.system,
         "component": telemetry.component,
         "vehicle": telemetry.vehicle,
         "autopilot": telemetry.autopilot,
+        "board_log": telemetry.board_log,
         "parameters": len(telemetry.parameters),
         "messages": {
             name: {"count": len(columns["time"]), "rate": _rate(columns)}
             for name, columns in sorted(telemetry.messages.items())
         },
         "boots": len(set().union(*(np.unique(columns["boot"]).tolist() for columns in telemetry.messages.values()))),
-        "segments": [{**asdict(segment), "duration": segment.duration} for segment in segments(telemetry, axis)],
+        "segments": [
+            {**asdict(segment), "duration": segment.duration} for segment in segments(telemetry, axis, inputs)
+        ],
         "repairs": list(telemetry.repairs),
-        "verdict": asdict(judge(telemetry, axis)),
+        "verdict": asdict(judge(telemetry, axis, inputs)),
     }
 
 

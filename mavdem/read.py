@@ -14,41 +14,47 @@ from mavdem.telemetry import Telemetry
 from mavdem.verdict import Verdict, judge
 
 
-def read_flight(path: str | bytes | PathLike[str], axis: str = "roll", vehicle: str | None = None) -> Flight:
+def read_flight(
+    path: str | bytes | PathLike[str], axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
+) -> Flight:
     """The longest usable segment of a log. What speaks against it is in ``provenance["cautions"]``.
 
     Args:
         path: a log that ``mavdem.ingest.read_log`` reads.
         axis: "roll" or "pitch".
         vehicle: "system" or "system:component", where the log holds several.
+        inputs: "motors", or "demand": what the controller asked of the axis, one column; None for the motors, unless
+            they come too slowly and the demand does not.
 
     Raises:
         Unreadable: the log cannot be read.
         NotLearnable: it holds no vehicle, or several and none was chosen, or the verdict is no.
-        ValueError: ``path`` is no path, or an axis that is neither.
+        ValueError: ``path`` is no path, or an axis or inputs that are neither.
     """
-    flight, _ = learnable_flight(read_log(path), axis, vehicle)
+    flight, _ = learnable_flight(read_log(path), axis, vehicle, inputs)
     return flight
 
 
-def learnable_flight(log: Log, axis: str = "roll", vehicle: str | None = None) -> tuple[Flight, Verdict]:
+def learnable_flight(
+    log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
+) -> tuple[Flight, Verdict]:
     """The longest usable segment of a log that was read, and the verdict that lets it through.
 
     The verdict's cautions are also in the flight's ``provenance["cautions"]``.
 
     Args:
         log: as ``mavdem.ingest.read_log`` gives it.
-        axis, vehicle: as for :func:`read_flight`.
+        axis, vehicle, inputs: as for :func:`read_flight`.
 
     Raises:
         NotLearnable: it holds no vehicle, or several and none was chosen, or the verdict is no.
-        ValueError: an axis that is neither.
+        ValueError: an axis or inputs that are neither.
     """
     telemetry = choose_vehicle(log.vehicles, vehicle)
-    verdict = judge(telemetry, axis)
+    verdict = judge(telemetry, axis, inputs)
     if not verdict.learnable or verdict.segment is None:
         raise NotLearnable(verdict.reason, verdict.remedy)
-    flight = align(telemetry, verdict.segment, axis)
+    flight = align(telemetry, verdict.segment, axis, inputs)
     return replace(flight, provenance={**flight.provenance, "cautions": list(verdict.cautions)}), verdict
 
 

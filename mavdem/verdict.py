@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mavdem import figures as measured
-from mavdem.align import MINIMUM_RATE, Segment, inputs, segments
+from mavdem.align import MINIMUM_RATE, Segment, drive, segments, usual_rate
 from mavdem.figures import CONSISTENCY_SPAN, Figures
 from mavdem.ingest import meaning
 from mavdem.ingest.geometry import MULTIROTORS
@@ -63,13 +63,18 @@ class Verdict:
     figures: Figures
 
 
-def judge(telemetry: Telemetry, axis: str = "roll") -> Verdict:
+def judge(telemetry: Telemetry, axis: str = "roll", inputs: str | None = None) -> Verdict:
     """The verdict on ``telemetry``: yes on the longest settled segment that can be learnt from, or no on the longest.
 
+    Args:
+        telemetry: of one vehicle.
+        axis: "roll" or "pitch".
+        inputs: "motors" or "demand"; None for the motors, unless they come too slowly and the demand does not.
+
     Raises:
-        ValueError: an axis that is neither "roll" nor "pitch".
+        ValueError: an axis or inputs that are neither.
     """
-    attitude, motors = meaning.attitude(telemetry, axis), inputs(telemetry, axis)
+    attitude, motors = meaning.attitude(telemetry, axis), drive(telemetry, axis, inputs)
     figures = Figures()
 
     def refused(reason: str, remedy: str) -> Verdict:
@@ -83,7 +88,7 @@ def judge(telemetry: Telemetry, axis: str = "roll") -> Verdict:
     if attitude is None:
         return refused("There is no ATTITUDE or ATTITUDE_QUATERNION message.", _ask_for_rate(telemetry))
     if motors is None:
-        return refused("There is no message with motor outputs that move.", _ask_for_rate(telemetry))
+        return refused(*_undriven(telemetry, axis, inputs))
 
     if attitude.impossible > REFUSED_IMPOSSIBLE * attitude.sent:
         return refused(
@@ -96,7 +101,7 @@ def judge(telemetry: Telemetry, axis: str = "roll") -> Verdict:
             f"{attitude.message} holds no finite numbers from which {axis} and its rate can be told.",
             "Check the autopilot's estimator and what wrote the log.",
         )
-    found = segments(telemetry, axis)
+    found = segments(telemetry, axis, inputs)
     figures = measured.of_log(telemetry, attitude, motors, len(found))
     if figures.armed == 0:
         return refused("The vehicle was never armed.", _FLY)
@@ -158,6 +163,12 @@ def _objection(
     return None
 
 
+def _undriven(telemetry: Telemetry, axis: str, inputs: str | None) -> Objection:
+    if inputs == "demand":
+        return f"The controller's {axis} demand is not in it, or never moves.", "Take the motors: `--inputs motors`."
+    return "There is no message with motor outputs that move.", _ask_for_rate(telemetry)
+
+
 def _too_slow(telemetry: Telemetry, names: tuple[str, str], axis: str, figures: Figures) -> Objection | None:
     """``names``: the messages of attitude and of motors."""
     rates = dict(zip(names, (figures.attitude_rate or 0.0, figures.motor_rate or 0.0), strict=True))
@@ -217,11 +228,11 @@ def _ask_for_rate(telemetry: Telemetry, rate: int = 100) -> str:
     https://ardupilot.org/dev/docs/mavlink-requesting-data.html; its stream groups EXTRA1 and RC_CHAN send ATTITUDE and
     SERVO_OUTPUT_RAW.
     """
-    if telemetry.source.lower().endswith((".bin", ".log")):
+    if telemetry.board_log == "DataFlash":
         return (
             "Set bit 0 of LOG_BITMASK (fast attitude), which logs attitude and the demand at the loop rate; fly anew."
         )
-    if telemetry.source.lower().endswith((".ulg", ".ulg.xz")):
+    if telemetry.board_log == "ULog":
         return "Set SDLOG_PROFILE to 17 (default and high rate), which logs attitude and the demand fast; fly anew."
     if telemetry.autopilot == "PX4":
         return (
@@ -263,9 +274,11 @@ def _losses(attitude: Attitude, motors: Motors) -> tuple[str, ...]:
 def _cautions(telemetry: Telemetry, motors: Motors, axis: str, figures: Figures) -> tuple[str, ...]:
     layout, cautions = motors.layout, []
     if motors.message == meaning.DEMAND:
+        driving = meaning.motors(telemetry)
+        slow = driving is None or usual_rate(driving) < MINIMUM_RATE
         cautions.append(
-            f"Motor outputs come too slowly, so the {axis} demand was taken for the input: what the mixer, the motors' "
-            "limits and the battery make of it is not in it."
+            f"{'Motor outputs come too slowly, so the' if slow else 'The'} {axis} demand was taken for the input: what "
+            "the mixer, the motors' limits and the battery make of it is not in it."
         )
     if telemetry.vehicle == "UNKNOWN":
         cautions.append("No heartbeat says what the vehicle is: a multirotor was assumed.")

@@ -219,14 +219,17 @@ def test_a_recorded_flight_gives_its_hover(name, dt, kept):
     assert np.ptp(height[inside]) < 1.0 < np.ptp(height)
 
 
-@pytest.mark.parametrize(("motor_rate", "demand_rate", "taken"), [(100.0, 100.0, "motors"), (10.0, 100.0, "demand")])
-def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, demand_rate, taken):
-    hover = Hover()
-    telemetry = hover.telemetry(motor_time=motor_rate)
+def with_roll_demand(motor_rate, demand_rate):
+    telemetry = Hover().telemetry(motor_time=motor_rate)
     time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 1 / demand_rate)
     controls = np.zeros((len(time), 8))
     controls[:, 0], controls[:, 3] = 0.1 * np.sin(3 * time), 0.5
-    demanded = changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=0 * time))
+    return changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=0 * time))
+
+
+@pytest.mark.parametrize(("motor_rate", "demand_rate", "taken"), [(100.0, 100.0, "motors"), (10.0, 100.0, "demand")])
+def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, demand_rate, taken):
+    demanded = with_roll_demand(motor_rate, demand_rate)
     verdict = judge(demanded)
     assert verdict.learnable
     flight = align(demanded, verdict.segment)
@@ -237,6 +240,20 @@ def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, deman
         assert flight.input_names == ("roll demand",) and said
         assert "roll demand at 100.0 Hz" in verdict.reason
         np.testing.assert_allclose(flight.inputs[:, 0], 0.1 * np.sin(3 * flight.time), atol=2e-3)
+
+
+def test_the_inputs_that_are_asked_for_are_taken():
+    both = with_roll_demand(100.0, 50.0)
+    verdict = judge(both, inputs="demand")
+    assert verdict.learnable and any(caution.startswith("The roll demand was taken") for caution in verdict.cautions)
+    flight = align(both, verdict.segment, inputs="demand")
+    assert flight.input_names == ("roll demand",) and flight.dt == pytest.approx(0.02)
+    slow_motors = judge(with_roll_demand(10.0, 100.0), inputs="motors")
+    assert not slow_motors.learnable and slow_motors.reason.startswith("SERVO_OUTPUT_RAW comes at 10.0 Hz")
+    without = judge(Hover().telemetry(), inputs="demand")
+    assert not without.learnable and "demand is not in it" in without.reason and "motors" in without.remedy
+    with pytest.raises(ValueError, match="'torque'"):
+        judge(both, inputs="torque")
 
 
 def test_a_demand_as_slow_as_the_motors_does_not_replace_them():

@@ -112,6 +112,20 @@ def test_px4_motors_by_function_and_rotor_places():
     np.testing.assert_allclose(motors.effect("pitch"), [0.25, -0.25, 0.25, -0.25])
 
 
+def test_px4_motors_over_two_drivers():
+    """An octo: motors 1 to 4 on the second half of the first driver's outputs, 5 to 8 on the second driver."""
+    parameters = {f"PWM_MAIN_FUNC{n}": 96.0 + n for n in (5, 6, 7, 8)}
+    parameters |= {f"PWM_AUX_FUNC{n}": 104.0 + n for n in (1, 2, 3, 4)}
+    on_both = layout("OCTOROTOR", "PX4", parameters, moving=[5, 6, 7, 8, 17, 18, 19, 20], bank=16)
+    assert on_both.motors == tuple(range(1, 9)) and on_both.channels == (5, 6, 7, 8, 17, 18, 19, 20)
+    on_one = layout("QUADROTOR", "PX4", parameters, moving=[5, 6, 7, 8], bank=16)
+    assert on_one.motors == (1, 2, 3, 4) and on_one.channels == (5, 6, 7, 8)
+    spare = parameters | {f"UAVCAN_EC_FUNC{n}": 100.0 + n for n in (1, 2, 3, 4)}
+    assert (
+        layout("OCTOROTOR", "PX4", spare, moving=[*range(1, 9), *range(17, 21)], bank=16).channels == on_both.channels
+    )
+
+
 def test_without_parameters_the_moving_channels_are_assumed_and_said():
     motors = meaning.motors(HOVER.telemetry()).layout
     assert motors.channels == (1, 2, 3, 4)

@@ -267,9 +267,9 @@ def test_streams_of_any_pace_are_judged_and_their_segments_align():
 
 
 @pytest.mark.parametrize(
-    ("source", "advice"),
-    [("a.tlog", "SRn_EXTRA1"), ("A.BIN", "LOG_BITMASK"), ("a.ulg.xz", "SDLOG_PROFILE"), ("a.mcap", "SRn_EXTRA1")],
+    ("board_log", "advice"),
+    [("", "SRn_EXTRA1"), ("DataFlash", "LOG_BITMASK"), ("ULog", "SDLOG_PROFILE")],
 )
-def test_the_remedy_is_for_what_recorded_the_log(source, advice):
-    slow = dataclasses.replace(Hover().telemetry(4.0, 4.0), source=source)
+def test_the_remedy_is_for_what_recorded_the_log(board_log, advice):
+    slow = dataclasses.replace(Hover().telemetry(4.0, 4.0), board_log=board_log)
     assert advice in judge(slow).remedy

@@ -14,11 +14,12 @@ from mavdem.convert import convert as convert_file
 @click.command()
 @source_options
 @click.argument("out", type=click.Path(), callback=no_option)
-def convert(source: str, out: str, axis: str, vehicle: str | None, as_json: bool) -> None:
+def convert(source: str, out: str, axis: str, vehicle: str | None, inputs: str | None, as_json: bool) -> None:
     """Converts a log to another file format.
 
     OUT says by its ending what is written: .tlog or .mcap receives every frame of the recorded stream with the time it
-    was received, .csv or .parquet the longest settled stretch of one vehicle's flight (--axis, --vehicle) as a table.
+    was received, .csv or .parquet the longest settled stretch of one vehicle's flight (--axis, --vehicle, --inputs) as
+    a table.
     An .mcap also holds every message as JSON, for viewers; converted back to .tlog it is what it was.
 
     \b
@@ -30,7 +31,7 @@ def convert(source: str, out: str, axis: str, vehicle: str | None, as_json: bool
         raise click.BadParameter(f"there is no folder {os.path.dirname(out)}.", param_hint="OUT")
     try:
         with progress(f"Converting {source}") as done:
-            told = convert_file(source, out, axis, vehicle, done)
+            told = convert_file(source, out, axis, vehicle, inputs, done)
     except ValueError as error:
         # Unreadable and NotLearnable are ValueErrors too, with sentences of their own.
         if type(error) is not ValueError:

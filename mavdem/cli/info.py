@@ -23,7 +23,9 @@ WORTH_TELLING = 0.01
 @click.command()
 @source_options
 @click.pass_context
-def info(context: click.Context, source: str, axis: str, vehicle: str | None, as_json: bool) -> None:
+def info(
+    context: click.Context, source: str, axis: str, vehicle: str | None, inputs: str | None, as_json: bool
+) -> None:
     """Says what a log holds, and whether a model can be learnt from it.
 
     SOURCE is a log: .tlog, .mcap, .bin, .log or .ulg. For each vehicle: the verdict (learnable or not, why, and what to
@@ -32,7 +34,7 @@ def info(context: click.Context, source: str, axis: str, vehicle: str | None, as
 
     Ends with 0 when a model can be learnt from at least one vehicle, otherwise with 1.
     """
-    held = inventory(read_source(source), axis, vehicle)
+    held = inventory(read_source(source), axis, vehicle, inputs)
     if as_json:
         print_json(held)
     else:
@@ -74,7 +76,10 @@ def _print_vehicle(one: dict[str, Any]) -> None:
             f"Settled flight: {longest['duration']:.1f} s, from {longest['start']:.1f} s after "
             f"{_boot(longest['boot'] + 1, one['boots'])}{others}."
         )
-    for rate, names in _by_rate(one["messages"]).items():
+    streams = _by_rate(one["messages"])
+    if streams and one["board_log"]:
+        say(f"What the {one['board_log']} holds of the motion, under the names of the MAVLink messages for it:")
+    for rate, names in streams.items():
         say(click.wrap_text(f"{rate}: {', '.join(names)}", WIDTH, "  ", "    "))
     say()
 

@@ -55,6 +55,7 @@ def learn(
     source: str,
     axis: str,
     vehicle: str | None,
+    inputs: str | None,
     as_json: bool,
     out: Path,
     preset: str,
@@ -76,7 +77,7 @@ def learn(
     """
     check_folder(out)
     began = perf_counter()
-    flight, verdict = learnable_flight(read_source(source), axis, vehicle)
+    flight, verdict = learnable_flight(read_source(source), axis, vehicle, inputs)
     training, following = _cut(flight, start, train, test)
     learned = _learn(training, preset, order)
     learned = replace(learned, cautions=(*verdict.cautions, *learned.cautions))
@@ -123,7 +124,7 @@ def _again(train: int, test: int) -> str:
     context = click.get_current_context()
     kept = [
         word
-        for name in ("out", "axis", "vehicle", "preset", "order", "start")
+        for name in ("out", "axis", "vehicle", "inputs", "preset", "order", "start")
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
         for word in (f"--{name}", str(context.params[name]))
     ]

@@ -30,9 +30,15 @@ def no_option(context: click.Context, parameter: click.Parameter, value: Value) 
 
 
 def source_options(command: Command) -> Command:
-    """Adds SOURCE, --axis, --vehicle and --json to a command."""
+    """Adds SOURCE, --axis, --vehicle, --inputs and --json to a command."""
     for decorate in (
         click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."),
+        click.option(
+            "--inputs",
+            type=click.Choice(["motors", "demand"]),
+            help="What drives the axis: the motors' outputs, or what the controller asked of it before the mixer. "
+            "[default: motors, or the demand where only that is recorded fast enough]",
+        ),
         click.option(
             "--vehicle",
             metavar="SYSTEM[:COMPONENT]",

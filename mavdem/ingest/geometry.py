@@ -210,18 +210,22 @@ _PX4_DRIVERS = ("PWM_MAIN", "PWM_AUX", "UAVCAN_EC", "DSHOT", "SIM_GZ_EC", "HIL_A
 
 
 def _px4_channels(parameters: Mapping[str, float], moving: Sequence[int], bank: int) -> dict[int, int]:
-    """The motors of the first output driver whose channels are seen to move, in whichever bank they are sent."""
+    """The motors of the output drivers whose channels are seen to move, each in the first bank where they do."""
+    channels: dict[int, int] = {}
+    banks = [0, bank]
     for driver in _PX4_DRIVERS:
         outputs = {
             function - 100: n
             for n in range(1, 17)
             if 101 <= (function := int(parameters.get(f"{driver}_FUNC{n}", 0))) <= 112
         }
-        for first in (0, bank):
-            channels = {motor: first + n for motor, n in outputs.items()}
-            if channels and set(channels.values()) <= set(moving):
-                return channels
-    return {}
+        # A motor on two drivers is on a spare one.
+        further = {motor: n for motor, n in outputs.items() if motor not in channels}
+        first = next((first for first in banks if {first + n for n in further.values()} <= set(moving)), None)
+        if further and first is not None:
+            channels |= {motor: first + n for motor, n in further.items()}
+            banks.remove(first)
+    return channels
 
 
 def _px4_positions(parameters: Mapping[str, float]) -> dict[int, Position]:

@@ -57,7 +57,7 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) ->
     autopilot = enum_name("MAV_AUTOPILOT", PX4)
     counts = {name: len(columns["time"]) for name, columns in made.items()}
     repairs = (*_damage(found), *_dropouts(log), *_filled(topics, counts))
-    telemetry = Telemetry(system, component, vehicle, autopilot, made, parameters, source, repairs)
+    telemetry = Telemetry(system, component, vehicle, autopilot, made, parameters, source, repairs, "ULog")
     speaker = Speaker(system, component, vehicle, autopilot, counts, 0)
     if progress is not None:
         progress(1.0)
