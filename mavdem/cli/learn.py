@@ -68,7 +68,8 @@ def learn(
 
     SOURCE is a log: .tlog, .mcap, .bin, .log or .ulg. Of the longest stretch of settled flight, --train samples are
     learnt from and the --test samples after them forecast. The folder --out receives model.json (the model with all it
-    needs to forecast), report.json (the figures) and flight.rrd (pictures, to be opened with `rerun flight.rrd`).
+    needs to forecast), report.json (the figures), flight.rrd (pictures, to be opened with `rerun flight.rrd`) and
+    flight.mcap (the same series of numbers, for Foxglove or PlotJuggler).
 
     \b
     Examples:

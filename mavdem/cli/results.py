@@ -9,13 +9,14 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from mavdem.channels import write_channels
 from mavdem.cli.output import json_text
 from mavdem.cli.signals import ending_at_once
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.flight import Flight
 
-NAMES = ("model.json", "report.json", "flight.rrd")
+NAMES = ("model.json", "report.json", "flight.rrd", "flight.mcap")
 
 
 def check_folder(folder: Path) -> None:
@@ -36,12 +37,12 @@ def check_folder(folder: Path) -> None:
 
 
 def write_results(folder: Path, report: dict[str, Any], train: Flight, test: Flight, learned: Learned) -> None:
-    """Writes model.json (the ``Learned``), report.json and flight.rrd; ``folder`` is made where it is missing.
+    """Writes model.json (the ``Learned``), report.json and flight.rrd and .mcap; makes ``folder`` where it is missing.
 
     Args:
         folder: where to.
         report: what report.json will hold.
-        train, test, learned: what flight.rrd will show.
+        train, test, learned: what flight.rrd will show and flight.mcap hold.
 
     Raises:
         Unreadable: they cannot be written.
@@ -52,11 +53,12 @@ def write_results(folder: Path, report: dict[str, Any], train: Flight, test: Fli
 
     try:
         with _made(folder), TemporaryDirectory(dir=folder, prefix=".unfinished.") as unfinished:
-            model_json, report_json, recording = (Path(unfinished) / name for name in NAMES)
+            model_json, report_json, recording, channels = files = [Path(unfinished) / name for name in NAMES]
             model_json.write_text(learned.to_json() + "\n")
             report_json.write_text(json_text(report) + "\n")
             write_recording(recording, train, test, learned)
-            for path in (model_json, report_json, recording):
+            write_channels(channels, train, learned, test)
+            for path in files:
                 os.replace(path, folder / path.name)
     except OSError as error:
         raise Unreadable(f"--out {folder} cannot be written ({error.strerror or error}): name another.") from None

@@ -18,7 +18,7 @@ from mavdem.read import read_flight
 
 LOGS = Path(__file__).parents[2] / "logs"
 FLIGHT = str(LOGS / "ardupilot_wind5_steps.tlog")
-FILES = {"model.json", "report.json", "flight.rrd"}
+FILES = {"model.json", "report.json", "flight.rrd", "flight.mcap"}
 
 
 def strict_json(text: str) -> dict:
