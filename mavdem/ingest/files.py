@@ -19,6 +19,8 @@ LARGE = 64 << 20
 """Bytes of a file from which on it is mapped instead of read: it takes no memory of its own, but must stay as it is."""
 XZ = b"\xfd7zXZ\x00"
 """How an xz archive begins."""
+AHEAD = 1 << 16
+"""Bytes of a file that are read to tell its beginning: unpacked they are hardly ever fewer."""
 LARGEST_UNPACKED = 1 << 30
 """Bytes that an archive may hold: a few hours of the densest logs. A small one can be made to hold any number."""
 UNPACKING_MEMORY = 1 << 27
@@ -33,16 +35,25 @@ def file_bytes(path: str | os.PathLike[str]) -> bytes:
         Unreadable: it is missing, no plain file, not permitted, empty, or larger than the memory; or an archive that is
             damaged, or holds more than ``LARGEST_UNPACKED`` bytes.
     """
-    return _content(path, _read)
+    return _content(path, _read, _unpacked)
+
+
+def file_beginning(path: str | os.PathLike[str], count: int) -> bytes:
+    """The first ``count`` bytes of what ``file_bytes`` gives, ``AHEAD`` at most.
+
+    Raises:
+        Unreadable: as ``file_bytes``, as far as the beginning tells.
+    """
+    return _content(path, lambda file, size: file.read(min(size, AHEAD)), _unpacked_beginning)[:count]
 
 
 def mapped_bytes(path: str | os.PathLike[str]) -> bytes | mmap.mmap:
-    """The same, but a large file that is no archive as it lies on the disk, brought in where it is looked at.
+    """As ``file_bytes``, but a large file that is no archive as it lies on the disk, brought in where it is looked at.
 
     Raises:
         Unreadable: as ``file_bytes``, and larger than the address space instead of the memory.
     """
-    return _content(path, _read_or_mapped)
+    return _content(path, _read_or_mapped, _unpacked)
 
 
 def require_whole(data: NDArray[np.uint8], source: str) -> None:
@@ -56,7 +67,11 @@ def require_whole(data: NDArray[np.uint8], source: str) -> None:
         raise Unreadable(f"{source} was cut short while it was in use: read it again.")
 
 
-def _content(path: str | os.PathLike[str], read: Callable[[BinaryIO, int], Content]) -> Content:
+def _content(
+    path: str | os.PathLike[str],
+    read: Callable[[BinaryIO, int], Content],
+    unpacked: Callable[[bytes | mmap.mmap, Path], bytes],
+) -> Content | bytes:
     path = Path(path)
     try:
         status = path.stat()
@@ -66,9 +81,9 @@ def _content(path: str | os.PathLike[str], read: Callable[[BinaryIO, int], Conte
         if not stat.S_ISREG(kind):
             raise Unreadable(f"{path} is not a plain file: name a log file.")
         with path.open("rb") as file:
-            content = read(file, status.st_size)
+            content: Content | bytes = read(file, status.st_size)
         if content[: len(XZ)] == XZ:
-            content = _unpacked(content, path)
+            content = unpacked(content, path)
     except FileNotFoundError:
         raise Unreadable(f"{path} does not exist: check the name.") from None
     except MemoryError:
@@ -94,13 +109,22 @@ def _read_or_mapped(file: BinaryIO, size: int) -> bytes | mmap.mmap:
 
 def _unpacked(content: bytes | mmap.mmap, path: Path) -> bytes:
     """What the first stream of an xz archive holds; ``xz`` writes no second."""
-    unpacking = lzma.LZMADecompressor(lzma.FORMAT_XZ, UNPACKING_MEMORY)
-    try:
-        unpacked = unpacking.decompress(content, LARGEST_UNPACKED)
-    except lzma.LZMAError as error:
-        raise Unreadable(f"{path} is a damaged xz archive ({error}): save what can be with `xz -dc`.") from None
-    if not unpacking.eof:
+    unpacked, at_end = _decompressed(content, path, LARGEST_UNPACKED)
+    if not at_end:
         whole = len(unpacked) < LARGEST_UNPACKED
         why = "is cut off: save what can be" if whole else f"holds more than {LARGEST_UNPACKED >> 20} MiB: unpack it"
         raise Unreadable(f"{path} is an xz archive that {why} with `xz -dc`.")
     return unpacked
+
+
+def _unpacked_beginning(content: bytes | mmap.mmap, path: Path) -> bytes:
+    return _decompressed(content, path, AHEAD)[0]
+
+
+def _decompressed(content: bytes | mmap.mmap, path: Path, most: int) -> tuple[bytes, bool]:
+    """At ``most`` so many bytes of what an xz archive holds, and whether that is all."""
+    unpacking = lzma.LZMADecompressor(lzma.FORMAT_XZ, UNPACKING_MEMORY)
+    try:
+        return unpacking.decompress(content, most), unpacking.eof
+    except lzma.LZMAError as error:
+        raise Unreadable(f"{path} is a damaged xz archive ({error}): save what can be with `xz -dc`.") from None

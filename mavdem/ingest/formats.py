@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mavdem.errors import Unreadable
 from mavdem.ingest.dataflash_text import is_text as is_dataflash_text
-from mavdem.ingest.files import mapped_bytes
+from mavdem.ingest.files import file_beginning
 from mavdem.ingest.framing import MARKER_1, MARKER_2, Progress
 from mavdem.ingest.log import Log
 from mavdem.ingest.receipt import STAMP
@@ -44,7 +44,7 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = N
     if not isinstance(path, str | bytes | os.PathLike):
         raise ValueError(f"path must name a file, not be {path!r}")
     name = os.fsdecode(path)
-    beginning = mapped_bytes(name)[:SAMPLE]
+    beginning = file_beginning(name, SAMPLE)
     reader = _reader(_kind(name, beginning))
     if reader is None:
         other = next((other for first, other in OTHERS.items() if beginning.startswith(first)), "text")

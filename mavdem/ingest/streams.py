@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 
 from mavdem.errors import Unreadable
-from mavdem.ingest.files import mapped_bytes
+from mavdem.ingest.files import file_beginning
 from mavdem.ingest.formats import BEGINNINGS, MCAP, NAMES
 from mavdem.ingest.framing import Progress
 from mavdem.ingest.mcap_log import mcap_stream
@@ -23,7 +23,7 @@ def read_stream(path: str | os.PathLike[str], progress: Progress | None = None) 
     Raises:
         Unreadable: the file cannot be opened, is of another kind, or there is no MAVLink in it.
     """
-    beginning = mapped_bytes(path)[: max(map(len, BEGINNINGS))]
+    beginning = file_beginning(path, max(map(len, BEGINNINGS)))
     kind = next((kind for first, kind in BEGINNINGS.items() if beginning.startswith(first)), None)
     if kind == MCAP or (kind is None and NAMES.get(os.path.splitext(path)[1].lower()) == MCAP):
         return mcap_stream(path, progress)

@@ -54,6 +54,17 @@ def test_a_mapped_archive_is_unpacked(tmp_path: Path) -> None:
     assert np.allclose(vehicle.messages["ATTITUDE"]["time"], TIMES)
 
 
+def test_an_archive_is_not_unpacked_to_tell_its_beginning(tmp_path: Path) -> None:
+    path = written(tmp_path / "flight.tlog.xz", lzma.compress(b"flight" + bytes(50_000_000)))
+    tracemalloc.start()
+    try:
+        assert files.file_beginning(path, 7) == b"flight\0"
+        # The unpacker itself takes 8 MiB for what it may repeat.
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
+
+
 @pytest.mark.usefixtures("_mapped")
 def test_a_mapped_file_is_converted_and_back_byte_by_byte(tmp_path: Path) -> None:
     path = written(tmp_path / "flight.tlog", tlog([heartbeat(), *flight(TIMES)]))
