@@ -10,6 +10,7 @@ from scipy.optimize import minimize_scalar
 from scipy.stats import norm
 
 from mavdem.dem.ascent import ascend
+from mavdem.dem.breakdown import breaking_down
 from mavdem.dem.fit import generalized, generative_model, with_smoothness
 from mavdem.dem.generative import Samples
 from mavdem.dem.level import require_probability
@@ -84,10 +85,10 @@ def estimate_colour(record: Record, settings: Settings | None = None) -> Colour:
     def height(log_s: float) -> float:
         if log_s not in heights:
             try:
-                with np.errstate(over="raise", divide="raise", invalid="raise"):
+                with breaking_down():
                     own = with_smoothness(model, settings, float(np.exp(log_s)), record.dt)
                     heights[log_s] = float(ascend(own, samples, settings.iterations).free_energy[-1])
-            except (np.linalg.LinAlgError, FloatingPointError, ValueError):
+            except (np.linalg.LinAlgError, ValueError):
                 heights[log_s] = -np.inf
         return heights[log_s]
 

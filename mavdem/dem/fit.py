@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem.ascent import Ascent, Rates, ascend
+from mavdem.dem.breakdown import breaking_down
 from mavdem.dem.coordinates import embed
 from mavdem.dem.generative import GenerativeModel, Samples
 from mavdem.dem.model import pack, unpack
@@ -69,11 +70,8 @@ def fit(record: Record, settings: Settings, finish: bool = True) -> Fit:
         ValueError: the record or the settings do not fit the rest.
         numpy.linalg.LinAlgError: the fit broke down.
     """
-    try:
-        with np.errstate(over="raise", divide="raise", invalid="raise"):
-            return _fit(record, settings, finish)
-    except FloatingPointError as error:
-        raise np.linalg.LinAlgError(f"numbers beyond all bounds: {error}") from None
+    with breaking_down():
+        return _fit(record, settings, finish)
 
 
 def _fit(record: Record, settings: Settings, finish: bool) -> Fit:

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from mavdem.dem.ascent import Ascent
+from mavdem.dem.breakdown import breaking_down
 from mavdem.dem.free_energy import Belief, expected_weights
 from mavdem.dem.generative import GenerativeModel, Samples
 from mavdem.dem.positive import inverse
@@ -71,7 +72,7 @@ def certainty_of(model: GenerativeModel, segments: Sequence[Array], ascent: Asce
     samples, belief, prior = Samples.of(*segments), ascent.belief, model.prior.theta_precision
     information = np.zeros_like(prior)
     try:
-        with np.errstate(over="raise", divide="raise", invalid="raise"):
+        with breaking_down():
             curvature = theta_curvature_of_profile(model, samples, belief)
             information = curvature - prior
             bread = inverse(curvature)
@@ -79,7 +80,7 @@ def certainty_of(model: GenerativeModel, segments: Sequence[Array], ascent: Asce
                 [sample_slopes(model, data, data @ ascent.state_map.T, belief) for data in segments]
             )
             return Certainty(information, Scatter(bread @ (spread + prior) @ bread, freedom))
-    except (np.linalg.LinAlgError, FloatingPointError):
+    except np.linalg.LinAlgError:
         return Certainty(information, None)
 
 
