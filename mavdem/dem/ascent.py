@@ -82,9 +82,14 @@ LARGEST_LAMBDA = 150.0
 
 
 def ascend(
-    model: GenerativeModel, samples: Samples, iterations: int, rates: Rates = LIMIT, finish: bool = True
+    model: GenerativeModel,
+    samples: Samples,
+    iterations: int,
+    rates: Rates = LIMIT,
+    finish: bool = True,
+    start: Belief | None = None,
 ) -> Ascent:
-    """Climbs F̄ from the priors' means, for at most so many rounds of D, E and M steps.
+    """Climbs F̄ for at most so many rounds of D, E and M steps.
 
     After each round the covariances are set to their optimum, which also raises F̄; so F̄ᵒ is what rises. Steps in turn
     are slow where one part of the belief holds the others (X and θ, when noise is small), but steadily so: after every
@@ -101,12 +106,13 @@ def ascend(
         iterations: rounds at most.
         rates: learning rates.
         finish: whether what is left is looked for; else the climb ends where rounds no longer gain, unsettled, sooner.
+        start: where to start, if not at the priors' means: a belief about this model of other samples, say.
 
     Raises:
-        numpy.linalg.LinAlgError: at the priors' means a curvature is not negative definite.
+        numpy.linalg.LinAlgError: at the start a curvature is not negative definite.
     """
     climb = _Climb(model, samples, rates)
-    places = [climb.start()]
+    places = [climb.start() if start is None else climb.resumed(start)]
     settled = False
     while not settled and len(places) <= iterations:
         height = places[-1].height
@@ -174,6 +180,12 @@ class _Climb:
         state_map = d_step(self.model, theta, certain, lambda_, inverse(prior.lambda_precision))
         moments = Moments.of(self.model, self.samples, state_map)
         return self._place(Belief(moments, np.empty(0), theta, certain, lambda_, np.empty(0)), state_map, flowed=False)
+
+    def resumed(self, belief: Belief) -> _Place:
+        """Where a belief stands, with X at its maximum."""
+        state_map = d_step(self.model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
+        moments = Moments.of(self.model, self.samples, state_map)
+        return self._place(belief._replace(moments=moments), state_map, flowed=False)
 
     def round(self, now: _Place, start: Belief) -> _Place:
         """D, E and M steps from ``start``; ``now`` again if they lead no higher than that, which refuses them.

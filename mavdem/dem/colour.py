@@ -77,7 +77,7 @@ def estimate_colour(record: Record, settings: Settings | None = None) -> Colour:
         settings = Settings(order=record.outputs.shape[1], p=2, d=2, window=3, parameter_precision=1.0)
     if not record.windows(settings.window or 1):
         raise ValueError(f"train must have a segment of at least {settings.window} samples, not {record.longest}")
-    scaling = Scaling.of(record.inputs, record.outputs, settings)
+    scaling = Scaling.of(*record.spread, settings)
     model = generative_model(settings, scaling, record)
     samples = Samples.of(*generalized(settings, scaling, record))
     heights: dict[float, float] = {}

@@ -75,7 +75,7 @@ def fit(record: Record, settings: Settings, finish: bool = True) -> Fit:
 
 
 def _fit(record: Record, settings: Settings, finish: bool) -> Fit:
-    scaling = Scaling.of(record.inputs, record.outputs, settings)
+    scaling = Scaling.of(*record.spread, settings)
     model = generative_model(settings, scaling, record)
     segments = generalized(settings, scaling, record)
     samples = Samples.of(*segments)
@@ -99,8 +99,23 @@ def smoothness_of(settings: Settings, dt: float) -> float:
 
 def generative_model(settings: Settings, scaling: Scaling, record: Record) -> GenerativeModel:
     """The generative model that complete settings describe for a record."""
+    pairs = derivative_pairs(record) if settings.prior == "regulated" else ()
+    return model_of_channels(settings, scaling, record.dt, pairs)
+
+
+def model_of_channels(
+    settings: Settings, scaling: Scaling, dt: float, pairs: tuple[tuple[int, int], ...]
+) -> GenerativeModel:
+    """The generative model that complete settings describe.
+
+    Args:
+        settings: with nothing left open.
+        scaling: of the channels.
+        dt: sampling step, s.
+        pairs: of ``derivative_pairs``, for the regulated prior.
+    """
     assert settings.order is not None and settings.d is not None
-    n, m, motors = settings.order, record.outputs.shape[1], record.inputs.shape[1]
+    n, m, motors = settings.order, len(scaling.output_scale), len(scaling.input_scale)
     _require_seen(settings, n, m)
     r = motors + scaling.constant
     q = settings.p if settings.last_derivative_zero else settings.p - 1
@@ -112,11 +127,11 @@ def generative_model(settings: Settings, scaling: Scaling, record: Record) -> Ge
         settings.p,
         settings.d,
         q,
-        *_correlations(settings, q, smoothness_of(settings, record.dt), record.dt),
+        *_correlations(settings, q, smoothness_of(settings, dt), dt),
         output_groups,
         state_groups,
         _input_precision(settings, motors, scaling.constant),
-        Prior(*_parameter_prior(settings, scaling, record, r), *hyperparameter_prior(settings, n, m)),
+        Prior(*_parameter_prior(settings, scaling, pairs, r), *hyperparameter_prior(settings, n, m)),
     )
 
 
@@ -136,14 +151,16 @@ def _correlations(settings: Settings, q: int, smoothness: float, dt: float) -> t
     return sampled_output_precision(p, *reading), sampled_state_precision(q, *reading)
 
 
-def _parameter_prior(settings: Settings, scaling: Scaling, record: Record, r: int) -> tuple[Array, Array]:
+def _parameter_prior(
+    settings: Settings, scaling: Scaling, pairs: tuple[tuple[int, int], ...], r: int
+) -> tuple[Array, Array]:
     """Mean and precision of the engine's θ, for r inputs with the constant."""
     assert settings.order is not None and settings.parameter_precision is not None
-    n, m, motors = settings.order, record.outputs.shape[1], r - scaling.constant
+    n, m, motors = settings.order, len(scaling.output_scale), r - scaling.constant
     if settings.prior == "uniform":
         return uniform_prior(settings, n, r, m)
     if settings.prior == "regulated":
-        return regulated_prior(settings, n, motors, scaling.constant, scaling.output_scale, derivative_pairs(record))
+        return regulated_prior(settings, n, motors, scaling.constant, scaling.output_scale, pairs)
     places = of_vehicle(n, motors, m, scaling.constant)
     mean, precision = explicit_prior(settings.prior, settings.parameter_precision, places, scaling.parameter_scale(n))
     # Where C is free as well, the scale of x is held by nothing, and F̄ is highest where C is nothing.
@@ -174,7 +191,7 @@ def held_by_prior(precision: Array, scale: Array, settings: Settings, record: Re
         settings, record: what was learnt, and from what.
     """
     assert settings.order is not None
-    natural = Scaling.of(record.inputs, record.outputs, replace(settings, scaling="channel"))
+    natural = Scaling.of(*record.spread, replace(settings, scaling="channel"))
     motors = of_vehicle(settings.order, record.inputs.shape[1], record.outputs.shape[1], natural.constant)
     units = natural.parameter_scale(settings.order)[motors] / scale
     return np.asarray(precision * units**2 >= KINEMATIC)

@@ -55,13 +55,44 @@ def free_energy(model: GenerativeModel, data: Array, states: Array, belief: Beli
         states: (T, dim X) means of X.
         belief: the rest; its moments are not used.
     """
+    return SampleEnergy.of(model, belief).at(data, states)
+
+
+class SampleEnergy(NamedTuple):
+    """F(t) as a function of the sample: a constant less half the squares of its errors and of its states.
+
+    Attributes:
+        constant: F(t) of a sample without errors, at states 0.
+        errors: E with ε̃ = E [ỹ; η̃; X].
+        precision: of ε̃, that of the noise included that uncertain λ make.
+        uncertainty: of X, which uncertain θ make.
+    """
+
+    constant: float
+    errors: Array
+    precision: Array
+    uncertainty: Array
+
+    @classmethod
+    def of(cls, model: GenerativeModel, belief: Belief) -> SampleEnergy:
+        """That of a model under a belief, whose moments are not used."""
+        theta, lambda_ = belief.theta, belief.lambda_
+        # W^λ and W^θ of a sample are quadratic in its errors and in its X.
+        precision = model.precision(expected_weights(lambda_, belief.lambda_covariance))
+        uncertainty = parameter_uncertainty(model, belief.theta_covariance, np.exp(lambda_))
+        return cls(_constant(model, belief), model.error_operator(theta), precision, uncertainty)
+
+    def at(self, data: Array, states: Array) -> Array:
+        """F(t), (T,), of generalized data (T, ·) and states (T, dim X)."""
+        errors = np.hstack([data, states]) @ self.errors.T
+        squares = np.sum(errors @ self.precision * errors, axis=1) + np.sum(states @ self.uncertainty * states, axis=1)
+        return np.asarray(self.constant - 0.5 * squares)
+
+
+def _constant(model: GenerativeModel, belief: Belief) -> float:
+    """What F(t) has of everything that is the same at every sample."""
     theta, lambda_, prior = belief.theta, belief.lambda_, model.prior
     weights = np.exp(lambda_)
-    errors = np.hstack([data, states]) @ model.error_operator(theta).T
-    # W^λ and W^θ of a sample are quadratic in its errors and in its X: uncertain precisions and uncertain parameters.
-    precision = model.precision(expected_weights(lambda_, belief.lambda_covariance))
-    uncertainty = parameter_uncertainty(model, belief.theta_covariance, weights)
-    squares = np.sum(errors @ precision * errors, axis=1) + np.sum(states @ uncertainty * states, axis=1)
     constant = (
         model.log_precision_at_zero
         + model.log_precision_slope @ lambda_
@@ -75,7 +106,7 @@ def free_energy(model: GenerativeModel, data: Array, states: Array, belief: Beli
         error = mean - about
         constant += logdet(certainty) + logdet(covariance)
         constant -= error @ certainty @ error + np.sum(covariance * certainty)
-    return np.asarray(0.5 * (constant - squares))
+    return 0.5 * float(constant)
 
 
 def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:

@@ -18,7 +18,7 @@ from mavdem.dem.fit import Fit, fit, generalized
 from mavdem.dem.free_energy import free_energy
 from mavdem.dem.learned import Learned
 from mavdem.dem.record import Record, Recorded
-from mavdem.dem.scaling import known_inputs, varying
+from mavdem.dem.scaling import known_inputs
 from mavdem.dem.scatter import certainty_of
 from mavdem.dem.settings import Settings
 from mavdem.dem.trials import trials, unseen_forecasts
@@ -104,9 +104,10 @@ def _learn(record: Record, settings: Settings) -> Learned:
 
 def _require_moving(record: Record, settings: Settings) -> None:
     """Refuses channels that tell nothing, over the whole record."""
-    known = known_inputs(settings, record.inputs.shape[1])
-    for name, values, needed in (("inputs", record.inputs, known), ("outputs", record.outputs, True)):
-        still = np.flatnonzero(~varying(values) & needed)
+    inputs, outputs = record.spread
+    known = known_inputs(settings, len(inputs.mean))
+    for name, constant in (("inputs", ~inputs.moving & known), ("outputs", ~outputs.moving)):
+        still = np.flatnonzero(constant)
         if len(still):
             raise ValueError(f"{name} column {still[0]} must vary: constant samples determine no model")
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem.real import real_numbers
+from mavdem.dem.spread import Spread
 
 Array = NDArray[np.float64]
 
@@ -78,6 +79,11 @@ class Record:
     def starts(self) -> NDArray[np.intp]:
         """(segments,) the first sample of each."""
         return np.cumsum([0, *self.lengths[:-1]])
+
+    @cached_property
+    def spread(self) -> tuple[Spread, Spread]:
+        """That of the inputs and of the outputs."""
+        return Spread.of(self.inputs), Spread.of(self.outputs)
 
     @property
     def segments(self) -> list[tuple[Array, Array]]:

@@ -9,14 +9,9 @@ from numpy.typing import NDArray
 
 from mavdem.dem.model import LinearModel, pack, unpack
 from mavdem.dem.settings import Settings
+from mavdem.dem.spread import Spread
 
 Array = NDArray[np.float64]
-
-SMALLEST = 1e-50
-"""So is one that moves by less than this in any unit: squares and derivatives would leave the range of numbers."""
-
-ROUNDING = 1e-9
-"""A channel that moves by less than this, relative to its size, is constant."""
 
 
 class Scaling(NamedTuple):
@@ -34,28 +29,29 @@ class Scaling(NamedTuple):
     known: NDArray[np.bool_]  # (r,)
 
     @classmethod
-    def of(cls, inputs: Array, outputs: Array, settings: Settings) -> Scaling:
+    def of(cls, inputs: Spread, outputs: Spread, settings: Settings) -> Scaling:
         """The scaling that ``settings.scaling`` asks for; see :class:`Settings`.
 
         Raises:
             ValueError: a channel that must vary does not.
         """
-        known = known_inputs(settings, inputs.shape[1])
-        if known.any() and not varying(inputs[:, known]).any():
+        known = known_inputs(settings, len(inputs.mean))
+        if known.any() and not inputs.moving[known].any():
             raise ValueError(f"inputs {_CONSTANT}")
-        if not varying(outputs).all():
-            raise ValueError(f"outputs column {np.argmin(varying(outputs))} {_CONSTANT}")
-        m, constant = outputs.shape[1], settings.scaling == "channel"
+        if not outputs.moving.all():
+            raise ValueError(f"outputs column {np.argmin(outputs.moving)} {_CONSTANT}")
+        m, constant = len(outputs.mean), settings.scaling == "channel"
         output_trim, output_scale = np.zeros(m), np.ones(m)
         trim, scale = np.zeros(len(known)), np.ones(len(known))
         if settings.scaling == "channel":
-            output_trim, output_scale = outputs.mean(axis=0), outputs.std(axis=0)
+            output_trim, output_scale = outputs.mean, np.sqrt(outputs.variance)
         if known.any() and settings.scaling == "channel":
-            trim[known] = inputs[:, known].mean(axis=0)
+            trim[known] = inputs.mean[known]
             # One scale for all inputs: a motor that hardly moves must not have its noise blown up.
-            scale[known] = np.sqrt(inputs[:, known].var(axis=0).mean())
+            scale[known] = np.sqrt(inputs.variance[known].mean())
         if known.any() and settings.scaling == "paper":
-            trim[known], scale[known] = inputs[:, known].mean(), np.ptp(inputs[:, known])
+            trim[known] = inputs.mean[known].mean()
+            scale[known] = inputs.highest[known].max() - inputs.lowest[known].min()
         return cls(trim, scale, output_trim, output_scale, constant, known)
 
     def scale_inputs(self, inputs: Array) -> Array:
@@ -107,8 +103,3 @@ def known_inputs(settings: Settings, inputs: int) -> NDArray[np.bool_]:
 
 
 _CONSTANT = "must vary over each half of the training data; constant samples determine no model"
-
-
-def varying(samples: Array) -> NDArray[np.bool_]:
-    """Which columns (k,) of samples (T, k) move by more than the rounding of their numbers."""
-    return np.asarray(np.ptp(samples, axis=0) > np.maximum(ROUNDING * np.abs(samples).max(axis=0), SMALLEST))

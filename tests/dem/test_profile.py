@@ -18,7 +18,7 @@ from mavdem.dem.steps import d_step, with_optimal_precisions
 def problem(**settings):
     complete = Settings(**{"order": 3, "d": 2, "window": 9, "parameter_precision": 1.0, **settings})
     record = Record.of(simulated(wind=0.5)[:700])
-    scaling = Scaling.of(record.inputs, record.outputs, complete)
+    scaling = Scaling.of(*record.spread, complete)
     model = generative_model(complete, scaling, record)
     return model, Samples.of(*generalized(complete, scaling, record))
 

@@ -24,7 +24,7 @@ def gapped(cut=400, missing=60):
 def test_each_segment_is_embedded_by_itself():
     _, segments = gapped()
     record = Record.of(segments)
-    scaling = Scaling.of(record.inputs, record.outputs, CLEAN)
+    scaling = Scaling.of(*record.spread, CLEAN)
     complete = replace(CLEAN, d=2)
     for data, segment in zip(generalized(complete, scaling, record), segments, strict=True):
         outputs = embed(scaling.scale_outputs(segment.outputs), 2, DT, 5, 2)

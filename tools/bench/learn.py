@@ -104,7 +104,7 @@ def main() -> None:
     for case in CASES:
         record = Record.of(flight(case.samples, case.inputs, case.outputs))
         settings = case.settings
-        scaling = Scaling.of(record.inputs, record.outputs, settings)
+        scaling = Scaling.of(*record.spread, settings)
 
         def whole(record: Record = record, settings: mavdem.Settings = settings) -> object:
             return fit(record, settings)
