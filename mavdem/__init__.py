@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mavdem import evaluate
-    from mavdem.dem import Learned, Settings, learn, learn_many
+    from mavdem.dem import Learned, OnlineLearner, Settings, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.flight import Flight
     from mavdem.read import read_flight
@@ -15,6 +15,7 @@ __all__ = [
     "Flight",
     "Learned",
     "NotLearnable",
+    "OnlineLearner",
     "Settings",
     "Telemetry",
     "Unreadable",
@@ -28,6 +29,7 @@ _HOMES = {
     "Flight": "flight",
     "Learned": "dem",
     "NotLearnable": "errors",
+    "OnlineLearner": "dem",
     "Settings": "dem",
     "Telemetry": "telemetry",
     "Unreadable": "errors",

@@ -5,7 +5,19 @@ from mavdem.dem.gaussian import Gaussian
 from mavdem.dem.learn import learn
 from mavdem.dem.learned import Learned
 from mavdem.dem.model import LinearModel
+from mavdem.dem.online import Estimate, OnlineLearner
 from mavdem.dem.settings import Settings
 from mavdem.dem.trace import FreeEnergy, Learning
 
-__all__ = ["FreeEnergy", "Gaussian", "Learned", "Learning", "LinearModel", "Settings", "learn", "learn_many"]
+__all__ = [
+    "Estimate",
+    "FreeEnergy",
+    "Gaussian",
+    "Learned",
+    "Learning",
+    "LinearModel",
+    "OnlineLearner",
+    "Settings",
+    "learn",
+    "learn_many",
+]

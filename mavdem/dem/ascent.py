@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -111,17 +112,12 @@ def ascend(
     Raises:
         numpy.linalg.LinAlgError: at the start a curvature is not negative definite.
     """
-    climb = _Climb(model, samples, rates)
+    climb = Climb(model, samples, rates)
     places = [climb.start() if start is None else climb.resumed(start)]
     settled = False
     while not settled and len(places) <= iterations:
         height = places[-1].height
-        for _ in range(min(2, iterations + 1 - len(places))):
-            places.append(climb.round(places[-1], places[-1].belief))
-        if rates.exact and len(places) <= iterations:
-            ahead = _course(*(place.belief for place in places[-3:])) if len(places) > 2 else None
-            if ahead is not None:
-                places.append(climb.round(places[-1], ahead))
+        places.extend(islice(climb.rounds(places[-1]), iterations + 1 - len(places)))
         if places[-1].height - height < SETTLED:
             if not finish:
                 break
@@ -143,7 +139,7 @@ def plain_rounds(model: GenerativeModel, samples: Samples, number: int, rates: R
         model, samples, rates: as in :func:`ascend`.
         number: of rounds.
     """
-    climb = _Climb(model, samples, rates)
+    climb = Climb(model, samples, rates)
     places = [climb.start()]
     for _ in range(number):
         places.append(climb.round(places[-1], places[-1].belief))
@@ -151,28 +147,41 @@ def plain_rounds(model: GenerativeModel, samples: Samples, number: int, rates: R
 
 
 @dataclass(frozen=True, eq=False)
-class _Place:
-    """Where the climb has come to: a belief with optimal precisions, and F̄ᵒ there by its terms."""
+class Place:
+    """Where a climb has come to.
+
+    Attributes:
+        belief: with optimal precisions.
+        state_map: X from the data.
+        terms: of F̄ᵒ, by name.
+        flowed: whether X came of a flow at a finite rate.
+    """
 
     belief: Belief
     state_map: Array
     terms: Mapping[str, float]
-    flowed: bool  # whether X came of a flow at a finite rate
+    flowed: bool
 
     @property
     def height(self) -> float:
+        """F̄ᵒ."""
         return sum(self.terms.values())
 
 
 @dataclass(frozen=True, eq=False)
-class _Climb:
-    """The rounds of one climb."""
+class Climb:
+    """The rounds of one climb.
+
+    Attributes:
+        model, samples, rates: as in :func:`ascend`.
+    """
 
     model: GenerativeModel
     samples: Samples
-    rates: Rates
+    rates: Rates = LIMIT
 
-    def start(self) -> _Place:
+    def start(self) -> Place:
+        """At the priors' means."""
         prior = self.model.prior
         theta, lambda_ = prior.theta_mean, prior.lambda_mean
         certain = np.zeros_like(prior.theta_precision)
@@ -181,13 +190,23 @@ class _Climb:
         moments = Moments.of(self.model, self.samples, state_map)
         return self._place(Belief(moments, np.empty(0), theta, certain, lambda_, np.empty(0)), state_map, flowed=False)
 
-    def resumed(self, belief: Belief) -> _Place:
+    def resumed(self, belief: Belief) -> Place:
         """Where a belief stands, with X at its maximum."""
         state_map = d_step(self.model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
         moments = Moments.of(self.model, self.samples, state_map)
         return self._place(belief._replace(moments=moments), state_map, flowed=False)
 
-    def round(self, now: _Place, start: Belief) -> _Place:
+    def rounds(self, now: Place) -> Iterator[Place]:
+        """Two rounds in turn and, with exact rates, one that starts where their course would lead."""
+        first = self.round(now, now.belief)
+        yield first
+        second = self.round(first, first.belief)
+        yield second
+        ahead = _course(now.belief, first.belief, second.belief) if self.rates.exact else None
+        if ahead is not None:
+            yield self.round(second, ahead)
+
+    def round(self, now: Place, start: Belief) -> Place:
         """D, E and M steps from ``start``; ``now`` again if they lead no higher than that, which refuses them.
 
         Of steps in turn from ``now`` itself only rounding can make it so; of those from elsewhere, anything.
@@ -202,14 +221,14 @@ class _Climb:
                 return then
         return now
 
-    def left(self, now: _Place) -> Newton | None:
+    def left(self, now: Place) -> Newton | None:
         """What is left to climb, and the way; None where rounding hides it."""
         try:
             return newton_step(self.model, self.samples, now.belief)
         except (np.linalg.LinAlgError, FloatingPointError):
             return None
 
-    def towards(self, now: _Place, left: Newton) -> _Place:
+    def towards(self, now: Place, left: Newton) -> Place:
         """A round from as far along the Newton step as leads higher; ``now`` if none does."""
         for share in SHARES:
             ahead = now.belief._replace(
@@ -220,7 +239,7 @@ class _Climb:
                 return then
         return now
 
-    def _steps(self, start: Belief, flowed: bool, known: bool) -> _Place:
+    def _steps(self, start: Belief, flowed: bool, known: bool) -> Place:
         """A D step, by the flow or in its exact limit, and E and M steps after it.
 
         The covariances of a ``known`` start are those at its maximum, and wait for the end of the round: moving them
@@ -243,9 +262,9 @@ class _Climb:
         _require_sane(belief.lambda_)
         return self._place(belief, state_map, flowed)
 
-    def _place(self, belief: Belief, state_map: Array, flowed: bool) -> _Place:
+    def _place(self, belief: Belief, state_map: Array, flowed: bool) -> Place:
         belief = with_optimal_precisions(self.model, belief)
-        return _Place(belief, state_map, optimal_terms(self.model, self.samples, belief), flowed)
+        return Place(belief, state_map, optimal_terms(self.model, self.samples, belief), flowed)
 
 
 def _require_sane(lambda_: Array) -> None:
@@ -268,7 +287,7 @@ def _course(first: Belief, second: Belief, third: Belief) -> Belief | None:
     return third._replace(theta=theta, lambda_=lambda_)
 
 
-def _ascent(places: list[_Place], settled: bool) -> Ascent:
+def _ascent(places: list[Place], settled: bool) -> Ascent:
     beliefs = [place.belief for place in places]
     return Ascent(
         belief=beliefs[-1],

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from mavdem.dem.ascent import Ascent, Rates, ascend
 from mavdem.dem.breakdown import breaking_down
 from mavdem.dem.coordinates import embed
+from mavdem.dem.free_energy import Belief
 from mavdem.dem.generative import GenerativeModel, Samples
 from mavdem.dem.model import pack, unpack
 from mavdem.dem.prediction import Predictor
@@ -82,7 +83,7 @@ def _fit(record: Record, settings: Settings, finish: bool) -> Fit:
     rates = Rates(settings.state_rate, settings.parameter_rate, settings.hyperparameter_rate, segments, record.dt)
     ascent = ascend(model, samples, settings.iterations, rates, finish)
     smoothness = smoothness_of(settings, record.dt)
-    return Fit(settings, scaling, model, smoothness, ascent, _predictor(model, ascent, smoothness, record.dt))
+    return Fit(settings, scaling, model, smoothness, ascent, predictor_of(model, ascent.belief, smoothness, record.dt))
 
 
 def smoothness_of(settings: Settings, dt: float) -> float:
@@ -99,23 +100,8 @@ def smoothness_of(settings: Settings, dt: float) -> float:
 
 def generative_model(settings: Settings, scaling: Scaling, record: Record) -> GenerativeModel:
     """The generative model that complete settings describe for a record."""
-    pairs = derivative_pairs(record) if settings.prior == "regulated" else ()
-    return model_of_channels(settings, scaling, record.dt, pairs)
-
-
-def model_of_channels(
-    settings: Settings, scaling: Scaling, dt: float, pairs: tuple[tuple[int, int], ...]
-) -> GenerativeModel:
-    """The generative model that complete settings describe.
-
-    Args:
-        settings: with nothing left open.
-        scaling: of the channels.
-        dt: sampling step, s.
-        pairs: of ``derivative_pairs``, for the regulated prior.
-    """
     assert settings.order is not None and settings.d is not None
-    n, m, motors = settings.order, len(scaling.output_scale), len(scaling.input_scale)
+    n, m, motors = settings.order, record.outputs.shape[1], record.inputs.shape[1]
     _require_seen(settings, n, m)
     r = motors + scaling.constant
     q = settings.p if settings.last_derivative_zero else settings.p - 1
@@ -127,11 +113,11 @@ def model_of_channels(
         settings.p,
         settings.d,
         q,
-        *_correlations(settings, q, smoothness_of(settings, dt), dt),
+        *_correlations(settings, q, smoothness_of(settings, record.dt), record.dt),
         output_groups,
         state_groups,
         _input_precision(settings, motors, scaling.constant),
-        Prior(*_parameter_prior(settings, scaling, pairs, r), *hyperparameter_prior(settings, n, m)),
+        Prior(*_parameter_prior(settings, scaling, record, r), *hyperparameter_prior(settings, n, m)),
     )
 
 
@@ -151,16 +137,14 @@ def _correlations(settings: Settings, q: int, smoothness: float, dt: float) -> t
     return sampled_output_precision(p, *reading), sampled_state_precision(q, *reading)
 
 
-def _parameter_prior(
-    settings: Settings, scaling: Scaling, pairs: tuple[tuple[int, int], ...], r: int
-) -> tuple[Array, Array]:
+def _parameter_prior(settings: Settings, scaling: Scaling, record: Record, r: int) -> tuple[Array, Array]:
     """Mean and precision of the engine's θ, for r inputs with the constant."""
     assert settings.order is not None and settings.parameter_precision is not None
-    n, m, motors = settings.order, len(scaling.output_scale), r - scaling.constant
+    n, m, motors = settings.order, record.outputs.shape[1], r - scaling.constant
     if settings.prior == "uniform":
         return uniform_prior(settings, n, r, m)
     if settings.prior == "regulated":
-        return regulated_prior(settings, n, motors, scaling.constant, scaling.output_scale, pairs)
+        return regulated_prior(settings, n, motors, scaling.constant, scaling.output_scale, derivative_pairs(record))
     places = of_vehicle(n, motors, m, scaling.constant)
     mean, precision = explicit_prior(settings.prior, settings.parameter_precision, places, scaling.parameter_scale(n))
     # Where C is free as well, the scale of x is held by nothing, and F̄ is highest where C is nothing.
@@ -240,9 +224,20 @@ def generalized(settings: Settings, scaling: Scaling, record: Record) -> tuple[A
     )
 
 
-def _predictor(model: GenerativeModel, ascent: Ascent, smoothness: float, dt: float) -> Predictor:
-    A, B, C = unpack(ascent.belief.theta, model.n, model.r, model.m)
-    noise = np.exp(-ascent.belief.lambda_)
+def predictor_of(model: GenerativeModel, belief: Belief, smoothness: float, dt: float) -> Predictor:
+    """The predictor of what was learnt.
+
+    Args:
+        model: that was fitted.
+        belief: of θ and λ.
+        smoothness: kernel width s of the noise, seconds.
+        dt: sampling step, s.
+
+    Raises:
+        numpy.linalg.LinAlgError: no filter settles.
+    """
+    A, B, C = unpack(belief.theta, model.n, model.r, model.m)
+    noise = np.exp(-belief.lambda_)
     # What is not known of the inputs moves the states as well.
     unknown = np.linalg.inv(model.input_precision)[: model.r, : model.r]
     process = np.diag(noise[model.state_groups]) + B @ unknown @ B.T

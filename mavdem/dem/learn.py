@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
-from threading import Lock
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
 from mavdem.dem.cautions import cautions
 from mavdem.dem.choice import Candidate, candidates
@@ -17,6 +14,7 @@ from mavdem.dem.colour import Colour, estimate_colour
 from mavdem.dem.fit import Fit, fit, generalized
 from mavdem.dem.free_energy import free_energy
 from mavdem.dem.learned import Learned
+from mavdem.dem.one_thread import one_thread
 from mavdem.dem.record import Record, Recorded
 from mavdem.dem.scaling import known_inputs
 from mavdem.dem.scatter import certainty_of
@@ -51,19 +49,8 @@ def learn(train: Recorded | Sequence[Recorded], settings: Settings | None = None
     record = Record.of(train)
     if len(record) < FEWEST_SAMPLES:
         raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(record)}")
-    with _one_thread, _linear_algebra().limit(limits=1, user_api="blas"):
+    with one_thread():
         return _learn(record, settings)
-
-
-_one_thread = Lock()
-"""Linear algebra gets one thread, since the matrices are small: waking others takes several times as long as the work.
-That holds for the whole process, so threads that learn take turns; they would hardly be faster together."""
-
-
-@cache
-def _linear_algebra() -> ThreadpoolController:
-    """Looking for the libraries takes longer than a fit."""
-    return ThreadpoolController()
 
 
 def _learn(record: Record, settings: Settings) -> Learned:

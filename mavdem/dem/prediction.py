@@ -7,6 +7,7 @@ coloured noises count with their power at low frequency, Σ · 2s√π: what noi
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +83,15 @@ class Predictor:
             states = states @ self.transition.state.T + drive[starts + step]
             errors[:, step] = outputs[starts + step + 1] - states @ self.C.T
         return errors
+
+    def ahead(self, horizons: Sequence[int]) -> tuple[Array, Array]:
+        """Maps (H, m, n) and (H, m, r) from state and inputs to the outputs so many steps on, with inputs held."""
+        F = self.transition.state
+        push = self.transition.input_now + self.transition.input_next
+        n, r = push.shape
+        step = np.block([[F, push], [np.zeros((r, n)), np.eye(r)]])
+        there = np.array([self.C @ np.linalg.matrix_power(step, horizon)[:n] for horizon in horizons])
+        return there[:, :, :n], there[:, :, n:]
 
     def _drive(self, inputs: Array) -> Array:
         """What the inputs add to the state in each step, (T − 1, n)."""

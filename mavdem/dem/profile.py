@@ -6,6 +6,7 @@ gain says little about what is left. The profile's Newton step says it.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -45,15 +46,27 @@ def newton_step(model: GenerativeModel, samples: Samples, belief: Belief) -> New
     Raises:
         numpy.linalg.LinAlgError: F̄ cannot be had beside the belief.
     """
+    *_, step = newton_by_parts(model, samples, belief)
+    assert step is not None
+    return step
+
+
+def newton_by_parts(model: GenerativeModel, samples: Samples, belief: Belief) -> Iterator[Newton | None]:
+    """The same for who cannot wait so long: yields ``None`` after each slope that it takes, and in the end the step."""
     unit = np.sqrt(np.concatenate([belief.theta_covariance.diagonal(), belief.lambda_covariance.diagonal()]))
     here = _slope(model, samples, belief, np.zeros(len(unit)))
-    curvature = np.array([(here - _slope(model, samples, belief, step)) * unit / STEP for step in STEP * np.diag(unit)])
+    yield None
+    columns = []
+    for step in STEP * np.diag(unit):
+        columns.append((here - _slope(model, samples, belief, step)) * unit / STEP)
+        yield None
+    curvature = np.array(columns)
     values, modes = np.linalg.eigh((curvature + curvature.T) / 2)
     along = modes.T @ (unit * here)
     # Along a direction in which F̄ curves upwards, the same distance up as if it curved downwards.
     steps = along / np.maximum(np.abs(values), FLATTEST)
     theta, lambda_ = np.split(unit * (modes @ steps), [len(belief.theta)])
-    return Newton(theta, lambda_, 0.5 * float(along @ steps))
+    yield Newton(theta, lambda_, 0.5 * float(along @ steps))
 
 
 def theta_curvature_of_profile(model: GenerativeModel, samples: Samples, belief: Belief) -> Array:

@@ -59,6 +59,8 @@ class Record:
         Raises:
             ValueError: names what is of the wrong shape, not finite, or differs from segment to segment.
         """
+        if isinstance(train, Record):
+            return train
         flights = train if isinstance(train, Sequence) else [train]
         if not flights:
             raise ValueError("train must hold at least one segment")

@@ -1,0 +1,176 @@
+"""Climber: a model that is improved, a few rounds at a time, with whatever its memory holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.dem.ascent import SETTLED, Climb, ascend
+from mavdem.dem.breakdown import breaking_down
+from mavdem.dem.fit import generative_model, predictor_of, smoothness_of
+from mavdem.dem.free_energy import Belief, SampleEnergy
+from mavdem.dem.generative import GenerativeModel
+from mavdem.dem.memory import Memory
+from mavdem.dem.model import LinearModel, unpack
+from mavdem.dem.one_thread import one_thread
+from mavdem.dem.prediction import Predictor
+from mavdem.dem.profile import newton_by_parts
+from mavdem.dem.record import Record
+from mavdem.dem.scaling import Scaling
+from mavdem.dem.settings import Settings
+from mavdem.dem.sliding import SlidingMoments
+
+Array = NDArray[np.float64]
+
+
+SLOPES = 4
+"""That the Newton step takes at a time, in about a millisecond."""
+
+
+class Snapshot(NamedTuple):
+    """A model as it stands, and what judging and predicting a sample by it takes.
+
+    Attributes:
+        model, model_sd: physical; DEM's posterior standard deviations, NaN for offset and trims.
+        log_precisions: (g,) λ.
+        free_energy_action: F̄ᵒ.
+        scaling, predictor: as of a ``Fit``.
+        to_engine: [ỹ; η̃] in the engine's units from the moments' g.
+        state_map: X from [ỹ; η̃].
+        energy: F(t) from both.
+        disturbance: (n, dim X) w from X, in the states' physical units per second.
+        until: time of the last sample it was learnt from, s.
+    """
+
+    model: LinearModel
+    model_sd: LinearModel
+    log_precisions: Array
+    free_energy_action: float
+    scaling: Scaling
+    predictor: Predictor
+    to_engine: Array
+    state_map: Array
+    energy: SampleEnergy
+    disturbance: Array
+    until: float
+
+
+class Climber:
+    """The climb of one model, with complete settings, over a memory that moves on.
+
+    It is advanced in steps of about a millisecond, so that samples need not wait for it.
+
+    Attributes:
+        settings: with nothing left open.
+        moments: of the memory.
+    """
+
+    def __init__(self, settings: Settings, memory: Memory, dt: float) -> None:
+        """Begins at the priors' means, with the blocks that a ``memory`` of sampling step ``dt`` holds."""
+        self.settings, self._dt = settings, dt
+        self.moments = SlidingMoments(memory, settings, dt)
+        self._stand: tuple[Scaling, Belief] | None = None
+        self._steps: Iterator[Snapshot | None] = iter(())
+        self.climbing = False
+
+    def begin(self, record: Record, until: float) -> None:
+        """Begins to climb: all the way at first, then a few rounds and a Newton step.
+
+        Args:
+            record: the memory's samples, whose moments ``moments`` are now.
+            until: time of the last of them, s.
+        """
+        self._steps, self.climbing = self._climb(record, until), True
+
+    def advance(self) -> Snapshot | None:
+        """Climbs a step further; answers where it has led, once it is the last.
+
+        Raises:
+            ValueError: a channel that does not vary, or no whole window.
+            numpy.linalg.LinAlgError: the fit broke down; the next climb begins at the priors' means again.
+        """
+        self.climbing = False
+        with one_thread(), breaking_down():
+            snapshot = next(self._steps)
+        self.climbing = snapshot is None
+        return snapshot
+
+    def _climb(self, record: Record, until: float) -> Iterator[Snapshot | None]:
+        stand, self._stand = self._stand, None
+        scaling = Scaling.of(*record.spread, self.settings)
+        to_engine = self.moments.to_engine(scaling)
+        samples = self.moments.samples(to_engine)
+        if not samples.number:
+            raise ValueError(f"no segment has a window of {self.settings.window} samples")
+        yield None
+        model = generative_model(self.settings, scaling, record)
+        yield None
+        if stand is None:
+            ascent = ascend(model, samples, self.settings.iterations)
+            belief, state_map, height = ascent.belief, ascent.state_map, float(ascent.free_energy[-1])
+        else:
+            climb = Climb(model, samples)
+            place = climb.resumed(_in_units(stand[1], stand[0], scaling, model.n))
+            yield None
+            for higher in climb.rounds(place):
+                place = higher
+                yield None
+            # Rounds alone creep where one part of the belief holds another, and would never catch up with the samples.
+            newton = newton_by_parts(model, samples, place.belief)
+            while (left := [*islice(newton, SLOPES)][-1]) is None:
+                yield None
+            if left.gain >= SETTLED:
+                place = climb.towards(place, left)
+                yield None
+            belief, state_map, height = place.belief, place.state_map, place.height
+        predictor = predictor_of(model, belief, smoothness_of(self.settings, self._dt), self._dt)
+        yield None
+        self._stand = scaling, belief
+        yield _snapshot(model, scaling, predictor, belief, state_map, to_engine, height, until)
+
+
+def _in_units(belief: Belief, old: Scaling, new: Scaling, order: int) -> Belief:
+    """A belief in the units of another scaling; noise precisions find theirs in the first round."""
+    ratio = old.parameter_scale(order) / new.parameter_scale(order)
+    covariance = belief.theta_covariance * np.outer(ratio, ratio)
+    return belief._replace(theta=belief.theta * ratio, theta_covariance=covariance)
+
+
+def _snapshot(
+    model: GenerativeModel,
+    scaling: Scaling,
+    predictor: Predictor,
+    belief: Belief,
+    state_map: Array,
+    to_engine: Array,
+    height: float,
+    until: float,
+) -> Snapshot:
+    n, motors = model.n, len(scaling.input_trim)
+    sd = np.sqrt(belief.theta_covariance.diagonal()) * scaling.parameter_scale(n)
+    A_sd, B_sd, C_sd = unpack(sd, n, model.r, model.m)
+    nan = [np.full(size, np.nan) for size in (n, motors, model.m)]
+    A, B, _ = unpack(belief.theta, n, model.r, model.m)
+    # w = x′ − A x − B v, at order 0.
+    disturbance = np.zeros((n, len(state_map)))
+    if model.p:
+        disturbance[:, n : 2 * n] = np.eye(n)
+    disturbance[:, :n] -= A
+    disturbance[:, n * (model.p + 1) :][:, : model.r] -= B
+    return Snapshot(
+        scaling.physical_model(belief.theta, n),
+        LinearModel(A_sd, B_sd[:, :motors], C_sd, *nan),
+        belief.lambda_,
+        height,
+        scaling,
+        predictor,
+        to_engine,
+        state_map,
+        SampleEnergy.of(model, belief),
+        disturbance * scaling.state_scale(n)[:, None],
+        until,
+    )

@@ -1,0 +1,292 @@
+"""Learning in small steps arrives where learning at once does, and predicts, judges and forgets as it goes."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+from simulated import simulated
+
+import mavdem
+from mavdem import Flight, OnlineLearner, Settings
+from mavdem.dem.ascent import SETTLED
+from mavdem.dem.fit import generalized
+from mavdem.dem.generative import Samples
+from mavdem.dem.memory import Memory
+from mavdem.dem.online import Estimate
+from mavdem.dem.past_errors import PastErrors, RecentErrors
+from mavdem.dem.record import Record
+from mavdem.dem.scaling import Scaling
+from mavdem.dem.sliding import SlidingMoments
+from mavdem.dem.tracker import Tracker
+from mavdem.dem.unusual import Unusual
+
+COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)
+WINDY = simulated(samples=2000, wind=2.0, lag=0.05)
+
+
+def flown(online: OnlineLearner, flight: Flight) -> list[Estimate]:
+    rows = zip(flight.time, flight.outputs, flight.inputs, strict=True)
+    return [online.update(time, outputs, inputs) for time, outputs, inputs in rows]
+
+
+@pytest.fixture(scope="module")
+def windy() -> list[Estimate]:
+    return flown(OnlineLearner(COMPLETE, dt=WINDY.dt, memory=20.0), WINDY)
+
+
+@pytest.mark.parametrize("scaling", ["channel", "paper"])
+def test_moments_of_a_memory_are_those_of_its_record(scaling):
+    """Of segments with short blocks at their ends and oldest blocks forgotten."""
+    rng = np.random.default_rng(0)
+    memory = Memory(0.01, block=10, most=12)
+    settings = Settings(order=2, d=1, window=7, parameter_precision=1.0, scaling=scaling)
+    moments = None
+    for sample in range(171):
+        closed = memory.part() if sample in (83, 105) else False
+        if closed and moments is not None:
+            moments.add(*memory.blocks[-1])
+        if memory.add(1500 + 50 * rng.standard_normal(4), rng.standard_normal(2)):
+            if moments is None:
+                moments = SlidingMoments(memory, settings, 0.01)
+            else:
+                moments.add(*memory.blocks[-1])
+    record = memory.record()
+    assert record.lengths == (23, 22, 60)  # of 83 the oldest are forgotten; the last 6 are in no block yet
+    scaling = Scaling.of(*record.spread, settings)
+    whole = Samples.of(*generalized(settings, scaling, record))
+    ours = moments.samples(moments.to_engine(scaling))
+    # The first block that is left had six samples before it, which its first windows reach back to.
+    assert ours.number == whole.number + 6
+    again = SlidingMoments(memory, settings, 0.01)
+    assert again.samples(again.to_engine(scaling)).number == whole.number
+    size = np.sqrt(np.outer(whole.gram.diagonal(), whole.gram.diagonal()))
+    assert np.abs(again.samples(again.to_engine(scaling)).gram - whole.gram).max() <= 1e-9 * size.max()
+    last = generalized(settings, scaling, record)[-1][-1]
+    inputs, outputs = record.inputs[-7:], record.outputs[-7:]
+    np.testing.assert_allclose(again.to_engine(scaling) @ again.of_window(outputs, inputs), last, rtol=1e-8, atol=1e-8)
+
+
+def test_a_memory_knows_its_latest_samples():
+    memory = Memory(0.01, block=4, most=3)
+    for sample in range(10):
+        memory.add(np.array([sample]), np.array([-sample]))
+    inputs, outputs = memory.latest(7)
+    assert inputs.ravel().tolist() == [3, 4, 5, 6, 7, 8, 9] and (outputs == -inputs).all()
+    memory.part()
+    assert len(memory.latest(7)[0]) == 0
+    memory.add(np.array([10]), np.array([-10]))
+    assert memory.latest(7)[0].ravel().tolist() == [10]
+    assert memory.record().lengths == (10,)
+
+
+@pytest.mark.parametrize("wind", [1.0, 2.0])
+def test_it_arrives_where_learning_at_once_does(wind):
+    """Where the samples stay, at the maximum; while they come, where that was a moment ago, to a few nats."""
+    flight = simulated(samples=1500, wind=wind, lag=0.05)
+    online = OnlineLearner(COMPLETE, dt=flight.dt, memory=30.0)
+    estimate = flown(online, flight)[-1]
+    learnt = round((estimate.until - flight.time[0]) / flight.dt) + 1
+    assert len(flight) - learnt <= 50
+    at_once = mavdem.learn(flight[:learnt], COMPLETE)
+    assert at_once.settled
+    assert at_once.free_energy[-1] - estimate.free_energy_action < 5.0
+    # The last sample again and again would be new data; the climber is asked to stay at what it has.
+    climber, record = online._climber, online._memory.record()
+    for _ in range(8):
+        climber.begin(record, estimate.until)
+        snapshot = None
+        while snapshot is None:
+            snapshot = climber.advance()
+    at_once = mavdem.learn(flight, COMPLETE)
+    assert abs(at_once.free_energy[-1] - snapshot.free_energy_action) < SETTLED
+    energy, disturbance = Tracker(snapshot, climber, (1,), None).judge(online._memory)
+    assert energy == pytest.approx(at_once.free_energy_of_samples[-1], abs=SETTLED)
+    places, noise = at_once.process_noise()
+    assert places[-1] == len(flight) - 5
+    np.testing.assert_allclose(disturbance, noise[-1], atol=0.01 * noise.std(axis=0).max())
+    np.testing.assert_allclose(snapshot.model.A, at_once.model.A, atol=0.5 * at_once.model_sd.A.max())
+    np.testing.assert_allclose(snapshot.model.B, at_once.model.B, atol=0.5 * at_once.model_sd.B.max())
+
+
+def test_learning_on_predicts_better_than_a_model_that_stays(windy):
+    before = mavdem.learn(WINDY[:1000], COMPLETE)
+    scaled = before.scaling.scale_outputs(WINDY.outputs), before.scaling.scale_inputs(WINDY.inputs)
+    stayed = before.scaling.physical_outputs(before.predictor.one_step(*scaled))[999:] - WINDY.outputs[1000:]
+    went_on = np.array([each.expected for each in windy[1000:]]) - WINDY.outputs[1000:]
+    assert ((went_on**2).mean(axis=0) < (stayed**2).mean(axis=0)).all()
+
+
+def test_the_disturbance_is_the_gust_that_was_simulated():
+    """While the model does not know it yet; the embedding window takes off what is faster."""
+    rng = np.random.default_rng(0)
+    calm = simulated(samples=1500)
+    gust = np.zeros(1500)
+    gust[1200:1230] = 30.0 * np.hanning(30)
+    roll, rate, outputs = 0.0, 0.0, np.zeros((1500, 2))
+    for row in range(1500):
+        outputs[row] = roll, rate
+        moment = gust[row] + np.array([0.08, -0.08, -0.08, 0.08]) @ (calm.inputs[row] - 1500)
+        rate += 0.01 * (moment - 4.0 * rate - 9.0 * roll)
+        roll += 0.01 * rate
+    flight = Flight(calm.time, calm.inputs, outputs + [1e-5, 1e-3] * rng.standard_normal((1500, 2)))
+    estimates = flown(OnlineLearner(Settings(order=2, d=2, window=9, parameter_precision=1.0), dt=0.01), flight)
+    during = estimates[1100:1232]
+    seen = np.array([round(each.seen / 0.01) for each in during])
+    disturbance = np.array([each.disturbance[1] for each in during])
+    assert np.corrcoef(disturbance, gust[seen])[0, 1] > 0.99
+    assert disturbance.max() == pytest.approx(30.0, rel=0.1)
+
+
+def test_predictions_ahead_hold_the_inputs():
+    online = OnlineLearner(COMPLETE, dt=WINDY.dt, memory=100.0, horizons=(1, 7))
+    estimate = flown(online, WINDY[:1000])[-1]
+    tracker = online._tracker
+    held = tracker.now.scaling.scale_inputs(np.tile(WINDY.inputs[999], (8, 1)))
+    expected = tracker.now.scaling.physical_outputs(tracker.now.predictor.forecast(tracker.state, held))
+    np.testing.assert_allclose(estimate.ahead, expected[[0, 6]], rtol=1e-9)
+
+
+def test_bands_hold_what_they_say(windy):
+    rows = np.arange(500, len(WINDY) - 50)
+    for place, horizon in enumerate((1, 5, 10, 25, 50)):
+        ahead = np.array([windy[row].ahead[place] for row in rows])
+        band = np.array([windy[row].ahead_band[place] for row in rows])
+        inside = np.abs(WINDY.outputs[rows + horizon] - ahead) <= band
+        # Neighbouring errors share most of their samples: as many are independent as horizons fit, and the band itself
+        # is known from as many. Four standard deviations.
+        spread = 4 * np.sqrt(2 * 0.9 * 0.1 / (len(rows) / max(2 * horizon, 10)))
+        assert (np.abs(inside.mean(axis=0) - 0.9) < spread).all(), horizon
+
+
+def test_a_failing_motor_is_a_surprise():
+    flight = simulated(samples=1300, wind=0.5)
+    told = flight.inputs.copy()
+    told[1200:, 0] += 150.0  # and the vehicle flies on as if it had not been told
+    estimates = flown(OnlineLearner(COMPLETE, dt=0.01), Flight(flight.time, told, flight.outputs))
+    surprise = np.array([each.surprise for each in estimates])
+    assert np.mean(surprise[600:1200] > 3) < 0.02
+    assert surprise[1200:1250].max() > 10
+
+
+def test_what_is_left_open_is_chosen_as_learning_at_once_chooses_it():
+    flight = WINDY[:450]
+    online = OnlineLearner(dt=flight.dt)
+    estimates = flown(online, flight)
+    assert all(each.model is None for each in estimates[:199]) and estimates[210].model is not None
+    assert online.obstacle == "" and online.learned is not None
+    assert online.learned.settings == mavdem.learn(flight[:400]).settings
+    with ThreadPoolExecutor(1) as executor:
+        aside = OnlineLearner(dt=flight.dt, executor=executor)
+        for row in range(450):
+            estimate = aside.update(flight.time[row], flight.outputs[row], flight.inputs[row])
+            if aside._pending is not None:
+                aside._pending.result()
+    assert aside.learned.settings == online.learned.settings and estimate.model is not None
+
+
+def test_a_gap_keeps_what_was_learnt_and_predicts_nothing_across():
+    online = OnlineLearner(COMPLETE, dt=0.01)
+    flown(online, WINDY[:1000])
+    later = Flight(WINDY.time[1000:1100] + 5.0, WINDY.inputs[1000:1100], WINDY.outputs[1000:1100])
+    estimates = flown(online, later)
+    assert np.isnan(estimates[0].expected).all() and estimates[0].model is not None
+    assert np.isfinite(estimates[1].expected).all()
+    assert np.isnan([each.free_energy for each in estimates[:8]]).all() and np.isfinite(estimates[8].free_energy)
+    assert online._memory.record().lengths == (1000, 100)
+    back = online.update(3.0, WINDY.outputs[0], WINDY.inputs[0])  # a clock that jumps back is a gap too
+    assert np.isnan(back.expected).all()
+
+
+def test_it_forgets_and_does_not_grow():
+    online = OnlineLearner(COMPLETE, dt=0.01, memory=3.0)
+    flown(online, WINDY[:1000])
+    assert len(online._memory.record()) == 300
+    assert online._climber.moments.samples(online._climber.moments.to_engine(online._tracker.now.scaling)).number == 300
+    assert len(online._energies._past) == 300
+
+
+def test_still_channels_are_an_obstacle_and_the_model_stays():
+    online = OnlineLearner(COMPLETE, dt=0.01, memory=2.0)
+    before = flown(online, WINDY[:600])[-1]
+    after = before
+    for row in range(400):
+        after = online.update(before.time + 0.01 * (row + 1), [0.1, 0.0], [1500.0] * 4)
+    assert "vary" in online.obstacle
+    assert after.model is not None and np.isfinite(after.expected).all()
+
+
+def test_it_says_why_there_is_no_model():
+    online = OnlineLearner(dt=0.01)
+    for row in range(250):
+        online.update(0.01 * row, [0.0, 0.0], [1500.0] * 4)
+    assert "must vary" in online.obstacle
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"settings": 3}, "settings must"),
+        ({"dt": 0.0}, "dt must"),
+        ({"dt": np.nan}, "dt must"),
+        ({"n_inputs": 0}, "n_inputs"),
+        ({"memory": 0.5}, "memory must"),
+        ({"memory": np.inf}, "memory must"),
+        ({"horizons": ()}, "horizons must"),
+        ({"horizons": (5, 1)}, "horizons must"),
+        ({"horizons": (0, 1)}, "horizons must"),
+    ],
+)
+def test_arguments_that_cannot_be_are_named(given, said):
+    with pytest.raises(ValueError, match=said):
+        OnlineLearner(**given)
+
+
+@pytest.mark.parametrize(
+    ("time", "outputs", "inputs", "said"),
+    [
+        (np.nan, [0, 0], [0] * 4, "time"),
+        ([1.0], [0, 0], [0] * 4, "time"),
+        (0.0, [0], [0] * 4, "outputs"),
+        (0.0, [0, np.inf], [0] * 4, "outputs"),
+        (0.0, [0, 0], [0] * 3, "inputs"),
+        (0.0, [0, 0], ["a"] * 4, "inputs"),
+    ],
+)
+def test_samples_that_cannot_be_are_refused_and_cost_nothing(time, outputs, inputs, said):
+    online = OnlineLearner()
+    with pytest.raises(ValueError, match=said):
+        online.update(time, outputs, inputs)
+    assert online._memory.latest(5)[0].size == 0
+
+
+def test_recent_errors_count_most():
+    errors = RecentErrors(samples=10.0)
+    for _ in range(100):
+        errors.add(np.array([4.0]))
+    for _ in range(60):
+        errors.add(np.array([1.0]))
+    assert errors.rms == pytest.approx([np.sqrt(1 + 15 * np.exp(-6.0))], rel=1e-3)
+
+
+def test_predictions_meet_their_own_sample():
+    errors = PastErrors((1, 3), samples=1e9)
+    for sample in range(60):
+        errors.add(np.array([float(sample)]), np.array([[sample + 1.5], [sample + 5.0]]))
+    np.testing.assert_allclose(errors.rms(1), [[0.5], [2.0]])
+
+
+def test_surprise_is_in_units_of_the_lowest_twentieth():
+    unusual = Unusual(10_000)
+    for value in np.random.default_rng(0).standard_normal(10_000):
+        unusual.add(value)
+    unusual.settle()
+    assert unusual.add(norm.ppf(0.05)) == pytest.approx(1.0, abs=0.1)
+    assert unusual.add(2.0) < 0
+
+
+def test_a_record_is_taken_as_it_is():
+    record = Record.of(WINDY)
+    assert Record.of(record) is record
