@@ -23,7 +23,7 @@ from mavdem.ingest.checksum import Bytes
 from mavdem.ingest.framing import Progress
 
 MAGIC = b"\x89MCAP0\r\n"
-FOOTER, CHANNEL, MESSAGE, CHUNK = 0x02, 0x04, 0x05, 0x06
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
 LAST_OPCODE, PRIVATE_OPCODES = 0x0F, 0x80
 HEAD = struct.Struct("<BQ")
 """Opcode and length before each record."""
@@ -47,6 +47,14 @@ class Channel(NamedTuple):
     topic: str
     encoding: str
     schema: int
+
+
+class Schema(NamedTuple):
+    """How messages are laid out: the ``name`` of their type and its definition, ``text``, in the ``encoding`` named."""
+
+    name: str
+    encoding: str
+    text: str
 
 
 class Message(NamedTuple):
@@ -114,11 +122,13 @@ class Recording:
     Attributes:
         content: its bytes.
         channels: by their number, as far as the file was read.
+        schemas: likewise; none from a damaged chunk.
         damage: what was found wrong, likewise.
     """
 
     content: bytes
     channels: dict[int, Channel] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
     damage: Damage = field(default_factory=Damage)
     _allowance: int = 0
 
@@ -132,10 +142,13 @@ class Recording:
         first = len(MAGIC) if self.content.startswith(MAGIC) else 0
         records = list(self._records(self.content, first))
         self.damage.cut |= not records or records[-1][0] != FOOTER
-        # The summary at the end repeats the channels: those whose first mention is damaged are known from there.
+        # The summary at the end repeats channels and schemas: where their first mention is damaged they are known from
+        # there.
         for opcode, start, stop in records:
             if opcode == CHANNEL:
                 self._note_channel(self.content, start, stop)
+            elif opcode == SCHEMA:
+                self._note_schema(self.content, start, stop)
         # Behind damage, messages outside of chunks are what is left of a chunk that has lost its checksum.
         vouched = not (self.damage.skipped and any(opcode == CHUNK for opcode, _, _ in records))
         for opcode, start, stop in records:
@@ -193,6 +206,9 @@ class Recording:
                     yield message
             elif opcode == CHANNEL:
                 self._note_channel(records, inner, end)
+            elif opcode == SCHEMA and sound:
+                # A definition that is wrong in one letter would lay out every message of a sound chunk wrongly.
+                self._note_schema(records, inner, end)
 
     def _message(self, content: bytes, start: int, stop: int, vouched: bool) -> Message | None:
         """The message of a record; None where there is none, or its channel is not known."""
@@ -212,6 +228,16 @@ class Recording:
         encoding, _ = _text(content, place, stop)
         if topic is not None and encoding is not None:
             self.channels[number] = Channel(topic, encoding, schema)
+
+    def _note_schema(self, content: bytes, start: int, stop: int) -> None:
+        if start + 2 > stop:
+            return
+        (number,) = struct.unpack_from("<H", content, start)
+        name, place = _text(content, start + 2, stop)
+        encoding, place = _text(content, place, stop)
+        text, _ = _text(content, place, stop)
+        if name is not None and encoding is not None and text is not None:
+            self.schemas[number] = Schema(name, encoding, text)
 
 
 def _is_opcode(opcode: int) -> bool:
