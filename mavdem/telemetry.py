@@ -34,6 +34,7 @@ class Telemetry:
         parameters: the autopilot's parameters by name, as numbers, the last value sent.
         source: the file or link it came from.
         repairs: one sentence for each thing that was mended on the way (a wrap, a reboot, damage).
+        bridge: what brought the messages to ROS 2, where they come from there: "uXRCE-DDS" or "MAVROS".
     """
 
     system: int
@@ -44,3 +45,4 @@ class Telemetry:
     parameters: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
     repairs: tuple[str, ...] = ()
+    bridge: str = ""
