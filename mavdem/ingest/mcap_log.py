@@ -27,7 +27,7 @@ from mavdem.ingest.files import file_bytes
 from mavdem.ingest.framing import GOOD, MARKER_1, MARKER_2, Frames, Progress, concatenated, find_frames
 from mavdem.ingest.json_topics import JsonTopics, Kind
 from mavdem.ingest.log import Log
-from mavdem.ingest.mcap_records import Channel, Message, Recording
+from mavdem.ingest.mcap_records import Channel, Message, Recording, listed
 from mavdem.ingest.part import Part, joined
 from mavdem.ingest.receipt import AROUND, FAR
 from mavdem.ingest.ros2_topics import flight_topics
@@ -43,7 +43,6 @@ FRAMES = "mavlink"
 NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
 """Message encodings (https://mcap.dev/spec/registry) of something else, whatever the first byte."""
 MARKERS = (bytes([MARKER_1]), bytes([MARKER_2]))
-MOST_TOPICS_TOLD = 5
 
 
 def read_mcap(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
@@ -233,9 +232,8 @@ def _nothing_in(path: str | os.PathLike[str], recording: Recording, messages: in
             f"{os.fspath(path)} is an MCAP recording of ROS 2 topics, not of MAVLink: it can be learnt from, or made a "
             "table (.csv), but no stream of MAVLink."
         )
-    names = sorted({channel.topic for channel in recording.channels.values()})
-    topics = ", ".join(names[:MOST_TOPICS_TOLD]) + (", …" if len(names) > MOST_TOPICS_TOLD else "")
-    held = f"its topics are {topics}" if names else "nothing in it can be read"
+    names = {channel.topic for channel in recording.channels.values()}
+    held = f"its topics are {listed(names)}" if names else "nothing in it can be read"
     return (
         f"{os.fspath(path)} holds no MAVLink, as an MCAP recording, and no topics of PX4 or MAVROS ({held}): record "
         "mavlink/…, or in ROS 2 /fmu/out/… or /mavros/…."

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -36,6 +36,8 @@ IN_A_ROW = 3
 FIRST_SEARCH = 1 << 12
 """Bytes searched at first for the next record; doubled each time, so that a search costs what it steps over."""
 PIECE = 1 << 20
+MOST_TOPICS_TOLD, LONGEST_TOLD = 5, 80
+"""Topics that a sentence names, and characters of each."""
 MOST_IN_A_CHUNK = 1 << 28
 MOST_IN_ALL, MOST_RATIO = 1 << 26, 250
 """Bytes that chunks may unpack to together: so many, and so many more a byte of the file. JSON packs to a fiftieth."""
@@ -238,6 +240,14 @@ class Recording:
         text, _ = _text(content, place, stop)
         if name is not None and encoding is not None and text is not None:
             self.schemas[number] = Schema(name, encoding, text)
+
+
+def listed(topics: Iterable[str]) -> str:
+    """The topics as a sentence may name them: a few, in one line, whatever is in the file."""
+    names = sorted(topics)
+    told = [name if len(name) <= LONGEST_TOLD else f"{name[:LONGEST_TOLD]}…" for name in names[:MOST_TOPICS_TOLD]]
+    told = ["".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in name) for name in told]
+    return ", ".join(told) + (", …" if len(names) > MOST_TOPICS_TOLD else "")
 
 
 def _is_opcode(opcode: int) -> bool:

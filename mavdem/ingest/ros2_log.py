@@ -14,13 +14,11 @@ from mavdem.errors import Unreadable
 from mavdem.ingest import mavros_topics, px4_topics
 from mavdem.ingest.framing import Progress
 from mavdem.ingest.log import Log, Speaker
-from mavdem.ingest.mcap_records import Recording
+from mavdem.ingest.mcap_records import Recording, listed
 from mavdem.ingest.ros2_messages import Decoder, Ros2Topic, Table, decoder
 from mavdem.ingest.ros2_topics import CDR, PX4, Topic, flight_topics
 from mavdem.ingest.ros2_vehicles import PX4_STAMP, numbered, vehicle
 from mavdem.telemetry import Telemetry
-
-MOST_TOPICS_TOLD = 5
 
 
 def read_ros2(recording: Recording, source: str, progress: Progress | None = None) -> Log:
@@ -118,8 +116,8 @@ class _Taken:
             said.append(f"{self._undefined} ROS 2 messages whose definition is damaged or missing were left out.")
         failed = {channel.topic: feed.values.failed for channel, feed in self._feeds.items() if feed.values.failed}
         if failed:
-            names = ", ".join(sorted(failed)[:MOST_TOPICS_TOLD]) + (", …" if len(failed) > MOST_TOPICS_TOLD else "")
-            said.append(f"{sum(failed.values())} ROS 2 messages that cannot be decoded were left out, of {names}.")
+            many = sum(failed.values())
+            said.append(f"{many} ROS 2 messages that cannot be decoded were left out, of {listed(failed)}.")
         return tuple(said)
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mavdem.ingest import mavros_topics, px4_topics
 from mavdem.ingest.decode import enum_name
+from mavdem.ingest.mcap_records import listed
 from mavdem.ingest.ros2_clock import SECOND, OnClock, Stamped, on_one_clock
 from mavdem.ingest.ros2_messages import Table
 from mavdem.ingest.ros2_topics import MAVROS, PX4, Topic
@@ -68,7 +69,9 @@ def numbered(vehicles: Sequence[Vehicle]) -> Iterator[Vehicle]:
             continue
         system = next(free)
         what = f"say system {one.system}, as others do" if one.system else "tell no system id"
-        told = (f"The topics of {one.namespace or '/'} {what}: numbered {system}.",) if len(vehicles) > 1 else ()
+        told = (
+            (f"The topics of {listed([one.namespace or '/'])} {what}: numbered {system}.",) if len(vehicles) > 1 else ()
+        )
         yield one._replace(system=system, repairs=one.repairs + told)
 
 

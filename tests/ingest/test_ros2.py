@@ -700,6 +700,22 @@ def test_what_is_read_of_px4s_topics_is_in_their_definitions() -> None:
             assert last in of_old or wanted in text, (name, field)
 
 
+def test_names_of_topics_are_told_in_one_line(tmp_path: Path) -> None:
+    def write(recorder: Ros2Recorder) -> None:
+        for name in ("\x1b[31m", "a\nb", "x" * 10_000):
+            px4_flight(recorder, prefix=f"/{name}/fmu/out/")
+
+    for vehicle in read_log(written(tmp_path, write)).vehicles:
+        assert all(repair.isprintable() and len(repair) < 200 for repair in vehicle.repairs)
+    path = tmp_path / "other.mcap"
+    with Ros2Recorder(path) as recorder:
+        for name in ("\x1b[31m", "a\nb", "x" * 10_000):
+            recorder.write(f"/{name}/odd", "mavros_msgs/msg/State", {})
+    with pytest.raises(Unreadable) as failure:
+        read_log(path)
+    assert str(failure.value).isprintable() and len(str(failure.value)) < 500 + len(str(path))
+
+
 def test_the_log_counts_what_was_read(tmp_path: Path) -> None:
     log: Log = read_log(written(tmp_path, lambda recorder: px4_flight(recorder, system_id=1)))
     assert log.frames == 3 * len(TIMES) + 6
