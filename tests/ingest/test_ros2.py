@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import builtins
 import io
 import random
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -468,14 +468,9 @@ def test_without_the_library_the_command_that_installs_it_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = written(tmp_path, px4_flight)
-    ordinary = builtins.__import__
-
-    def missing(name: str, *args: Any, **kwargs: Any) -> Any:
-        if name.startswith("mcap_ros2") or name == "mavdem.ingest.ros2_log":
-            raise ModuleNotFoundError(f"No module named {name!r}")
-        return ordinary(name, *args, **kwargs)
-
-    monkeypatch.setattr(builtins, "__import__", missing)
+    for name in ("mavdem.ingest.ros2_log", "mavdem.ingest.ros2_messages", "mavdem.ingest.ros2_vehicles"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setitem(sys.modules, "mcap_ros2.decoder", None)
     with pytest.raises(Unreadable) as failure:
         read_log(path)
     assert 'pip install "mavdem[ros2]"' in str(failure.value) and "\n" not in str(failure.value)
