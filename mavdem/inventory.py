@@ -69,7 +69,7 @@ def _vehicle(telemetry: Telemetry, axis: str, inputs: str | None) -> dict[str, A
         "component": telemetry.component,
         "vehicle": telemetry.vehicle,
         "autopilot": telemetry.autopilot,
-        "board_log": telemetry.board_log,
+        "translated_from": telemetry.translated_from,
         "parameters": len(telemetry.parameters),
         "messages": {
             name: {"count": len(columns["time"]), "rate": _rate(columns)}

@@ -34,8 +34,8 @@ class Telemetry:
         parameters: the autopilot's parameters by name, as numbers, the last value sent.
         source: the file or link it came from.
         repairs: one sentence for each thing that was mended on the way (a wrap, a reboot, damage).
-        board_log: "DataFlash" or "ULog" where the autopilot itself wrote the log, whose records are brought to the
-            messages that it sends of the same; empty for messages that were sent.
+        translated_from: what the messages were made from, where the autopilot did not send them as they are:
+            "DataFlash", "ULog", or of ROS 2's topics "uXRCE-DDS" or "MAVROS"; else empty.
     """
 
     system: int
@@ -46,4 +46,4 @@ class Telemetry:
     parameters: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
     repairs: tuple[str, ...] = ()
-    board_log: str = ""
+    translated_from: str = ""

@@ -226,13 +226,23 @@ def _ask_for_rate(telemetry: Telemetry, rate: int = 100) -> str:
 
     PX4: https://docs.px4.io/main/en/modules/modules_communication (``mavlink``). ArduPilot:
     https://ardupilot.org/dev/docs/mavlink-requesting-data.html; its stream groups EXTRA1 and RC_CHAN send ATTITUDE and
-    SERVO_OUTPUT_RAW.
+    SERVO_OUTPUT_RAW. ROS 2: https://docs.px4.io/main/en/middleware/uxrce_dds and MAVROS's ``plugins/sys_status.cpp``.
     """
-    if telemetry.board_log == "DataFlash":
+    if telemetry.translated_from == "uXRCE-DDS":
+        return (
+            "In PX4's src/modules/uxrce_dds_client/dds_topics.yaml add vehicle_attitude, vehicle_angular_velocity and "
+            f"actuator_motors to the publications, no rate_limit below {rate}; build and flash PX4, and record anew."
+        )
+    if telemetry.translated_from == "MAVROS":
+        return (
+            "Call `ros2 service call /mavros/set_message_interval mavros_msgs/srv/MessageInterval "
+            f'"{{message_id: 31, message_rate: {rate}}}"` (attitude), then with 36 (motors), and record anew.'
+        )
+    if telemetry.translated_from == "DataFlash":
         return (
             "Set bit 0 of LOG_BITMASK (fast attitude), which logs attitude and the demand at the loop rate; fly anew."
         )
-    if telemetry.board_log == "ULog":
+    if telemetry.translated_from == "ULog":
         return "Set SDLOG_PROFILE to 17 (default and high rate), which logs attitude and the demand fast; fly anew."
     if telemetry.autopilot == "PX4":
         return (

@@ -12,8 +12,16 @@ import mavdem
 
 ROOT = Path(mavdem.__file__).parent
 FILES = sorted(path.relative_to(ROOT) for path in ROOT.rglob("*.py"))
-HOME = {"rerun": "view", "pymavlink": "ingest", "mcap": "ingest", "pyulog": "ingest", "click": "cli", "rich": "cli"}
-HOME |= {"zstandard": "ingest", "lz4": "ingest", "pyarrow": "table.py"}
+HOME = {
+    "rerun": "view",
+    "pymavlink": "ingest",
+    "mcap": "ingest",
+    "mcap_ros2": "ingest",
+    "pyulog": "ingest",
+    "click": "cli",
+    "rich": "cli",
+}
+HOME |= {"mcap_ros2": "ingest", "zstandard": "ingest", "lz4": "ingest", "pyarrow": "table.py"}
 """The only room that may import a library."""
 
 

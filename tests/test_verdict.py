@@ -267,9 +267,9 @@ def test_streams_of_any_pace_are_judged_and_their_segments_align():
 
 
 @pytest.mark.parametrize(
-    ("board_log", "advice"),
+    ("translated_from", "advice"),
     [("", "SRn_EXTRA1"), ("DataFlash", "LOG_BITMASK"), ("ULog", "SDLOG_PROFILE")],
 )
-def test_the_remedy_is_for_what_recorded_the_log(board_log, advice):
-    slow = dataclasses.replace(Hover().telemetry(4.0, 4.0), board_log=board_log)
+def test_the_remedy_is_for_what_recorded_the_log(translated_from, advice):
+    slow = dataclasses.replace(Hover().telemetry(4.0, 4.0), translated_from=translated_from)
     assert advice in judge(slow).remedy

@@ -77,8 +77,8 @@ def _print_vehicle(one: dict[str, Any]) -> None:
             f"{_boot(longest['boot'] + 1, one['boots'])}{others}."
         )
     streams = _by_rate(one["messages"])
-    if streams and one["board_log"]:
-        say(f"What the {one['board_log']} holds of the motion, under the names of the MAVLink messages for it:")
+    if streams and one["translated_from"]:
+        say(f"Of the motion, brought from {one['translated_from']} to the MAVLink messages that say the same:")
     for rate, names in streams.items():
         say(click.wrap_text(f"{rate}: {', '.join(names)}", WIDTH, "  ", "    "))
     say()

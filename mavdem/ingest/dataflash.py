@@ -58,7 +58,7 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
         parameters=values,
         source=name,
         repairs=recording.repairs + _skipped(recording) + clock_repairs,
-        board_log="DataFlash",
+        translated_from="DataFlash",
     )
     speaker = Speaker(vehicle.system, AUTOPILOT, vehicle.vehicle, vehicle.autopilot, recording.counts, lost=0)
     unknown_times = (float("nan"), float("nan"))

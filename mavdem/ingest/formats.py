@@ -33,8 +33,8 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = N
     """Reads a recorded flight.
 
     Args:
-        path: a telemetry log (.tlog), an MCAP recording of MAVLink (.mcap), an ArduPilot DataFlash log (.bin, or as
-            text .log) or a PX4 ULog (.ulg), whatever its name, or an xz archive of one; str, bytes or path-like.
+        path: a telemetry log (.tlog), an MCAP recording of MAVLink or ROS 2 (.mcap), an ArduPilot DataFlash log (.bin,
+            or as text .log) or a PX4 ULog (.ulg), whatever its name, or an xz archive of one; str, bytes or path-like.
         progress: called with the fraction done.
 
     Raises:

@@ -1,9 +1,10 @@
-"""MCAP recordings (.mcap) of MAVLink: as JSON, in the layouts of BlueOS and of another bridge, or as the frames.
+"""MCAP recordings (.mcap): MAVLink as JSON, in the layouts of BlueOS and of another bridge, or as frames; else ROS 2.
 
 MCAP's registry has no MAVLink. In use are the topics ``mavlink/{system}/{component}/{MESSAGE}`` (BlueOS) and the same
 with a slash before, both with a JSON body (``mavlink_json``), and ``mavlink/out``, which repeats everything. Frames are
 recorded with the message encoding ``mavlink``, or as bytes without a schema. Whoever is heard in frames is read from
-them alone: what there is as JSON beside them is the same once more.
+them alone: what there is as JSON beside them is the same once more. Topics of ROS 2 (``ros2_log``) are read where there
+is no MAVLink.
 
 Source of BlueOS's layout: its recorder, https://github.com/bluerobotics/BlueOS.
 """
@@ -26,9 +27,10 @@ from mavdem.ingest.files import file_bytes
 from mavdem.ingest.framing import GOOD, MARKER_1, MARKER_2, Frames, Progress, concatenated, find_frames
 from mavdem.ingest.json_topics import JsonTopics, Kind
 from mavdem.ingest.log import Log
-from mavdem.ingest.mcap_records import Channel, Message, Recording
+from mavdem.ingest.mcap_records import Channel, Message, Recording, listed
 from mavdem.ingest.part import Part, joined
 from mavdem.ingest.receipt import AROUND, FAR
+from mavdem.ingest.ros2_topics import flight_topics
 from mavdem.ingest.strays import Places, Times, far_off
 from mavdem.ingest.stream import Stream
 from mavdem.ingest.vehicles import assemble
@@ -41,20 +43,26 @@ FRAMES = "mavlink"
 NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
 """Message encodings (https://mcap.dev/spec/registry) of something else, whatever the first byte."""
 MARKERS = (bytes([MARKER_1]), bytes([MARKER_2]))
-MOST_TOPICS_TOLD = 5
 
 
 def read_mcap(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
-    """Reads the MAVLink in an MCAP recording, cut and damaged ones as far as they go.
+    """Reads the MAVLink in an MCAP recording, or else the flights in its ROS 2 topics.
+
+    Cut and damaged recordings are read as far as they go.
 
     Args:
         path: the file.
         progress: called with the fraction done.
 
     Raises:
-        Unreadable: the file cannot be opened, or there is no MAVLink in it.
+        Unreadable: the file cannot be opened, there is neither in it, or there is ROS 2 and nothing to read it with.
     """
-    stream = mcap_stream(path, progress)
+    recording = Recording(file_bytes(path))
+    stream, seen = _stream(os.fspath(path), recording, progress)
+    if stream is None:
+        if not flight_topics(recording.channels.values(), recording.schemas):
+            raise Unreadable(_nothing_in(path, recording, seen))
+        return _of_ros2(os.fspath(path), recording, _within(progress, 0.5, 1.0))
     census = Census(len(stream.data), seeds())
     census.add(stream.frames)
     received = _received(stream.stamps)
@@ -77,8 +85,25 @@ def mcap_stream(path: str | os.PathLike[str], progress: Progress | None = None) 
     Raises:
         Unreadable: the file cannot be opened, or there is no MAVLink in it.
     """
-    content = file_bytes(path)
-    recording = Recording(content)
+    recording = Recording(file_bytes(path))
+    stream, seen = _stream(os.fspath(path), recording, progress)
+    if stream is None:
+        raise Unreadable(_nothing_in(path, recording, seen))
+    return stream
+
+
+def _of_ros2(source: str, recording: Recording, progress: Progress | None) -> Log:
+    try:
+        from mavdem.ingest.ros2_log import read_ros2
+    except ImportError:
+        raise Unreadable(
+            f'{source} is a ROS 2 recording, which takes another package to read: pip install "mavdem[ros2]".'
+        ) from None
+    return read_ros2(recording, source, progress)
+
+
+def _stream(source: str, recording: Recording, progress: Progress | None) -> tuple[Stream | None, int]:
+    """The MAVLink in a recording; None, and how many messages looked like it, where there is none."""
     carried: dict[Channel, _Carried | None] = {}
     for place, message in enumerate(recording.messages(_within(progress, 0.0, 0.5))):
         if message.channel not in carried:
@@ -87,15 +112,20 @@ def mcap_stream(path: str | os.PathLike[str], progress: Progress | None = None) 
             frames.add(place, message)
     found = [frames.found() for frames in carried.values() if frames is not None]
     heard = set().union(*(_speaking(part.frames) for part, _ in found))
-    json, left_out = _json_parts(content, list(recording.channels.values()), heard, _within(progress, 0.5, 1.0))
+    channels = list(recording.channels.values())
+    if not heard and not any(channel.encoding in JSON for channel in channels):
+        return None, sum(len(part.frames) for part, _ in found)
+    json, left_out = _json_parts(recording.content, channels, heard, _within(progress, 0.5, 1.0))
     parts = [*(part for part, _ in found), *json]
     if not any((part.frames.verdict == GOOD).any() for part in parts):
-        raise Unreadable(_nothing_in(path, recording, sum(len(part.frames) for part in parts)))
+        return None, sum(len(part.frames) for part in parts)
     part = joined(parts)
     stamps = part.log_time // np.uint64(1000)
-    repairs = (*recording.damage.sentences(), *left_out)
+    repairs = [*recording.damage.sentences(), *left_out]
+    if flight_topics(channels, recording.schemas):
+        repairs.append("The recording has ROS 2 topics of a flight too; they were not read.")
     skipped = sum(skipped for _, skipped in found)
-    return Stream(os.fspath(path), ".mcap", part.data, part.frames, stamps, skipped, repairs)
+    return Stream(source, ".mcap", part.data, part.frames, stamps, skipped, tuple(repairs)), len(part.frames)
 
 
 def _carries_frames(message: Message) -> bool:
@@ -197,7 +227,14 @@ def _nothing_in(path: str | os.PathLike[str], recording: Recording, messages: in
             f"{os.fspath(path)} is an MCAP recording of {messages} messages that look like MAVLink, but none agrees "
             "with a dialect that pymavlink knows: it is of another dialect or damaged throughout."
         )
-    names = sorted({channel.topic for channel in recording.channels.values()})
-    topics = ", ".join(names[:MOST_TOPICS_TOLD]) + (", …" if len(names) > MOST_TOPICS_TOLD else "")
-    held = f"its topics are {topics}" if names else "nothing in it can be read"
-    return f"{os.fspath(path)} holds no MAVLink, as an MCAP recording ({held}): record the topics mavlink/…."
+    if flight_topics(recording.channels.values(), recording.schemas):
+        return (
+            f"{os.fspath(path)} is an MCAP recording of ROS 2 topics, not of MAVLink: it can be learnt from, or made a "
+            "table (.csv), but no stream of MAVLink."
+        )
+    names = {channel.topic for channel in recording.channels.values()}
+    held = f"its topics are {listed(names)}" if names else "nothing in it can be read"
+    return (
+        f"{os.fspath(path)} holds no MAVLink, as an MCAP recording, and no topics of PX4 or MAVROS ({held}): record "
+        "mavlink/…, or in ROS 2 /fmu/out/… or /mavros/…."
+    )

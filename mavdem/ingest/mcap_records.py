@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -23,7 +23,7 @@ from mavdem.ingest.checksum import Bytes
 from mavdem.ingest.framing import Progress
 
 MAGIC = b"\x89MCAP0\r\n"
-FOOTER, CHANNEL, MESSAGE, CHUNK = 0x02, 0x04, 0x05, 0x06
+FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
 LAST_OPCODE, PRIVATE_OPCODES = 0x0F, 0x80
 HEAD = struct.Struct("<BQ")
 """Opcode and length before each record."""
@@ -36,6 +36,8 @@ IN_A_ROW = 3
 FIRST_SEARCH = 1 << 12
 """Bytes searched at first for the next record; doubled each time, so that a search costs what it steps over."""
 PIECE = 1 << 20
+MOST_TOPICS_TOLD, LONGEST_TOLD = 5, 80
+"""Topics that a sentence names, and characters of each."""
 MOST_IN_A_CHUNK = 1 << 28
 MOST_IN_ALL, MOST_RATIO = 1 << 26, 250
 """Bytes that chunks may unpack to together: so many, and so many more a byte of the file. JSON packs to a fiftieth."""
@@ -47,6 +49,14 @@ class Channel(NamedTuple):
     topic: str
     encoding: str
     schema: int
+
+
+class Schema(NamedTuple):
+    """How messages are laid out: the ``name`` of their type and its definition, ``text``, in the ``encoding`` named."""
+
+    name: str
+    encoding: str
+    text: str
 
 
 class Message(NamedTuple):
@@ -114,11 +124,13 @@ class Recording:
     Attributes:
         content: its bytes.
         channels: by their number, as far as the file was read.
+        schemas: likewise; none from a damaged chunk.
         damage: what was found wrong, likewise.
     """
 
     content: bytes
     channels: dict[int, Channel] = field(default_factory=dict)
+    schemas: dict[int, Schema] = field(default_factory=dict)
     damage: Damage = field(default_factory=Damage)
     _allowance: int = 0
 
@@ -132,10 +144,13 @@ class Recording:
         first = len(MAGIC) if self.content.startswith(MAGIC) else 0
         records = list(self._records(self.content, first))
         self.damage.cut |= not records or records[-1][0] != FOOTER
-        # The summary at the end repeats the channels: those whose first mention is damaged are known from there.
+        # The summary at the end repeats channels and schemas: where their first mention is damaged they are known from
+        # there.
         for opcode, start, stop in records:
             if opcode == CHANNEL:
                 self._note_channel(self.content, start, stop)
+            elif opcode == SCHEMA:
+                self._note_schema(self.content, start, stop)
         # Behind damage, messages outside of chunks are what is left of a chunk that has lost its checksum.
         vouched = not (self.damage.skipped and any(opcode == CHUNK for opcode, _, _ in records))
         for opcode, start, stop in records:
@@ -193,6 +208,9 @@ class Recording:
                     yield message
             elif opcode == CHANNEL:
                 self._note_channel(records, inner, end)
+            elif opcode == SCHEMA and sound:
+                # A definition that is wrong in one letter would lay out every message of a sound chunk wrongly.
+                self._note_schema(records, inner, end)
 
     def _message(self, content: bytes, start: int, stop: int, vouched: bool) -> Message | None:
         """The message of a record; None where there is none, or its channel is not known."""
@@ -212,6 +230,24 @@ class Recording:
         encoding, _ = _text(content, place, stop)
         if topic is not None and encoding is not None:
             self.channels[number] = Channel(topic, encoding, schema)
+
+    def _note_schema(self, content: bytes, start: int, stop: int) -> None:
+        if start + 2 > stop:
+            return
+        (number,) = struct.unpack_from("<H", content, start)
+        name, place = _text(content, start + 2, stop)
+        encoding, place = _text(content, place, stop)
+        text, _ = _text(content, place, stop)
+        if name is not None and encoding is not None and text is not None:
+            self.schemas[number] = Schema(name, encoding, text)
+
+
+def listed(topics: Iterable[str]) -> str:
+    """The topics as a sentence may name them: a few, in one line, whatever is in the file."""
+    names = sorted(topics)
+    told = [name if len(name) <= LONGEST_TOLD else f"{name[:LONGEST_TOLD]}…" for name in names[:MOST_TOPICS_TOLD]]
+    told = ["".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in name) for name in told]
+    return ", ".join(told) + (", …" if len(names) > MOST_TOPICS_TOLD else "")
 
 
 def _is_opcode(opcode: int) -> bool:

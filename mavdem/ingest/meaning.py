@@ -195,7 +195,8 @@ def armed(telemetry: Telemetry) -> Signal | None:
     columns = telemetry.messages.get("HEARTBEAT")
     if columns is None or not len(columns["time"]):
         return None
-    own = _named(columns["type"], "MAV_TYPE", telemetry.vehicle)
+    # Where nothing says what the vehicle is, its heartbeats say so: GENERIC.
+    own = _named(columns["type"], "MAV_TYPE", "GENERIC" if telemetry.vehicle == "UNKNOWN" else telemetry.vehicle)
     own &= _named(columns["autopilot"], "MAV_AUTOPILOT", telemetry.autopilot)
     if not own.any():
         return None

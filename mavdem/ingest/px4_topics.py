@@ -22,13 +22,21 @@ Topics = Mapping[str, Mapping[int, Topic]]
 """Topics by name, and of each the instances by their number."""
 Parameters = Mapping[str, float]
 
-NEEDED = frozenset(
-    {"vehicle_attitude", "vehicle_angular_velocity", "vehicle_local_position", "vehicle_status"}
-    | {"vehicle_land_detected", "vehicle_control_mode", "position_setpoint_triplet"}
-    | {"actuator_outputs", "actuator_motors", "actuator_controls_0"}
-    | {"vehicle_torque_setpoint", "vehicle_thrust_setpoint"}
-)
-"""The topics that are read."""
+NEEDED: Mapping[str, tuple[str, ...]] = {
+    "vehicle_attitude": ("timestamp_sample", "q[4]", "rollspeed", "pitchspeed", "yawspeed"),
+    "vehicle_angular_velocity": ("timestamp_sample", "xyz[3]"),
+    "vehicle_local_position": ("x", "y", "z", "vx", "vy", "vz", "v_z_valid"),
+    "vehicle_status": ("arming_state", "system_type", "vehicle_type", "is_rotary_wing", "system_id", "component_id"),
+    "vehicle_land_detected": ("landed",),
+    "vehicle_control_mode": ("flag_control_auto_enabled",),
+    "position_setpoint_triplet": ("current.valid", "current.type"),
+    "actuator_outputs": ("noutputs", "output[16]"),
+    "actuator_motors": ("control[12]",),
+    "actuator_controls_0": ("control[8]",),
+    "vehicle_torque_setpoint": ("xyz[3]",),
+    "vehicle_thrust_setpoint": ("xyz[3]",),
+}
+"""The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
 PX4 = 12
 """MAV_AUTOPILOT_PX4."""
 BRIDGED = 0.1

@@ -1,0 +1,150 @@
+"""ROS 2 recordings to read, as rosbag2 writes them: MCAP, with messages in CDR and their definitions beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mavlink_streams import NOW
+from mcap.writer import CompressionType
+from mcap_ros2.writer import Writer
+from numpy.typing import NDArray
+from ros2_message_definitions import DEFINITIONS
+from scipy.spatial.transform import Rotation
+
+TIMES = 20 + 0.01 * np.arange(300)
+"""A short flight."""
+UNIX = NOW // 1_000_000
+"""s, when the companion's clock read 0 on the autopilot's."""
+QUADROTOR = 2
+PX4_TYPES = {
+    "vehicle_attitude": "VehicleAttitude",
+    "vehicle_angular_velocity": "VehicleAngularVelocity",
+    "vehicle_local_position": "VehicleLocalPosition",
+    "vehicle_status": "VehicleStatus",
+    "vehicle_land_detected": "VehicleLandDetected",
+    "vehicle_control_mode": "VehicleControlMode",
+    "position_setpoint_triplet": "PositionSetpointTriplet",
+    "actuator_outputs": "ActuatorOutputs",
+    "actuator_motors": "ActuatorMotors",
+    "vehicle_torque_setpoint": "VehicleTorqueSetpoint",
+    "vehicle_thrust_setpoint": "VehicleThrustSetpoint",
+}
+"""px4_msgs by PX4's topics."""
+
+
+class Ros2Recorder:
+    """Writes messages by topic, each with its type's definition, 10 ms after the other unless told."""
+
+    def __init__(
+        self,
+        path: Path,
+        compression: CompressionType = CompressionType.ZSTD,
+        chunk_size: int = 1 << 20,
+        definitions: Mapping[str, str] | None = None,
+    ) -> None:
+        self._file = path.open("wb")
+        self._writer = Writer(self._file, chunk_size=chunk_size, compression=compression)
+        self._definitions = {**DEFINITIONS, **(definitions or {})}
+        self._schemas: dict[str, Any] = {}
+        self._time = NOW * 1000
+
+    def __enter__(self) -> Ros2Recorder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._writer.finish()
+        self._file.close()
+
+    def write(self, topic: str, kind: str, fields: Mapping[str, Any], log_time: int | None = None) -> None:
+        """A message of type ``kind``; fields that are not given are 0."""
+        if kind not in self._schemas:
+            self._schemas[kind] = self._writer.register_msgdef(kind, self._definitions[kind])
+        self._time = self._time + 10_000_000 if log_time is None else log_time
+        self._writer.write_message(topic, self._schemas[kind], fields, self._time)
+
+    def px4(self, name: str, seconds: float, prefix: str = "/fmu/out/", **fields: Any) -> None:
+        """One of PX4's topics, stamped with ``seconds``; with a ``timestamp_sample`` 1 ms before."""
+        stamp = round(seconds * 1e6)
+        own = {"timestamp": stamp, "timestamp_sample": max(stamp - 1000, 0), **fields}
+        self.write(prefix + name, f"px4_msgs/msg/{PX4_TYPES[name]}", own)
+
+    def mavros(self, name: str, kind: str, seconds: float, node: str = "/mavros", **fields: Any) -> None:
+        """One of MAVROS's topics, stamped with ``seconds`` since 1970."""
+        self.write(f"{node}/{name}", kind, {"header": header(seconds), **fields})
+
+    def imu(self, seconds: float, rpy: tuple[float, float, float], pqr: tuple[float, float, float], **how: Any) -> None:
+        """``imu/data`` of an attitude and body rates as MAVLink has them, rad and rad/s, turned by matrices."""
+        orientation = xyzw(to_ros(rpy))
+        self.mavros(
+            "imu/data",
+            "sensor_msgs/msg/Imu",
+            seconds,
+            orientation=orientation,
+            angular_velocity=vector(BODY @ np.array(pqr)),
+            **how,
+        )
+
+
+WORLD = np.array([[0, 1, 0], [1, 0, 0], [0, 0, -1]])
+"""East, north and up of what is given as north, east and down (REP 103)."""
+BODY = np.diag([1, -1, -1])
+"""Forward, left and up of what is given as forward, right and down; and back."""
+
+
+def to_ros(rpy: tuple[float, float, float]) -> Rotation:
+    """The turn from the body, forward-left-up, to east-north-up, of MAVLink's roll, pitch and yaw."""
+    yaw_pitch_roll = Rotation.from_euler("ZYX", rpy[::-1])
+    return Rotation.from_matrix(WORLD @ yaw_pitch_roll.as_matrix() @ BODY)
+
+
+def xyzw(turn: Rotation) -> dict[str, float]:
+    return dict(zip("xyzw", turn.as_quat().tolist(), strict=True))
+
+
+def vector(values: NDArray[np.float64]) -> dict[str, float]:
+    return dict(zip("xyz", values.tolist(), strict=True))
+
+
+def header(seconds: float) -> dict[str, Any]:
+    nanoseconds = round(seconds * 1e6) * 1000
+    stamp = {"sec": nanoseconds // 10**9, "nanosec": nanoseconds % 10**9}
+    return {"stamp": stamp, "frame_id": "base_link"}
+
+
+def roll(time: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A motion: angle, rad, and its derivative, rad/s."""
+    waves = [(0.1, 0.7), (0.05, 1.9), (0.01, 4.3)]
+    angle = sum(size * np.sin(2 * np.pi * hz * time + hz) for size, hz in waves)
+    rate = sum(size * 2 * np.pi * hz * np.cos(2 * np.pi * hz * time + hz) for size, hz in waves)
+    return np.asarray(angle), np.asarray(rate)
+
+
+def px4_flight(
+    recorder: Ros2Recorder, times: NDArray[np.float64] = TIMES, prefix: str = "/fmu/out/", **ids: int
+) -> None:
+    """A quadrotor's hover: attitude, rates and motors at each of the times, s, and its status."""
+    for row, (time, angle, rate) in enumerate(np.column_stack([times, *roll(times)]).tolist()):
+        if row % 50 == 0:
+            status = {"arming_state": 2, "system_type": QUADROTOR, "vehicle_type": 1, **ids}
+            recorder.px4("vehicle_status", time, prefix, **status)
+        recorder.px4("vehicle_angular_velocity", time, prefix, xyz=[rate, 0.0, 0.0])
+        recorder.px4("vehicle_attitude", time, prefix, q=[np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0])
+        motors = [0.5 - angle, 0.5 + angle, 0.5 + angle, 0.5 - angle]
+        recorder.px4("actuator_motors", time, prefix, control=motors + [float("nan")] * 8)
+
+
+def mavros_flight(
+    recorder: Ros2Recorder, times: NDArray[np.float64] = UNIX + TIMES, node: str = "/mavros", mode: str = "OFFBOARD"
+) -> None:
+    """The same as MAVROS tells it, on the companion's clock."""
+    for row, (time, angle, rate) in enumerate(np.column_stack([times, *roll(times)]).tolist()):
+        if row % 50 == 0:
+            state = {"connected": True, "armed": True, "mode": mode}
+            recorder.mavros("state", "mavros_msgs/msg/State", time, node, **state)
+            recorder.mavros("extended_state", "mavros_msgs/msg/ExtendedState", time, node, landed_state=2)
+        recorder.imu(time, (angle, 0.0, 0.0), (rate, 0.0, 0.0), node=node)
+        pulses = [round(1500 + 100 * side * angle) for side in (-1, 1, 1, -1)]
+        recorder.mavros("rc/out", "mavros_msgs/msg/RCOut", time, node, channels=pulses + [0] * 4)

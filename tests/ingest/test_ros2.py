@@ -1,0 +1,724 @@
+"""ROS 2 recordings: the flight that PX4's topics or MAVROS's tell is the one of the log they were made from; damage."""
+
+from __future__ import annotations
+
+import io
+import random
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mavlink_streams import SAMPLES, flight, heartbeat
+from mcap.writer import CompressionType
+from mcap_files import Recorder
+from numpy.typing import NDArray
+from pyulog import ULog
+from ros2_files import (
+    DEFINITIONS,
+    PX4_TYPES,
+    TIMES,
+    UNIX,
+    Ros2Recorder,
+    header,
+    mavros_flight,
+    px4_flight,
+    roll,
+)
+from scipy.spatial.transform import Rotation
+from ulog_files import shared
+
+import mavdem
+from mavdem.convert import convert
+from mavdem.errors import NotLearnable, Unreadable
+from mavdem.ingest import Log, meaning, read_log
+from mavdem.ingest.files import file_bytes
+from mavdem.ingest.mcap_log import mcap_stream
+from mavdem.ingest.px4_topics import NEEDED
+from mavdem.telemetry import Telemetry
+from mavdem.verdict import judge
+
+TLOG = SAMPLES / "px4_wind5_steps.tlog"
+ULOG = "sitl_px4/px4_wind5_gust.ulg.xz"
+COMPRESSIONS = list(CompressionType)
+
+
+def written(folder: Path, write: Callable[[Ros2Recorder], None], **options: Any) -> Path:
+    path = folder / "flight.mcap"
+    with Ros2Recorder(path, **options) as recorder:
+        write(recorder)
+    return path
+
+
+def vehicle_of(folder: Path, write: Callable[[Ros2Recorder], None], **options: Any) -> Telemetry:
+    (vehicle,) = read_log(written(folder, write, **options)).vehicles
+    return vehicle
+
+
+def message(vehicle: Telemetry, name: str, *fields: str) -> NDArray[np.float64]:
+    return np.column_stack([np.asarray(vehicle.messages[name][field], dtype=np.float64) for field in fields])
+
+
+# The same flight
+
+
+def from_tlog(columns: dict[str, Any]) -> list[tuple[float, dict[str, Any]]]:
+    """(stamp, fields) of each message, s on the boot clock."""
+    fields = [field for field in columns if field not in ("time", "boot")]
+    rows = zip(*(columns[field].tolist() for field in fields), strict=True)
+    return [(at, dict(zip(fields, row, strict=True))) for at, row in zip(columns["time"].tolist(), rows, strict=True)]
+
+
+def of_the_tlog() -> tuple[Telemetry, list[tuple[float, str, dict[str, Any]]]]:
+    (vehicle,) = read_log(TLOG).vehicles
+    needed = ("HEARTBEAT", "ATTITUDE", "SERVO_OUTPUT_RAW")
+    sent = [(at, name, fields) for name in needed for at, fields in from_tlog(dict(vehicle.messages[name]))]
+    return vehicle, sorted(sent, key=lambda one: one[0])
+
+
+def tlog_as_px4(recorder: Ros2Recorder) -> None:
+    vehicle, sent = of_the_tlog()
+    for at, name, fields in sent:
+        if name == "HEARTBEAT":
+            state = 1 + (int(fields["base_mode"]) >> 7)
+            ids = {"system_id": vehicle.system, "component_id": 1}
+            recorder.px4("vehicle_status", at, arming_state=state, system_type=int(fields["type"]), **ids)
+        elif name == "ATTITUDE":
+            recorder.px4("vehicle_angular_velocity", at, xyz=[fields[f"{axis}speed"] for axis in AXES])
+            x, y, z, w = Rotation.from_euler("ZYX", [fields[axis] for axis in AXES][::-1]).as_quat().tolist()
+            recorder.px4("vehicle_attitude", at, q=[w, x, y, z])
+        else:
+            outputs = [fields[f"servo{n}_raw"] for n in range(1, 17)]
+            recorder.px4("actuator_outputs", at, noutputs=16, output=[float(one) for one in outputs])
+
+
+def tlog_as_mavros(recorder: Ros2Recorder) -> None:
+    _, sent = of_the_tlog()
+    for boot_time, name, fields in sent:
+        at = UNIX + boot_time
+        if name == "HEARTBEAT":
+            armed = bool(int(fields["base_mode"]) & 128)
+            recorder.mavros("state", "mavros_msgs/msg/State", at, armed=armed, mode="OFFBOARD")
+        elif name == "ATTITUDE":
+            rpy, pqr = ([fields[axis + end] for axis in AXES] for end in ("", "speed"))
+            recorder.imu(at, tuple(rpy), tuple(pqr))
+        else:
+            channels = [int(fields[f"servo{n}_raw"]) for n in range(1, 9)]
+            recorder.mavros("rc/out", "mavros_msgs/msg/RCOut", at, channels=channels)
+
+
+AXES = ("roll", "pitch", "yaw")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axis", ["roll", "pitch"])
+@pytest.mark.parametrize("write", [tlog_as_px4, tlog_as_mavros])
+def test_the_flight_is_that_of_the_telemetry_log(write: Callable[..., None], axis: str, tmp_path: Path) -> None:
+    path = written(tmp_path, write)
+    ours, theirs = mavdem.read_flight(path, axis), mavdem.read_flight(TLOG, axis)
+    assert (len(ours), ours.dt) == (len(theirs), theirs.dt)
+    if write is tlog_as_px4:
+        assert np.allclose(ours.time, theirs.time, rtol=0, atol=1e-9)
+    # On UNIX time another second is the first; the grid is the same.
+    assert np.allclose(np.diff(ours.time), np.diff(theirs.time), rtol=0, atol=1e-6)
+    # PX4's topics carry quaternions as 32-bit floats, and on UNIX time a stamp is off by up to 1e-6 s.
+    assert np.allclose(ours.outputs, theirs.outputs, rtol=0, atol=2e-5)
+    assert np.allclose(ours.inputs, theirs.inputs, rtol=0, atol=2e-2)  # µs, of steps of 10 µs from message to message
+    assert np.ptp(theirs.outputs[:, 0]) > 0.05
+    assert ours.provenance["autopilot"] == "PX4"
+    assert ours.provenance["vehicle"] == ("QUADROTOR" if write is tlog_as_px4 else "UNKNOWN")
+    assert ours.provenance["motors"]["channels"] == theirs.provenance["motors"]["channels"]
+    assert any("assumed" in caution for caution in ours.provenance["cautions"])
+    assert not any("Which motor is which" in caution for caution in theirs.provenance["cautions"])
+
+
+@pytest.mark.slow
+def test_px4s_topics_tell_what_its_own_log_of_them_tells(tmp_path: Path) -> None:
+    source = shared(ULOG)
+    (theirs,) = read_log(source).vehicles
+    path = tmp_path / "same.mcap"
+    with Ros2Recorder(path) as recorder:
+        for name, at, fields in topics_of(source):
+            own = {**fields, "system_id": theirs.system} if name == "vehicle_status" else fields
+            recorder.px4(name, at, **own)
+    (ours,) = read_log(path).vehicles
+    assert (ours.system, ours.vehicle, ours.autopilot, ours.repairs) == (theirs.system, "QUADROTOR", "PX4", ())
+    assert set(ours.messages) == set(theirs.messages)
+    for name, columns in theirs.messages.items():
+        for field, values in columns.items():
+            assert np.array_equal(ours.messages[name][field], values, equal_nan=True), (name, field)
+    one, other = mavdem.read_flight(path), mavdem.read_flight(source)
+    assert np.array_equal(one.inputs, other.inputs) and np.array_equal(one.outputs, other.outputs)
+    assert np.array_equal(one.time, other.time) and len(one) > 3000
+
+
+def topics_of(source: Path) -> list[tuple[str, float, dict[str, Any]]]:
+    """The messages of a ULog that the recording is to have: topic, stamp and fields, in the order of the stamps."""
+    log = ULog(io.BytesIO(file_bytes(source)))
+    told = []
+    for data in log.data_list:
+        if data.name not in PX4_TYPES or data.multi_id:
+            continue
+        columns = {name: values.tolist() for name, values in data.data.items()}
+        arrays = {name.partition("[")[0] for name in columns if name.endswith("]")}
+        plain = [name for name in columns if not name.endswith("]") and "." not in name]
+        nested = [name for name in ("current.valid", "current.type") if name in columns]
+        for row in range(len(columns["timestamp"])):
+            fields: dict[str, Any] = {name: columns[name][row] for name in plain}
+            for name in arrays:
+                count = sum(field.startswith(f"{name}[") for field in columns)
+                fields[name] = [columns[f"{name}[{n}]"][row] for n in range(count)]
+            if nested:
+                fields["current"] = {name.partition(".")[2]: columns[name][row] for name in nested}
+            told.append((data.name, fields["timestamp"] / 1e6, fields))
+    return sorted(told, key=lambda one: one[1])
+
+
+# Frames
+
+
+@pytest.mark.parametrize(
+    "rpy",
+    [(10, 0, 0), (-10, 0, 0), (0, 10, 0), (0, 0, 90), (10, 5, -120), (-25, 12, 200), (170, -80, 30)],
+)
+def test_what_mavros_turned_is_turned_back(rpy: tuple[float, float, float], tmp_path: Path) -> None:
+    angles, rates = np.radians(rpy), (0.3, -0.2, 0.1)
+
+    def write(recorder: Ros2Recorder) -> None:
+        recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
+        for row in range(5):
+            recorder.imu(UNIX + row, tuple(angles), rates)
+
+    vehicle = vehicle_of(tmp_path, write)
+    w, x, y, z = message(vehicle, "ATTITUDE_QUATERNION", "q1", "q2", "q3", "q4")[0]
+    expected = Rotation.from_euler("ZYX", angles[::-1])
+    assert (Rotation.from_quat([x, y, z, w]) * expected.inv()).magnitude() < 1e-9
+    ours = message(vehicle, "ATTITUDE_QUATERNION", "rollspeed", "pitchspeed", "yawspeed")
+    assert np.allclose(ours, [rates] * 5, rtol=0, atol=1e-12)
+
+
+def test_a_roll_to_the_right_in_ros_is_one_in_mavlink(tmp_path: Path) -> None:
+    """Forward-left-up: a turn about forward that lowers the right side is positive in both; about left and up not."""
+
+    def write(recorder: Ros2Recorder) -> None:
+        recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
+        half = np.radians(10) / 2
+        for row in range(5):
+            recorder.mavros(
+                "imu/data",
+                "sensor_msgs/msg/Imu",
+                UNIX + row,
+                orientation={"w": np.cos(half), "x": np.sin(half)},
+                angular_velocity={"x": 0.5, "y": 0.25, "z": 0.125},
+            )
+
+    vehicle = vehicle_of(tmp_path, write)
+    right, up = meaning.attitude(vehicle, "roll"), meaning.attitude(vehicle, "pitch")
+    assert right is not None and up is not None
+    assert np.allclose(right.angle, np.radians(10)) and np.allclose(right.rate, 0.5)
+    assert np.allclose(up.angle, 0) and np.allclose(up.rate, -0.25)
+
+
+def test_what_else_mavros_tells(tmp_path: Path) -> None:
+    def write(recorder: Ros2Recorder) -> None:
+        mavros_flight(recorder)
+        for at in (UNIX + TIMES).tolist():
+            velocity = {"linear": {"x": 1.0, "y": 2.0, "z": 3.0}}
+            recorder.mavros("local_position/velocity_local", "geometry_msgs/msg/TwistStamped", at, twist=velocity)
+            demand = [0.1, 0.2, 0.3, at % 1, 0.0, 0.0, 0.0, 0.0]
+            recorder.mavros("target_actuator_control", "mavros_msgs/msg/ActuatorControl", at, controls=demand)
+
+    vehicle = vehicle_of(tmp_path, write)
+    assert message(vehicle, "LOCAL_POSITION_NED", "vx", "vy", "vz")[0].tolist() == [2.0, 1.0, -3.0]
+    climb, armed, flying = meaning.climb_rate(vehicle), meaning.armed(vehicle), meaning.in_air(vehicle)
+    assert climb is not None and (climb.values == 3.0).all()
+    assert armed is not None and armed.values.all() and flying is not None and flying.values.all()
+    controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
+    assert controls.shape == (300, 8) and np.allclose(controls[:, :3], [0.1, 0.2, 0.3])
+
+
+@pytest.mark.parametrize(
+    ("mode", "autopilot"),
+    [
+        ("OFFBOARD", "PX4"),
+        ("AUTO.LOITER", "PX4"),
+        ("ALT_HOLD", "ARDUPILOTMEGA"),
+        ("GUIDED", "ARDUPILOTMEGA"),
+        ("MANUAL", "GENERIC"),
+        ("CMODE(3)", "GENERIC"),
+        ("", "GENERIC"),
+    ],
+)
+def test_modes_tell_the_autopilot(mode: str, autopilot: str, tmp_path: Path) -> None:
+    vehicle = vehicle_of(tmp_path, lambda recorder: mavros_flight(recorder, mode=mode))
+    assert (vehicle.autopilot, vehicle.vehicle, vehicle.translated_from) == (autopilot, "UNKNOWN", "MAVROS")
+    armed = meaning.armed(vehicle)
+    assert armed is not None and armed.values.all()
+
+
+def test_what_is_not_told_is_said(tmp_path: Path) -> None:
+    times = UNIX + 20 + 0.01 * np.arange(1500)
+    flown = mavdem.read_flight(written(tmp_path, lambda recorder: mavros_flight(recorder, times)))
+    said = " ".join(flown.provenance["cautions"])
+    assert "a multirotor was assumed" in said and "Which motor is which was assumed" in said
+
+
+# Names and vehicles
+
+
+@pytest.mark.parametrize(
+    "prefix", ["/fmu/out/", "fmu/out/", "/px4_1/fmu/out/", "/a/b/fmu/out/", "/uav/", "/", "/fmu/in/"]
+)
+def test_wherever_px4s_topics_lie(prefix: str, tmp_path: Path) -> None:
+    vehicle = vehicle_of(tmp_path, lambda recorder: px4_flight(recorder, prefix=prefix, system_id=7))
+    assert (vehicle.system, vehicle.component, vehicle.vehicle, vehicle.translated_from) == (
+        7,
+        1,
+        "QUADROTOR",
+        "uXRCE-DDS",
+    )
+    assert vehicle.repairs == ()
+    assert len(vehicle.messages["ATTITUDE_QUATERNION"]["time"]) == len(TIMES)
+    seen = meaning.attitude(vehicle, "roll")
+    assert seen is not None and np.allclose(seen.angle, roll(TIMES)[0], atol=1e-6)
+
+
+def test_versions_and_directions_of_topics(tmp_path: Path) -> None:
+    def write(recorder: Ros2Recorder) -> None:
+        for at in TIMES.tolist():
+            recorder.px4("vehicle_status", at, "/fmu/out/", arming_state=2, system_type=2)
+            recorder.write(
+                "/fmu/out/vehicle_status_v1",
+                "px4_msgs/msg/VehicleStatus",
+                {"timestamp": round(at * 1e6), "arming_state": 2, "system_type": 13},
+            )
+            recorder.write(
+                "/fmu/out/vehicle_status_v1",
+                "px4_msgs/msg/VehicleStatus",
+                {"timestamp": round(at * 1e6) + 1, "arming_state": 2, "system_type": 13},
+            )
+            recorder.px4("vehicle_torque_setpoint", at, "/fmu/in/", xyz=[0.5, 0.0, 0.0])
+            recorder.px4("vehicle_torque_setpoint", at, "/fmu/out/", xyz=[at % 1, 0.0, 0.0])
+            recorder.px4("vehicle_thrust_setpoint", at, "/fmu/in/", xyz=[0.0, 0.0, -0.25])
+            # What looks like the attitude and is something else.
+            recorder.write("/fmu/out/vehicle_attitude", "geometry_msgs/msg/TwistStamped", {"header": header(at)})
+            recorder.write("/fmu/out/vehicle_attitude_groundtruth", "px4_msgs/msg/VehicleAttitude", {"q": [1.0] * 4})
+
+    vehicle = vehicle_of(tmp_path, write)
+    assert vehicle.vehicle == "HEXAROTOR"
+    assert set(vehicle.messages) == {"HEARTBEAT", "ACTUATOR_CONTROL_TARGET"}
+    controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
+    assert np.allclose(controls[:, 0], TIMES % 1, atol=1e-6) and (controls[:, 3] == 0.25).all()
+
+
+def test_the_bridge_before(tmp_path: Path) -> None:
+    def write(recorder: Ros2Recorder) -> None:
+        for at in TIMES.tolist():
+            for name, value in (("vehicle_attitude", {"q": [1.0, 0.0, 0.0, 0.0]}), ("vehicle_angular_velocity", {})):
+                kind = f"px4_msgs/msg/{PX4_TYPES[name]}"
+                recorder.write(f"/fmu/{name}/out", kind, {"timestamp": round(at * 1e6), **value})
+
+    assert len(vehicle_of(tmp_path, write).messages["ATTITUDE_QUATERNION"]["time"]) == len(TIMES)
+
+
+def test_several_vehicles_are_listed_and_chosen(tmp_path: Path) -> None:
+    times = 20 + 0.01 * np.arange(1500)
+
+    def write(recorder: Ros2Recorder) -> None:
+        px4_flight(recorder, times, "/px4_1/fmu/out/", system_id=2)
+        px4_flight(recorder, times + 100, "/px4_2/fmu/out/", system_id=3)
+        px4_flight(recorder, times, "/px4_3/fmu/out/", system_id=3)
+        mavros_flight(recorder, UNIX + times, "/uav4/mavros")
+        mavros_flight(recorder, UNIX + times, "/uav5")
+
+    path = written(tmp_path, write)
+    vehicles = read_log(path).vehicles
+    assert [(one.system, one.vehicle) for one in vehicles] == [
+        (2, "QUADROTOR"),
+        (3, "QUADROTOR"),
+        (1, "QUADROTOR"),
+        (4, "UNKNOWN"),
+        (5, "UNKNOWN"),
+    ]
+    assert any("/px4_3" in repair and "numbered 1" in repair for repair in vehicles[2].repairs)
+    assert any("/uav4" in repair and "numbered 4" in repair for repair in vehicles[3].repairs)
+    with pytest.raises(NotLearnable, match="several vehicles"):
+        mavdem.read_flight(path)
+    assert mavdem.read_flight(path, vehicle="3").time[0] == pytest.approx(120)
+
+
+def test_px4s_own_topics_are_read_before_mavros_of_the_same_vehicle(tmp_path: Path) -> None:
+    def write(recorder: Ros2Recorder) -> None:
+        px4_flight(recorder, system_id=1)
+        mavros_flight(recorder)
+
+    vehicle = vehicle_of(tmp_path, write)
+    assert vehicle.translated_from == "uXRCE-DDS" and any("MAVROS" in repair for repair in vehicle.repairs)
+
+
+def test_another_sensors_imu_is_no_vehicle(tmp_path: Path) -> None:
+    path = tmp_path / "camera.mcap"
+    with Ros2Recorder(path) as recorder:
+        for at in TIMES.tolist():
+            recorder.imu(at, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0), node="/camera")
+    with pytest.raises(Unreadable, match=r"/camera/imu/data.*record"):
+        read_log(path)
+
+
+def test_what_to_do_when_topics_are_missing(tmp_path: Path) -> None:
+    def by_default(recorder: Ros2Recorder) -> None:
+        for at in TIMES.tolist():
+            recorder.px4("vehicle_attitude", at, q=[1.0, 0.0, 0.0, 0.0])
+            recorder.px4("vehicle_status", at, arming_state=2, system_type=2)
+
+    def without_motors(recorder: Ros2Recorder) -> None:
+        recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
+        for at in (UNIX + TIMES).tolist():
+            recorder.imu(at, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+    assert "dds_topics.yaml" in judge(vehicle_of(tmp_path, by_default)).remedy
+    assert "set_message_interval" in judge(vehicle_of(tmp_path, without_motors)).remedy
+
+
+# Clocks
+
+
+def test_unix_time_counts_from_the_recordings_first_second(tmp_path: Path) -> None:
+    vehicle = vehicle_of(tmp_path, lambda recorder: px4_flight(recorder, UNIX + TIMES))
+    columns = vehicle.messages["ATTITUDE_QUATERNION"]
+    assert np.array_equal(np.rint((columns["time"] - 1) * 1e6), np.rint((TIMES - TIMES[0]) * 1e6))
+    assert any(f"count from {UNIX + 19} s" in repair for repair in vehicle.repairs)
+    seen = meaning.attitude(vehicle, "roll")
+    assert seen is not None and np.allclose(seen.angle, roll(UNIX + TIMES)[0], atol=1e-5)
+
+
+def test_a_reboot_is_another_boot(tmp_path: Path) -> None:
+    def write(recorder: Ros2Recorder) -> None:
+        px4_flight(recorder, 500 + TIMES)
+        px4_flight(recorder, TIMES)
+
+    vehicle = vehicle_of(tmp_path, write)
+    for name in ("ATTITUDE_QUATERNION", "HIL_ACTUATOR_CONTROLS"):
+        columns = vehicle.messages[name]
+        assert columns["boot"].tolist() == [0] * 300 + [1] * 300
+        assert np.allclose(columns["time"], np.concatenate([500 + TIMES, TIMES]))
+    assert any("rebooted once" in repair for repair in vehicle.repairs)
+
+
+def test_stamps_that_are_missing_or_astray_are_left_out(tmp_path: Path) -> None:
+    def write(recorder: Ros2Recorder) -> None:
+        for row, at in enumerate(TIMES.tolist()):
+            recorder.px4("vehicle_angular_velocity", 0.0 if row == 9 else at, xyz=[0.0, 0.0, 0.0])
+            recorder.px4("vehicle_attitude", 7000.0 if row == 50 else at, q=[1.0, 0.0, 0.0, 0.0])
+            recorder.px4("actuator_motors", 1e13 if row == 70 else at, control=[0.5] * 12)
+
+    vehicle = vehicle_of(tmp_path, write)
+    ours = vehicle.messages["ATTITUDE_QUATERNION"]["time"]
+    assert np.allclose(ours, np.delete(TIMES, 9))
+    assert np.allclose(vehicle.messages["HIL_ACTUATOR_CONTROLS"]["time"], np.delete(TIMES, 70))
+    assert any("without a time stamp" in repair for repair in vehicle.repairs)
+    assert any("far off their neighbours" in repair for repair in vehicle.repairs)
+
+
+def test_the_wrap_of_servo_output_raw_that_mavros_hands_on_is_undone(tmp_path: Path) -> None:
+    wrap = 2**32 / 1e6
+
+    def write(recorder: Ros2Recorder) -> None:
+        recorder.mavros("state", "mavros_msgs/msg/State", UNIX, armed=True)
+        for at in (wrap - 1.5 + TIMES - TIMES[0]).tolist():
+            recorder.imu(UNIX + at, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
+            channels = [1500 + round(100 * (at % 1))] * 4
+            recorder.mavros("rc/out", "mavros_msgs/msg/RCOut", UNIX + at % wrap, channels=channels)
+
+    vehicle = vehicle_of(tmp_path, write)
+    times = [vehicle.messages[name]["time"] for name in ("ATTITUDE_QUATERNION", "SERVO_OUTPUT_RAW")]
+    assert len(times[1]) == 300 and np.allclose(times[0], times[1], rtol=0, atol=1e-5)
+    assert any("wraps" in repair for repair in vehicle.repairs)
+
+
+# Beside MAVLink, and without the library
+
+
+def test_mavlink_is_read_before_ros_2(tmp_path: Path) -> None:
+    path = tmp_path / "both.mcap"
+    with Recorder(path) as recorder:
+        for frame in [heartbeat(), *flight(TIMES.tolist())]:
+            recorder.write("serial", frame, "mavlink", schema=False)
+        text = DEFINITIONS["px4_msgs/msg/VehicleAttitude"].encode()
+        number = recorder._writer.register_schema("px4_msgs/msg/VehicleAttitude", "ros2msg", text)
+        recorder._channels["/fmu/out/vehicle_attitude"] = recorder._writer.register_channel(
+            "/fmu/out/vehicle_attitude", "cdr", number
+        )
+        recorder.write("/fmu/out/vehicle_attitude", b"\0\1\0\0" + bytes(60))
+    (vehicle,) = read_log(path).vehicles
+    assert "ATTITUDE" in vehicle.messages and vehicle.translated_from == ""
+    assert any("ROS 2 topics" in repair for repair in vehicle.repairs)
+
+
+def test_a_stream_cannot_be_made_of_topics(tmp_path: Path) -> None:
+    path = written(tmp_path, px4_flight)
+    with pytest.raises(Unreadable, match=r"ROS 2 topics, not of MAVLink.*\.csv"):
+        mcap_stream(path)
+    table = tmp_path / "flight.csv"
+    long = written(tmp_path, lambda recorder: px4_flight(recorder, 20 + 0.01 * np.arange(1500)))
+    assert convert(long, table)["samples"] == 1500 and table.exists()
+
+
+def test_without_the_library_the_command_that_installs_it_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = written(tmp_path, px4_flight)
+    for name in ("mavdem.ingest.ros2_log", "mavdem.ingest.ros2_messages", "mavdem.ingest.ros2_vehicles"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setitem(sys.modules, "mcap_ros2.decoder", None)
+    with pytest.raises(Unreadable) as failure:
+        read_log(path)
+    assert 'pip install "mavdem[ros2]"' in str(failure.value) and "\n" not in str(failure.value)
+
+
+def test_progress_rises_to_one(tmp_path: Path) -> None:
+    seen: list[float] = []
+    read_log(written(tmp_path, px4_flight), seen.append)
+    assert seen == sorted(seen) and seen[-1] == 1.0
+
+
+# Damage and malice
+
+
+def attitudes(path: Path) -> list[int] | None:
+    """The stamps of attitude, ms, or None where the file is unreadable, and says so in one sentence."""
+    try:
+        log = read_log(path)
+    except Unreadable as error:
+        assert "\n" not in str(error)
+        return None
+    told: list[int] = []
+    for vehicle in log.vehicles:
+        if "ATTITUDE_QUATERNION" in vehicle.messages:
+            told += np.rint(vehicle.messages["ATTITUDE_QUATERNION"]["time"] * 1e3).astype(int).tolist()
+    return told
+
+
+WHOLE = np.rint(TIMES[:60] * 1e3).astype(int).tolist()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compression", COMPRESSIONS)
+def test_a_cut_recording_is_read_up_to_the_cut(compression: CompressionType, tmp_path: Path) -> None:
+    options = {"compression": compression, "chunk_size": 2500}
+    content = written(tmp_path, lambda recorder: px4_flight(recorder, TIMES[:60]), **options).read_bytes()
+    path = tmp_path / "cut.mcap"
+    fewest = 0
+    for cut in [*range(0, len(content), 97), len(content)]:
+        path.write_bytes(content[:cut])
+        read = attitudes(path) or []
+        assert read == WHOLE[: len(read)] and len(read) >= fewest
+        fewest = len(read)
+    assert fewest == len(WHOLE)
+
+
+@given(st.integers(0, 2**32), st.sampled_from(COMPRESSIONS), st.booleans())
+@settings(max_examples=60, deadline=None)
+def test_damage_never_makes_an_error_or_a_false_message(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, compression: CompressionType, mavros: bool
+) -> None:
+    chance = random.Random(seed)
+    folder = tmp_path_factory.mktemp("damaged")
+
+    def write(recorder: Ros2Recorder) -> None:
+        if mavros:
+            mavros_flight(recorder, UNIX + TIMES[:60])
+        else:
+            px4_flight(recorder, TIMES[:60])
+
+    path = written(folder, write, compression=compression, chunk_size=2500)
+    content = bytearray(path.read_bytes())
+    for _ in range(chance.choice([1, 1, 3, 30])):
+        place = chance.randrange(len(content))
+        content[place : place + chance.randrange(3)] = chance.randbytes(chance.randrange(4))
+    path.write_bytes(content)
+    read = attitudes(path)
+    if mavros:
+        # Seconds count from another first message where the first are lost.
+        assert all(0 < one <= 61_000 for one in read or [])
+    else:
+        assert set(read or []) <= set(WHOLE)
+
+
+def test_what_a_damaged_chunk_says_is_not_believed(tmp_path: Path) -> None:
+    options = {"compression": CompressionType.NONE, "chunk_size": 2500}
+    path = written(tmp_path, lambda recorder: px4_flight(recorder, TIMES[:60]), **options)
+    content = path.read_bytes()
+    stamp = round(TIMES[30] * 1e6).to_bytes(8, "little")
+    place = content.rindex(stamp) + 20
+    path.write_bytes(content[:place] + b"\x99" + content[place + 1 :])
+    (vehicle,) = read_log(path).vehicles
+    assert any("ROS 2 messages in damaged chunks were left out" in repair for repair in vehicle.repairs)
+    read = attitudes(path)
+    assert read is not None and 30 < len(read) < 60 and set(read) <= set(WHOLE)
+
+
+HOSTILE = {
+    "no type": "nonsense\n",
+    "code": "__import__('os').system('true') q\n",
+    "dunder": "uint64 timestamp\nfloat32[4] __class__\n",
+    "another type": "uint64 timestamp\nDragon q\n",
+    "contains itself": "uint64 timestamp\nVehicleAttitude q\n",
+    "in a circle": "uint64 timestamp\nA q\n===\nMSG: px4_msgs/A\nB b\n===\nMSG: px4_msgs/B\nA a\n",
+    "thousands of millions": "uint64 timestamp\nA[4000000000] q\n===\nMSG: px4_msgs/A\nuint8[1] a\n",
+    "without a size": "uint64 timestamp\nA[] q\n===\nMSG: px4_msgs/A\nuint8[1] a\n",
+    "ever more": "uint64 timestamp\nA0 q\n"
+    + "".join(f"===\nMSG: px4_msgs/A{n}\n" + "".join(f"A{n + 1} f{i}\n" for i in range(10)) for n in range(30))
+    + "===\nMSG: px4_msgs/A30\nuint8[1] a\n",
+    "deep": "uint64 timestamp\nA0 q\n" + "".join(f"===\nMSG: px4_msgs/A{n}\nA{n + 1} a\n" for n in range(2000)),
+    "long": "uint64 timestamp\nfloat32[4] q\n" + "# " + " " * 200_000 + "\n",
+    "many": "uint64 timestamp\nfloat32[4] q\n" + "".join(f"uint8 f{n}\n" for n in range(2000)),
+    "wide text": "uint64 timestamp\nwstring q\n",
+    "bell": "uint64 timestamp\nfloat32[4] \x1b[31mq\x07\n",
+    "empty": "",
+    "twice": "uint64 timestamp\nuint64 timestamp\nfloat32[4] q\n",
+}
+"""Definitions of vehicle_attitude that are none."""
+ODD = {
+    "spaces": "uint64 timestamp\nfloat32[4] q\n#" + " " * 60_000 + "[\n",
+    "no array": "uint64 timestamp\nfloat32 q\n",
+    "text": "uint64 timestamp\nstring q\n",
+    "texts": "uint64 timestamp\nstring[] q\n",
+    "a huge array": "uint64 timestamp\nfloat32[999999999] q\n",
+    "a huge array of bytes": "uint64 timestamp\nuint8[900] q\n",
+    "other fields": "uint64 timestamp\nfloat32[4] quaternion\n",
+    "no stamp": "float32[4] q\n",
+    "text for a stamp": "string timestamp\nfloat32[4] q\n",
+    "a message for a stamp": "A timestamp\nfloat32[4] q\n===\nMSG: px4_msgs/A\nuint64 a\n",
+    "any length": "uint64 timestamp\nfloat32[] q\n",
+    "doubles": "float64 timestamp\nfloat64[4] q\n",
+}
+"""Definitions that are whole, of something else."""
+
+
+@pytest.mark.parametrize("name", [*HOSTILE, *ODD])
+def test_hostile_definitions_are_harmless(
+    name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("os.system", lambda _: pytest.fail("the file was executed"))
+    kind = "px4_msgs/msg/VehicleAttitude"
+    path = tmp_path / "hostile.mcap"
+    write_raw(path, kind, {**HOSTILE, **ODD}[name], [bytes(range(200))] * 100 + [b"\xff" * 200] * 100)
+    begun = time.perf_counter()
+    log = read_log(path)
+    assert time.perf_counter() - begun < 2.0
+    (vehicle,) = log.vehicles
+    assert len(vehicle.messages["HIL_ACTUATOR_CONTROLS"]["time"]) == 300
+    if name in HOSTILE:
+        assert any("cannot be decoded" in repair and "vehicle_attitude" in repair for repair in vehicle.repairs)
+    assert capfd.readouterr() == ("", "")
+
+
+def write_raw(path: Path, kind: str, definition: str, bodies: list[bytes]) -> None:
+    """Bodies under ``/fmu/out/vehicle_attitude`` with a definition of their own, and sound motors and status."""
+    with Ros2Recorder(path) as recorder:
+        number = recorder._writer._writer.register_schema(kind, "ros2msg", definition.encode())
+        channel = recorder._writer._writer.register_channel("/fmu/out/vehicle_attitude", "cdr", number)
+        for row, body in enumerate(bodies):
+            recorder._writer._writer.add_message(channel, row, b"\0\1\0\0" + body, row)
+        for at in TIMES.tolist():
+            recorder.px4("vehicle_angular_velocity", at, xyz=[0.0, 0.0, 0.0])
+            recorder.px4("actuator_motors", at, control=[at % 1] * 12)
+            recorder.px4("vehicle_status", at, arming_state=2, system_type=2, system_id=1)
+
+
+def test_messages_of_a_wrong_length_cost_themselves_only(tmp_path: Path) -> None:
+    kind = "px4_msgs/msg/VehicleAttitude"
+    path = tmp_path / "wrong.mcap"
+    good = [b"".join([round(at * 1e6).to_bytes(8, "little"), bytes(8), np.ones(4, "<f4").tobytes()]) for at in TIMES]
+    bodies = [body + bytes(17) for body in good]
+    bodies[3:3] = [b"", b"\0", good[3][:20], bytes(20)]
+    write_raw(path, kind, DEFINITIONS[kind], bodies)
+    (vehicle,) = read_log(path).vehicles
+    assert len(vehicle.messages["ATTITUDE_QUATERNION"]["time"]) == len(TIMES)
+    assert any("4 ROS 2 messages that cannot be decoded" in repair for repair in vehicle.repairs)
+
+
+@pytest.mark.parametrize("beginning", [b"\0\2\0\0", b"\0\7\0\0", b"\0\x0b\0\0", b"\xff\xff\xff\xff", b"", b"\0"])
+def test_other_encapsulations_are_not_read(beginning: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "other.mcap"
+    with Ros2Recorder(path) as recorder:
+        kind = "px4_msgs/msg/VehicleAttitude"
+        schema = recorder._writer._writer.register_schema(kind, "ros2msg", DEFINITIONS[kind].encode())
+        channel = recorder._writer._writer.register_channel("/fmu/out/vehicle_attitude", "cdr", schema)
+        recorder._writer._writer.add_message(channel, 1, beginning + bytes(80) if beginning else b"", 1)
+    with pytest.raises(Unreadable, match="no message of a flight in it can be decoded"):
+        read_log(path)
+
+
+def test_other_languages_of_definition_are_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "idl.mcap"
+    with Ros2Recorder(path) as recorder:
+        schema = recorder._writer._writer.register_schema("px4_msgs/msg/VehicleAttitude", "ros2idl", b"module {}")
+        channel = recorder._writer._writer.register_channel("/fmu/out/vehicle_attitude", "cdr", schema)
+        recorder._writer._writer.add_message(channel, 1, b"\0\1\0\0" + bytes(80), 1)
+    with pytest.raises(Unreadable):
+        read_log(path)
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 1e38])
+def test_numbers_that_are_none_make_no_error(value: float, tmp_path: Path) -> None:
+    def write(recorder: Ros2Recorder) -> None:
+        px4_flight(recorder)
+        for at in (20.001 + 0.01 * np.arange(300)).tolist():
+            recorder.px4("vehicle_angular_velocity", at, xyz=[value] * 3)
+            recorder.px4("vehicle_attitude", at, q=[value] * 4)
+            recorder.px4("actuator_outputs", at, noutputs=4, output=[value] * 16)
+            recorder.px4("vehicle_local_position", at, vz=value, v_z_valid=True)
+        mavros_flight(recorder, node="/uav/mavros")
+        for at in (UNIX + 20.001 + 0.01 * np.arange(300)).tolist():
+            orientation = dict.fromkeys("xyzw", value)
+            recorder.mavros("imu/data", "sensor_msgs/msg/Imu", at, "/uav/mavros", orientation=orientation)
+
+    log = read_log(written(tmp_path, write))
+    assert len(log.vehicles) == 2
+    for vehicle in log.vehicles:
+        judge(vehicle)
+
+
+def test_what_is_read_of_px4s_topics_is_in_their_definitions() -> None:
+    old = {"actuator_controls_0"}
+    of_old = {"rollspeed", "pitchspeed", "yawspeed", "is_rotary_wing"}
+    for name, fields in NEEDED.items():
+        if name in old:
+            continue
+        text = DEFINITIONS[f"px4_msgs/msg/{PX4_TYPES[name]}"]
+        for field in fields:
+            last, _, count = field.removesuffix("]").partition("[")
+            last = last.rpartition(".")[2]
+            wanted = f"[{count}] {last}" if count else f" {last}"
+            assert last in of_old or wanted in text, (name, field)
+
+
+def test_names_of_topics_are_told_in_one_line(tmp_path: Path) -> None:
+    def write(recorder: Ros2Recorder) -> None:
+        for name in ("\x1b[31m", "a\nb", "x" * 10_000):
+            px4_flight(recorder, prefix=f"/{name}/fmu/out/")
+
+    for vehicle in read_log(written(tmp_path, write)).vehicles:
+        assert all(repair.isprintable() and len(repair) < 200 for repair in vehicle.repairs)
+    path = tmp_path / "other.mcap"
+    with Ros2Recorder(path) as recorder:
+        for name in ("\x1b[31m", "a\nb", "x" * 10_000):
+            recorder.write(f"/{name}/odd", "mavros_msgs/msg/State", {})
+    with pytest.raises(Unreadable) as failure:
+        read_log(path)
+    assert str(failure.value).isprintable() and len(str(failure.value)) < 500 + len(str(path))
+
+
+def test_the_log_counts_what_was_read(tmp_path: Path) -> None:
+    log: Log = read_log(written(tmp_path, lambda recorder: px4_flight(recorder, system_id=1)))
+    assert log.frames == 3 * len(TIMES) + 6
+    assert log.speakers[0].messages == {"ATTITUDE_QUATERNION": 300, "HEARTBEAT": 6, "HIL_ACTUATOR_CONTROLS": 300}
+    first, last = log.receive_time
+    assert last - first == pytest.approx(0.01 * (log.frames - 1))
