@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import re
+from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -38,9 +40,9 @@ class _Topic:
 
     kind: Kind
     waiting: list[bytes] = field(default_factory=list)
-    places: list[int] = field(default_factory=list)
-    log_times: list[int] = field(default_factory=list)
-    sequence: list[int] = field(default_factory=list)
+    places: array[int] = field(default_factory=partial(array, "q"))
+    log_times: array[int] = field(default_factory=partial(array, "Q"))
+    sequence: array[int] = field(default_factory=partial(array, "q"))
     payloads: list[NDArray[np.void]] = field(default_factory=list)
     good: list[NDArray[np.bool_]] = field(default_factory=list)
     message_id: int | None = None
@@ -55,7 +57,7 @@ class _Topic:
     def parse(self) -> None:
         written = [parse(body) for body in self.waiting]
         self.waiting.clear()
-        self.sequence += [NO_SEQUENCE if one is None else one.sequence for one in written]
+        self.sequence.extend(NO_SEQUENCE if one is None else one.sequence for one in written)
         definition = definition_named(self.kind.name)
         if definition is None:
             told = (one.message_id for one in written if one is not None and one.message_id is not None)
@@ -76,7 +78,7 @@ class _Topic:
             data, frames = np.zeros(0, dtype=np.uint8), self._unknown(self.message_id, sequence)
         else:
             return None
-        return Part(data, frames, np.array(self.places), np.array(self.log_times, dtype=np.uint64))
+        return Part(data, frames, np.array(self.places), np.array(self.log_times))
 
     def _unknown(self, message_id: int, sequence: Bytes) -> Frames:
         nowhere = np.zeros(len(sequence), dtype=np.int64)

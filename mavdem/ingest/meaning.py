@@ -309,7 +309,8 @@ def _named(values: NDArray[np.integer], enum: str, name: str) -> NDArray[np.bool
 
 
 def _floats(columns: Columns, field: str) -> NDArray[np.float64]:
-    return np.asarray(columns[field], dtype=np.float64)
+    with np.errstate(invalid="ignore"):  # what is no number stays none
+        return np.asarray(columns[field], dtype=np.float64)
 
 
 def _in_order(

@@ -25,7 +25,8 @@ def parameters(sent: Columns, autopilot: str) -> dict[str, float]:
 
     A value that is not finite says nothing and counts as not sent.
     """
-    values = sent["param_value"].astype(np.float64)
+    with np.errstate(invalid="ignore"):  # what is no number stays none
+        values = sent["param_value"].astype(np.float64)
     if autopilot in BITWISE:
         for number, kind in INTEGER_TYPES.items():
             rows = sent["param_type"] == number

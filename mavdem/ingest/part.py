@@ -31,6 +31,8 @@ class Part:
 
 def joined(parts: Sequence[Part]) -> Part:
     """All parts, one at least, as one, its frames and their bytes in the order of the recording."""
+    if len(parts) == 1:
+        return parts[0]
     frames = concatenated([part.frames for part in parts])
     place = np.concatenate([part.place for part in parts])
     order = np.argsort(place, kind="stable")

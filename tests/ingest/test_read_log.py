@@ -16,6 +16,7 @@ from mavlink_streams import NOW, SAMPLES, flight, frame, heartbeat, message, tlo
 from mavdem.errors import Unreadable
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.log import Speaker
+from mavdem.ingest.meaning import attitude
 
 TIMES = [20 + 0.01 * row for row in range(300)]
 
@@ -265,3 +266,16 @@ def test_progress_ends_at_one() -> None:
     seen: list[float] = []
     read_log(SAMPLES / "px4_wind5_steps.tlog", seen.append)
     assert seen[-1] == 1.0
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_signalling_nan_is_no_number_and_no_warning(tmp_path: Path) -> None:
+    """Which a conversion to another width of number complains of."""
+    signalling = bytes.fromhex("010080 7f")
+    odd = frame(22, signalling + bytes(4) + b"SYSID_THISMAV\0\0\0" + b"\x09")
+    rolls = [frame(30, struct.pack("<I", 20_000 + row) + signalling + bytes(20)) for row in range(3)]
+    log = log_of(tlog([heartbeat(), odd, *rolls, *flight(TIMES)]), tmp_path)
+    (vehicle,) = log.vehicles
+    assert "SYSID_THISMAV" not in vehicle.parameters
+    seen = attitude(vehicle, "roll")
+    assert seen is not None and seen.sent == len(TIMES) + 3 and len(seen.time) == len(TIMES)
