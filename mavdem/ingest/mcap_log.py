@@ -42,6 +42,8 @@ NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
 """Message encodings (https://mcap.dev/spec/registry) of something else, whatever the first byte."""
 MARKERS = (bytes([MARKER_1]), bytes([MARKER_2]))
 MOST_TOPICS_TOLD = 5
+LONGEST_TOLD = 60
+"""Characters of a topic's name that are told: a file may call its topics anything."""
 
 
 def read_mcap(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
@@ -197,7 +199,13 @@ def _nothing_in(path: str | os.PathLike[str], recording: Recording, messages: in
             f"{os.fspath(path)} is an MCAP recording of {messages} messages that look like MAVLink, but none agrees "
             "with a dialect that pymavlink knows: it is of another dialect or damaged throughout."
         )
-    names = sorted({channel.topic for channel in recording.channels.values()})
+    names = sorted({_told(channel.topic) for channel in recording.channels.values()})
     topics = ", ".join(names[:MOST_TOPICS_TOLD]) + (", …" if len(names) > MOST_TOPICS_TOLD else "")
     held = f"its topics are {topics}" if names else "nothing in it can be read"
     return f"{os.fspath(path)} holds no MAVLink, as an MCAP recording ({held}): record the topics mavlink/…."
+
+
+def _told(topic: str) -> str:
+    """A topic's name as it may stand in a sentence: what ends a line or moves a cursor does not show."""
+    shown = "".join(character if character.isprintable() else "\ufffd" for character in topic)
+    return shown if len(shown) <= LONGEST_TOLD else f"{shown[:LONGEST_TOLD]}…"
