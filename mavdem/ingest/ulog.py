@@ -57,7 +57,7 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) ->
     system, component = _id(parameters, "MAV_SYS_ID"), _id(parameters, "MAV_COMP_ID")
     autopilot = enum_name("MAV_AUTOPILOT", PX4)
     counts = {name: len(columns["time"]) for name, columns in made.items()}
-    repairs = (*_damage(found), *_dropouts(log), *_filled(topics, counts))
+    repairs = (*_damage(found), *_dropouts(found), *_filled(topics, counts))
     telemetry = Telemetry(system, component, vehicle, autopilot, made, parameters, source, repairs)
     speaker = Speaker(system, component, vehicle, autopilot, counts, 0)
     if progress is not None:
@@ -114,14 +114,15 @@ def _damage(found: Intact) -> tuple[str, ...]:
     return tuple(sentences)
 
 
-def _dropouts(log: ULog) -> tuple[str, ...]:
+def _dropouts(found: Intact) -> tuple[str, ...]:
     """What PX4's logger could not write in time: it notes how long it lasted, not what is missing."""
-    lasted = [dropout.duration / 1e3 for dropout in log.dropouts]
-    if not lasted:
+    lasted = found.dropouts / 1e3
+    if not len(lasted):
         return ()
+    often, longest = _times(len(lasted), "time"), lasted.max()
     return (
-        f"The logger dropped out {_times(len(lasted), 'time')}, for {sum(lasted):.3g} s in all and {max(lasted):.3g} s "
-        "at most: what came then is missing.",
+        f"The logger dropped out {often}, for {lasted.sum():.3g} s in all and {longest:.3g} s at most: what came then "
+        "is missing.",
     )
 
 

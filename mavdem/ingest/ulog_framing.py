@@ -40,7 +40,7 @@ MOST_VALUES = 1 << 14
 
 _HEADER = struct.Struct("<HB")
 _STAMP = struct.Struct("<Q")
-_ID = struct.Struct("<H")
+_ID = _DROPOUT = struct.Struct("<H")
 _SYNC = bytes.fromhex("2F731320250CBB12")
 _BEGUN = (
     rb"F(?=[\w/-]{1,255}+:)|A(?=...[\w/-])|[PI](?=.[a-z])|[MQ](?=..[a-z])"
@@ -70,9 +70,10 @@ class Intact:
     """What is whole in a ULog file.
 
     Attributes:
-        content: a ULog file of the wanted topics, with their formats and subscriptions, the parameters and dropouts.
+        content: a ULog file of the wanted topics, with their formats and subscriptions, and the parameters.
         topic: (N,) the number of the topic of each data message in ``content``.
         astray: (N,) whether its time stamp is far from those around it.
+        dropouts: (n,) how long the logger wrote nothing, ms.
         messages: whole messages in the file, those that are not wanted included.
         bytes_skipped: bytes that belong to none.
         damaged: stretches of such bytes between messages.
@@ -83,6 +84,7 @@ class Intact:
     content: bytes
     topic: NDArray[np.uint16]
     astray: NDArray[np.bool_]
+    dropouts: NDArray[np.uint16]
     messages: int
     bytes_skipped: int
     damaged: int
@@ -111,7 +113,7 @@ def intact(content: bytes, wanted: Container[bytes], source: str, progress: Prog
     header = MAGIC + b"\x01" + content[8:BEFORE].ljust(8, b"\0")
     clean = b"".join((header, walk.definitions, walk.data))
     counts = (walk.messages, walk.skipped, walk.damaged, walk.cut, walk.crowded)
-    return Intact(clean, topic, _astray(stamps, topic), *counts)
+    return Intact(clean, topic, _astray(stamps, topic), np.frombuffer(walk.dropouts, dtype=np.uint16), *counts)
 
 
 def _appended(content: bytes, source: str) -> list[int]:
@@ -144,7 +146,7 @@ class _Walk:
 
     def __init__(self, content: bytes, wanted: Container[bytes], progress: Progress | None) -> None:
         self.definitions, self.data = bytearray(), bytearray()
-        self.stamps, self.numbers = array("Q"), array("H")
+        self.stamps, self.numbers, self.dropouts = array("Q"), array("H"), array("H")
         self.messages = self.skipped = self.damaged = self.cut = self.crowded = 0
         self._content, self._wanted, self._progress = content, wanted, progress
         self._formats = Formats()
@@ -261,8 +263,10 @@ class _Walk:
             self._subscribe(message)
         elif kind == "P" and not self._topics:
             self.definitions += message
-        elif kind in "PO":
+        elif kind == "P":
             self.data += message
+        elif kind == "O":
+            self.dropouts.append(_DROPOUT.unpack_from(message, 3)[0])
 
     def _add_format(self, message: bytes) -> None:
         found = FORMAT.fullmatch(message, 3)

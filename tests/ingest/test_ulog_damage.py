@@ -203,6 +203,12 @@ def test_topics_of_more_values_than_there_can_be_are_left_out(tmp_path: Path, fi
     assert time.perf_counter() - began < 10
 
 
+def test_a_dropout_before_the_first_topic_is_told(tmp_path: Path) -> None:
+    dropout = message("O", struct.pack("<H", 1500))
+    vehicle = vehicle_of(HEADER + definitions() + dropout + subscriptions() + b"".join(flight(TIMES)), tmp_path)
+    assert "dropped out 1 time, for 1.5 s in all and 1.5 s at most" in vehicle.repairs[0]
+
+
 def test_an_array_of_one_is_no_time_stamp(tmp_path: Path) -> None:
     first = message("F", b"cpuload:uint64_t[1] timestamp;float load;") + message(
         "F", b"vehicle_status:uint64_t[1] timestamp;uint8_t arming_state;uint8_t system_type;uint8_t vehicle_type;"
