@@ -10,7 +10,7 @@ import os
 from mavdem.errors import Unreadable
 from mavdem.ingest.dataflash_binary import read_binary
 from mavdem.ingest.dataflash_clock import on_boot_clock
-from mavdem.ingest.dataflash_definition import Recording
+from mavdem.ingest.dataflash_definition import Recording, numbers
 from mavdem.ingest.dataflash_text import is_text, read_text
 from mavdem.ingest.dataflash_translation import NEEDED, needs_gyros, translated
 from mavdem.ingest.dataflash_vehicle import UNKNOWN, mav_type, parameters, system_id, texts
@@ -44,7 +44,7 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
     content = file_bytes(path)
     recording = read_text(content, progress) if is_text(content) else read_binary(content, progress)
     wanted = [*NEEDED, "IMU"] if needs_gyros(recording.counts) else list(NEEDED)
-    tables, clock_repairs = on_boot_clock({message: recording.table(message) for message in wanted})
+    tables, clock_repairs = on_boot_clock({message: numbers(recording.table(message)) for message in wanted})
     if not any(len(columns["time"]) for columns in tables.values()):
         raise Unreadable(_nothing_in(name, recording))
     values = parameters(recording.table("PARM"))

@@ -8,6 +8,7 @@ that are the same in all messages of its id around it: of most messages some byt
 
 from __future__ import annotations
 
+import re
 import struct
 from array import array
 
@@ -22,6 +23,7 @@ from mavdem.ingest.dataflash_definition import (
     HEADER,
     HEADER_LENGTH,
     LONGEST,
+    MOST_DEFINITIONS,
     Definition,
     Recording,
     Table,
@@ -36,6 +38,8 @@ NEIGHBOURS, FEWEST = 8, 4
 """Messages of its id before and after a doubtful one that it is compared with, and how many there must be."""
 
 _FORMAT_BODY = struct.Struct("<BB4s16s64s")
+_FORMAT_BEGUN = re.compile(HEADER + bytes([FORMAT_ID]) + rb"(?=..[^\0]{0,3}[A-Za-z0-9_])", re.DOTALL)
+"""A FMT, as far as it takes to tell it from most that is none: long runs of headers hold millions."""
 _Dated = list[tuple[int, Definition]]
 """The definitions of one id, each with the place from which it holds."""
 
@@ -117,32 +121,34 @@ class _Scan:
 
     def _learn_definitions(self) -> None:
         """The first definition of each id, wherever it stands: messages may come before their FMT."""
-        place = self.content.find(HEADER + bytes([FORMAT_ID]))
         contradictory: dict[int, Definition] = {}
-        while place >= 0:
-            found = self._defined_at(place)
+        for begun in _FORMAT_BEGUN.finditer(self.content):
+            found = self._defined_at(begun.start())
             if found is not None and found[0] not in self.definitions:
                 kind, definition = found
                 if definition.length == definition.wire_length:
                     self._set(kind, definition)
                 else:
                     contradictory.setdefault(kind, definition)
-            place = self.content.find(HEADER + bytes([FORMAT_ID]), place + 1)
-        for kind, definition in contradictory.items():
-            if kind not in self.definitions:
-                self._settle(kind, definition)
+        unsettled = {kind: found for kind, found in contradictory.items() if kind not in self.definitions}
+        if not unsettled:
+            return
+        data = np.frombuffer(self.content + bytes(LONGEST), dtype=np.uint8)
+        headers = (data[:-1] == HEADER[0]) & (data[1:] == HEADER[1])
+        places = np.flatnonzero(headers[: len(self.content)])
+        for kind, definition in unsettled.items():
+            self._settle(kind, definition, headers, places[data[places + 2] == kind])
 
-    def _settle(self, kind: int, definition: Definition) -> None:
+    def _settle(self, kind: int, definition: Definition, headers: NDArray[np.bool_], places: NDArray[np.int64]) -> None:
         """Believes the length that puts more of the messages before another header, where the two lengths differ.
+
+        ``headers`` (N,) says where any stand in the log, ``places`` (n,) are those of this ``kind``.
 
         With the length that FMT says and fields of another, messages are stepped over but cannot be decoded.
         """
         candidates = [length for length in (definition.wire_length, definition.length) if length > HEADER_LENGTH]
         if not candidates:
             return
-        data = np.frombuffer(self.content + bytes(LONGEST), dtype=np.uint8)
-        headers = (data[:-1] == HEADER[0]) & (data[1:] == HEADER[1])
-        places = np.flatnonzero(headers[: len(self.content)] & (data[2 : len(self.content) + 2] == kind))
         length = max(
             candidates, key=lambda length: np.count_nonzero(headers[np.minimum(places + length, len(headers) - 1)])
         )
@@ -166,7 +172,10 @@ class _Scan:
             return
         kind, definition = found
         if definition.length == definition.wire_length and definition != self.definitions[kind][-1][1]:
-            self._set(kind, definition, place)
+            if len(self.definitions[kind]) < MOST_DEFINITIONS:
+                self._set(kind, definition, place)
+            else:
+                self.lengths[kind] = 0  # nobody knows what its messages are from here on
 
     def _defined_at(self, place: int) -> tuple[int, Definition] | None:
         if place + FORMAT.length > len(self.content):

@@ -16,6 +16,8 @@ from mavdem.telemetry import Columns
 
 CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}
 """Stamps and their units in a second."""
+LATEST = 2.0**63 / 1e6
+"""Seconds that no stamp gets past: as a float, or in text, it may be anything."""
 
 
 def on_boot_clock(tables: Mapping[str, Table]) -> tuple[dict[str, Columns], tuple[str, ...]]:
@@ -30,6 +32,9 @@ def on_boot_clock(tables: Mapping[str, Table]) -> tuple[dict[str, Columns], tupl
         name: np.asarray(tables[name].columns[field], dtype=np.float64) / CLOCKS[field]
         for name, field in clocks.items()
     }
+    impossible = {name: ~((stamps >= 0) & (stamps <= LATEST)) for name, stamps in seconds.items()}
+    for name in clocks:
+        seconds[name][impossible[name]] = 0.0  # which says that there is none
     place = np.concatenate([tables[name].place for name in clocks])
     order = np.argsort(place, kind="stable")
     stamps = np.concatenate([seconds[name] for name in clocks])[order]
@@ -48,4 +53,6 @@ def on_boot_clock(tables: Mapping[str, Table]) -> tuple[dict[str, Columns], tupl
         kept = time == seconds[name]
         columns = {field: values[kept] for field, values in tables[name].columns.items()}
         placed[name] = {**columns, "time": time[kept], "boot": boot[kept]}
-    return placed, clock.repairs
+    lost = sum(int(np.count_nonzero(rows)) for rows in impossible.values())
+    left_out = (f"{lost} messages with a time stamp that cannot be were left out.",) if lost else ()
+    return placed, (*left_out, *clock.repairs)

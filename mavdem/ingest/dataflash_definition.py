@@ -95,7 +95,7 @@ class Table:
 
     Attributes:
         place: (N,) where each stands in the stream, increasing.
-        columns: (N,) or (N, 32) by field name, in the field's unit; texts are bytes, ``S``.
+        columns: (N,) or (N, 32) by field name, in the field's unit; texts are bytes, ``S`` or objects.
     """
 
     place: NDArray[np.int64]
@@ -121,6 +121,8 @@ class Recording:
 
 
 EMPTY = Table(np.zeros(0, dtype=np.int64), {})
+MOST_DEFINITIONS = 256
+"""Definitions of one message that are believed: each log that was appended may bring one, no log this many."""
 
 
 def defined(values: tuple[int, int, bytes, bytes, bytes]) -> tuple[int, Definition] | None:
@@ -145,6 +147,15 @@ def joined(tables: list[Table]) -> Table:
         place[order],
         {name: np.concatenate([table.columns[name] for table in tables])[order] for name in shared},
     )
+
+
+def numbers(table: Table) -> Table:
+    """Its fields of one number a message, which are all that are needed but for texts.
+
+    In a damaged definition any field may be a text or an array.
+    """
+    fields = {name: values for name, values in table.columns.items() if values.ndim == 1 and values.dtype.kind in "iuf"}
+    return Table(table.place, fields)
 
 
 def _text(value: bytes) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.ingest.rows import rows_by
 from mavdem.telemetry import Columns
 
 ARMED = 128
@@ -64,10 +65,13 @@ def _each_second(
     At messages, because between two of them the clock may jump a year.
     """
     told = [np.zeros((0, 3))]
-    for boot in np.unique(changes[:, 0]):
-        own = changes[changes[:, 0] == boot]
+    times = np.concatenate([np.zeros(0), *(columns["time"] for columns in tables.values())])
+    boots = np.concatenate([np.zeros(0, dtype=np.int64), *(columns["boot"] for columns in tables.values())])
+    there = rows_by(boots) if len(changes) else {}
+    for boot, rows in rows_by(changes[:, 0].astype(np.int64)).items():
+        own = changes[rows]
         own = own[np.argsort(own[:, 1], kind="stable")]
-        logged = np.unique(np.concatenate([columns["time"][columns["boot"] == boot] for columns in tables.values()]))
+        logged = np.unique(times[there[boot]])
         _, first = np.unique(np.floor(logged), return_index=True)
         time = np.union1d(logged[first], own[:, 1])
         last = np.searchsorted(own[:, 1], time, side="right") - 1

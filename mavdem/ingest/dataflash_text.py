@@ -5,17 +5,32 @@ FMT lines define the columns as in the binary log; a line that does not fit its 
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.dataflash_definition import EMPTY, FORMAT, TEXTS, Definition, Recording, Table, defined, joined
+from mavdem.ingest.dataflash_definition import (
+    EMPTY,
+    FORMAT,
+    MOST_DEFINITIONS,
+    TEXTS,
+    Definition,
+    Recording,
+    Table,
+    defined,
+    joined,
+)
 from mavdem.ingest.framing import Progress
 
 FORMAT_VALUES = 5
 PREAMBLE = 4096
 """Bytes within which the first FMT stands: ground stations put the firmware and the date before it."""
+_BYTE = re.compile(rb"\s*\d{1,3}\s*")
+"""What a number of one byte is written as."""
+_Lines = list[tuple[int, bytes]]
+"""The lines of one definition: their numbers, and their values."""
 
 
 def is_text(content: bytes) -> bool:
@@ -25,7 +40,8 @@ def is_text(content: bytes) -> bool:
 
 def read_text(content: bytes, progress: Progress | None = None) -> Recording:
     """The messages in the bytes of a text log; ``progress`` is called with the fraction done."""
-    groups: dict[str, list[tuple[Definition, list[tuple[int, bytes]]]]] = {}
+    groups: dict[str, dict[Definition, _Lines]] = {}
+    holding: dict[str, Definition] = {}
     skipped = lost = 0
     every = max(content.count(b"\n") // 100, 1)
     for number, line in enumerate(content.split(b"\n")):
@@ -34,23 +50,24 @@ def read_text(content: bytes, progress: Progress | None = None) -> Recording:
         name, _, values = line.partition(b",")
         text = name.decode("latin-1").strip()
         if text == FORMAT.name and (definition := _definition(values)) is not None:
-            if text not in groups:
-                groups[text] = [(FORMAT, [])]
-            groups[text][-1][1].append((number, values))
-            group = groups.setdefault(definition.name, [])
-            if not group or group[-1][0] != definition:
-                group.append((definition, []))
-        elif text in groups and text != FORMAT.name and values.count(b",") >= len(groups[text][-1][0].fields) - 1:
-            groups[text][-1][1].append((number, values))
+            groups.setdefault(text, {}).setdefault(FORMAT, []).append((number, values))
+            group = groups.setdefault(definition.name, {})
+            if definition in group or len(group) < MOST_DEFINITIONS:
+                group.setdefault(definition, [])
+                holding[definition.name] = definition
+            else:
+                holding.pop(definition.name, None)
+        elif text in holding and text != FORMAT.name and values.count(b",") >= len(holding[text].fields) - 1:
+            groups[text][holding[text]].append((number, values))
         elif line.strip():
             skipped += len(line) + 1
             lost += 1
     if progress is not None:
         progress(1.0)
-    counts = {name: sum(len(lines) for _, lines in group) for name, group in groups.items()}
+    counts = {name: sum(map(len, group.values())) for name, group in groups.items()}
     return Recording(
         counts={name: count for name, count in counts.items() if count},
-        table=lambda name: joined([_decoded(*group) for group in groups.get(name, [])]),
+        table=lambda name: joined([_decoded(*group) for group in groups.get(name, {}).items()]),
         bytes_skipped=skipped,
         repairs=(f"{lost} lines that fit no definition were left out.",) if lost else (),
     )
@@ -58,13 +75,13 @@ def read_text(content: bytes, progress: Progress | None = None) -> Recording:
 
 def _definition(values: bytes) -> Definition | None:
     parts = values.split(b",", FORMAT_VALUES - 1)
-    if len(parts) < FORMAT_VALUES or not (parts[0].strip().isdigit() and parts[1].strip().isdigit()):
+    if len(parts) < FORMAT_VALUES or not (_BYTE.fullmatch(parts[0]) and _BYTE.fullmatch(parts[1])):
         return None
     found = defined((int(parts[0]), int(parts[1]), parts[2].strip(), parts[3].strip(), parts[4].strip()))
     return found[1] if found else None
 
 
-def _decoded(definition: Definition, lines: list[tuple[int, bytes]]) -> Table:
+def _decoded(definition: Definition, lines: _Lines) -> Table:
     count = len(definition.fields)
     if definition.wire is None or not count:
         return EMPTY
@@ -86,4 +103,5 @@ def _is_number(value: bytes) -> bool:
 
 
 def _column(values: list[bytes], numeric: bool) -> NDArray[Any]:
-    return np.array([float(value) for value in values]) if numeric else np.array(values, dtype=np.bytes_)
+    # As objects: an array of bytes would give all texts the room of the longest.
+    return np.array([float(value) for value in values]) if numeric else np.array(values, dtype=np.object_)

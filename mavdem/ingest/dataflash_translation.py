@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.dataflash_states import heartbeats, landed_states
+from mavdem.ingest.rows import rows_by
 from mavdem.telemetry import Columns
 
 ANGLES, RATES, GYROS = ("Roll", "Pitch", "Yaw"), ("R", "P", "Y"), ("GyrX", "GyrY", "GyrZ")
@@ -120,7 +121,8 @@ def _demands(tables: Mapping[str, Columns]) -> Columns | None:
 def _position(tables: Mapping[str, Columns]) -> Columns | None:
     fields = {"x": "PN", "y": "PE", "z": "PD", "vx": "VN", "vy": "VE", "vz": "VD"}
     chosen = tables.get("XKF4", {}).get("PI", np.zeros(0))
-    primary = int(np.bincount(chosen[chosen >= 0].astype(np.int64), minlength=1).argmax())
+    cores, times = np.unique(chosen[chosen >= 0], return_counts=True)
+    primary = float(cores[times.argmax()]) if len(cores) else 0
     for name, core in (("XKF1", primary), ("NKF1", 0)):
         logged = _instance(_having(tables, name, tuple(fields.values())), "C", core)
         if logged is not None:
@@ -141,7 +143,7 @@ def _having(tables: Mapping[str, Columns], name: str, fields: tuple[str, ...]) -
     return columns if len(columns["time"]) else None
 
 
-def _instance(columns: Columns | None, field: str, number: int) -> Columns | None:
+def _instance(columns: Columns | None, field: str, number: float) -> Columns | None:
     """Those of one instance (sensor, core); all where the messages do not count instances."""
     if columns is None or field not in columns:
         return columns
@@ -160,8 +162,11 @@ def _values(columns: Columns, fields: tuple[str, ...]) -> Values:
 def _stamped(logged: Columns, stamp: str, fields: Mapping[str, NDArray[Any]]) -> Columns:
     """A message's columns at the stamps of what was logged, which ``stamp`` repeats as MAVLink sends it."""
     time = logged["time"]
-    stamps = np.rint(time * 1e3).astype(np.uint32) if stamp == "time_boot_ms" else np.rint(time * 1e6).astype(np.uint64)
-    return {"time": time, "boot": logged["boot"], **({stamp: stamps} if stamp else {}), **fields}
+    if stamp == "time_boot_ms":
+        fields = {stamp: (np.rint(time * 1e3) % 2**32).astype(np.uint32), **fields}  # as the counter wraps
+    elif stamp:
+        fields = {stamp: np.rint(time * 1e6).astype(np.uint64), **fields}
+    return {"time": time, "boot": logged["boot"], **fields}
 
 
 def _onto(base: Columns, source: Columns, values: Values, turning: bool = False) -> Values:
@@ -172,10 +177,11 @@ def _onto(base: Columns, source: Columns, values: Values, turning: bool = False)
     if base is source:
         return values
     moved = np.full((len(base["time"]), values.shape[1]), np.nan)
-    finite = np.isfinite(values).all(axis=1)
-    for boot in np.unique(base["boot"]):
-        here = base["boot"] == boot
-        there = np.flatnonzero(finite & (source["boot"] == boot))
+    finite = np.asarray(np.isfinite(values).all(axis=1))
+    sources = rows_by(source["boot"])
+    for boot, here in rows_by(base["boot"]).items():
+        there = sources.get(boot, here[:0])
+        there = there[finite[there]]
         time, first = np.unique(source["time"][there], return_index=True)
         if not len(time):
             continue

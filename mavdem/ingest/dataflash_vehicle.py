@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from math import isfinite
 
-from mavdem.ingest.dataflash_definition import Table
+from mavdem.ingest.dataflash_definition import Table, numbers
 
 UNKNOWN, COPTER = 0, 2
 FIRMWARES = {"plane": 1, "copter": COPTER, "tracker": 5, "blimp": 7, "rover": 10, "sub": 12}
@@ -27,9 +27,10 @@ SYSTEM_IDS = ("MAV_SYSID", "SYSID_THISMAV")
 
 def parameters(logged: Table) -> dict[str, float]:
     """The last finite value of each parameter by name, from PARM."""
-    if not {"Name", "Value"} <= set(logged.columns):
+    values, names = numbers(logged).columns.get("Value"), texts(logged, "Name")
+    if values is None or len(names) != len(values):
         return {}
-    pairs = zip(texts(logged, "Name"), logged.columns["Value"].astype(float).tolist(), strict=True)
+    pairs = zip(names, values.astype(float).tolist(), strict=True)
     return {name: value for name, value in pairs if isfinite(value)}
 
 

@@ -129,11 +129,11 @@ class JsonTopics:
 
     def parts(self) -> Iterator[Part]:
         """What was taken, as frames."""
+        by_sender: dict[Sender, list[_Topic]] = {}
         for topic in self._topics.values():
             topic.parse()
-        senders = dict.fromkeys(kind.sender for kind in self._topics)
-        for sender in senders:
-            topics = [topic for kind, topic in self._topics.items() if kind.sender == sender]
+            by_sender.setdefault(topic.kind.sender, []).append(topic)
+        for topics in by_sender.values():
             lengths = [len(topic.places) for topic in topics]
             sequence = _numbered(
                 np.concatenate([topic.sequence for topic in topics]).astype(np.int64),

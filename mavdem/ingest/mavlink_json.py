@@ -95,10 +95,14 @@ def payloads(messages: Sequence[Mapping[str, Any]], definition: Definition) -> t
     return made, good
 
 
-@cache
 def definition_named(name: str) -> Definition | None:
     """The dialect's definition of a message; None where it has none of that name."""
-    return next((definition for definition in definitions().values() if definition.name == name), None)
+    return _definitions_by_name().get(name)
+
+
+@cache
+def _definitions_by_name() -> Mapping[str, Definition]:
+    return {definition.name: definition for definition in definitions().values()}
 
 
 def _document(body: bytes) -> Any:

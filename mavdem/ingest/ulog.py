@@ -21,6 +21,7 @@ from mavdem.ingest.files import file_bytes
 from mavdem.ingest.framing import Progress
 from mavdem.ingest.log import Log, Speaker
 from mavdem.ingest.px4_topics import NEEDED, PX4, Topic, mav_type, messages
+from mavdem.ingest.rows import rows_by
 from mavdem.ingest.ulog_framing import MAGIC, Intact, intact
 from mavdem.ingest.vehicles import UNNAMED
 from mavdem.telemetry import Telemetry
@@ -56,7 +57,7 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) ->
     system, component = _id(parameters, "MAV_SYS_ID"), _id(parameters, "MAV_COMP_ID")
     autopilot = enum_name("MAV_AUTOPILOT", PX4)
     counts = {name: len(columns["time"]) for name, columns in made.items()}
-    repairs = (*_damage(found), *_dropouts(log), *_filled(topics, counts))
+    repairs = (*_damage(found), *_dropouts(found), *_filled(topics, counts))
     telemetry = Telemetry(system, component, vehicle, autopilot, made, parameters, source, repairs, "ULog")
     speaker = Speaker(system, component, vehicle, autopilot, counts, 0)
     if progress is not None:
@@ -67,8 +68,9 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) ->
 def _topics(log: ULog, found: Intact) -> dict[str, dict[int, Topic]]:
     """Topics by name and instance, in the order of their time stamps; those astray are left out."""
     parts: dict[tuple[str, int], list[dict[str, NDArray[Any]]]] = {}
+    rows = rows_by(found.topic)
     for data in log.data_list:
-        kept = ~found.astray[found.topic == data.msg_id]
+        kept = ~found.astray[rows[data.msg_id]]
         # One that was subscribed to twice goes on under another number.
         parts.setdefault((data.name, data.multi_id), []).append({name: of[kept] for name, of in data.data.items()})
     topics: dict[str, dict[int, Topic]] = {}
@@ -106,17 +108,21 @@ def _damage(found: Intact) -> tuple[str, ...]:
     if found.astray.any():
         count = int(np.count_nonzero(found.astray))
         sentences.append(f"Left out: {_times(count, 'message')} with a time stamp far from those around it.")
+    if found.crowded:
+        subscriptions = _times(found.crowded, "subscription")
+        sentences.append(f"Left out: {subscriptions} to more topics, or larger ones, than PX4 has.")
     return tuple(sentences)
 
 
-def _dropouts(log: ULog) -> tuple[str, ...]:
+def _dropouts(found: Intact) -> tuple[str, ...]:
     """What PX4's logger could not write in time: it notes how long it lasted, not what is missing."""
-    lasted = [dropout.duration / 1e3 for dropout in log.dropouts]
-    if not lasted:
+    lasted = found.dropouts / 1e3
+    if not len(lasted):
         return ()
+    often, longest = _times(len(lasted), "time"), lasted.max()
     return (
-        f"The logger dropped out {_times(len(lasted), 'time')}, for {sum(lasted):.3g} s in all and {max(lasted):.3g} s "
-        "at most: what came then is missing.",
+        f"The logger dropped out {often}, for {lasted.sum():.3g} s in all and {longest:.3g} s at most: what came then "
+        "is missing.",
     )
 
 
@@ -134,6 +140,6 @@ def _times(count: int, noun: str) -> str:
 
 
 def _nothing(found: Intact) -> str:
-    if found.damaged or found.cut:
+    if found.damaged or found.cut or found.crowded:
         return "it is damaged or cut off at its beginning."
     return "log vehicle_attitude, vehicle_angular_velocity and actuator_motors (the parameter SDLOG_PROFILE)."

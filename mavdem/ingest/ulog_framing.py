@@ -23,6 +23,8 @@ from scipy.ndimage import median_filter
 
 from mavdem.errors import Unreadable
 from mavdem.ingest.framing import Progress
+from mavdem.ingest.rows import rows_by
+from mavdem.ingest.ulog_formats import FORMAT, SIZES, Formats
 
 MAGIC = b"ULog\x01\x12\x35"
 """How a ULog file begins; one byte of version and 8 of the time of its first message follow."""
@@ -33,23 +35,23 @@ AHEAD = 10.0
 AROUND = 101
 """Data messages whose median stamp tells the time: when logging starts, each topic's last message, long past, comes
 once, and there are fewer of the topics that are read."""
+MOST_VALUES = 1 << 14
+"""Values that one message of each subscription to a wanted topic may hold together; of PX4's they hold 2000 at most."""
 
 _HEADER = struct.Struct("<HB")
 _STAMP = struct.Struct("<Q")
-_ID = struct.Struct("<H")
+_ID = _DROPOUT = struct.Struct("<H")
 _SYNC = bytes.fromhex("2F731320250CBB12")
-_KINDS = re.compile(rb"[ABCDFILMOPQRS]")
-# Bounded, so that a long stretch of letters is not read again from each of them.
-_FORMAT = re.compile(rb"([\w/-]{1,255}):((?:\w{1,255}(?:\[\d{1,4}\])? \w{1,255};)+)")
-_FIELD = re.compile(r"(\w+)(?:\[(\d+)\])? (\w+);")
+_BEGUN = (
+    rb"F(?=[\w/-]{1,255}+:)|A(?=...[\w/-])|[PI](?=.[a-z])|[MQ](?=..[a-z])"
+    rb"|[LC](?=[0-7])|S(?=\x2f)|(?<=\x02\x00)[OR]"
+)
+"""Letters of the kinds of messages but D, with what must stand beside them: a long run of one letter costs little."""
 _TOPIC = re.compile(rb"[\w/-]{1,255}")
 _KEY = re.compile(rb"(\w+)(\[\d*\])? [!-~]+")
 _TEXT = re.compile(rb"[^\x00-\x08\x0e-\x1a\x1c-\x1f]*")
 _TEXT_HEAD = 128
 """Bytes of a text that are looked at: what is damaged shows at once."""
-_SIZES = {"int8_t": 1, "uint8_t": 1, "bool": 1, "char": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4}
-_SIZES |= {"float": 4, "int64_t": 8, "uint64_t": 8, "double": 8}
-_LARGEST, _NESTED = 0xFFFF, 16
 _UNSURE_IN_A_ROW = 3
 _COMPAT_FLAGS, _OFFSETS = slice(8, 16), struct.Struct("<3Q")
 _APPENDED = 1
@@ -68,22 +70,26 @@ class Intact:
     """What is whole in a ULog file.
 
     Attributes:
-        content: a ULog file of the wanted topics, with their formats and subscriptions, the parameters and dropouts.
+        content: a ULog file of the wanted topics, with their formats and subscriptions, and the parameters.
         topic: (N,) the number of the topic of each data message in ``content``.
         astray: (N,) whether its time stamp is far from those around it.
+        dropouts: (n,) how long the logger wrote nothing, ms.
         messages: whole messages in the file, those that are not wanted included.
         bytes_skipped: bytes that belong to none.
         damaged: stretches of such bytes between messages.
         cut: messages that the end of the file, or the beginning of what was appended, cuts off.
+        crowded: subscriptions to wanted topics left out because there are more than ``MOST_VALUES`` allow.
     """
 
     content: bytes
     topic: NDArray[np.uint16]
     astray: NDArray[np.bool_]
+    dropouts: NDArray[np.uint16]
     messages: int
     bytes_skipped: int
     damaged: int
     cut: int
+    crowded: int
 
 
 def intact(content: bytes, wanted: Container[bytes], source: str, progress: Progress | None = None) -> Intact:
@@ -106,7 +112,8 @@ def intact(content: bytes, wanted: Container[bytes], source: str, progress: Prog
     topic = np.frombuffer(walk.numbers, dtype=np.uint16)
     header = MAGIC + b"\x01" + content[8:BEFORE].ljust(8, b"\0")
     clean = b"".join((header, walk.definitions, walk.data))
-    return Intact(clean, topic, _astray(stamps, topic), walk.messages, walk.skipped, walk.damaged, walk.cut)
+    counts = (walk.messages, walk.skipped, walk.damaged, walk.cut, walk.crowded)
+    return Intact(clean, topic, _astray(stamps, topic), np.frombuffer(walk.dropouts, dtype=np.uint16), *counts)
 
 
 def _appended(content: bytes, source: str) -> list[int]:
@@ -128,8 +135,8 @@ def _astray(stamps: NDArray[np.float64], topic: NDArray[np.uint16]) -> NDArray[n
     if not len(stamps):
         return np.zeros(0, dtype=np.bool_)
     astray = np.asarray(stamps > median_filter(stamps, size=min(AROUND, len(stamps)), mode="mirror") + AHEAD)
-    for number in np.unique(topic):
-        rows = np.flatnonzero((topic == number) & ~astray)
+    for all_rows in rows_by(topic).values():
+        rows = all_rows[~astray[all_rows]]
         astray[rows] = stamps[rows] < np.maximum.accumulate(stamps[rows]) - AHEAD
     return astray
 
@@ -139,11 +146,14 @@ class _Walk:
 
     def __init__(self, content: bytes, wanted: Container[bytes], progress: Progress | None) -> None:
         self.definitions, self.data = bytearray(), bytearray()
-        self.stamps, self.numbers = array("Q"), array("H")
-        self.messages = self.skipped = self.damaged = self.cut = 0
+        self.stamps, self.numbers, self.dropouts = array("Q"), array("H"), array("H")
+        self.messages = self.skipped = self.damaged = self.cut = self.crowded = 0
         self._content, self._wanted, self._progress = content, wanted, progress
-        self._formats: dict[bytes, list[tuple[str, int, str]]] = {}
+        self._formats = Formats()
+        self._values = 0
         self._topics: dict[int, _Topic] = {}
+        self._low_bytes: set[int] = set()
+        self._begun = _begun(self._low_bytes)
 
     def section(self, at: int, end: int) -> None:
         """Walks the messages of ``content[at:end]``; a message that ``end`` cuts off is left out."""
@@ -197,7 +207,7 @@ class _Walk:
 
     def _resumed(self, at: int, end: int) -> int:
         """The first place from ``at`` on with a message that is sound by itself, and another after it."""
-        for kind in _KINDS.finditer(self._content, at + 2, end):
+        for kind in self._begun.finditer(self._content, at + 2, end):
             start = kind.start() - 2
             after = self._after(start, end)
             if after and self._sound(start, after):
@@ -217,7 +227,7 @@ class _Walk:
             return None if topic is None else topic.least <= size <= topic.most
         match chr(kind):
             case "F":
-                return _FORMAT.fullmatch(content, at + 3, after) is not None
+                return FORMAT.fullmatch(content, at + 3, after) is not None
             case "A":
                 return size > 3 and _TOPIC.fullmatch(content, at + 6, after) is not None
             case "P" | "I":
@@ -243,7 +253,7 @@ class _Walk:
         key = _KEY.fullmatch(self._content, at + 1, value) if value <= after else None
         if key is None:
             return False
-        return key[2] is not None or _SIZES.get(key[1].decode(errors="replace"), -1) == after - value
+        return key[2] is not None or SIZES.get(key[1].decode(errors="replace"), -1) == after - value
 
     def _keep(self, kind: str, at: int, after: int) -> None:
         message = self._content[at:after]
@@ -253,44 +263,37 @@ class _Walk:
             self._subscribe(message)
         elif kind == "P" and not self._topics:
             self.definitions += message
-        elif kind in "PO":
+        elif kind == "P":
             self.data += message
+        elif kind == "O":
+            self.dropouts.append(_DROPOUT.unpack_from(message, 3)[0])
 
     def _add_format(self, message: bytes) -> None:
-        found = _FORMAT.fullmatch(message, 3)
+        found = FORMAT.fullmatch(message, 3)
         assert found is not None  # _sound has seen to it
-        fields = [(kind, int(count or 0), name) for kind, count, name in _FIELD.findall(found[2].decode())]
-        if found[1] not in self._formats and len({name for _, _, name in fields}) == len(fields):
-            self._formats[found[1]] = fields
+        if self._formats.add(found[1], found[2]):
             self.definitions += message
 
     def _subscribe(self, message: bytes) -> None:
         number, name = _ID.unpack_from(message, 4)[0], message[6:]
-        fields, size = self._formats.get(name, []), self._size(name)
-        if number in self._topics or not size:
+        layout = self._formats.layouts.get(name)
+        if number in self._topics or layout is None:
             return
-        unpadded = len(fields)
-        while unpadded and fields[unpadded - 1][2].startswith("_padding"):
-            unpadded -= 1
-        sizes = [self._field_size(kind, count) or 0 for kind, count, _ in fields]
-        names = [field for _, _, field in fields[:unpadded]]
         stamp = -1
-        if name in self._wanted and ("uint64_t", 0, "timestamp") in fields[:unpadded]:
-            stamp = 5 + sum(sizes[: names.index("timestamp")])
-            self.data += message
-        self._topics[number] = _Topic(2 + sum(sizes[:unpadded]), 2 + size, stamp)
+        if name in self._wanted and layout.stamp >= 0:
+            self._values += layout.values
+            if self._values <= MOST_VALUES:
+                stamp = 5 + layout.stamp
+                self.data += message
+            else:
+                self.crowded += 1
+        if number & 0xFF not in self._low_bytes:
+            self._low_bytes.add(number & 0xFF)
+            self._begun = _begun(self._low_bytes)
+        self._topics[number] = _Topic(2 + layout.unpadded, 2 + layout.size, stamp)
 
-    def _size(self, name: bytes, inside: tuple[bytes, ...] = ()) -> int | None:
-        """Bytes of a message of that format; None if a part of it is missing or holds itself, or it is too large."""
-        if name not in self._formats or len(inside) == _NESTED:
-            return None
-        total = 0
-        for kind, count, _ in self._formats[name]:
-            size = self._field_size(kind, count, (*inside, name))
-            if size is None or (total := total + size) > _LARGEST:
-                return None
-        return total
 
-    def _field_size(self, kind: str, count: int, inside: tuple[bytes, ...] = ()) -> int | None:
-        size = _SIZES.get(kind) or self._size(kind.encode(), inside)
-        return None if size is None else size * max(count, 1)
+def _begun(low_bytes: set[int]) -> re.Pattern[bytes]:
+    """Where a message may begin, at the letter of its kind, where topics have numbers with those low bytes."""
+    numbers = b"".join(b"\\x%02x" % number for number in sorted(low_bytes))
+    return re.compile(_BEGUN + (b"|D(?=[%s])" % numbers if numbers else b""), re.DOTALL)

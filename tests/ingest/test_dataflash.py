@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import os
 import random
+import struct
 import time
+import tracemalloc
 from collections import defaultdict
 from pathlib import Path
 
@@ -20,7 +22,8 @@ from mavdem.errors import NotLearnable, Unreadable
 from mavdem.ingest import Log, meaning, read_log
 from mavdem.ingest.dataflash import read_dataflash
 from mavdem.ingest.dataflash_binary import read_binary
-from mavdem.ingest.dataflash_definition import Recording
+from mavdem.ingest.dataflash_definition import FIELD_TYPES, MOST_DEFINITIONS, Recording
+from mavdem.inventory import inventory
 from mavdem.read import read_flight
 from mavdem.telemetry import Telemetry
 
@@ -412,8 +415,116 @@ def test_any_damage_is_survived(data: st.DataObject, tmp_path_factory: pytest.Te
         assert np.isfinite(columns["time"]).all()
 
 
+def defined_otherwise(name: str, characters: str, fields: str, kind: int | None = None) -> bytes:
+    """FMT of one of ``MESSAGES`` with other fields, and 50 messages of them, from one to the next all bytes go up."""
+    kind = made.MESSAGES[name][0] if kind is None else kind
+    size = sum(np.dtype(FIELD_TYPES[character]).itemsize for character in characters)
+    told = struct.pack("<BB4s16s64s", kind, 3 + size, name.encode(), characters.encode(), fields.encode())
+    rows = [made.HEADER + bytes([kind]) + bytes([65 + row]) * size for row in range(50)]
+    return made.HEADER + b"\x80" + told + b"".join(rows)
+
+
+@pytest.mark.parametrize(
+    ("name", "characters", "fields"),
+    [
+        ("PARM", "QNZ", "TimeUS,Name,Value"),
+        ("PARM", "QfZ", "TimeUS,Name,Value"),
+        ("PARM", "QNa", "TimeUS,Name,Value"),
+        ("ATT", "Zfff", "TimeUS,Roll,Pitch,Yaw"),
+        ("ATT", "afff", "TimeUS,Roll,Pitch,Yaw"),
+        ("ATT", "dfff", "TimeUS,Roll,Pitch,Yaw"),
+        ("RATE", "Qaaa", "TimeUS,R,P,Y"),
+        ("IMU", "Qafff", "TimeUS,I,GyrX,GyrY,GyrZ"),
+        ("RCOU", "QZa", "TimeUS,C1,C2"),
+        ("EV", "Qa", "TimeUS,Id"),
+        ("ARM", "QZ", "TimeUS,ArmState"),
+        ("MSG", "Qa", "TimeUS,Message"),
+        ("XKF4", "QI", "TimeUS,PI"),
+        ("XKF4", "QQ", "TimeUS,PI"),
+        ("XKF4", "Qa", "TimeUS,PI"),
+        ("XKF1", "QaIIIfff", "TimeUS,C,PN,PE,PD,VN,VE,VD"),
+    ],
+)
+def test_a_field_of_another_kind_than_meant_costs_its_message(
+    name: str, characters: str, fields: str, tmp_path: Path
+) -> None:
+    """Damage to a FMT makes a text, an array or a large number of what should be a small one."""
+    usual = made.MESSAGES.get(name, (200,))[0]
+    others = b"".join(made.fmt(other) for other in made.MESSAGES if other != name)
+    flown = [row for row in made.flight(TIMES) if name not in ("ATT", "RATE", "RCOU")]
+    content = others + defined_otherwise(name, characters, fields, usual) + b"".join(flown)
+    (tmp_path / "flight.bin").write_bytes(content)
+    with contextlib.suppress(Unreadable):
+        log = read_dataflash(tmp_path / "flight.bin")
+        inventory(log)
+        assert all(np.isfinite(columns["time"]).all() for columns in log.vehicles[0].messages.values())
+
+
+@pytest.mark.parametrize("stamp", ["inf", "-inf", "nan", "1e400", "1e300", "1e17", "-5", "0"])
+def test_a_stamp_in_words_that_cannot_be_costs_its_line(stamp: str, tmp_path: Path) -> None:
+    lines = ["FMT, 129, 0, ATT, Qccc, TimeUS,Roll,Pitch,Yaw", "FMT, 130, 0, RATE, Qfff, TimeUS,R,P,Y"]
+    for row, time_us in enumerate(range(20_000_000, 21_000_000, 10_000)):
+        lines += [f"ATT, {stamp if row == 50 else time_us}, 1, 2, 3", f"RATE, {time_us}, 1, 2, 3"]
+    vehicle = vehicle_of("\n".join(lines).encode(), tmp_path, "flight.log")
+    assert len(vehicle.messages["ATTITUDE"]["time"]) == 99
+    assert (vehicle.repairs == ()) == (stamp == "0")
+    assert all("1 messages" in repair or "1 time stamps" in repair for repair in vehicle.repairs)
+
+
+def test_one_long_text_takes_no_room_for_the_others(tmp_path: Path) -> None:
+    lines = b"FMT, 129, 0, ATT, QcccZ, TimeUS,Roll,Pitch,Yaw,Text\nATT, 1, 1, 1, 1, " + b"x" * 100_000
+    tracemalloc.start()
+    with contextlib.suppress(Unreadable):
+        vehicle_of(lines + b"\nATT, 2, 1, 1, 1, x" * 3000, tmp_path, "flight.log")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 20e6
+
+
+def test_a_number_of_very_many_digits_is_no_definition(tmp_path: Path) -> None:
+    lines = b"FMT, 129, 0, ATT, Qccc, TimeUS,Roll,Pitch,Yaw\nFMT, " + b"9" * 5000 + b", 0, EV, QB, TimeUS,Id\n"
+    vehicle = vehicle_of(lines + b"ATT, 20000000, 1, 2, 3\n", tmp_path, "flight.log")
+    assert vehicle.repairs[0] == "1 lines that fit no definition were left out."
+
+
+def test_a_message_defined_anew_each_time_is_given_up(tmp_path: Path) -> None:
+    """Each definition takes its own steps to decode, and a file can be made of definitions."""
+    names = [f"TimeUS,Roll,Pitch,Yaw,x{number}" for number in range(MOST_DEFINITIONS + 50)]
+    stamps = [20_000_000 + 10_000 * number for number in range(len(names))]
+    told = [made.HEADER + b"\x80" + struct.pack("<BB4s16s64s", 129, 15, b"ATT", b"QBBBB", n.encode()) for n in names]
+    rows = [made.HEADER + b"\x81" + struct.pack("<Q4B", stamp, 1, 2, 3, 4) for stamp in stamps]
+    rates = [made.rate(stamp / 1e6, 1.0) for stamp in stamps]
+    binary = made.fmt("RATE") + b"".join(b"".join(each) for each in zip(told, rows, rates, strict=True))
+    text = "FMT, 130, 0, RATE, Qfff, TimeUS,R,P,Y\n" + "\n".join(
+        f"FMT, 129, 15, ATT, QBBBB, {name}\nATT, {stamp}, 1, 2, 3, 4\nRATE, {stamp}, 1, 2, 3"
+        for name, stamp in zip(names, stamps, strict=True)
+    )
+    for content in (binary, text.encode()):
+        vehicle = vehicle_of(content, tmp_path)
+        assert len(vehicle.messages["ATTITUDE"]["time"]) == MOST_DEFINITIONS and vehicle.repairs
+
+
+def test_definitions_that_contradict_themselves_take_no_long(tmp_path: Path) -> None:
+    """For each of them the whole log was once looked through."""
+    told = b"".join(made.fmt("EV", length=100, kind=kind) for kind in range(256)) * 100
+    began = time.perf_counter()
+    vehicle = vehicle_of(made.formats() + told + b"".join(made.flight(TIMES)), tmp_path)
+    assert np.allclose(vehicle.messages["ATTITUDE"]["time"], TIMES, atol=1e-9)
+    assert time.perf_counter() - began < 5
+
+
+def test_many_boots_take_no_long(tmp_path: Path) -> None:
+    """In each of them the vehicle is armed and disarmed; for each the whole log was once looked through."""
+    boot = b"".join(made.message("EV", 10_000_000 * (1 + row), 10 + row % 2) for row in range(6))
+    began = time.perf_counter()
+    vehicle = vehicle_of(made.formats() + 5000 * boot, tmp_path)
+    assert vehicle.messages["HEARTBEAT"]["boot"][-1] == 4999
+    assert time.perf_counter() - began < 5
+
+
 def test_all_headers_and_no_message_takes_no_long(tmp_path: Path) -> None:
-    for content in (b"\xa3\x95" * 500_000, made.formats() + b"\xa3\x95\x81" * 300_000):
+    runs = [b"\xa3\x95" * 500_000, b"\xa3\x95\x80" * 300_000, b"\xa3\x95\x81" * 300_000]
+    for content in (runs[0], *(made.formats() + run for run in runs)):
         began = time.perf_counter()
         with contextlib.suppress(Unreadable):
             log_of(content, tmp_path)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import random
 import struct
+import time
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,11 @@ from pymavlink import mavutil
 
 from mavdem.errors import Unreadable
 from mavdem.ingest import Log, mcap_records, read_log
+from mavdem.ingest.compose import Sender
+from mavdem.ingest.json_topics import JsonTopics, Kind
 from mavdem.ingest.log import Speaker
 from mavdem.ingest.mcap_log import mcap_stream, read_mcap
-from mavdem.ingest.mcap_records import MAGIC, Recording
+from mavdem.ingest.mcap_records import MAGIC, Channel, Message, Recording
 from mavdem.ingest.mcap_writer import LATEST, write_series
 from mavdem.ingest.tlog import read_tlog, tlog_stream
 from mavdem.ingest.tlog_writer import write_tlog
@@ -289,6 +292,27 @@ def test_a_recording_of_something_else_is_said_in_one_sentence(columns: dict[str
     sentence = str(failure.value)
     assert "MCAP" in sentence and "\n" not in sentence and str(path) in sentence
     assert ("flight/outputs" in sentence) == bool(columns)
+
+
+@pytest.mark.parametrize("topic", ["two\nlines", "\x1b[2Jcleared", "\u202etnorf ot kcab", "long" * 10_000])
+def test_a_topic_may_be_called_anything(topic: str, tmp_path: Path) -> None:
+    path = tmp_path / "odd.mcap"
+    with Recorder(path) as recorder:
+        recorder.write(topic, b"{}")
+    with pytest.raises(Unreadable) as failure:
+        read_mcap(path)
+    assert str(failure.value).isprintable() and len(str(failure.value)) < 300 + len(str(path))
+
+
+def test_topics_of_many_senders_take_no_long(tmp_path: Path) -> None:
+    """Each sender's topics were once looked for among all."""
+    topics = JsonTopics((), ())
+    for number in range(1 << 14):
+        kind = Kind(Sender(number >> 8, number & 0xFF), "SECRET")
+        topics.add(kind, number, Message(Channel("", "json", 1), 1, b"{}", True))
+    began = time.perf_counter()
+    assert list(topics.parts()) == [] and "16384 JSON messages" in topics.sentences()[0]
+    assert time.perf_counter() - began < 10
 
 
 def test_progress_rises_to_one(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import lzma
 import random
 import struct
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from ulog_files import (
+    FORMATS,
     HEADER,
     REAL,
     SYNC,
@@ -24,6 +26,7 @@ from ulog_files import (
     message,
     parameter,
     shared,
+    subscription,
     subscriptions,
     vehicle_of,
 )
@@ -148,6 +151,70 @@ def test_formats_that_cannot_be_neither_fail_nor_take_long(tmp_path: Path, forma
     first = b"".join(message("F", text.encode()) for text in formats)
     vehicle = vehicle_of(HEADER + first + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path)
     assert stamps_of(vehicle) == INTACT and "ATTITUDE_QUATERNION" not in vehicle.messages
+
+
+def nested(deep: int, wide: int) -> bytes:
+    """Formats that hold the next one many times over: ``wide`` to the power of ``deep`` values in the first."""
+    parts = [f"t{n}:" + "".join(f"t{n + 1} x{m};" for m in range(wide)) for n in range(deep)]
+    return b"".join(message("F", text.encode()) for text in [*parts, f"t{deep}:int8_t x;"])
+
+
+@pytest.mark.parametrize(
+    ("formats", "topic"),
+    [
+        (nested(7, 4), "t0"),
+        (nested(7, 4) + message("F", b"t:t0 a;missing b;"), "t"),
+        (message("F", b"t:t a;t b;t c;"), "t"),
+        (message("F", b"t:u a;u b;") + message("F", b"u:t a;t b;"), "t"),
+    ],
+    ids=["nested", "nested and missing", "holds itself", "hold each other"],
+)
+def test_a_format_is_laid_out_once_however_often_it_is_subscribed_to(
+    tmp_path: Path, formats: bytes, topic: str
+) -> None:
+    content = HEADER + formats + subscription(topic, number=5000) * 20_000
+    began = time.perf_counter()
+    vehicle = vehicle_of(content + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path)
+    assert "ATTITUDE_QUATERNION" in vehicle.messages
+    assert time.perf_counter() - began < 10
+
+
+def test_a_format_whose_parts_come_one_by_one_is_looked_at_once_for_each(tmp_path: Path) -> None:
+    parts = range(3000)
+    formats = [f"t:{''.join(f'p{n} x{n};' for n in parts)}", *(f"p{n}:int8_t x;" for n in parts)]
+    tries = b"".join(message("F", text.encode()) + subscription("t", number=5000) for text in formats)
+    began = time.perf_counter()
+    vehicle = vehicle_of(HEADER + tries + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path)
+    assert "ATTITUDE_QUATERNION" in vehicle.messages
+    assert time.perf_counter() - began < 10
+
+
+@pytest.mark.parametrize("fields", ["uint8_t[9999] x0;uint8_t[9999] x1;uint8_t[9999] x2;", ""])
+def test_topics_of_more_values_than_there_can_be_are_left_out(tmp_path: Path, fields: str) -> None:
+    """A few kilobytes could ask for gigabytes: each value of each subscription is a column."""
+    formats = message("F", f"actuator_outputs:{FORMATS['cpuload']}{fields}".encode())
+    many = b"".join(subscription("actuator_outputs", number=1000 + n) for n in range(9000))
+    content = HEADER + formats + definitions() + subscriptions() + many + b"".join(flight(TIMES))
+    began = time.perf_counter()
+    vehicle = vehicle_of(content, tmp_path)
+    assert "ATTITUDE_QUATERNION" in vehicle.messages
+    (said,) = vehicle.repairs
+    assert said.startswith("Left out:") and said.endswith("to more topics, or larger ones, than PX4 has.")
+    assert time.perf_counter() - began < 10
+
+
+def test_a_dropout_before_the_first_topic_is_told(tmp_path: Path) -> None:
+    dropout = message("O", struct.pack("<H", 1500))
+    vehicle = vehicle_of(HEADER + definitions() + dropout + subscriptions() + b"".join(flight(TIMES)), tmp_path)
+    assert "dropped out 1 time, for 1.5 s in all and 1.5 s at most" in vehicle.repairs[0]
+
+
+def test_an_array_of_one_is_no_time_stamp(tmp_path: Path) -> None:
+    first = message("F", b"cpuload:uint64_t[1] timestamp;float load;") + message(
+        "F", b"vehicle_status:uint64_t[1] timestamp;uint8_t arming_state;uint8_t system_type;uint8_t vehicle_type;"
+    )
+    vehicle = vehicle_of(HEADER + first + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path)
+    assert stamps_of(vehicle) == INTACT and "HEARTBEAT" not in vehicle.messages
 
 
 def test_what_looks_like_a_message_alone_is_none(tmp_path: Path) -> None:
