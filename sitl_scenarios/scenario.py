@@ -1,0 +1,255 @@
+"""Scenario: what is flown, in what wind, and who tells of it how: everything that decides a simulated flight.
+
+A scenario file is the same in TOML, a table for each section; what it leaves out has the value given here. Directions
+are degrees clockwise from north: wind comes *from* its direction, as in weather reports.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class _Section(BaseModel):
+    """A part of a scenario: immutable, without keys it does not know, and without text for numbers."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class Vehicle(_Section):
+    """Who flies.
+
+    Attributes:
+        model: one of the vehicles of ``sitl_scenarios.vehicles``.
+        frame: where the rotors are.
+        battery_sag: share of the rotors' speed that the battery loses from the beginning of the flight to its end.
+        rotor_drag: whether rotors in wind drag the vehicle along and tilt it.
+    """
+
+    model: Literal["ardrone2", "iris", "crazyflie"] = "iris"
+    frame: Literal["x", "plus"] = "x"
+    battery_sag: Annotated[float, Field(ge=0, lt=0.5)] = 0.0
+    rotor_drag: bool = True
+
+
+class Steady(_Section):
+    """Wind that never changes: ``speed`` m/s from ``direction`` degrees."""
+
+    kind: Literal["steady"]
+    speed: NotNegative
+    direction: Finite = 90.0
+
+
+class Gaussian(_Section):
+    """The paper's noise: white noise through a Gaussian kernel, standard deviation ``sd`` m/s along each axis.
+
+    Attributes:
+        s: standard deviation of the kernel, s; the autocorrelation is exp(−τ²/4s²).
+    """
+
+    kind: Literal["gaussian"]
+    sd: NotNegative
+    s: Positive
+
+
+class Dryden(_Section):
+    """Turbulence of the Dryden spectra at low altitude (MIL-F-8785C) about a mean wind.
+
+    Attributes:
+        speed: of the mean wind, m/s, which counts as wind too.
+        direction: the mean wind comes from, degrees.
+        wind_at_20_feet: what the intensity follows from, m/s; the military grades are 7.7, 15.4 and 23.2 (15, 30 and
+            45 kt: light, moderate and severe).
+    """
+
+    kind: Literal["dryden"]
+    speed: NotNegative
+    direction: Finite = 90.0
+    wind_at_20_feet: NotNegative = 7.7
+
+
+class VonKarman(_Section):
+    """Turbulence of the von Kármán spectra; attributes as of ``Dryden``."""
+
+    kind: Literal["von_karman"]
+    speed: NotNegative
+    direction: Finite = 90.0
+    wind_at_20_feet: NotNegative = 7.7
+
+
+class Gust(_Section):
+    """A 1-cosine gust (MIL-F-8785C).
+
+    Attributes:
+        start: seconds into the flight.
+        speed: its greatest, m/s.
+        direction: it comes from, degrees.
+        rise: seconds from its beginning to its greatest, where it stays.
+        hold: seconds it stays there before it falls as it rose; None: for good.
+    """
+
+    kind: Literal["gust"]
+    start: NotNegative
+    speed: NotNegative
+    direction: Finite = 90.0
+    rise: Positive = 1.0
+    hold: NotNegative | None = 0.0
+
+
+class Jet(_Section):
+    """A blower's jet through the place where the vehicle hovers; entering and leaving its edge makes the wind coloured.
+
+    Attributes:
+        speed: on the axis where it leaves the blower, m/s.
+        direction: it comes from, degrees.
+        distance: from the blower to where the vehicle hovers, m.
+        diameter: of the blower's mouth, m.
+        turbulence: standard deviation of the speed in the jet, as a share of the local mean.
+        s: of the kernel of that turbulence, s, as in ``Gaussian``.
+        offset: of the jet's axis to the right of where the vehicle hovers, seen along the jet, m.
+    """
+
+    kind: Literal["jet"]
+    speed: NotNegative
+    direction: Finite = 90.0
+    distance: Positive = 2.0
+    diameter: Positive = 0.5
+    turbulence: NotNegative = 0.2
+    s: Positive = 0.05
+    offset: Finite = 0.0
+
+
+Wind = Annotated[Steady | Gaussian | Dryden | VonKarman | Gust | Jet, Field(discriminator="kind")]
+
+
+class Moment(_Section):
+    """A coloured moment on the body, whatever the wind: ``sd`` N m about ``axis``, colour ``s`` as in ``Gaussian``."""
+
+    axis: Literal["roll", "pitch", "yaw"] = "roll"
+    sd: NotNegative
+    s: Positive
+
+
+class Doublets(_Section):
+    """The stick to the right, then to the left: ``amplitude`` degrees for ``width`` s each, every ``period`` s."""
+
+    kind: Literal["doublets"]
+    amplitude: Positive = 8.0
+    width: Positive = 0.4
+    period: Positive = 5.0
+
+
+class Chirp(_Section):
+    """A sine of ``amplitude`` degrees whose frequency rises from ``lowest`` to ``highest`` Hz in ``period`` s, again
+    and again."""
+
+    kind: Literal["chirp"]
+    amplitude: Positive = 3.0
+    lowest: Positive = 0.2
+    highest: Positive = 5.0
+    period: Positive = 20.0
+
+
+class Multisine(_Section):
+    """Sines of even power from ``lowest`` to ``highest`` Hz with Schroeder's phases, ``sd`` degrees together."""
+
+    kind: Literal["multisine"]
+    sd: Positive = 2.0
+    lowest: Positive = 0.2
+    highest: Positive = 5.0
+    period: Positive = 20.0
+
+
+class Steps(_Section):
+    """Sideways steps of ``distance`` m, there and back, every ``period`` s."""
+
+    kind: Literal["steps"]
+    distance: Positive = 2.0
+    period: Positive = 6.0
+
+
+Excitation = Annotated[Doublets | Chirp | Multisine | Steps, Field(discriminator="kind")]
+
+
+class Sensors(_Section):
+    """Standard deviations of white noise on what the autopilot knows, and how late it knows it.
+
+    Attributes:
+        rate_sd: rad/s, of each body rate.
+        attitude_sd: rad, of roll, pitch and yaw.
+        position_sd: m, of each coordinate; velocity_sd: m/s.
+        delay: seconds from the motion to the motors' command.
+    """
+
+    rate_sd: NotNegative = 0.005
+    attitude_sd: NotNegative = 0.001
+    position_sd: NotNegative = 0.02
+    velocity_sd: NotNegative = 0.02
+    delay: Annotated[float, Field(ge=0, le=0.05)] = 0.004
+
+
+class Stream(_Section):
+    """What the autopilot sends.
+
+    Attributes:
+        speaks: whose messages, units and parameters.
+        rate: Hz, of attitude and of motor outputs, and four times that of any other message that comes often.
+        rates: Hz by the name of a message, instead.
+        system: its MAVLink system id.
+        version: of MAVLink's frames.
+    """
+
+    speaks: Literal["px4", "ardupilot"] = "px4"
+    rate: Annotated[float, Field(gt=0, le=400)] = 100.0
+    rates: dict[str, Annotated[float, Field(ge=0, le=400)]] = {}
+    system: Annotated[int, Field(ge=1, le=250)] = 1
+    version: Literal[1, 2] = 2
+
+
+class Faults(_Section):
+    """What the link does to the stream, by chance.
+
+    Attributes:
+        loss: share of the messages that are lost.
+        delay: seconds that each is late; jitter: up to so many more.
+        reordered: share of the messages that are overtaken by the one after.
+        reboot: seconds into the flight at which the autopilot begins anew, in the air, with a clock from zero; None:
+            never.
+    """
+
+    loss: Share = 0.0
+    delay: NotNegative = 0.0
+    jitter: NotNegative = 0.0
+    reordered: Share = 0.0
+    reboot: Positive | None = None
+
+
+class Scenario(_Section):
+    """A flight from arming to disarming: climb, hover as the sections say, land.
+
+    Attributes:
+        description: one sentence for ``mavdem fly --list``.
+        duration: seconds from arming to disarming.
+        height: of the hover, m.
+        seed: of everything random.
+        wind: summed.
+        moments: summed.
+    """
+
+    description: str = ""
+    duration: Annotated[float, Field(ge=15, le=7200)] = 60.0
+    height: Annotated[float, Field(gt=0.5, le=100)] = 5.0
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    vehicle: Vehicle = Vehicle()
+    wind: tuple[Wind, ...] = ()
+    moments: tuple[Moment, ...] = ()
+    excitation: Excitation | None = None
+    sensors: Sensors = Sensors()
+    stream: Stream = Stream()
+    faults: Faults = Faults()
