@@ -7,8 +7,9 @@ has gains of its own.
 
 from __future__ import annotations
 
-from math import asin, atan, atan2, cos, exp, hypot, radians, sin
+from math import asin, atan, atan2, cos, exp, fsum, hypot, radians, sin
 
+from sitl_scenarios.dynamics import Quaternion
 from sitl_scenarios.frames import Four, frame
 from sitl_scenarios.mixer import mixed
 from sitl_scenarios.plan import Wanted
@@ -91,7 +92,7 @@ class Autopilot:
         smooth[2] += share * (fast * error[2] - smooth[2])
         an, ae, ad = smooth[0] + push[0], smooth[1] + push[1], smooth[2] + push[2]
 
-        roll, pitch, yaw = euler(known)
+        roll, pitch, yaw = euler(known.attitude)
         forward, right = an * cos(yaw) + ae * sin(yaw), ae * cos(yaw) - an * sin(yaw)
         lift = max(GRAVITY - ad, 0.2 * GRAVITY)
         wanted_pitch = min(max(atan(-forward / lift), -TILT), TILT)
@@ -136,9 +137,9 @@ def pulse(command: float) -> float:
     return float(round(1000.0 + 1000.0 * command))
 
 
-def euler(known: Known) -> tuple[float, float, float]:
-    """Roll, pitch and yaw of what is known of the attitude, rad."""
-    w, x, y, z = known.attitude
+def euler(attitude: Quaternion) -> tuple[float, float, float]:
+    """Roll, pitch and yaw of an attitude, rad."""
+    w, x, y, z = attitude
     return (
         atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
         asin(min(max(2 * (w * y - z * x), -1.0), 1.0)),
@@ -151,6 +152,6 @@ def _authority(body: Airframe, roll: Four, right: Four, pitch: Four, forward: Fo
     per_command = body.speed[0] * body.full
     thrust = (2 * body.thrust[0] * body.hover_speed + body.thrust[1]) * per_command
     torque = (2 * body.torque[0] * body.hover_speed + body.torque[1]) * per_command
-    of_roll = -sum(a * b for a, b in zip(roll, right, strict=True))
-    of_pitch = sum(a * b for a, b in zip(pitch, forward, strict=True))
+    of_roll = -fsum(a * b for a, b in zip(roll, right, strict=True))
+    of_pitch = fsum(a * b for a, b in zip(pitch, forward, strict=True))
     return thrust * of_roll, thrust * of_pitch, torque * 4

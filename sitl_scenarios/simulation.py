@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import ceil, sqrt
+from math import ceil, fsum, hypot, sqrt
 
 import numpy as np
 
@@ -28,6 +28,9 @@ SLOWEST_STEP = 1e-3
 
 DISARMED = {"px4": 900.0, "ardupilot": 1000.0}
 """µs that a motor output has while disarmed."""
+
+TUMBLING = 200.0
+"""rad/s: no vehicle turns faster, and a simulation of one that did would mean nothing."""
 
 _COLUMNS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4, "rates": 3} | {
     "known_attitude": 4,
@@ -121,7 +124,11 @@ class Simulation:
         return True
 
     def advance(self, cycles: int) -> Motion:
-        """The next ``cycles`` rows, fewer at the end of the flight."""
+        """The next ``cycles`` rows, fewer at the end of the flight.
+
+        Raises:
+            ValueError: the vehicle tumbles, more than anything that flies.
+        """
         rows: list[tuple[float, ...]] = []
         for _ in range(cycles):
             if self.finished:
@@ -193,10 +200,16 @@ class Simulation:
         if self._grounded:
             rotors = self._body.spun(state.rotors, targets, self._steps)
             self._state = state._replace(rotors=rotors)
-            lift = sum(self._airframe.thrust_at(speed) for speed in rotors)
+            lift = fsum(self._airframe.thrust_at(speed) for speed in rotors)
             self._grounded = lift <= self._airframe.mass * GRAVITY
             return
         state = self._body.moved(state, targets, air, self._steps)
+        # Not a number is not less either.
+        if not hypot(*state.rates) < TUMBLING:
+            raise ValueError(
+                f"the vehicle is out of control {self._now * self.cycle:.1f} s after boot, turning at more than "
+                f"{TUMBLING:g} rad/s: it needs less wind, or smaller moments"
+            )
         north, east, down = state.position
         if down >= 0.0 and state.velocity[2] > 0.0:
             # It stands where it came down, level, with the heading it had.
@@ -215,6 +228,9 @@ def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> 
     Args:
         scenario: what is flown.
         progress: is told how much of it is flown, 0 to 1, about once a second of flight.
+
+    Raises:
+        ValueError: the vehicle tumbles, more than anything that flies.
     """
     simulation = Simulation(scenario)
     whole = BOOT + scenario.duration + AFTER
