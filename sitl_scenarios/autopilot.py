@@ -26,6 +26,9 @@ LEAD = 4.0
 TILT, RATE, SPEED = radians(35), radians(220), 4.0
 """Most that is asked for: rad, rad/s and m/s."""
 
+PUSH = 7.0
+"""m/s²: most that is held against the wind for good, about what ``TILT`` gives; a storm must not wind it up."""
+
 Outputs = tuple[Four, Four]
 """Motor commands (1000 to 2000 µs) and demands."""
 
@@ -82,9 +85,9 @@ class Autopilot:
         if flying:
             # A fifth of the loop's bandwidth for the integral: wind is found in about two seconds.
             gain = fast * fast / 5 * self._cycle
-            push[0] += gain * error[0]
-            push[1] += gain * error[1]
-            push[2] += gain * error[2]
+            push[0] = min(max(push[0] + gain * error[0], -PUSH), PUSH)
+            push[1] = min(max(push[1] + gain * error[1], -PUSH), PUSH)
+            push[2] = min(max(push[2] + gain * error[2], -PUSH), PUSH)
         # Noise of position and velocity would reach the motors multiplied by every bandwidth within.
         smooth, share = self._smooth, self._smooths
         smooth[0] += share * (fast * error[0] - smooth[0])

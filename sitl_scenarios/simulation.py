@@ -14,7 +14,7 @@ from sitl_scenarios.frames import Four
 from sitl_scenarios.mixer import IDLE
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import AFTER, BOOT, Plan
-from sitl_scenarios.randomness import generator
+from sitl_scenarios.randomness import SENSORS, generator
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.sensors import Sensing
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
@@ -73,7 +73,7 @@ class Simulation:
         self._airframe = AIRFRAMES[scenario.vehicle.model]
         self._plan = Plan(scenario, self.cycle)
         self._autopilot = Autopilot(scenario.vehicle, self.cycle, scenario.sensors.delay)
-        self._sensing = Sensing(scenario.sensors, self.cycle, generator(scenario.seed, 0))
+        self._sensing = Sensing(scenario.sensors, self.cycle, generator(scenario.seed, SENSORS))
         self._boot = round(BOOT / self.cycle)
         self._flight = round(scenario.duration / self.cycle)
         whole = self._boot + self._flight + round(AFTER / self.cycle)
@@ -107,13 +107,11 @@ class Simulation:
             force: disarm in the air as well; it falls.
 
         Returns:
-            Whether it is as asked for: disarming in the air is refused unless forced.
+            Whether it is as asked for: arming in the air is refused, and disarming there unless forced.
         """
         if armed == self._armed:
             return True
-        if not armed and not self._grounded and not force:
-            return False
-        if armed and not self._grounded:
+        if not self._grounded and (armed or not force):
             return False
         self._commanded = True
         self._armed = armed
