@@ -1,0 +1,70 @@
+"""The truth of a flight is what moved it, and its file is the same for the same flight."""
+
+import numpy as np
+import pytest
+
+from sitl_scenarios.files import load
+from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.simulation import fly
+from sitl_scenarios.truth import truth, write_truth
+
+
+@pytest.fixture(scope="module")
+def flown():
+    scenario = load("system_2").model_copy(update={"duration": 25.0})
+    return scenario, fly(scenario)
+
+
+def accelerations(scenario, motion):
+    """Roll acceleration of the settled flight, as it was and as A, B and the disturbance have it, rad/s²."""
+    known = truth(scenario, motion)
+    A, B, dt = known["roll_lag_A"], known["roll_lag_B"], motion.time[1]
+    keeps, drive, drives = np.exp(A[2, 2] * dt), 0.0, []
+    for settled in -((motion.outputs - known["trim"]) @ B[2]) / A[2, 2]:
+        drives.append(drive)
+        drive = settled + keeps * (drive - settled)
+    predicted = A[1, 1] * motion.rates[:, 0] + drives + known["roll_disturbance"]
+    hover = ((motion.landed_state == 2) & (motion.time > 10))[1:]
+    return (np.diff(motion.rates[:, 0]) / dt)[hover], ((predicted[1:] + predicted[:-1]) / 2)[hover]
+
+
+def test_the_linear_system_with_lag_and_disturbance_moves_as_the_vehicle_did(flown):
+    true, predicted = accelerations(*flown)
+    assert (true - predicted).std() < 0.01 * true.std()
+
+
+def test_it_nearly_does_in_wind_where_hover_is_another():
+    scenario = load("hover_blower").model_copy(update={"duration": 30.0})
+    true, predicted = accelerations(scenario, fly(scenario))
+    # The motors do more at the greater thrust, and the trim is tilted.
+    assert np.polyfit(predicted, true, 1)[0] == pytest.approx(1, abs=0.1)
+    assert (true - predicted).std() < 0.25 * true.std()
+
+
+def test_the_system_is_the_papers(flown):
+    known = truth(*flown)
+    assert np.allclose(known["roll_A"], [[0, 1], [0, 0]], atol=1e-9)
+    # 255 pwm are 1000 µs; the paper's motors are front left, front right, rear right, rear left.
+    assert known["roll_B"][1, [2, 0, 3, 1]] == pytest.approx(0.255 * 0.3748 * np.array([1, -1, -1, 1]), rel=1e-3)
+    # Hover at 169.00 of 255.
+    assert known["trim"] == pytest.approx(1000 + 169 / 0.255, abs=0.1)
+    assert known["lag"] == pytest.approx([0.02, 0.02, 0.02])
+
+
+def test_the_disturbance_is_the_moment_that_the_scenario_asks_for(flown):
+    scenario, motion = flown
+    known = truth(scenario, motion)
+    hover = motion.landed_state == 2
+    # The hull's drag adds a little to 0.0034 N m on 0.0034 kg m²; 15 s hold about 100 independent values.
+    assert known["roll_disturbance"][hover].std() == pytest.approx(1.0, rel=0.3)
+
+
+def test_the_file_is_the_same_for_the_same_flight(tmp_path, flown):
+    scenario, motion = flown
+    write_truth(tmp_path / "a.npz", scenario, motion)
+    write_truth(tmp_path / "b.npz", scenario, fly(scenario))
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    with np.load(tmp_path / "a.npz") as read:
+        assert Scenario.model_validate_json(str(read["scenario"])) == scenario
+        assert np.array_equal(read["wind"], motion.wind)
+        assert set(read.files) == set(truth(scenario, motion))
