@@ -146,8 +146,7 @@ class Doublets(_Section):
 
 
 class Chirp(_Section):
-    """A sine of ``amplitude`` degrees whose frequency rises from ``lowest`` to ``highest`` Hz in ``period`` s, again
-    and again."""
+    """A sine of ``amplitude`` degrees whose frequency rises from ``lowest`` to ``highest`` Hz every ``period`` s."""
 
     kind: Literal["chirp"]
     amplitude: Positive = 3.0

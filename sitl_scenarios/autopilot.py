@@ -1,0 +1,156 @@
+"""Autopilot: position, velocity, attitude and rate control in cascade, as ArduPilot and PX4 have it.
+
+Each loop is a first-order lag of known bandwidth: the rate loop as fast as rotors, delay and cycle allow, every outer
+one slower than the one within. So the gains follow from the vehicle's mass, inertia, rotors and sensors, and no vehicle
+has gains of its own.
+"""
+
+from __future__ import annotations
+
+from math import asin, atan, atan2, cos, exp, hypot, radians, sin
+
+from sitl_scenarios.frames import Four, frame
+from sitl_scenarios.mixer import mixed
+from sitl_scenarios.plan import Wanted
+from sitl_scenarios.scenario import Vehicle
+from sitl_scenarios.sensors import Known
+from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY, Airframe
+
+FASTEST = 25.0
+"""rad/s: bandwidth of the rate loop that is not exceeded, for the noise that it would put on the motors."""
+
+LEAD = 4.0
+"""The rotors' lag is made so many times shorter by a lead in the rate loop, and the noise above it as much larger."""
+
+TILT, RATE, SPEED = radians(35), radians(220), 4.0
+"""Most that is asked for: rad, rad/s and m/s."""
+
+Outputs = tuple[Four, Four]
+"""Motor commands (1000 to 2000 µs) and demands."""
+
+
+class Autopilot:
+    """One autopilot in flight.
+
+    Args:
+        vehicle: that it controls.
+        cycle: s.
+        delay: of what it knows, s.
+    """
+
+    def __init__(self, vehicle: Vehicle, cycle: float, delay: float) -> None:
+        self._body = body = AIRFRAMES[vehicle.model]
+        self._frame = places = frame(vehicle.frame, body.arm)
+        lag = sum(body.lag) / 2
+        # A loop with an integrator and a dead time T in all is well damped up to about 0.4/T; a cycle's hold and its
+        # computing take about one cycle.
+        self._rate = min(0.4 / (lag / LEAD + delay + cycle), FASTEST)
+        self._attitude = self._rate / 3
+        self._velocity = self._attitude / 3.5
+        self._position = self._velocity / 2.5
+        self._cycle = cycle
+        self._smooths = 1.0 - exp(-cycle * LEAD * self._velocity)
+        self._forgets = 1.0 - exp(-cycle * LEAD / lag) if lag else 1.0
+        per_roll, per_pitch, per_yaw = _authority(body, places.roll, places.right, places.pitch, places.forward)
+        ix, iy, iz = body.inertia
+        self._per_roll, self._per_pitch, self._per_yaw = ix / per_roll, iy / per_pitch, iz / per_yaw
+        self.rest()
+
+    def rest(self) -> None:
+        """Forgets what was learnt of wind and trim, as on the ground."""
+        self._push = [0.0, 0.0, 0.0]
+        self._smooth = [0.0, 0.0, 0.0]
+        self._trim = [0.0, 0.0, 0.0]
+        self._slow = [0.0, 0.0, 0.0]
+
+    def outputs(self, known: Known, wanted: Wanted, flying: bool) -> Outputs:
+        """One cycle's motor commands and demands.
+
+        Args:
+            known: of the motion.
+            wanted: by the plan.
+            flying: whether it is off the ground; nothing is learnt on it.
+        """
+        (vn, ve, vd), (pn, pe, pd) = known.velocity, known.position
+        along, fast = self._position, self._velocity
+        wn, we = -along * pn, along * (wanted.aside - pe)
+        limit = SPEED / max(SPEED, hypot(wn, we))
+        wd = -wanted.climb + min(max(along * (-wanted.height - pd), -SPEED), SPEED)
+        error = (wn * limit - vn, we * limit - ve, wd - vd)
+        push = self._push
+        if flying:
+            # A fifth of the loop's bandwidth for the integral: wind is found in about two seconds.
+            gain = fast * fast / 5 * self._cycle
+            push[0] += gain * error[0]
+            push[1] += gain * error[1]
+            push[2] += gain * error[2]
+        # Noise of position and velocity would reach the motors multiplied by every bandwidth within.
+        smooth, share = self._smooth, self._smooths
+        smooth[0] += share * (fast * error[0] - smooth[0])
+        smooth[1] += share * (fast * error[1] - smooth[1])
+        smooth[2] += share * (fast * error[2] - smooth[2])
+        an, ae, ad = smooth[0] + push[0], smooth[1] + push[1], smooth[2] + push[2]
+
+        roll, pitch, yaw = euler(known)
+        forward, right = an * cos(yaw) + ae * sin(yaw), ae * cos(yaw) - an * sin(yaw)
+        lift = max(GRAVITY - ad, 0.2 * GRAVITY)
+        wanted_pitch = min(max(atan(-forward / lift), -TILT), TILT)
+        wanted_roll = min(max(atan(right / lift * cos(wanted_pitch)), -TILT), TILT) + wanted.roll
+        thrust = self._body.mass * lift / max(cos(roll) * cos(pitch), 0.5)
+
+        # Yaw has the rotors' torque only: a quarter of the bandwidth.
+        stiff = self._attitude
+        p, q, r = known.rates
+        angular = (
+            self._steered(0, stiff * (wanted_roll - roll), p, flying),
+            self._steered(1, stiff * (wanted_pitch - pitch), q, flying),
+            self._steered(2, -stiff / 4 * yaw, r, flying) / 4,
+        )
+        demands = (
+            min(max(angular[0] * self._per_roll, -1.0), 1.0),
+            min(max(angular[1] * self._per_pitch, -1.0), 1.0),
+            min(max(angular[2] * self._per_yaw, -1.0), 1.0),
+            min(max(self._command(thrust / 4), 0.0), 1.0),
+        )
+        a, b, c, d = mixed(self._frame, demands)
+        return (pulse(a), pulse(b), pulse(c), pulse(d)), demands
+
+    def _steered(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
+        """The angular acceleration to ask for about an axis, rad/s²."""
+        wanted = min(max(wanted, -RATE), RATE)
+        # The lead (1 + τs)/(1 + τs/LEAD), as LEAD times the rate less its slow part.
+        self._slow[axis] += self._forgets * (rate - self._slow[axis])
+        led = LEAD * rate - (LEAD - 1.0) * self._slow[axis]
+        if flying:
+            self._trim[axis] += self._rate / 12 * self._cycle * (wanted - rate)
+        return self._rate * (wanted - led + self._trim[axis])
+
+    def _command(self, thrust: float) -> float:
+        """Normalised command for a rotor's thrust, N: the thrust curve undone, as both autopilots do."""
+        slope, offset = self._body.speed
+        return (self._body.speed_for(thrust) - offset) / slope / self._body.full
+
+
+def pulse(command: float) -> float:
+    """A normalised command as it is put out: whole µs."""
+    return float(round(1000.0 + 1000.0 * command))
+
+
+def euler(known: Known) -> tuple[float, float, float]:
+    """Roll, pitch and yaw of what is known of the attitude, rad."""
+    w, x, y, z = known.attitude
+    return (
+        atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        asin(min(max(2 * (w * y - z * x), -1.0), 1.0)),
+        atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+    )
+
+
+def _authority(body: Airframe, roll: Four, right: Four, pitch: Four, forward: Four) -> tuple[float, float, float]:
+    """Moments of a demand of 1 about the three axes, N m, by the slope of the rotors' curves in hover."""
+    per_command = body.speed[0] * body.full
+    thrust = (2 * body.thrust[0] * body.hover_speed + body.thrust[1]) * per_command
+    torque = (2 * body.torque[0] * body.hover_speed + body.torque[1]) * per_command
+    of_roll = -sum(a * b for a, b in zip(roll, right, strict=True))
+    of_pitch = sum(a * b for a, b in zip(pitch, forward, strict=True))
+    return thrust * of_roll, thrust * of_pitch, torque * 4

@@ -1,0 +1,117 @@
+"""Plan: what a flight wants at each instant, from arming to disarming."""
+
+from __future__ import annotations
+
+from math import cos, pi, radians, sin, sqrt
+from typing import NamedTuple
+
+from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Steps
+
+BOOT = 2.0
+"""Seconds from the autopilot's boot until it arms itself."""
+
+SPIN_UP = 1.0
+"""Seconds from arming to take-off."""
+
+SETTLE = 2.0
+"""Seconds of hover before the excitation begins, and after it ends."""
+
+AFTER = 1.0
+"""Seconds simulated after disarming; and from touch-down, as it is planned, to disarming."""
+
+_FASTEST = 1.5
+"""m/s: the mean of a climb or a descent that takes longer than the usual time."""
+
+_BELOW = 0.2
+"""m below the ground that a descent aims at, so as to touch it."""
+
+
+class Wanted(NamedTuple):
+    """At one instant of the flight.
+
+    Attributes:
+        landed_state: MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing.
+        height: m; climb: its rate, m/s.
+        aside: of the place to hover at, to the right, m.
+        roll: to add to the roll that the position asks for, rad.
+    """
+
+    landed_state: int
+    height: float
+    climb: float
+    aside: float
+    roll: float
+
+
+class Plan:
+    """Spin up, climb for three seconds or as long as it takes, hover and be excited, descend, and wait.
+
+    Args:
+        scenario: whose height, duration and excitation count.
+        cycle: of the autopilot, s.
+    """
+
+    def __init__(self, scenario: Scenario, cycle: float) -> None:
+        self.height = scenario.height
+        self.climb = max(3.0, scenario.height / _FASTEST)
+        self.descent = max(4.0, scenario.height / _FASTEST)
+        self.hover = SPIN_UP + self.climb
+        self.landing = scenario.duration - AFTER - self.descent
+        self._excitation = scenario.excitation
+        self._cycle = cycle
+        self._table = _multisine(scenario.excitation, cycle) if isinstance(scenario.excitation, Multisine) else []
+
+    def at(self, time: float) -> Wanted:
+        """What is wanted ``time`` seconds after arming."""
+        if time < SPIN_UP:
+            return Wanted(1, 0.0, 0.0, 0.0, 0.0)
+        if time < self.hover:
+            done, rate = _smooth((time - SPIN_UP) / self.climb)
+            return Wanted(3, self.height * done, self.height * rate / self.climb, 0.0, 0.0)
+        if time < self.landing:
+            excited = self.hover + SETTLE <= time < self.landing - SETTLE
+            aside, roll = self._excited(time - self.hover - SETTLE) if excited else (0.0, 0.0)
+            return Wanted(2, self.height, 0.0, aside, roll)
+        done, rate = _smooth(min((time - self.landing) / self.descent, 1.0))
+        way = self.height + _BELOW
+        return Wanted(4, self.height - way * done, -way * rate / self.descent, 0.0, 0.0)
+
+    def _excited(self, time: float) -> tuple[float, float]:
+        """Aside (m) and roll (rad), ``time`` seconds after the excitation began."""
+        match self._excitation:
+            case Doublets(amplitude=amplitude, width=width, period=period):
+                phase = time % period
+                sign = 1.0 if phase < width else -1.0 if phase < 2 * width else 0.0
+                return 0.0, radians(amplitude) * sign
+            case Chirp(amplitude=amplitude, lowest=lowest, highest=highest, period=period):
+                since = time % period
+                turns = (lowest + (highest - lowest) * since / period / 2) * since
+                return 0.0, radians(amplitude) * sin(2 * pi * turns)
+            case Multisine():
+                return 0.0, self._table[round(time / self._cycle) % len(self._table)]
+            case Steps(distance=distance, period=period):
+                return (0.0 if time // period % 2 else distance), 0.0
+            case None:
+                return 0.0, 0.0
+
+
+def _multisine(wanted: Multisine, cycle: float) -> list[float]:
+    """Roll (rad) at each cycle of one period.
+
+    Sines of equal power at the harmonics of the period, with the phases that keep the peak low: −πk(k − 1)/N for the
+    k-th of N (M. Schroeder, "Synthesis of low-peak-factor signals", IEEE Trans. Information Theory, 1970).
+    """
+    first, last = max(1, round(wanted.lowest * wanted.period)), round(wanted.highest * wanted.period)
+    lines = range(first, max(last, first) + 1)
+    amplitude = radians(wanted.sd) * sqrt(2 / len(lines))
+    samples = round(wanted.period / cycle)
+    phases = [-pi * k * (k + 1) / len(lines) for k in range(len(lines))]
+    return [
+        amplitude * sum(cos(2 * pi * line * i / samples + phase) for line, phase in zip(lines, phases, strict=True))
+        for i in range(samples)
+    ]
+
+
+def _smooth(share: float) -> tuple[float, float]:
+    """How far a motion of least jerk is after a share of its time, and its rate (T. Flash and N. Hogan, 1985)."""
+    return share**3 * (10 - 15 * share + 6 * share**2), 30 * share**2 * (1 - share) ** 2

@@ -1,0 +1,242 @@
+"""Simulation: a scenario flown, cycle by cycle of its autopilot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import ceil, sqrt
+
+import numpy as np
+
+from sitl_scenarios.autopilot import Autopilot
+from sitl_scenarios.body import Body, State
+from sitl_scenarios.dynamics import Air, dynamics
+from sitl_scenarios.frames import Four
+from sitl_scenarios.mixer import IDLE
+from sitl_scenarios.motion import Array, Motion
+from sitl_scenarios.plan import AFTER, BOOT, Plan
+from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.sensors import Sensing
+from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
+from sitl_scenarios.wind import Weather
+
+CYCLES = {"px4": 1 / 250, "ardupilot": 1 / 400}
+"""Control cycle of the autopilots, s: PX4 in its simulators, ArduCopter by SCHED_LOOP_RATE's default."""
+
+SLOWEST_STEP = 1e-3
+"""s: the physics take whole steps in a cycle, and none is longer than this."""
+
+DISARMED = {"px4": 900.0, "ardupilot": 1000.0}
+"""µs that a motor output has while disarmed."""
+
+_COLUMNS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4, "rates": 3} | {
+    "known_attitude": 4,
+    "known_rates": 3,
+    "known_position": 3,
+    "known_velocity": 3,
+    "outputs": 4,
+    "demands": 4,
+    "rotor_speeds": 4,
+    "wind": 3,
+    "force": 3,
+    "moment": 3,
+    "armed": 1,
+    "landed_state": 1,
+}
+"""Of a row, in order, and how many numbers each is."""
+
+_STILL = (0.0,) * 12
+
+
+class Simulation:
+    """A scenario in flight: two seconds on the ground, arming, the flight, disarming, and a second more.
+
+    Every number follows from the scenario: flown again, all are the same, bit by bit.
+
+    Args:
+        scenario: what is flown.
+
+    Attributes:
+        scenario: likewise.
+        cycle: of the autopilot, s; a row of ``Motion`` each.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        self.cycle = CYCLES[scenario.stream.speaks]
+        self._steps = ceil(self.cycle / SLOWEST_STEP - 1e-9)
+        self._body = Body(scenario.vehicle, self.cycle / self._steps)
+        self._dynamics = dynamics(scenario.vehicle)
+        self._airframe = AIRFRAMES[scenario.vehicle.model]
+        self._plan = Plan(scenario, self.cycle)
+        self._autopilot = Autopilot(scenario.vehicle, self.cycle, scenario.sensors.delay)
+        self._sensing = Sensing(scenario.sensors, self.cycle, generator(scenario, 0))
+        self._boot = round(BOOT / self.cycle)
+        self._flight = round(scenario.duration / self.cycle)
+        whole = self._boot + self._flight + round(AFTER / self.cycle)
+        self._weather = Weather(scenario, self.cycle * np.arange(-self._boot, whole - self._boot, dtype=np.float64))
+        self._state = State()
+        self._now = 0
+        self._arming: int = self._boot
+        self._armed = False
+        self._commanded = False
+        self._grounded = True
+        self._down = False
+
+    @property
+    def finished(self) -> bool:
+        """Whether the flight is over and the second after it too."""
+        return self._now >= self._arming + self._flight + round(AFTER / self.cycle)
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors may turn."""
+        return self._armed
+
+    def set_armed(self, armed: bool, force: bool = False) -> bool:
+        """Arms or disarms, as by command; from then on the autopilot does not arm itself.
+
+        Arming begins a flight of the scenario's duration, also after one.
+
+        Args:
+            armed: what is asked for.
+            force: disarm in the air as well; it falls.
+
+        Returns:
+            Whether it is as asked for: disarming in the air is refused unless forced.
+        """
+        if armed == self._armed:
+            return True
+        if not armed and not self._grounded and not force:
+            return False
+        if armed and not self._grounded:
+            return False
+        self._commanded = True
+        self._armed = armed
+        if armed:
+            self._arming = self._now
+            self._down = False
+            self._autopilot.rest()
+        return True
+
+    def advance(self, cycles: int) -> Motion:
+        """The next ``cycles`` rows, fewer at the end of the flight."""
+        rows: list[tuple[float, ...]] = []
+        for _ in range(cycles):
+            if self.finished:
+                break
+            rows.append(self._row())
+        return _motion(np.array(rows, dtype=float).reshape(len(rows), sum(_COLUMNS.values())))
+
+    def _row(self) -> tuple[float, ...]:
+        """What is at the beginning of a cycle, and how it is flown through."""
+        flown = self._now - self._arming
+        if not self._armed and not self._commanded and flown == 0:
+            self._armed = True
+        if self._armed and flown >= self._flight:
+            self._armed = False
+        state, air = self._state, self._weather.at(flown + self._boot, self._state.position)
+        known = self._sensing.known(state)
+        wanted = self._plan.at(flown * self.cycle)
+        landed = 1 if self._grounded and not (self._armed and wanted.landed_state == 3) else wanted.landed_state
+        if not self._armed:
+            disarmed = DISARMED[self.scenario.stream.speaks]
+            outputs, demands = (disarmed,) * 4, (0.0,) * 4
+        elif wanted.landed_state == 1 or self._down:
+            outputs, demands = (1000.0 + 1000.0 * IDLE,) * 4, (0.0, 0.0, 0.0, IDLE)
+        else:
+            outputs, demands = self._autopilot.outputs(known, wanted, not self._grounded)
+        acting = _STILL
+        if not self._grounded:
+            acting = self._dynamics(state.attitude, state.velocity, state.rates, state.rotors, air)
+        row = (
+            self._now * self.cycle,
+            *state.position,
+            *state.velocity,
+            *state.attitude,
+            *state.rates,
+            *known.attitude,
+            *known.rates,
+            *known.position,
+            *known.velocity,
+            *outputs,
+            *demands,
+            *state.rotors,
+            *air[:3],
+            *acting[6:],
+            float(self._armed),
+            float(landed),
+        )
+        self._move(self._targets(outputs, flown), air, wanted.landed_state)
+        self._now += 1
+        return row
+
+    def _targets(self, outputs: Four, flown: int) -> Four:
+        """Rotor speeds that the outputs settle at, rad/s, with what the battery has left."""
+        if not self._armed:
+            return 0.0, 0.0, 0.0, 0.0
+        left = 1.0 - self.scenario.vehicle.battery_sag * min(max(flown / self._flight, 0.0), 1.0)
+        slope, offset = self._airframe.speed
+        slope, offset = left * slope * self._airframe.full / 1000.0, left * offset
+        a, b, c, d = outputs
+        return (
+            slope * (a - 1000.0) + offset,
+            slope * (b - 1000.0) + offset,
+            slope * (c - 1000.0) + offset,
+            slope * (d - 1000.0) + offset,
+        )
+
+    def _move(self, targets: Four, air: Air, phase: int) -> None:
+        """Through a cycle, off the ground and onto it."""
+        state = self._state
+        if self._grounded:
+            rotors = self._body.spun(state.rotors, targets, self._steps)
+            self._state = state._replace(rotors=rotors)
+            lift = sum(self._airframe.thrust_at(speed) for speed in rotors)
+            self._grounded = lift <= self._airframe.mass * GRAVITY
+            return
+        state = self._body.moved(state, targets, air, self._steps)
+        north, east, down = state.position
+        if down >= 0.0 and state.velocity[2] > 0.0:
+            # It stands where it came down, level, with the heading it had.
+            w, _, _, z = state.attitude
+            size = sqrt(w * w + z * z) or 1.0
+            state = State((north, east, 0.0), attitude=(w / size, 0.0, 0.0, z / size), rotors=state.rotors)
+            self._grounded = True
+            self._down = phase == 4 or not self._armed
+            self._autopilot.rest()
+        self._state = state
+
+
+def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> Motion:
+    """A whole flight.
+
+    Args:
+        scenario: what is flown.
+        progress: is told how much of it is flown, 0 to 1, about once a second of flight.
+    """
+    simulation = Simulation(scenario)
+    whole = BOOT + scenario.duration + AFTER
+    pieces = []
+    while not simulation.finished:
+        pieces.append(simulation.advance(round(1 / simulation.cycle)))
+        if progress:
+            progress(min(pieces[-1].time[-1] / whole, 1.0))
+    if progress:
+        progress(1.0)
+    return Motion(**{name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in _COLUMNS})
+
+
+def generator(scenario: Scenario, *purpose: int) -> np.random.Generator:
+    """The source of randomness for one purpose; what others draw does not change it."""
+    return np.random.default_rng(np.random.SeedSequence(scenario.seed, spawn_key=purpose))
+
+
+def _motion(rows: Array) -> Motion:
+    ends = np.cumsum(list(_COLUMNS.values()))
+    parts = dict(zip(_COLUMNS, np.split(rows, ends[:-1], axis=1), strict=True))
+    armed, landed_state = parts.pop("armed"), parts.pop("landed_state")
+    return Motion(
+        **{name: part[:, 0] if _COLUMNS[name] == 1 else part for name, part in parts.items()},
+        armed=armed[:, 0] > 0.5,
+        landed_state=landed_state[:, 0].astype(np.uint8),
+    )

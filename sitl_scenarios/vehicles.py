@@ -1,0 +1,133 @@
+"""Vehicles: rigid bodies and rotors of quadrotors that were measured and published, the source beside the numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+GRAVITY = 9.81
+"""m/s², as in the paper's table of systems."""
+
+AIR_DENSITY = 1.225
+"""kg/m³, of the standard atmosphere at sea level (ISO 2533)."""
+
+
+@dataclass(frozen=True)
+class Airframe:
+    """A quadrotor, SI units.
+
+    Attributes:
+        mass: kg.
+        inertia: about forward, right and down, kg m²; the products are taken to be zero.
+        arm: how far forward and right of the centre of mass the rotors of the X frame are, m.
+        hub_height: of the rotors above the centre of mass, m; the drag of the hull acts there too.
+        drag_area: of the hull, C_d A, m².
+        thrust: (a, b) of a rotor, N: aω² + bω at ω rad/s.
+        torque: (a, b) of a rotor, N m, likewise.
+        speed: (slope, offset) of a rotor's speed, rad/s, in the command.
+        full: the command that is 2000 µs; 0 is 1000 µs.
+        lag: time constants of the rotor speed when it rises and when it falls, s.
+        rotor_drag: N per (rad/s · m/s) of one rotor, against the air that moves along its disc.
+        inflow: N per (rad/s · m/s) of one rotor: thrust lost to air that moves down through its disc.
+    """
+
+    mass: float
+    inertia: tuple[float, float, float]
+    arm: tuple[float, float]
+    hub_height: float
+    drag_area: float
+    thrust: tuple[float, float]
+    torque: tuple[float, float]
+    speed: tuple[float, float]
+    full: float
+    lag: tuple[float, float]
+    rotor_drag: float
+    inflow: float
+
+    def rotor_speed(self, command: float) -> float:
+        """What a command settles at, rad/s; the command in the vehicle's own unit, 0 to ``full``."""
+        slope, offset = self.speed
+        return slope * command + offset
+
+    def thrust_at(self, speed: float) -> float:
+        """Of one rotor in still air, N, at a speed in rad/s."""
+        a, b = self.thrust
+        return (a * speed + b) * speed
+
+    def speed_for(self, thrust: float) -> float:
+        """Of a rotor whose thrust in still air is ``thrust`` N ≥ 0, rad/s."""
+        a, b = self.thrust
+        return (sqrt(b * b + 4 * a * thrust) - b) / (2 * a)
+
+    @property
+    def hover_speed(self) -> float:
+        """Of each rotor when the four carry the weight, rad/s."""
+        return self.speed_for(self.mass * GRAVITY / 4)
+
+    @property
+    def hover_command(self) -> float:
+        """That holds ``hover_speed``, in the vehicle's own unit."""
+        slope, offset = self.speed
+        return (self.hover_speed - offset) / slope
+
+
+ARDRONE2 = Airframe(
+    # TU Delft's figures, from which the paper's table of systems follows: D. Benders, "AR.Drone 2.0 state estimation
+    # using Dynamic Expectation Maximization", MSc thesis, 2020. Its command is PWM of 0 to 255.
+    mass=0.481,
+    inertia=(3.4e-3, 4.0e-3, 6.9e-3),
+    arm=(0.178 / sqrt(2), 0.178 / sqrt(2)),
+    thrust=(1.021e-5, -7.037e-4),
+    torque=(2.4e-7, -9.9e-6),
+    speed=(3.7 / 2.55, 130.9),
+    full=255.0,
+    # No lag, drag or height is published with them. Assumed: the lag of rotors of this size; the drag and inflow of the
+    # AscTec Hummingbird, whose rotors are as large and as fast (J. Svacha et al., "Improving quadrotor trajectory
+    # tracking by compensating for aerodynamic effects", ICUAS 2017, as given in RotorPy); hull with indoor guards,
+    # 0.52 by 0.1 m seen from the side, C_d about 0.8 of what is solid in it.
+    lag=(0.02, 0.02),
+    rotor_drag=1.19e-4,
+    inflow=2.32e-4,
+    hub_height=0.02,
+    drag_area=0.02,
+)
+
+IRIS = Airframe(
+    # 3DR Iris as in PX4's gazebo-classic model iris.sdf: hull of 1.5 kg and four rotors of 5 g; rotors 0.13 m forward,
+    # 0.22 m right (0.20 m behind, taken as in front) and 0.023 m up; 1100 rad/s at full command and 100 at none; rotor
+    # drag after Ph. Martin and E. Salaün, "The true role of accelerometer feedback in quadrotor control", ICRA 2010.
+    mass=1.52,
+    inertia=(0.029125, 0.029125, 0.055225),
+    arm=(0.13, 0.22),
+    hub_height=0.023,
+    thrust=(5.84e-6, 0.0),
+    torque=(0.06 * 5.84e-6, 0.0),
+    speed=(1000.0, 100.0),
+    full=1.0,
+    lag=(0.0125, 0.025),
+    rotor_drag=1.75e-4,
+    # Assumed: twice the rotor drag, as the Hummingbird's; and a hull of 0.47 by 0.11 m, C_d 0.8 of what is solid in it.
+    inflow=3.5e-4,
+    drag_area=0.03,
+)
+
+CRAZYFLIE = Airframe(
+    # Crazyflie 2.x: S. Folk, J. Paulos and V. Kumar, "RotorPy", 2023, after J. Förster, "System identification of the
+    # Crazyflie 2.0 nano quadrocopter", BSc thesis, ETH Zürich 2015, whose ratio of torque to thrust is taken.
+    mass=0.030,
+    inertia=(1.43e-5, 1.43e-5, 2.89e-5),
+    arm=(0.043 / sqrt(2), 0.043 / sqrt(2)),
+    thrust=(2.3e-8, 0.0),
+    torque=(0.005964552 * 2.3e-8, 0.0),
+    speed=(2500.0, 0.0),
+    full=1.0,
+    lag=(0.072, 0.072),
+    rotor_drag=10.2506e-7,
+    inflow=7.553e-7,
+    # Assumed: rotors 5 mm above the centre of mass; 0.09 by 0.03 m seen from the side, C_d 0.8 of what is solid in it.
+    hub_height=0.005,
+    drag_area=1e-3,
+)
+
+AIRFRAMES = {"ardrone2": ARDRONE2, "iris": IRIS, "crazyflie": CRAZYFLIE}
+"""By the name that a scenario gives."""
