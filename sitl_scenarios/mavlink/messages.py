@@ -28,8 +28,8 @@ ACTIVE, STANDBY = 4, 3
 """MAV_STATE."""
 STARTING = 3.0
 """Seconds after boot in which the autopilot says that it starts."""
-SENSORS = 0b1111
-"""MAV_SYS_STATUS_SENSOR: gyroscopes, accelerometers, magnetometer and barometer."""
+SENSORS, FENCE = 0b1111, 1 << 20
+"""MAV_SYS_STATUS_SENSOR: gyroscopes, accelerometers, magnetometer and barometer; and the fence, which is not breached."""
 FULL = 12.6
 """Volts of a charged battery of three cells."""
 CHANNELS = 16
@@ -96,7 +96,7 @@ class Speaker:
         return {
             "onboard_control_sensors_present": SENSORS,
             "onboard_control_sensors_enabled": SENSORS,
-            "onboard_control_sensors_health": SENSORS,
+            "onboard_control_sensors_health": SENSORS | FENCE,
             "voltage_battery": np.round(1000 * volts),
             "current_battery": -1,
             "battery_remaining": -1,

@@ -8,20 +8,16 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
+from sitl_scenarios.frames import SPINS, frame
 from sitl_scenarios.mavlink.autopilots import Autopilot
 from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.vehicles import AIRFRAMES
 
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9
 """MAV_PARAM_TYPE."""
 INTEGERS = {INT8: 8, INT16: 16, INT32: 32}
 """Bits of the integer types."""
 MOTORS = 4
-ROTORS = {
-    "x": ((1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)),
-    "plus": ((0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0)),
-}
-"""Where motors 1 to 4 are, (forward, right): PX4's allocation knows directions only, unless told arms of other lengths.
-Both autopilots number them so, and the first two turn counter-clockwise."""
 TORQUE_RATIO = 0.05
 """PX4's default for torque over thrust, positive for counter-clockwise."""
 ARDUPILOT_FRAMES = {"plus": 0, "x": 1}
@@ -79,9 +75,10 @@ def _px4(scenario: Scenario) -> list[Parameter]:
     for bound, value in (("DIS", 900), ("MIN", 1000), ("MAX", 2000)):
         whole |= {f"PWM_MAIN_{bound}{n}": value for n in range(1, MOTORS + 1)}
     real: dict[str, float] = {}
-    for n, (forward, right) in enumerate(ROTORS[scenario.vehicle.frame]):
-        real |= {f"CA_ROTOR{n}_PX": forward, f"CA_ROTOR{n}_PY": right, f"CA_ROTOR{n}_PZ": 0.0}
-        real |= {f"CA_ROTOR{n}_CT": 6.5, f"CA_ROTOR{n}_KM": TORQUE_RATIO if n < 2 else -TORQUE_RATIO}
+    rotors = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
+    for n in range(MOTORS):
+        real |= {f"CA_ROTOR{n}_PX": rotors.forward[n], f"CA_ROTOR{n}_PY": rotors.right[n], f"CA_ROTOR{n}_PZ": 0.0}
+        real |= {f"CA_ROTOR{n}_CT": 6.5, f"CA_ROTOR{n}_KM": TORQUE_RATIO * SPINS[n]}
     return [Parameter(name, INT32, value) for name, value in whole.items()] + [
         Parameter(name, REAL32, value) for name, value in real.items()
     ]
