@@ -19,6 +19,9 @@ SETTLE = 2.0
 AFTER = 1.0
 """Seconds simulated after disarming; and from touch-down, as it is planned, to disarming."""
 
+SHORTEST = 5.0
+"""Seconds of hover without which a flight is refused."""
+
 _FASTEST = 1.5
 """m/s: the mean of a climb or a descent that takes longer than the usual time."""
 
@@ -43,38 +46,63 @@ class Wanted(NamedTuple):
     roll: float
 
 
+class Times(NamedTuple):
+    """Of a flight, s: how long climb and descent take, and when, after arming, hover and descent begin."""
+
+    climb: float
+    descent: float
+    hover: float
+    landing: float
+
+
+def times(scenario: Scenario) -> Times:
+    """When a scenario does what.
+
+    Raises:
+        ValueError: the duration leaves no time to hover.
+    """
+    climb, descent = max(3.0, scenario.height / _FASTEST), max(4.0, scenario.height / _FASTEST)
+    shortest = SPIN_UP + climb + SHORTEST + descent + AFTER
+    if scenario.duration < shortest:
+        raise ValueError(
+            f"duration must be at least {shortest:g} s for a height of {scenario.height:g} m, not {scenario.duration:g}"
+        )
+    return Times(climb, descent, SPIN_UP + climb, scenario.duration - AFTER - descent)
+
+
 class Plan:
     """Spin up, climb for three seconds or as long as it takes, hover and be excited, descend, and wait.
 
     Args:
         scenario: whose height, duration and excitation count.
         cycle: of the autopilot, s.
+
+    Raises:
+        ValueError: the duration leaves no time to hover.
     """
 
     def __init__(self, scenario: Scenario, cycle: float) -> None:
-        self.height = scenario.height
-        self.climb = max(3.0, scenario.height / _FASTEST)
-        self.descent = max(4.0, scenario.height / _FASTEST)
-        self.hover = SPIN_UP + self.climb
-        self.landing = scenario.duration - AFTER - self.descent
+        self._times = times(scenario)
+        self._height = scenario.height
         self._excitation = scenario.excitation
         self._cycle = cycle
         self._table = _multisine(scenario.excitation, cycle) if isinstance(scenario.excitation, Multisine) else []
 
     def at(self, time: float) -> Wanted:
         """What is wanted ``time`` seconds after arming."""
+        climb, descent, hover, landing = self._times
         if time < SPIN_UP:
             return Wanted(1, 0.0, 0.0, 0.0, 0.0)
-        if time < self.hover:
-            done, rate = _smooth((time - SPIN_UP) / self.climb)
-            return Wanted(3, self.height * done, self.height * rate / self.climb, 0.0, 0.0)
-        if time < self.landing:
-            excited = self.hover + SETTLE <= time < self.landing - SETTLE
-            aside, roll = self._excited(time - self.hover - SETTLE) if excited else (0.0, 0.0)
-            return Wanted(2, self.height, 0.0, aside, roll)
-        done, rate = _smooth(min((time - self.landing) / self.descent, 1.0))
-        way = self.height + _BELOW
-        return Wanted(4, self.height - way * done, -way * rate / self.descent, 0.0, 0.0)
+        if time < hover:
+            done, rate = _smooth((time - SPIN_UP) / climb)
+            return Wanted(3, self._height * done, self._height * rate / climb, 0.0, 0.0)
+        if time < landing:
+            excited = hover + SETTLE <= time < landing - SETTLE
+            aside, roll = self._excited(time - hover - SETTLE) if excited else (0.0, 0.0)
+            return Wanted(2, self._height, 0.0, aside, roll)
+        done, rate = _smooth(min((time - landing) / descent, 1.0))
+        way = self._height + _BELOW
+        return Wanted(4, self._height - way * done, -way * rate / descent, 0.0, 0.0)
 
     def _excited(self, time: float) -> tuple[float, float]:
         """Aside (m) and roll (rad), ``time`` seconds after the excitation began."""

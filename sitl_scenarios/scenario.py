@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -252,3 +252,46 @@ class Scenario(_Section):
     sensors: Sensors = Sensors()
     stream: Stream = Stream()
     faults: Faults = Faults()
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Scenario:
+        """What no key can be wrong in by itself."""
+        for place, wind in enumerate(self.wind):
+            if isinstance(wind, Gaussian | Jet) and wind.s >= self.duration:
+                raise ValueError(_too_long(f"wind.{place}.s", wind.s, self.duration))
+            if isinstance(wind, Gust) and wind.start >= self.duration:
+                raise ValueError(_too_long(f"wind.{place}.start", wind.start, self.duration))
+        for place, moment in enumerate(self.moments):
+            if moment.s >= self.duration:
+                raise ValueError(_too_long(f"moments.{place}.s", moment.s, self.duration))
+        excitation = self.excitation
+        if excitation is not None and excitation.period >= self.duration:
+            raise ValueError(_too_long("excitation.period", excitation.period, self.duration))
+        if isinstance(excitation, Doublets) and 2 * excitation.width > excitation.period:
+            raise ValueError(
+                f"excitation.width must be at most half of excitation.period, {excitation.period / 2:g} s, "
+                f"not {excitation.width:g}"
+            )
+        if isinstance(excitation, Chirp | Multisine):
+            if excitation.lowest > excitation.highest:
+                raise ValueError(
+                    f"excitation.lowest must be at most excitation.highest, {excitation.highest:g} Hz, "
+                    f"not {excitation.lowest:g}"
+                )
+            if excitation.highest >= self.stream.rate / 2:
+                raise ValueError(
+                    f"excitation.highest must be below half of stream.rate, {self.stream.rate / 2:g} Hz, "
+                    f"not {excitation.highest:g}"
+                )
+        if isinstance(excitation, Multisine) and excitation.lowest * excitation.period < 1:
+            raise ValueError(
+                f"excitation.lowest must be at least one turn in excitation.period, {1 / excitation.period:g} Hz, "
+                f"not {excitation.lowest:g}"
+            )
+        if self.faults.reboot is not None and self.faults.reboot >= self.duration:
+            raise ValueError(_too_long("faults.reboot", self.faults.reboot, self.duration))
+        return self
+
+
+def _too_long(key: str, given: float, duration: float) -> str:
+    return f"{key} must be less than the duration of the flight, {duration:g} s, not {given:g}"

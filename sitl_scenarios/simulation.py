@@ -14,6 +14,7 @@ from sitl_scenarios.frames import Four
 from sitl_scenarios.mixer import IDLE
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import AFTER, BOOT, Plan
+from sitl_scenarios.randomness import generator
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.sensors import Sensing
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
@@ -69,11 +70,12 @@ class Simulation:
         self._airframe = AIRFRAMES[scenario.vehicle.model]
         self._plan = Plan(scenario, self.cycle)
         self._autopilot = Autopilot(scenario.vehicle, self.cycle, scenario.sensors.delay)
-        self._sensing = Sensing(scenario.sensors, self.cycle, generator(scenario, 0))
+        self._sensing = Sensing(scenario.sensors, self.cycle, generator(scenario.seed, 0))
         self._boot = round(BOOT / self.cycle)
         self._flight = round(scenario.duration / self.cycle)
         whole = self._boot + self._flight + round(AFTER / self.cycle)
-        self._weather = Weather(scenario, self.cycle * np.arange(-self._boot, whole - self._boot, dtype=np.float64))
+        since_arming = self.cycle * np.arange(-self._boot, whole - self._boot, dtype=np.float64)
+        self._weather = Weather(scenario, self.cycle, since_arming)
         self._state = State()
         self._now = 0
         self._arming: int = self._boot
@@ -224,11 +226,6 @@ def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> 
     if progress:
         progress(1.0)
     return Motion(**{name: np.concatenate([getattr(piece, name) for piece in pieces]) for name in _COLUMNS})
-
-
-def generator(scenario: Scenario, *purpose: int) -> np.random.Generator:
-    """The source of randomness for one purpose; what others draw does not change it."""
-    return np.random.default_rng(np.random.SeedSequence(scenario.seed, spawn_key=purpose))
 
 
 def _motion(rows: Array) -> Motion:
