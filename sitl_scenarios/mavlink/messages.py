@@ -29,7 +29,7 @@ ACTIVE, STANDBY = 4, 3
 STARTING = 3.0
 """Seconds after boot in which the autopilot says that it starts."""
 SENSORS, FENCE = 0b1111, 1 << 20
-"""MAV_SYS_STATUS_SENSOR: gyroscopes, accelerometers, magnetometer and barometer; and the fence, which is not breached."""
+"""MAV_SYS_STATUS_SENSOR: gyroscopes, accelerometers, magnetometer, barometer; and the fence, which is not breached."""
 FULL = 12.6
 """Volts of a charged battery of three cells."""
 CHANNELS = 16
