@@ -65,7 +65,7 @@ def dynamics(vehicle: Vehicle) -> Dynamics:
     ix, iy, iz = body.inertia
     thrust2, thrust1 = body.thrust
     torque2, torque1 = body.torque
-    half_rho_area = AIR_DENSITY * body.drag_area / 2 if vehicle.rotor_drag else 0.0
+    half_rho_area = AIR_DENSITY * body.drag_area / 2
     along = body.rotor_drag if vehicle.rotor_drag else 0.0
     through = body.inflow if vehicle.rotor_drag else 0.0
 

@@ -67,7 +67,7 @@ def linearised(vehicle: Vehicle) -> Linear:
     hover = np.zeros(16)
     hover[12:] = body.hover_speed
     commands = np.full(4, body.hover_command)
-    steps = np.repeat([1e-3, 1e-3, 1e-5, 1e-4, 1e-5 * body.hover_speed], [3, 3, 3, 3, 4])
+    steps = np.repeat([1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.hover_speed], [3, 3, 3, 3, 4])
     A = np.column_stack(
         [
             (derivative(hover + step, commands) - derivative(hover - step, commands)) / (2 * size)
@@ -109,7 +109,7 @@ def axis(vehicle: Vehicle, axis: Literal["roll", "pitch"] = "roll", lag: bool = 
 
 
 def paper_system(order: Literal[1, 2, 3, 4]) -> Linear:
-    """A and B of the paper's table ``tab:systems``: AR.Drone 2.0, without drag and lag, PWM of 0 to 255.
+    """A and B of the paper's table ``tab:systems``: AR.Drone 2.0, without rotor drag and lag, PWM of 0 to 255.
 
     Its y points to the left and its motors are in its own order, see ``sitl_scenarios.frames.PAPER_ORDER``.
 

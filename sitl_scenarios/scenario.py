@@ -29,7 +29,7 @@ class Vehicle(_Section):
         model: one of the vehicles of ``sitl_scenarios.vehicles``.
         frame: where the rotors are.
         battery_sag: share of the rotors' speed that the battery loses from the beginning of the flight to its end.
-        rotor_drag: whether rotors in wind drag the vehicle along and tilt it.
+        rotor_drag: whether rotors in wind drag the vehicle along and tilt it; if not, its hull still does.
     """
 
     model: Literal["ardrone2", "iris", "crazyflie"] = "iris"

@@ -134,7 +134,7 @@ class Simulation:
         flown = self._now - self._arming
         if not self._armed and not self._commanded and flown == 0:
             self._armed = True
-        if self._armed and flown >= self._flight:
+        if self._armed and flown >= self._flight and self._grounded:
             self._armed = False
         state, air = self._state, self._weather.at(flown + self._boot, self._state.position)
         known = self._sensing.known(state)

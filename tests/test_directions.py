@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import mavdem
+import sitl_scenarios
 
 ROOT = Path(mavdem.__file__).parent
 FILES = sorted(path.relative_to(ROOT) for path in ROOT.rglob("*.py"))
@@ -17,10 +18,10 @@ HOME |= {"zstandard": "ingest", "lz4": "ingest", "pyarrow": "table.py"}
 """The only room that may import a library."""
 
 
-def imported(path: Path) -> set[str]:
+def imported(path: Path, root: Path = ROOT) -> set[str]:
     """Full names of the modules that a file imports, also inside functions."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse((ROOT / path).read_text())):
+    for node in ast.walk(ast.parse((root / path).read_text())):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -99,3 +100,22 @@ def test_nothing_imports_what_is_downstream(path):
 def test_nobody_imports_the_command_line(path):
     if path.parts[0] != "cli":
         assert not any(within(name, "mavdem.cli") for name in imported(path))
+
+
+@pytest.mark.parametrize("path", FILES, ids=str)
+def test_only_the_command_line_knows_of_simulated_flights(path):
+    if path.parts[0] != "cli":
+        assert not any(within(name, "sitl_scenarios") for name in imported(path))
+
+
+SCENARIOS = Path(sitl_scenarios.__file__).parent
+WRITERS = ("mavdem.ingest.tlog_writer", "mavdem.ingest.mcap_writer", "mavdem.errors", "mavdem.whole_file")
+"""What a simulated flight may use of mavdem: it makes logs, and knows nothing of what is done with them."""
+
+
+@pytest.mark.parametrize("path", sorted(path.relative_to(SCENARIOS) for path in SCENARIOS.rglob("*.py")), ids=str)
+def test_simulated_flights_know_how_to_write_logs_and_nothing_else_of_mavdem(path):
+    allowed = sys.stdlib_module_names | {"numpy", "scipy", "pydantic"}
+    for name in imported(path, SCENARIOS):
+        own = within(name, "sitl_scenarios") or any(within(name, writer) for writer in WRITERS)
+        assert own or name.split(".")[0] in allowed, f"{path} imports {name}"

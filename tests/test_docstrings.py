@@ -15,8 +15,13 @@ import click
 import pytest
 
 import mavdem
+import sitl_scenarios
 
-MODULES = [importlib.import_module(found.name) for found in pkgutil.walk_packages(mavdem.__path__, "mavdem.")]
+MODULES = [
+    importlib.import_module(found.name)
+    for package in (mavdem, sitl_scenarios)
+    for found in pkgutil.walk_packages(package.__path__, f"{package.__name__}.")
+]
 
 
 def public(owner: Any) -> Iterator[tuple[str, Any]]:

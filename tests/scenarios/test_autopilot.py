@@ -1,0 +1,106 @@
+"""What the autopilot asks of motors, and the plan it follows."""
+
+from math import radians
+
+import numpy as np
+import pytest
+
+from sitl_scenarios.autopilot import pulse
+from sitl_scenarios.body import State
+from sitl_scenarios.frames import frame
+from sitl_scenarios.mixer import IDLE, mixed
+from sitl_scenarios.plan import Plan
+from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Steps
+from sitl_scenarios.sensors import Sensing
+
+X = frame("x", (0.1, 0.1))
+CYCLE = 0.004
+
+
+def test_roll_to_the_right_speeds_up_the_motors_on_the_left():
+    assert mixed(X, (0.1, 0.0, 0.0, 0.5)) == pytest.approx((0.4, 0.6, 0.6, 0.4))
+    assert mixed(X, (0.0, 0.1, 0.0, 0.5)) == pytest.approx((0.6, 0.4, 0.6, 0.4))
+    assert mixed(X, (0.0, 0.0, 0.1, 0.5)) == pytest.approx((0.6, 0.6, 0.4, 0.4))
+
+
+def test_saturation_takes_thrust_first_and_keeps_the_demands_in_proportion():
+    full = np.array(mixed(X, (0.3, 0.0, 0.0, 1.0)))
+    assert full.max() == pytest.approx(1)
+    assert full[1] - full[0] == pytest.approx(0.6)
+    beyond = np.array(mixed(X, (0.9, 0.6, 0.0, 0.5)))
+    assert beyond.min() == pytest.approx(IDLE)
+    assert beyond.max() == pytest.approx(1)
+    roll, pitch = beyond @ X.roll, beyond @ X.pitch
+    assert roll / pitch == pytest.approx(1.5)
+
+
+def test_outputs_are_whole_microseconds():
+    assert pulse(0.70049) == 1700
+    assert pulse(0.7006) == 1701
+
+
+def sensed(sensors, states, seed=0):
+    sensing = Sensing(sensors, CYCLE, np.random.default_rng(seed))
+    return [sensing.known(state) for state in states]
+
+
+def test_what_is_known_is_late_by_the_delay():
+    states = [State(velocity=(float(k), 0.0, 0.0)) for k in range(10)]
+    quiet = {"rate_sd": 0.0, "attitude_sd": 0.0, "position_sd": 0.0, "velocity_sd": 0.0}
+    known = sensed(Sensors(**quiet, delay=0.010), states)
+    assert [each.velocity[0] for each in known[3:]] == pytest.approx(np.arange(3, 10) - 2.5)
+    at_once = sensed(Sensors(**quiet, delay=0.0), states)
+    assert [each.velocity[0] for each in at_once] == list(range(10))
+
+
+def test_what_is_known_is_as_noisy_as_asked():
+    sensors = Sensors(rate_sd=0.1, attitude_sd=0.02, position_sd=0.5, velocity_sd=0.3)
+    known = sensed(sensors, [State()] * 20000)
+    # The standard error of a standard deviation of 60000 values is 0.3 %.
+    assert np.std([each.rates for each in known]) == pytest.approx(0.1, rel=0.012)
+    assert np.std([each.velocity for each in known]) == pytest.approx(0.3, rel=0.012)
+    assert np.std([each.position for each in known]) == pytest.approx(0.5, rel=0.012)
+    assert 2 * np.std([each.attitude[1:] for each in known]) == pytest.approx(0.02, rel=0.012)
+
+
+def excited(excitation, duration=60.0):
+    plan = Plan(Scenario(duration=duration, excitation=excitation), CYCLE)
+    return [plan.at(k * CYCLE) for k in range(round(duration / CYCLE))]
+
+
+def test_a_flight_takes_off_hovers_and_lands():
+    states = [wanted.landed_state for wanted in excited(None)]
+    assert list(dict.fromkeys(states)) == [1, 3, 2, 4]
+    assert max(wanted.height for wanted in excited(None)) == pytest.approx(5)
+    # A climb's rate is that of its height.
+    heights = np.array([wanted.height for wanted in excited(None)])
+    climbs = np.array([wanted.climb for wanted in excited(None)])
+    assert np.allclose(np.gradient(heights, CYCLE)[1:-1], climbs[1:-1], atol=0.01)
+
+
+def test_doublets_and_steps_come_back():
+    rolls = np.array([wanted.roll for wanted in excited(Doublets(kind="doublets", amplitude=8.0))])
+    assert set(np.round(np.degrees(rolls), 9)) == {-8.0, 0.0, 8.0}
+    assert rolls.sum() == pytest.approx(0, abs=radians(8) * 2)
+    places = [wanted.aside for wanted in excited(Steps(kind="steps", distance=2.0))]
+    assert set(places) == {0.0, 2.0}
+
+
+def test_a_multisine_has_its_power_where_it_should_and_a_low_peak():
+    wanted = Multisine(kind="multisine", sd=2.0, lowest=0.5, highest=4.0, period=10.0)
+    rolls = np.degrees([at.roll for at in excited(wanted)])
+    period = rolls[round(20 / CYCLE) : round(30 / CYCLE)]
+    assert period.std() == pytest.approx(2)
+    assert np.abs(period).max() < 2.2 * 2
+    power = np.abs(np.fft.rfft(period)) ** 2
+    inside = power[5:41]
+    assert inside.sum() == pytest.approx(power.sum())
+    assert inside == pytest.approx(inside.mean())
+
+
+def test_a_chirp_rises_in_frequency():
+    rolls = np.array([at.roll for at in excited(Chirp(kind="chirp", lowest=0.5, highest=4.0, period=20.0))])
+    begin = round(6 / CYCLE)
+    turns = [np.sum(np.diff(np.sign(rolls[begin + round(t / CYCLE) :][: round(2 / CYCLE)])) != 0) for t in (0, 9, 18)]
+    assert turns[0] < turns[1] < turns[2]
+    assert turns[2] == pytest.approx(2 * 2 * 3.8, abs=2)

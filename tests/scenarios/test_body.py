@@ -1,0 +1,134 @@
+"""The integrator is of second order, and right where there is a formula for what it should give."""
+
+from dataclasses import replace
+from math import exp
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from sitl_scenarios.body import Body, State
+from sitl_scenarios.dynamics import Air, dynamics
+from sitl_scenarios.scenario import Vehicle
+from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
+
+IRIS = AIRFRAMES["iris"]
+CYCLE = 0.004
+GUSTY = Air(north=2.0, east=-3.0, down=0.5, p=0.3, q=-0.2, roll=0.02, pitch=-0.01, yaw=0.001)
+
+
+def targets(cycle):
+    """Commands that change from cycle to cycle, some up, some down."""
+    swing = 30.0 * np.array([np.sin(0.7 * cycle), np.sin(0.5 * cycle + 1), np.cos(0.6 * cycle), np.sin(0.9 * cycle)])
+    return tuple((IRIS.hover_speed + swing).tolist())
+
+
+def begun():
+    hover = (IRIS.hover_speed,) * 4
+    return State((0.0, 0.0, -5.0), (1.0, 0.5, -0.3), (0.96, 0.2, 0.12, 0.15), (0.8, -0.6, 0.5), hover)
+
+
+def normed(state):
+    q = np.array(state.attitude)
+    return state._replace(attitude=tuple((q / np.linalg.norm(q)).tolist()))
+
+
+def flown(steps, cycles=100):
+    """The state as one row after ``cycles``, in steps of CYCLE/steps."""
+    body, state = Body(Vehicle(model="iris"), CYCLE / steps), normed(begun())
+    for cycle in range(cycles):
+        state = body.moved(state, targets(cycle), GUSTY, steps)
+    return np.concatenate(state[:5])
+
+
+def reference(cycles=100):
+    """The same by scipy's DOP853 at its tightest, from cycle to cycle."""
+    change, up, down = dynamics(Vehicle(model="iris")), *IRIS.lag
+    row = np.concatenate(normed(begun())[:5])
+
+    def derivative(_, row, wanted):
+        position, velocity, attitude, rates, rotors = np.split(row, [3, 6, 10, 13])
+        w, x, y, z = attitude
+        p, q, r = rates
+        acting = change(tuple(attitude), tuple(velocity), tuple(rates), tuple(rotors), GUSTY)
+        turned = 0.5 * np.array(
+            [-x * p - y * q - z * r, w * p + y * r - z * q, w * q + z * p - x * r, w * r + x * q - y * p]
+        )
+        lag = np.where(rotors < wanted, up, down)
+        return np.concatenate([velocity, acting[:3], turned, acting[3:6], (wanted - rotors) / lag])
+
+    for cycle in range(cycles):
+        wanted = np.array(targets(cycle))
+        row = solve_ivp(derivative, (0, CYCLE), row, "DOP853", rtol=1e-12, atol=1e-12, args=(wanted,)).y[:, -1]
+    return row
+
+
+def test_the_error_falls_with_the_square_of_the_step():
+    truth = reference()
+    errors = [np.linalg.norm(flown(steps) - truth) for steps in (2, 4, 8, 16)]
+    orders = np.log2(np.divide(errors[:-1], errors[1:]))
+    assert np.all(np.abs(orders - 2) < 0.15), orders
+    # At 1 kHz, after 0.4 s of tumbling.
+    assert errors[1] < 1e-4
+
+
+def test_a_hover_stays_where_it_is():
+    hover = (IRIS.hover_speed,) * 4
+    body, state = Body(Vehicle(model="iris"), 1e-3), State((0.0, 0.0, -5.0), rotors=hover)
+    state = body.moved(state, hover, Air(), 5000)
+    assert np.allclose(np.concatenate(state[:4]), [0, 0, -5, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0], atol=1e-9)
+
+
+def test_a_free_fall_is_a_parabola_and_keeps_energy_and_angular_momentum(monkeypatch):
+    monkeypatch.setitem(AIRFRAMES, "iris", replace(IRIS, drag_area=0.0))
+    drift = []
+    for steps in (4, 8):
+        body = Body(Vehicle(model="iris", rotor_drag=False), CYCLE / steps)
+        before = State((0.0, 0.0, -50.0), (3.0, -2.0, -4.0), (1.0, 0.0, 0.0, 0.0), (2.0, 3.0, -1.0))
+        after = body.moved(before, (0.0,) * 4, Air(), 250 * steps)
+        assert np.allclose(after.velocity, [3, -2, -4 + GRAVITY], atol=1e-10)
+        assert np.allclose(after.position, [3, -2, -50 - 4 + GRAVITY / 2], atol=1e-2 / steps**2)
+        inertia = np.array(IRIS.inertia)
+        energy = [inertia @ np.square(state.rates) / 2 for state in (before, after)]
+        momentum = [turned(state.attitude, inertia * np.array(state.rates)) for state in (before, after)]
+        drift.append([abs(energy[1] / energy[0] - 1), np.linalg.norm(momentum[1] - momentum[0])])
+    assert np.max(drift) < 1e-4
+    # Of second order, or better.
+    assert np.all(np.array(drift[1]) < 0.3 * np.array(drift[0]))
+
+
+def turned(attitude, vector):
+    """From body axes to NED."""
+    w, v = attitude[0], np.array(attitude[1:])
+    return vector + 2 * np.cross(v, np.cross(v, vector) + w * vector)
+
+
+@pytest.mark.parametrize("model", AIRFRAMES)
+def test_rotors_lag_exponentially(model):
+    up, down = AIRFRAMES[model].lag
+    body = Body(Vehicle(model=model), 1e-3)
+    rotors = body.spun((100.0, 200.0, 300.0, 200.0), (200.0,) * 4, 30)
+    assert rotors == pytest.approx((200 - 100 * exp(-0.03 / up), 200, 200 + 100 * exp(-0.03 / down), 200))
+
+
+def test_wind_pushes_and_tilts_as_its_formulas_say():
+    body = AIRFRAMES["ardrone2"]
+    change = dynamics(Vehicle(model="ardrone2"))
+    hover, level, still = (body.hover_speed,) * 4, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    from_west = change(level, still, still, hover, Air(east=5.0))
+    force = 0.5 * 1.225 * body.drag_area * 25 + body.rotor_drag * 4 * body.hover_speed * 5
+    assert from_west[6:] == pytest.approx((0, force, 0, body.hub_height * force, 0, 0))
+    assert from_west[1] == pytest.approx(force / body.mass)
+    # Air that rises lifts; air that turns to the right rolls to the right.
+    rising = change(level, still, still, hover, Air(down=-1.0))
+    assert rising[8] == pytest.approx(-0.5 * 1.225 * body.drag_area - body.inflow * 4 * body.hover_speed)
+    turning = change(level, still, still, hover, Air(p=0.5))
+    assert turning[9] == pytest.approx(0.5 * body.inflow * body.hover_speed * 4 * body.arm[1] ** 2)
+    assert change(level, still, (0.5, 0.0, 0.0), hover, Air())[9] == pytest.approx(-turning[9])
+
+
+def test_without_rotor_drag_the_hull_is_all_that_wind_finds():
+    level, still, hover = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (IRIS.hover_speed,) * 4
+    change = dynamics(Vehicle(model="iris", rotor_drag=False))
+    assert change(level, still, still, hover, Air(p=1.0, q=1.0))[6:] == (0,) * 6
+    assert change(level, still, still, hover, Air(east=2.0))[7] == pytest.approx(0.5 * 1.225 * IRIS.drag_area * 4)

@@ -1,0 +1,104 @@
+"""Scenario files: those that come with the package load; what is wrong in another is said in one sentence."""
+
+import pytest
+
+from sitl_scenarios.files import load, names, scenario_of
+from sitl_scenarios.scenario import Scenario
+
+GUST = '[[wind]]\nkind = "gust"\nstart = 5\nspeed = 3\n'
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_scenario_of_the_package_loads_and_says_what_it_is(name):
+    scenario = load(name)
+    assert scenario.description.endswith(".")
+    assert scenario.description.count(". ") == 0
+    assert len(scenario.description) < 140
+
+
+def test_the_scenarios_that_others_call_by_name_are_there():
+    papers = {f"paper_{i}" for i in range(1, 6)} | {f"system_{i}" for i in range(1, 5)}
+    assert {"calm", "hover_blower", "default_rates", "lossy_link", "ardupilot_steps"} | papers <= set(names())
+
+
+@pytest.mark.parametrize("number", range(1, 6))
+def test_a_flight_of_the_paper_has_its_850_settled_samples(number):
+    scenario = load(f"paper_{number}")
+    assert scenario.vehicle.model == "ardrone2"
+    assert scenario.stream.rate == 120
+    assert (scenario.duration - 20) * scenario.stream.rate > 850
+
+
+def test_an_empty_file_is_the_default_scenario(tmp_path):
+    (tmp_path / "own.toml").write_text("")
+    assert load(tmp_path / "own.toml") == load(str(tmp_path / "own.toml")) == Scenario()
+
+
+def test_every_section_can_be_written_and_read_back():
+    for name in names():
+        scenario = load(name)
+        assert scenario_of(scenario.model_dump(mode="json")) == scenario
+
+
+@pytest.mark.parametrize(
+    "text, sentence",
+    [
+        ('[[wind]]\nkind = "gaussian"\nsd = 1\ns = -1', "wind.0.s must be greater than 0, not -1"),
+        ("duration = 10", "duration must be greater than or equal to 15, not 10"),
+        ('duration = "long"', 'duration must be a valid number, not "long"'),
+        ("duration = nan", "duration must be"),
+        ("seed = 1.5", "seed must be"),
+        ("durration = 60", "durration is no key of a scenario"),
+        ("[vehicle]\nmodle = 'iris'", "vehicle.modle is no key of a scenario"),
+        (GUST + "strength = 2", "wind.0.strength is no key of a scenario"),
+        ("[vehicle]\nmodel = 'heron'", "vehicle.model must be 'ardrone2', 'iris' or 'crazyflie', not \"heron\""),
+        ('[[wind]]\nkind = "tornado"', "wind.0.kind must be one of 'steady', 'gaussian', 'dryden'"),
+        ("[[wind]]\nspeed = 3", "wind.0.kind is missing"),
+        (GUST + '[[wind]]\nkind = "gust"', "wind.1.start is missing; wind.1.speed is missing"),
+        ("wind = 3", "wind must be a valid array, not 3"),
+        ('[excitation]\nkind = "doublets"\nwidth = 0', "excitation.width must be greater than 0, not 0"),
+        (
+            '[[wind]]\nkind = "gaussian"\nsd = 1\ns = 60',
+            "wind.0.s must be less than the duration of the flight, 60 s, not 60",
+        ),
+        ("[[moments]]\nsd = 1\ns = 100", "moments.0.s must be less than the duration"),
+        (GUST.replace("5", "99"), "wind.0.start must be less than the duration of the flight, 60 s, not 99"),
+        ('[excitation]\nkind = "chirp"\nperiod = 80', "excitation.period must be less than the duration"),
+        (
+            '[excitation]\nkind = "chirp"\nlowest = 6',
+            "excitation.lowest must be at most excitation.highest, 5 Hz, not 6",
+        ),
+        (
+            '[excitation]\nkind = "multisine"\nhighest = 5\n[stream]\nrate = 10',
+            "excitation.highest must be below half of stream.rate, 5 Hz, not 5",
+        ),
+        ('[excitation]\nkind = "multisine"\nlowest = 0.01', "excitation.lowest must be at least one turn"),
+        ('[excitation]\nkind = "doublets"\nwidth = 3', "excitation.width must be at most half of excitation.period"),
+        ("[faults]\nreboot = 60", "faults.reboot must be less than the duration of the flight, 60 s, not 60"),
+        ("height = 60", "duration must be at least 87 s for a height of 60 m, not 60"),
+        ("duration = [", "own.toml is no TOML"),
+        ("duration = 60\nduration = 70", "own.toml is no TOML"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_sentence_that_names_file_and_key(tmp_path, text, sentence):
+    file = tmp_path / "own.toml"
+    file.write_text(text)
+    with pytest.raises(ValueError) as caught:
+        load(file)
+    message = str(caught.value)
+    assert message.startswith("own.toml")
+    assert sentence in message
+    assert "\n" not in message
+    assert type(caught.value) is ValueError
+
+
+def test_what_is_no_text_or_no_file_is_said_too(tmp_path):
+    (tmp_path / "own.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(ValueError, match="own.toml is no TOML"):
+        load(tmp_path / "own.toml")
+    with pytest.raises(ValueError, match="other.toml cannot be read: No such file"):
+        load(str(tmp_path / "other.toml"))
+    with pytest.raises(ValueError, match="cannot be read: Is a directory"):
+        load(tmp_path)
+    with pytest.raises(ValueError, match="there is no scenario 'hover_blowr'; there are ardupilot_steps, calm"):
+        load("hover_blowr")

@@ -1,0 +1,83 @@
+"""The linear systems are the paper's, the closed forms', and how the vehicle really moves a little."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from sitl_scenarios.body import Body, State
+from sitl_scenarios.dynamics import Air
+from sitl_scenarios.linear import axis, linearised, paper_system
+from sitl_scenarios.scenario import Vehicle
+from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
+
+K = 0.3748
+ROW = [K, -K, -K, K]
+TABLE = {
+    1: ([[0]], [ROW]),
+    2: ([[0, 1], [0, 0]], [[0] * 4, ROW]),
+    3: ([[0, -9.81, 0], [0, 0, 1], [0, 0, 0]], [[0] * 4, [0] * 4, ROW]),
+    4: ([[0, 1, 0, 0], [0, 0, -9.81, 0], [0, 0, 0, 1], [0, 0, 0, 0]], [[0] * 4] * 3 + [ROW]),
+}
+
+
+@pytest.mark.parametrize("order", TABLE)
+def test_the_papers_table_of_systems(order):
+    found, (A, B) = paper_system(order), TABLE[order]
+    assert found.states == (("y", "ẏ", "φ", "φ̇"))[4 - order :]
+    assert np.allclose(found.A, A, atol=2e-6)
+    # At 169.06, the published pwm of hover, it is 0.3748 to four digits; that of the weight is 169.00.
+    assert np.allclose(found.B, B, atol=1e-4)
+
+
+@pytest.mark.parametrize("model", AIRFRAMES)
+@pytest.mark.parametrize("kind", ["x", "plus"])
+def test_closed_forms(model, kind):
+    vehicle, body = Vehicle(model=model, frame=kind), AIRFRAMES[model]
+    found, omega = linearised(vehicle).without_lag(), body.hover_speed
+    aside = body.arm[1] if kind == "x" else np.hypot(*body.arm)
+    pair = 4 if kind == "x" else 2  # rotors that have that arm
+    at = found.states.index
+    damping = pair * body.inflow * omega * aside**2 / body.inertia[0]
+    drag = 4 * body.rotor_drag * omega
+    assert found.A[at("roll rate"), at("roll rate")] == pytest.approx(-damping, rel=1e-6)
+    assert found.A[at("east speed"), at("east speed")] == pytest.approx(-drag / body.mass, rel=1e-3)
+    assert found.A[at("east speed"), at("roll")] == pytest.approx(GRAVITY, rel=1e-6)
+    assert found.A[at("north speed"), at("pitch")] == pytest.approx(-GRAVITY, rel=1e-6)
+    slope = (2 * body.thrust[0] * omega + body.thrust[1]) * body.speed[0]
+    assert found.B[at("roll rate"), 1] == pytest.approx(slope * aside / body.inertia[0], rel=1e-6)
+    assert found.B[at("down speed")] == pytest.approx(np.full(4, -slope / body.mass), rel=1e-6)
+    turn = (2 * body.torque[0] * omega + body.torque[1]) * body.speed[0]
+    assert found.B[at("yaw rate")] == pytest.approx(turn / body.inertia[2] * np.array([1, 1, -1, -1]), rel=1e-6)
+
+
+@pytest.mark.parametrize("model", AIRFRAMES)
+def test_a_small_motion_of_the_vehicle_is_the_linear_ones(model):
+    """A roll command of 1 µs for 0.2 s, with all 16 states."""
+    vehicle, body = Vehicle(model=model), AIRFRAMES[model]
+    if body.lag[0] != body.lag[1]:
+        pytest.skip("its lag is none of a linear system")
+    step, steps = 1e-4, 2000
+    change = np.array([-1.0, 1.0, 1.0, -1.0]) * body.full / 1000
+    speeds = body.hover_speed + body.speed[0] * change
+    start = State((0.0, 0.0, -5.0), rotors=(body.hover_speed,) * 4)
+    moved = Body(vehicle, step).moved(start, tuple(speeds.tolist()), Air(), steps)
+    linear = linearised(vehicle)
+    augmented = np.zeros((20, 20))
+    augmented[:16, :16], augmented[:16, 16:] = linear.A, linear.B
+    predicted = (expm(augmented * step * steps) @ np.concatenate([np.zeros(16), change]))[:16]
+    roll = 2 * moved.attitude[1]
+    assert moved.rates[0] == pytest.approx(predicted[9], rel=2e-3)
+    assert roll == pytest.approx(predicted[6], rel=2e-3)
+    assert moved.velocity[1] == pytest.approx(predicted[4], rel=2e-3)
+
+
+@pytest.mark.parametrize("name", ["roll", "pitch"])
+def test_an_axis_with_lag_settles_where_one_without_is(name):
+    vehicle = Vehicle(model="crazyflie")
+    lagging, instant = axis(vehicle, name), axis(vehicle, name, lag=False)
+    assert lagging.states == (name, f"{name} rate", f"{name} drive")
+    settled = -lagging.B[2] / lagging.A[2, 2] * lagging.A[1, 2]
+    assert settled == pytest.approx(instant.B[1])
+    assert lagging.A[2, 2] == pytest.approx(-1 / 0.072)
+    # Per µs: a thousandth of the command's range.
+    assert instant.B[1] == pytest.approx(linearised(vehicle).without_lag().of([f"{name} rate"]).B[0] / 1000)

@@ -1,0 +1,188 @@
+"""A flight is what its scenario says, the same every time, and the vehicle stays in the air."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from sitl_scenarios.files import load, names
+from sitl_scenarios.motion import Motion
+from sitl_scenarios.scenario import Gaussian, Scenario, Steady, Stream, Vehicle
+from sitl_scenarios.simulation import CYCLES, Simulation, fly
+
+WINDY = (Steady(kind="steady", speed=4.0), Gaussian(kind="gaussian", sd=0.7, s=0.2))
+
+
+def brief(**sections):
+    return Scenario(**{"duration": 20.0, "seed": 5, "wind": WINDY} | sections)
+
+
+def same(one, other):
+    return all(np.array_equal(getattr(one, field.name), getattr(other, field.name)) for field in fields(Motion))
+
+
+def roll(motion):
+    w, x, y, z = motion.attitude.T
+    return np.degrees(np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)))
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return fly(brief())
+
+
+def test_a_row_is_a_cycle_and_columns_have_the_shapes_of_motion(flight):
+    assert len(flight) == round((2 + 20 + 1) * 250)
+    assert np.allclose(np.diff(flight.time), 0.004)
+    assert flight.time[0] == 0
+    shapes = {field.name: getattr(flight, field.name).shape[1:] for field in fields(Motion)}
+    vectors = ("position", "velocity", "rates", "wind", "force", "moment")
+    vectors += ("known_rates", "known_position", "known_velocity")
+    assert all(shapes[name] == (3,) for name in vectors)
+    assert all(shapes[name] == (4,) for name in ("attitude", "known_attitude", "outputs", "demands", "rotor_speeds"))
+    assert shapes["time"] == shapes["armed"] == shapes["landed_state"] == ()
+    assert flight.armed.dtype == bool
+    assert flight.landed_state.dtype == np.uint8
+
+
+def test_the_same_seed_gives_the_same_bits_in_pieces_too(flight):
+    assert same(flight, fly(brief()))
+    simulation, rows = Simulation(brief()), []
+    for cycles in (1, 7, 1000, 3, 10**6):
+        rows.append(simulation.advance(cycles))
+    assert simulation.finished
+    assert len(simulation.advance(5)) == 0
+    together = Motion(**{f.name: np.concatenate([getattr(each, f.name) for each in rows]) for f in fields(Motion)})
+    assert same(flight, together)
+
+
+def test_another_seed_gives_another_flight(flight):
+    other = fly(brief(seed=6))
+    assert not np.array_equal(flight.wind, other.wind)
+    assert not np.array_equal(flight.known_rates, other.known_rates)
+
+
+def test_it_arms_climbs_hovers_lands_and_disarms(flight):
+    assert list(dict.fromkeys(flight.landed_state.tolist())) == [1, 3, 2, 4]
+    assert flight.landed_state[-1] == 1
+    changes = flight.time[1:][np.diff(flight.armed.astype(int)) != 0]
+    assert changes == pytest.approx([2, 22])
+    hovering = (flight.landed_state == 2) & (flight.time > 9)
+    assert np.abs(flight.position[hovering] - [0, 0, -5]).max() < 0.5
+    assert flight.position[flight.time > 21.5, 2] == pytest.approx(0)
+    assert not flight.rotor_speeds[-1].any() or flight.rotor_speeds[-1].max() < 1e-3
+    assert np.abs(flight.position[-1, :2]).max() < 1
+
+
+def test_on_the_ground_nothing_moves_and_nothing_acts(flight):
+    standing = flight.landed_state == 1
+    assert not flight.velocity[standing].any()
+    assert not flight.force[standing].any()
+    assert not flight.moment[standing].any()
+
+
+@pytest.mark.parametrize("speaks, disarmed", [("px4", 900), ("ardupilot", 1000)])
+def test_outputs_are_whole_microseconds_and_the_autopilots_own_when_disarmed(speaks, disarmed):
+    motion = fly(brief(stream=Stream(speaks=speaks)))
+    assert np.allclose(np.diff(motion.time), CYCLES[speaks])
+    assert np.all(motion.outputs == np.round(motion.outputs))
+    assert np.all(motion.outputs[~motion.armed] == disarmed)
+    armed = motion.outputs[motion.armed]
+    assert armed.min() == 1100
+    assert armed.max() <= 2000
+    assert np.abs(motion.demands[:, :3]).max() <= 1
+    assert motion.demands[motion.armed, 3].min() > 0
+
+
+def test_attitudes_are_unit_quaternions_and_what_is_known_is_near(flight):
+    assert np.linalg.norm(flight.attitude, axis=1) == pytest.approx(1)
+    assert np.abs(flight.known_rates[2:] - flight.rates[1:-1]).std() < 0.01
+    assert np.abs(flight.known_position - flight.position).max() < 0.15
+
+
+def test_position_is_the_integral_of_velocity_and_velocity_of_what_acts(flight):
+    air = slice(2500, 4000)
+    moved = np.cumsum((flight.velocity[air][1:] + flight.velocity[air][:-1]) / 2, axis=0) * 0.004
+    assert np.abs(moved - (flight.position[air][1:] - flight.position[air][0])).max() < 1e-3
+
+
+def test_battery_sag_asks_for_more_pwm_at_the_end():
+    motion = fly(brief(duration=40.0, wind=(), vehicle=Vehicle(battery_sag=0.1)))
+    hover = motion.landed_state == 2
+    early, late = (motion.outputs[hover & (np.abs(motion.time - at) < 2)].mean() for at in (12, 35))
+    speeds = [motion.rotor_speeds[hover & (np.abs(motion.time - at) < 2)].mean() for at in (12, 35)]
+    assert speeds[1] == pytest.approx(speeds[0], rel=2e-3)
+    # Of speeds of 800 rad/s, 1000 rad/s and an offset of 100: (0.942 to 0.968 of the whole) in 23 s.
+    assert late - early == pytest.approx(800 / (1 - 0.0825) - 800 / (1 - 0.025), rel=0.1)
+
+
+def test_progress_is_told_from_zero_to_one():
+    told = []
+    fly(brief(duration=15.0), told.append)
+    assert told == sorted(told)
+    assert 0 < told[0] < 0.2
+    assert told[-1] == 1
+
+
+def test_a_command_arms_before_the_autopilot_does():
+    simulation = Simulation(brief())
+    simulation.advance(100)
+    assert simulation.set_armed(True)
+    assert simulation.armed
+    rest = simulation.advance(10**6)
+    assert rest.armed.sum() == 20 * 250
+    assert len(rest) == 21 * 250
+
+
+def test_disarming_is_refused_in_the_air_unless_forced():
+    simulation = Simulation(brief())
+    simulation.advance(250 * 10)
+    assert not simulation.set_armed(False)
+    assert simulation.armed
+    assert simulation.set_armed(False, force=True)
+    falling = simulation.advance(10**6)
+    assert not falling.armed.any()
+    assert falling.position[-1, 2] == 0
+    assert falling.velocity[:, 2].max() > 5
+    assert falling.landed_state[-1] == 1
+    assert simulation.finished
+
+
+def test_it_can_be_disarmed_on_the_ground_and_armed_again_for_another_flight():
+    simulation = Simulation(brief())
+    simulation.advance(round(2.5 * 250))
+    assert simulation.armed
+    assert simulation.set_armed(False)
+    waiting = simulation.advance(250)
+    assert not waiting.armed.any()
+    assert (waiting.landed_state == 1).all()
+    assert simulation.set_armed(True)
+    flown = simulation.advance(10**6)
+    assert flown.armed.sum() == 20 * 250
+    assert flown.position[:, 2].min() < -4
+
+
+@pytest.mark.parametrize("frame", ["x", "plus"])
+@pytest.mark.parametrize("model", ["ardrone2", "iris", "crazyflie"])
+def test_every_vehicle_flies_without_gains_of_its_own(model, frame):
+    motion = fly(brief(vehicle=Vehicle(model=model, frame=frame), wind=WINDY[1:]))
+    hovering = (motion.landed_state == 2) & (motion.time > 9)
+    assert np.abs(motion.position[hovering] - [0, 0, -5]).max() < 0.5
+    assert np.abs(roll(motion)).max() < 20
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", names())
+def test_every_scenario_is_flown_to_its_end(name):
+    scenario = load(name)
+    motion = fly(scenario)
+    hovering = (motion.landed_state == 2) & (motion.time > 10)
+    assert np.abs(roll(motion)).max() < 50
+    assert np.abs(motion.position[hovering, 2] + scenario.height).max() < 1.5
+    assert np.abs(motion.position[:, :2]).max() < 4
+    assert motion.landed_state[-1] == 1
+    assert not motion.armed[-1]
+    assert abs(motion.position[-1, 2]) < 1e-9
+    if name != "calm":
+        assert 0.7 < roll(motion)[hovering].std() < 9
+        assert 2.5 < np.degrees(motion.rates[hovering, 0].std()) < 30

@@ -1,0 +1,93 @@
+"""The winds that are no chance, and what every wind has in common."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from sitl_scenarios.scenario import Dryden, Gaussian, Gust, Jet, Moment, Scenario, Steady
+from sitl_scenarios.wind import Weather
+from sitl_scenarios.wind.direction import towards
+from sitl_scenarios.wind.gust import gust
+from sitl_scenarios.wind.jet import jet_speed
+from sitl_scenarios.wind.low_altitude import turbulence
+
+ORIGIN = (0.0, 0.0, 0.0)
+DT = 0.004
+
+
+def weather(samples=500, **sections):
+    return Weather(Scenario(**sections), DT, DT * np.arange(samples))
+
+
+@pytest.mark.parametrize("direction, to", [(0, (-1, 0, 0)), (90, (0, -1, 0)), (180, (1, 0, 0)), (270, (0, 1, 0))])
+def test_wind_comes_from_its_direction(direction, to):
+    assert towards(direction) == pytest.approx(to, abs=1e-12)
+
+
+def test_a_gust_rises_stays_and_falls():
+    wind = Gust(kind="gust", start=10.0, speed=4.0, rise=2.0, hold=3.0)
+    time = np.array([9.0, 10.0, 10.5, 11.0, 12.0, 14.9, 16.0, 17.0, 30.0])
+    half = 2 * (1 - np.cos(np.pi / 4))
+    assert gust(wind, time) == pytest.approx([0, 0, half, 2, 4, 4, 2, 0, 0])
+    assert gust(wind.model_copy(update={"hold": None}), time)[-1] == 4
+
+
+def test_a_jet_falls_as_one_over_the_distance_and_has_a_gaussian_profile():
+    jet = Jet(kind="jet", speed=8.0, diameter=0.5)
+    assert jet_speed(jet, 1.0, 0.0) == jet_speed(jet, 3.0, 0.0) == 8
+    assert jet_speed(jet, 6.0, 0.0) == pytest.approx(4)
+    assert jet_speed(jet, 6.0, 0.094 * 6) == pytest.approx(2)
+    assert jet_speed(jet, 6.0, 2 * 0.094 * 6) == pytest.approx(4 / 16)
+    assert jet_speed(jet, -0.1, 0.0) == 0
+
+
+def test_a_jet_blows_where_the_vehicle_hovers_and_not_beside():
+    jet = Jet(kind="jet", speed=6.0, direction=90.0, distance=2.0, turbulence=0.0, offset=0.4)
+    air = weather(wind=(jet,), height=3.0)
+    # Seen along the jet, to the west, right is north.
+    assert air.at(0, (0.4, 0.0, -3.0))[:3] == pytest.approx((0, -6, 0))
+    assert air.at(0, (-0.4, 0.0, -3.0)).east > -0.05
+    assert air.at(0, (0.4, 2.1, -3.0)).east == 0  # behind the blower
+
+
+def test_low_altitude_turbulence_has_the_standards_figures():
+    """MIL-F-8785C at 20 ft and 15 kt: σ_w = 1.5 kt, L_w = 20 ft, L_u = 20/0.19346^1.2 ft, σ_u = σ_w/0.19346^0.4."""
+    found = turbulence(Dryden(kind="dryden", speed=10.0, wind_at_20_feet=7.7), 20 * 0.3048, 0.44)
+    assert found.down == pytest.approx((20 * 0.3048 / 10, 0.77))
+    assert found.along == found.across == pytest.approx((143.54 * 0.3048 / 10, 1.4859), rel=1e-3)
+
+
+def test_turbulence_meets_a_hover_in_calm_air_at_one_metre_a_second():
+    calm, light = (turbulence(Dryden(kind="dryden", speed=v), 5.0, 0.44) for v in (0.0, 1.0))
+    assert calm == light
+
+
+def test_winds_and_moments_are_summed():
+    east, north = Steady(kind="steady", speed=3.0, direction=90.0), Steady(kind="steady", speed=2.0, direction=0.0)
+    both = weather(wind=(east, north), moments=(Moment(sd=0.1, s=0.1), Moment(axis="yaw", sd=0.1, s=0.1)))
+    air = both.at(7, ORIGIN)
+    assert air[:3] == pytest.approx((-2, -3, 0))
+    assert air.roll != 0 != air.yaw
+    assert air.pitch == 0
+    assert air.roll != air.yaw
+
+
+def test_the_air_before_and_after_is_that_of_the_ends():
+    air = weather(10, wind=(Gaussian(kind="gaussian", sd=1.0, s=0.1),))
+    assert air.at(-5, ORIGIN) == air.at(0, ORIGIN)
+    assert air.at(99, ORIGIN) == air.at(9, ORIGIN)
+
+
+def test_a_wind_is_the_same_whatever_else_blows():
+    noise = Gaussian(kind="gaussian", sd=1.0, s=0.1)
+    alone = weather(wind=(noise,)).at(100, ORIGIN)
+    with_moment = weather(wind=(noise,), moments=(Moment(sd=0.1, s=0.1),)).at(100, ORIGIN)
+    assert alone[:5] == with_moment[:5]
+
+
+def test_seeds_differ_and_repeat():
+    noise = (Gaussian(kind="gaussian", sd=1.0, s=0.1), Dryden(kind="dryden", speed=3.0))
+    first, again, other = (weather(wind=noise, seed=seed).at(100, ORIGIN) for seed in (1, 1, 2))
+    assert first == again
+    assert all(a != b for a, b in pairwise([first, other]))
