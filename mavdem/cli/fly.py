@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -19,7 +19,7 @@ from mavdem.convert import STREAMS
 from mavdem.errors import Unreadable
 from mavdem.whole_file import whole_file
 from sitl_scenarios.files import load, names, scenario_of
-from sitl_scenarios.mavlink.live import Outcome, fly_live
+from sitl_scenarios.mavlink.live import Ground, Outcome, fly_live
 from sitl_scenarios.mavlink.recorded import recorded
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
@@ -207,13 +207,14 @@ def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, An
     host, port = _address(udp)
     if not math.isfinite(speed):
         raise click.BadParameter("it must be a number.", param_hint="--speed")
-    say_aside(f"Flying {name} for {scenario.duration:g} s, speaking to {udp}; Ctrl-C ends it.")
     whole = scenario.duration
     try:
-        with progress(f"Flying {name}") as done:
-            outcome = fly_live(
-                scenario, Simulation(scenario), host, port, speed, lambda now: done(min(now / whole, 1.0))
-            )
+        with closing(Ground(host, port)) as ground:
+            say_aside(f"Flying {name} for {whole:g} s, speaking to {udp}; Ctrl-C ends it.")
+            with progress(f"Flying {name}") as done:
+                outcome = fly_live(
+                    scenario, Simulation(scenario), ground, speed, lambda now: done(min(now / whole, 1.0))
+                )
     except ValueError as error:
         raise click.UsageError(f"{str(error)[:1].upper()}{str(error)[1:]}.") from error
     _say_outcome(outcome, speed)

@@ -7,7 +7,7 @@ import select
 import socket
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import closing, suppress
+from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
 from typing import Any, Protocol
@@ -59,42 +59,90 @@ class Outcome:
     stopped: bool = False
 
 
-def fly_live(
-    scenario: Scenario, simulation: Flying, host: str, port: int, speed: float, progress: Callable[[float], None]
-) -> Outcome:
-    """Flies to the end, or until Ctrl-C, sending every frame in a datagram of its own to HOST:PORT.
+class Ground:
+    """The way to a ground station: a socket of the vehicle's own, and the address HOST:PORT it speaks to.
 
-    The vehicle's own socket is on the loopback interface unless the host is elsewhere. It answers what is said to it
-    there, from wherever, to the same HOST:PORT.
+    The socket is on the loopback interface unless the host is elsewhere. What is said to it there is heard, from
+    wherever, and answered to the same HOST:PORT.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        """Finds the way.
+
+        Raises:
+            ValueError: no such host, or no way to it.
+        """
+        try:
+            family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            self._address: Any = address
+            with socket.socket(family, kind, protocol) as probe:
+                probe.connect(address)  # sends nothing, but finds out whether there is a way
+            self._own = socket.socket(family, kind, protocol)
+            near = str(address[0])
+            loopback = ipaddress.ip_address(near.split("%")[0]).is_loopback
+            self._own.bind((near if loopback else "", 0))
+        except OSError as error:
+            reason = error.strerror or error
+            raise ValueError(f"nothing can be sent to {host}:{port} ({reason}): check the name") from None
+        self._own.setblocking(False)
+
+    def close(self) -> None:
+        """Closes the socket."""
+        self._own.close()
+
+    def send(self, frame: bytes) -> bool:
+        """Whether a datagram could be sent; one that could not is lost, as on any network."""
+        try:
+            self._own.sendto(frame, self._address)
+        except OSError:
+            return False
+        return True
+
+    def received(self, until: float) -> Iterator[bytes]:
+        """What comes before ``until`` on the monotonic clock; where that is past, one datagram, if one waits.
+
+        What cannot be looked at in time waits in the socket, whose room is limited.
+        """
+        while True:
+            ready, _, _ = select.select([self._own], [], [], max(until - monotonic(), 0.0))
+            # Some systems tell here that the other end does not listen.
+            with suppress(OSError):
+                if ready:
+                    yield self._own.recv(DATAGRAM)
+            if monotonic() >= until:
+                return
+
+
+def fly_live(
+    scenario: Scenario, simulation: Flying, ground: Ground, speed: float, progress: Callable[[float], None]
+) -> Outcome:
+    """Flies to the end, or until Ctrl-C, sending every frame in a datagram of its own, and obeying.
 
     Args:
         scenario: of the flight.
         simulation: the flight.
-        host, port: whom it speaks to.
+        ground: whom it speaks to.
         speed: seconds of flight in a second.
         progress: called with the seconds flown.
 
     Raises:
-        ValueError: no such host, or no way to it; or as ``Transmitter``.
+        ValueError: as ``Transmitter``.
     """
     transmitter = Transmitter(scenario, simulation.cycle)
     commands = Commands(transmitter, simulation)
     outcome = Outcome()
-    own, address = _opened(host, port)
-    with closing(own):
-        began = monotonic()
-        try:
-            for now, due in _ticks(scenario, simulation, transmitter, speed):
-                outcome.flown = now
-                progress(now)
-                until = began + now / speed
-                outcome.sent += sum(_sent(own, frame, address) for frame in due)
-                for datagram in _received(own, until):
-                    for message in heard(datagram, transmitter.system, COMPONENT):
-                        commands.answer(message)
-        except KeyboardInterrupt:
-            outcome.stopped = True
-        outcome.took, outcome.commands = monotonic() - began, commands.accepted
+    began = monotonic()
+    try:
+        for now, due in _ticks(scenario, simulation, transmitter, speed):
+            outcome.flown = now
+            progress(now)
+            outcome.sent += sum(map(ground.send, due))
+            for datagram in ground.received(began + now / speed):
+                for message in heard(datagram, transmitter.system, COMPONENT):
+                    commands.answer(message)
+    except KeyboardInterrupt:
+        outcome.stopped = True
+    outcome.took, outcome.commands = monotonic() - began, commands.accepted
     return outcome
 
 
@@ -127,42 +175,3 @@ def _due(way: deque[tuple[float, bytes]], now: float) -> list[bytes]:
     while way and way[0][0] <= now:
         due.append(way.popleft()[1])
     return due
-
-
-def _opened(host: str, port: int) -> tuple[socket.socket, Any]:
-    """A socket of the vehicle's own, and the address of HOST:PORT."""
-    try:
-        family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
-        with socket.socket(family, kind, protocol) as probe:
-            probe.connect(address)  # sends nothing, but finds out whether there is a way
-        own = socket.socket(family, kind, protocol)
-        loopback = ipaddress.ip_address(str(address[0]).split("%")[0]).is_loopback
-        own.bind((address[0] if loopback else "", 0))
-    except OSError as error:
-        raise ValueError(f"nothing can be sent to {host}:{port} ({error.strerror or error}): check the name") from None
-    own.setblocking(False)
-    return own, address
-
-
-def _sent(own: socket.socket, frame: bytes, address: Any) -> bool:
-    """Whether a datagram could be sent; one that could not is lost, as on any network."""
-    try:
-        own.sendto(frame, address)
-    except OSError:
-        return False
-    return True
-
-
-def _received(own: socket.socket, until: float) -> Iterator[bytes]:
-    """What comes before ``until``; and where that is past, one datagram at least, if one waits.
-
-    What cannot be looked at in time waits in the socket, whose room is limited.
-    """
-    while True:
-        ready, _, _ = select.select([own], [], [], max(until - monotonic(), 0.0))
-        # Some systems tell here that the other end does not listen.
-        with suppress(OSError):
-            if ready:
-                yield own.recv(DATAGRAM)
-        if monotonic() >= until:
-            return

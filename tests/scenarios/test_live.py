@@ -11,7 +11,7 @@ import pytest
 from made_up_motion import made_up_motion
 from pymavlink.dialects.v20 import all as dialect
 
-from sitl_scenarios.mavlink.live import Outcome, fly_live
+from sitl_scenarios.mavlink.live import Ground, Outcome, fly_live
 from sitl_scenarios.mavlink.transmitter import rows_of_motion
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Faults, Scenario
@@ -83,7 +83,7 @@ class Receiver(threading.Thread):
 
 def flown(receiver: Receiver, seconds: float, speed: float, scenario: Scenario | None = None) -> tuple[Outcome, Played]:
     simulation = Played(seconds)
-    outcome = fly_live(scenario or Scenario(), simulation, "127.0.0.1", receiver.port, speed, lambda _: None)
+    outcome = fly_live(scenario or Scenario(), simulation, Ground("127.0.0.1", receiver.port), speed, lambda _: None)
     receiver.ended()
     return outcome, simulation
 
@@ -154,7 +154,7 @@ def test_nobody_needs_to_listen():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    outcome = fly_live(Scenario(), Played(1.0), "localhost", port, 20.0, lambda _: None)
+    outcome = fly_live(Scenario(), Played(1.0), Ground("localhost", port), 20.0, lambda _: None)
     assert outcome.flown == pytest.approx(1.0, abs=0.1)
 
 
@@ -163,10 +163,10 @@ def test_ctrl_c_ends_it():
         if now > 0.5:
             raise KeyboardInterrupt
 
-    outcome = fly_live(Scenario(), Played(9.0), "127.0.0.1", 9, 5.0, interrupted)
+    outcome = fly_live(Scenario(), Played(9.0), Ground("127.0.0.1", 9), 5.0, interrupted)
     assert outcome.stopped and outcome.flown == pytest.approx(0.5, abs=0.05)
 
 
 def test_a_host_that_does_not_exist_is_one_sentence():
     with pytest.raises(ValueError, match=r"nothing can be sent to no\.such\.host\.invalid:14550 .*check the name"):
-        fly_live(Scenario(), Played(1.0), "no.such.host.invalid", 14550, 1.0, lambda _: None)
+        Ground("no.such.host.invalid", 14550)
