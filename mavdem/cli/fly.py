@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 import os
 from contextlib import ExitStack, closing
+from dataclasses import fields
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 import click
+import numpy as np
 
 from mavdem.cli.output import print_json, progress, say, say_aside
 from mavdem.cli.scenario_text import in_toml, in_words
@@ -19,12 +21,15 @@ from mavdem.convert import STREAMS
 from mavdem.errors import Unreadable
 from mavdem.whole_file import whole_file
 from sitl_scenarios.files import load, names, scenario_of
+from sitl_scenarios.frames import frame
 from sitl_scenarios.mavlink.live import Ground, Outcome, fly_live
 from sitl_scenarios.mavlink.recorded import recorded
+from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 from sitl_scenarios.simulation import fly as fly_through
 from sitl_scenarios.truth import write_truth
+from sitl_scenarios.vehicles import AIRFRAMES
 
 KEPT_UP = 0.95
 """Share of the speed asked for below which a live flight is said not to have kept up."""
@@ -179,15 +184,14 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     return told
 
 
-def _write_rrd(path: Path, name: str, scenario: Scenario, motion: Any) -> None:
+def _write_rrd(path: Path, name: str, scenario: Scenario, motion: Motion) -> None:
     # Rerun takes a second to load.
     with ending_at_once():
-        from mavdem.view.pose import write_pose
-    from sitl_scenarios.frames import frame
-    from sitl_scenarios.vehicles import AIRFRAMES
+        from mavdem.view import Pose, write_pose
 
     rotors = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
-    write_pose(path, name, motion, list(zip(rotors.forward, rotors.right, strict=True)))
+    shown = {field.name: getattr(motion, field.name) for field in fields(Pose) if field.name != "rotors"}
+    write_pose(path, name, Pose(**shown, rotors=np.column_stack([rotors.forward, rotors.right])))
 
 
 def _check(path: Path | None, option: str, kinds: tuple[str, ...]) -> None:

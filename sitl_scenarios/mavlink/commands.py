@@ -24,6 +24,8 @@ FORCE = 21196
 """What MAV_CMD_COMPONENT_ARM_DISARM's second parameter must be to stop the motors in the air."""
 ALL_STREAMS = 0
 """MAV_DATA_STREAM."""
+LONGEST_INTERVAL = 2**31 - 1
+"""µs that MESSAGE_INTERVAL can tell."""
 
 
 class Armable(Protocol):
@@ -115,7 +117,8 @@ class Commands:
         elif name == "MESSAGE_INTERVAL" and isfinite(argument) and 0 <= argument < 2**16:
             about = _name(argument)
             told = transmitter.schedule.interval(about) if about in transmitter.schedule.usual else 0.0
-            transmitter.ask(name, message_id=int(argument), interval_us=round(told * 1e6) if isfinite(told) else -1)
+            interval = min(round(told * 1e6), LONGEST_INTERVAL) if isfinite(told) else -1
+            transmitter.ask(name, message_id=int(argument), interval_us=interval)
         elif name == "AUTOPILOT_VERSION":
             autopilot = transmitter.autopilot
             transmitter.ask(name, capabilities=autopilot.capabilities, flight_sw_version=autopilot.version)

@@ -18,6 +18,8 @@ from sitl_scenarios.scenario import Scenario
 
 COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1."""
+FIRST_HEARD = 0.01
+"""Seconds on the boot clock before an autopilot is heard at first: at zero, messages would seem to have no stamp."""
 REBOOTING = 1.0
 """Seconds on the new boot clock before an autopilot that began anew is heard."""
 LAST_OF_MAVLINK_1 = 255
@@ -56,8 +58,7 @@ class Transmitter:
         self._asked: list[tuple[str, Payloads]] = []
         self._reboots_at = np.inf if scenario.faults.reboot is None else scenario.faults.reboot
         self._armed_at = np.inf
-        # Not at zero: in a message that would mean that there is no stamp.
-        self._begin(0.0, cycle / 2)
+        self._begin(0.0, FIRST_HEARD)
 
     def send(self, motion: Motion) -> Batch:
         """The frames sent during the rows of the next block, one at least, at the times of the motion."""

@@ -72,6 +72,8 @@ def test_intervals_are_set_at_once_told_and_restored(speaks):
     assert "ATTITUDE" not in said
     assert vehicle.command(512, 244, 30)[1]["MESSAGE_INTERVAL"][0].interval_us == -1
     assert len(vehicle.command(511, 30, 0)[1]["ATTITUDE"]) == pytest.approx(100, abs=1)
+    vehicle.command(511, 30, 1e30)
+    assert vehicle.command(510, 30)[1]["MESSAGE_INTERVAL"][0].interval_us == 2**31 - 1
     loop = {"px4": 250, "ardupilot": 400}[speaks]
     assert len(vehicle.command(511, 30, 1)[1]["ATTITUDE"]) == pytest.approx(loop, abs=1)
     refused = {"px4": 4, "ardupilot": 2}[speaks]
