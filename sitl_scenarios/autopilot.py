@@ -7,8 +7,9 @@ has gains of its own.
 
 from __future__ import annotations
 
-from math import asin, atan, atan2, cos, exp, hypot, radians, sin
+from math import asin, atan, atan2, cos, exp, fsum, hypot, radians, sin
 
+from sitl_scenarios.dynamics import Quaternion
 from sitl_scenarios.frames import Four, frame
 from sitl_scenarios.mixer import mixed
 from sitl_scenarios.plan import Wanted
@@ -24,6 +25,9 @@ LEAD = 4.0
 
 TILT, RATE, SPEED = radians(35), radians(220), 4.0
 """Most that is asked for: rad, rad/s and m/s."""
+
+PUSH = 7.0
+"""m/s²: most that is held against the wind for good, about what ``TILT`` gives; a storm must not wind it up."""
 
 Outputs = tuple[Four, Four]
 """Motor commands (1000 to 2000 µs) and demands."""
@@ -81,9 +85,9 @@ class Autopilot:
         if flying:
             # A fifth of the loop's bandwidth for the integral: wind is found in about two seconds.
             gain = fast * fast / 5 * self._cycle
-            push[0] += gain * error[0]
-            push[1] += gain * error[1]
-            push[2] += gain * error[2]
+            push[0] = min(max(push[0] + gain * error[0], -PUSH), PUSH)
+            push[1] = min(max(push[1] + gain * error[1], -PUSH), PUSH)
+            push[2] = min(max(push[2] + gain * error[2], -PUSH), PUSH)
         # Noise of position and velocity would reach the motors multiplied by every bandwidth within.
         smooth, share = self._smooth, self._smooths
         smooth[0] += share * (fast * error[0] - smooth[0])
@@ -91,7 +95,7 @@ class Autopilot:
         smooth[2] += share * (fast * error[2] - smooth[2])
         an, ae, ad = smooth[0] + push[0], smooth[1] + push[1], smooth[2] + push[2]
 
-        roll, pitch, yaw = euler(known)
+        roll, pitch, yaw = euler(known.attitude)
         forward, right = an * cos(yaw) + ae * sin(yaw), ae * cos(yaw) - an * sin(yaw)
         lift = max(GRAVITY - ad, 0.2 * GRAVITY)
         wanted_pitch = min(max(atan(-forward / lift), -TILT), TILT)
@@ -136,9 +140,9 @@ def pulse(command: float) -> float:
     return float(round(1000.0 + 1000.0 * command))
 
 
-def euler(known: Known) -> tuple[float, float, float]:
-    """Roll, pitch and yaw of what is known of the attitude, rad."""
-    w, x, y, z = known.attitude
+def euler(attitude: Quaternion) -> tuple[float, float, float]:
+    """Roll, pitch and yaw of an attitude, rad."""
+    w, x, y, z = attitude
     return (
         atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
         asin(min(max(2 * (w * y - z * x), -1.0), 1.0)),
@@ -151,6 +155,6 @@ def _authority(body: Airframe, roll: Four, right: Four, pitch: Four, forward: Fo
     per_command = body.speed[0] * body.full
     thrust = (2 * body.thrust[0] * body.hover_speed + body.thrust[1]) * per_command
     torque = (2 * body.torque[0] * body.hover_speed + body.torque[1]) * per_command
-    of_roll = -sum(a * b for a, b in zip(roll, right, strict=True))
-    of_pitch = sum(a * b for a, b in zip(pitch, forward, strict=True))
+    of_roll = -fsum(a * b for a, b in zip(roll, right, strict=True))
+    of_pitch = fsum(a * b for a, b in zip(pitch, forward, strict=True))
     return thrust * of_roll, thrust * of_pitch, torque * 4

@@ -47,6 +47,8 @@ def load(name_or_path: str | Path) -> Scenario:
         table = tomllib.loads(source.decode("utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"{label} is no TOML: {error}") from None
+    except RecursionError:
+        raise ValueError(f"{label} is nested deeper than any scenario") from None
     try:
         return scenario_of(table)
     except ValueError as error:
@@ -83,7 +85,8 @@ def _sentence(detail: Any, table: dict[str, Any]) -> str:
     if kind == "value_error":
         return str(detail["ctx"]["error"])
     shown = "" if isinstance(given, dict | list) else f", not {json.dumps(given)}"
-    return f"{key} {message.replace('Input should be', 'must be')}{shown}"
+    message = message.replace("Input should be", "must be").replace("an object", "a table")
+    return f"{key} {message}{shown}"
 
 
 def _key(place: tuple[int | str, ...], table: Any) -> str:

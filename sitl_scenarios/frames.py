@@ -1,8 +1,9 @@
 """Frames: where a quadrotor's four rotors are, which way they turn, and in which order they are counted.
 
-ArduPilot and PX4 count an X quad alike: 1 front right, 2 rear left, 3 front left, 4 rear right. PX4's + is not
-simulated; ArduPilot's is 1 right, 2 left, 3 front, 4 rear. In both, 1 and 2 turn counter-clockwise seen from above.
-Source: https://ardupilot.org/copter/docs/connect-escs-and-motors.html and PX4's airframe reference.
+ArduPilot and PX4 count an X quad alike: 1 front right, 2 rear left, 3 front left, 4 rear right. ArduPilot counts a + as
+1 right, 2 left, 3 front, 4 rear; under PX4, which is told the places by its parameters, it is given the same. In both
+frames, 1 and 2 turn counter-clockwise seen from above. Sources: for ArduPilot
+https://ardupilot.org/copter/docs/connect-escs-and-motors.html, for PX4 its airframe reference.
 """
 
 from __future__ import annotations

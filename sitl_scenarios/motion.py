@@ -28,7 +28,8 @@ class Motion:
         rotor_speeds: (N, 4) rad/s.
         wind: (N, 3) NED, m/s, at the vehicle, where the air moves *to*.
         force: (N, 3) NED, N, and moment: (N, 3) body, N m, of the wind and whatever else disturbs; without rotors'
-            thrust and torque in still air, and without gravity.
+            thrust and torque in still air, and without gravity. What the air does to a vehicle that moves is in them:
+            drag, and damping of roll and pitch. Zero on the ground.
         armed: (N,) bool.
         landed_state: (N,) MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing.
     """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import cos, pi, radians, sin, sqrt
+from math import cos, fsum, pi, radians, sin, sqrt
 from typing import NamedTuple
 
 from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Steps
@@ -134,8 +134,9 @@ def _multisine(wanted: Multisine, cycle: float) -> list[float]:
     amplitude = radians(wanted.sd) * sqrt(2 / len(lines))
     samples = round(wanted.period / cycle)
     phases = [-pi * k * (k + 1) / len(lines) for k in range(len(lines))]
+    # fsum, since sum's last bits differ between versions of Python.
     return [
-        amplitude * sum(cos(2 * pi * line * i / samples + phase) for line, phase in zip(lines, phases, strict=True))
+        amplitude * fsum(cos(2 * pi * line * i / samples + phase) for line, phase in zip(lines, phases, strict=True))
         for i in range(samples)
     ]
 

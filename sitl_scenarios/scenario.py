@@ -13,6 +13,12 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+Angle = Annotated[float, Field(gt=0, le=30)]
+"""Degrees of roll that are asked for."""
+
+Speed = Annotated[float, Field(ge=0, le=60)]
+"""Of wind, m/s: no hurricane's mean is greater."""
+
 Share = Annotated[float, Field(ge=0, le=1)]
 
 
@@ -42,7 +48,7 @@ class Steady(_Section):
     """Wind that never changes: ``speed`` m/s from ``direction`` degrees."""
 
     kind: Literal["steady"]
-    speed: NotNegative
+    speed: Speed
     direction: Finite = 90.0
 
 
@@ -54,7 +60,7 @@ class Gaussian(_Section):
     """
 
     kind: Literal["gaussian"]
-    sd: NotNegative
+    sd: Annotated[float, Field(ge=0, le=20)]
     s: Positive
 
 
@@ -69,18 +75,18 @@ class Dryden(_Section):
     """
 
     kind: Literal["dryden"]
-    speed: NotNegative
+    speed: Speed
     direction: Finite = 90.0
-    wind_at_20_feet: NotNegative = 7.7
+    wind_at_20_feet: Speed = 7.7
 
 
 class VonKarman(_Section):
     """Turbulence of the von Kármán spectra; attributes as of ``Dryden``."""
 
     kind: Literal["von_karman"]
-    speed: NotNegative
+    speed: Speed
     direction: Finite = 90.0
-    wind_at_20_feet: NotNegative = 7.7
+    wind_at_20_feet: Speed = 7.7
 
 
 class Gust(_Section):
@@ -96,7 +102,7 @@ class Gust(_Section):
 
     kind: Literal["gust"]
     start: NotNegative
-    speed: NotNegative
+    speed: Speed
     direction: Finite = 90.0
     rise: Positive = 1.0
     hold: NotNegative | None = 0.0
@@ -116,11 +122,11 @@ class Jet(_Section):
     """
 
     kind: Literal["jet"]
-    speed: NotNegative
+    speed: Speed
     direction: Finite = 90.0
     distance: Positive = 2.0
     diameter: Positive = 0.5
-    turbulence: NotNegative = 0.2
+    turbulence: Annotated[float, Field(ge=0, le=1)] = 0.2
     s: Positive = 0.05
     offset: Finite = 0.0
 
@@ -140,7 +146,7 @@ class Doublets(_Section):
     """The stick to the right, then to the left: ``amplitude`` degrees for ``width`` s each, every ``period`` s."""
 
     kind: Literal["doublets"]
-    amplitude: Positive = 8.0
+    amplitude: Angle = 8.0
     width: Positive = 0.4
     period: Positive = 5.0
 
@@ -149,7 +155,7 @@ class Chirp(_Section):
     """A sine of ``amplitude`` degrees whose frequency rises from ``lowest`` to ``highest`` Hz every ``period`` s."""
 
     kind: Literal["chirp"]
-    amplitude: Positive = 3.0
+    amplitude: Angle = 3.0
     lowest: Positive = 0.2
     highest: Positive = 5.0
     period: Positive = 20.0
@@ -159,7 +165,7 @@ class Multisine(_Section):
     """Sines of even power from ``lowest`` to ``highest`` Hz with Schroeder's phases, ``sd`` degrees together."""
 
     kind: Literal["multisine"]
-    sd: Positive = 2.0
+    sd: Angle = 2.0
     lowest: Positive = 0.2
     highest: Positive = 5.0
     period: Positive = 20.0
@@ -169,7 +175,7 @@ class Steps(_Section):
     """Sideways steps of ``distance`` m, there and back, every ``period`` s."""
 
     kind: Literal["steps"]
-    distance: Positive = 2.0
+    distance: Annotated[float, Field(gt=0, le=100)] = 2.0
     period: Positive = 6.0
 
 

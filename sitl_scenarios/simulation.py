@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import ceil, sqrt
+from math import ceil, fsum, hypot, sqrt
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from sitl_scenarios.frames import Four
 from sitl_scenarios.mixer import IDLE
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import AFTER, BOOT, Plan
-from sitl_scenarios.randomness import generator
+from sitl_scenarios.randomness import SENSORS, generator
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.sensors import Sensing
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
@@ -28,6 +28,9 @@ SLOWEST_STEP = 1e-3
 
 DISARMED = {"px4": 900.0, "ardupilot": 1000.0}
 """µs that a motor output has while disarmed."""
+
+TUMBLING = 200.0
+"""rad/s: no vehicle turns faster, and a simulation of one that did would mean nothing."""
 
 _COLUMNS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4, "rates": 3} | {
     "known_attitude": 4,
@@ -70,7 +73,7 @@ class Simulation:
         self._airframe = AIRFRAMES[scenario.vehicle.model]
         self._plan = Plan(scenario, self.cycle)
         self._autopilot = Autopilot(scenario.vehicle, self.cycle, scenario.sensors.delay)
-        self._sensing = Sensing(scenario.sensors, self.cycle, generator(scenario.seed, 0))
+        self._sensing = Sensing(scenario.sensors, self.cycle, generator(scenario.seed, SENSORS))
         self._boot = round(BOOT / self.cycle)
         self._flight = round(scenario.duration / self.cycle)
         whole = self._boot + self._flight + round(AFTER / self.cycle)
@@ -104,13 +107,11 @@ class Simulation:
             force: disarm in the air as well; it falls.
 
         Returns:
-            Whether it is as asked for: disarming in the air is refused unless forced.
+            Whether it is as asked for: arming in the air is refused, and disarming there unless forced.
         """
         if armed == self._armed:
             return True
-        if not armed and not self._grounded and not force:
-            return False
-        if armed and not self._grounded:
+        if not self._grounded and (armed or not force):
             return False
         self._commanded = True
         self._armed = armed
@@ -121,7 +122,11 @@ class Simulation:
         return True
 
     def advance(self, cycles: int) -> Motion:
-        """The next ``cycles`` rows, fewer at the end of the flight."""
+        """The next ``cycles`` rows, fewer at the end of the flight.
+
+        Raises:
+            ValueError: the vehicle tumbles, more than anything that flies.
+        """
         rows: list[tuple[float, ...]] = []
         for _ in range(cycles):
             if self.finished:
@@ -193,10 +198,16 @@ class Simulation:
         if self._grounded:
             rotors = self._body.spun(state.rotors, targets, self._steps)
             self._state = state._replace(rotors=rotors)
-            lift = sum(self._airframe.thrust_at(speed) for speed in rotors)
+            lift = fsum(self._airframe.thrust_at(speed) for speed in rotors)
             self._grounded = lift <= self._airframe.mass * GRAVITY
             return
         state = self._body.moved(state, targets, air, self._steps)
+        # Not a number is not less either.
+        if not hypot(*state.rates) < TUMBLING:
+            raise ValueError(
+                f"the vehicle is out of control {self._now * self.cycle:.1f} s after boot, turning at more than "
+                f"{TUMBLING:g} rad/s: it needs less wind, or smaller moments"
+            )
         north, east, down = state.position
         if down >= 0.0 and state.velocity[2] > 0.0:
             # It stands where it came down, level, with the heading it had.
@@ -215,6 +226,9 @@ def fly(scenario: Scenario, progress: Callable[[float], None] | None = None) -> 
     Args:
         scenario: what is flown.
         progress: is told how much of it is flown, 0 to 1, about once a second of flight.
+
+    Raises:
+        ValueError: the vehicle tumbles, more than anything that flies.
     """
     simulation = Simulation(scenario)
     whole = BOOT + scenario.duration + AFTER

@@ -23,7 +23,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
 
     - ``scenario``: it, as a string of JSON;
     - ``roll_A`` (2, 2), ``roll_B`` (2, 4): ẋ = Ax + B(u − ū) for angle (rad) and rate (rad/s), u in µs, rotors that do
-      not lag;
+      not lag; ū is ``trim`` (4,), that of hover in still air;
     - ``roll_lag_A`` (3, 3), ``roll_lag_B`` (3, 4): with a third state, the angular acceleration by the rotors, rad/s²,
       which follows the commands with the time constant ``lag`` (mean, rising, falling; s);
     - ``roll_disturbance`` (N,): angular acceleration that wind and moments add to that, rad/s²;
@@ -39,6 +39,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     up, down = body.lag
     arrays: dict[str, NDArray[Any]] = {field.name: getattr(motion, field.name) for field in fields(motion)}
     arrays["scenario"] = np.array(scenario.model_dump_json())
+    arrays["trim"] = np.full(4, 1000 + 1000 * body.hover_command / body.full)
     arrays["lag"] = np.array([(up + down) / 2, up, down])
     for number, name in enumerate(("roll", "pitch")):
         instant = axis(scenario.vehicle, "roll" if name == "roll" else "pitch", lag=False)

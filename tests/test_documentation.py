@@ -17,10 +17,17 @@ def test_the_engine_s_example_learns(monkeypatch, capsys):
     assert capsys.readouterr().out.startswith("True ")
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/engine.md"])
+def test_the_scenarios_example_flies(capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "scenarios.md").read_text(), re.DOTALL)
+    names: dict[str, object] = {}
+    exec(code, names)
+    assert capsys.readouterr().out.startswith("[[0. 1.]")
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/engine.md", "docs/scenarios.md"])
 def test_every_file_that_is_named_is_there(page):
     text = (ROOT / page).read_text()
-    named = set(re.findall(r"`((?:tools|tests|logs|docs|mavdem)/[\w./]+\.?\w*)`", text))
+    named = set(re.findall(r"`((?:tools|tests|logs|docs|mavdem|sitl_scenarios)/[\w./]+\.?\w*)`", text))
     named |= {str((ROOT / page).parent.relative_to(ROOT) / link) for link in re.findall(r"\]\(([\w./]+)\)", text)}
     missing = [name for name in named if not (ROOT / name).exists()]
     assert named and not missing

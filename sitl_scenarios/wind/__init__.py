@@ -7,7 +7,7 @@ import numpy as np
 from sitl_scenarios.dynamics import Air, Three
 from sitl_scenarios.frames import frame
 from sitl_scenarios.motion import Array
-from sitl_scenarios.randomness import generator
+from sitl_scenarios.randomness import MOMENT, WIND, generator
 from sitl_scenarios.scenario import Dryden, Gaussian, Gust, Jet, Scenario, Steady, VonKarman
 from sitl_scenarios.vehicles import AIRFRAMES
 from sitl_scenarios.wind.direction import towards
@@ -18,10 +18,8 @@ from sitl_scenarios.wind.jet import JetWind
 from sitl_scenarios.wind.low_altitude import turbulence
 from sitl_scenarios.wind.von_karman import von_karman
 
-_SENSORS, _WIND, _MOMENT = range(3)
-"""Purposes of randomness; the sensors' is theirs."""
-
 _AXES = {"roll": 5, "pitch": 6, "yaw": 7}
+"""Columns of ``Air``."""
 
 
 class Weather:
@@ -39,7 +37,7 @@ class Weather:
         air = np.zeros((samples, 8))
         self._jets: list[JetWind] = []
         for number, wind in enumerate(scenario.wind):
-            noise = generator(scenario.seed, _WIND, number)
+            noise = generator(scenario.seed, WIND, number)
             match wind:
                 case Steady():
                     air[:, :3] += wind.speed * towards(wind.direction)
@@ -53,7 +51,7 @@ class Weather:
                 case Dryden() | VonKarman():
                     air[:, :5] += _turbulent(wind, scenario, dt, samples, noise)
         for number, moment in enumerate(scenario.moments):
-            noise = generator(scenario.seed, _MOMENT, number)
+            noise = generator(scenario.seed, MOMENT, number)
             air[:, _AXES[moment.axis]] += moment.sd * gaussian_noise(moment.s, dt, samples, noise)
         self._air = air
 

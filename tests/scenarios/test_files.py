@@ -1,6 +1,8 @@
 """Scenario files: those that come with the package load; what is wrong in another is said in one sentence."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from sitl_scenarios.files import load, names, scenario_of
 from sitl_scenarios.scenario import Scenario
@@ -77,6 +79,10 @@ def test_every_section_can_be_written_and_read_back():
         ("[faults]\nreboot = 60", "faults.reboot must be less than the duration of the flight, 60 s, not 60"),
         ("height = 60", "duration must be at least 87 s for a height of 60 m, not 60"),
         ("duration = [", "own.toml is no TOML"),
+        ("duration = " + "[" * 5000 + "]" * 5000, "own.toml is nested deeper than any scenario"),
+        ("duration = 1979-05-27", 'duration must be a valid number, not "1979-05-27"'),
+        ("excitation = 1", "excitation must be a table, not 1"),
+        ("seed = 99999999999999999999", "seed must be less than 4294967296"),
         ("duration = 60\nduration = 70", "own.toml is no TOML"),
     ],
 )
@@ -102,3 +108,40 @@ def test_what_is_no_text_or_no_file_is_said_too(tmp_path):
         load(tmp_path)
     with pytest.raises(ValueError, match="there is no scenario 'hover_blowr'; there are ardupilot_steps, calm"):
         load("hover_blowr")
+
+
+VALUES = st.one_of(st.integers(), st.floats(), st.text(max_size=5), st.booleans(), st.none())
+PLACES = [
+    *[("duration",), ("height",), ("seed",), ("description",), ("wind",), ("moments",), ("excitation",), ("stream",)],
+    *[("vehicle", "model"), ("vehicle", "battery_sag"), ("wind", 0), ("wind", 0, "kind"), ("wind", 0, "s")],
+    *[
+        ("excitation", "kind"),
+        ("excitation", "period"),
+        ("faults", "reboot"),
+        ("stream", "rates"),
+        ("moments", 0, "sd"),
+    ],
+    *[("stream", "rate"), ("sensors", "delay"), ("nothing",), ("wind", 0, "nothing")],
+]
+
+
+@given(st.lists(st.tuples(st.sampled_from(PLACES), st.one_of(VALUES, st.lists(VALUES, max_size=2))), max_size=4))
+def test_whatever_stands_in_a_scenario_it_is_one_or_is_refused_in_one_line(changes):
+    table = load("lossy_link").model_dump(mode="json")
+    table["wind"] = [{"kind": "gaussian", "sd": 1.0, "s": 0.2}]
+    table["moments"] = [{"sd": 0.1, "s": 0.2}]
+    for place, value in changes:
+        inside = table
+        for key in place[:-1]:
+            inside = (
+                inside[key] if isinstance(inside, dict) and key in inside or isinstance(inside, list) and inside else {}
+            )
+        if isinstance(inside, dict) or (isinstance(inside, list) and inside and place[-1] == 0):
+            inside[place[-1]] = value
+    try:
+        assert isinstance(scenario_of(table), Scenario)
+    except ValueError as error:
+        assert type(error) is ValueError
+        assert str(error)
+        assert "Input should" not in str(error)
+        assert "Value error" not in str(error)

@@ -7,7 +7,7 @@ import pytest
 
 from sitl_scenarios.files import load, names
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.scenario import Gaussian, Scenario, Steady, Stream, Vehicle
+from sitl_scenarios.scenario import Gaussian, Moment, Scenario, Steady, Stream, Vehicle
 from sitl_scenarios.simulation import CYCLES, Simulation, fly
 
 WINDY = (Steady(kind="steady", speed=4.0), Gaussian(kind="gaussian", sd=0.7, s=0.2))
@@ -186,3 +186,17 @@ def test_every_scenario_is_flown_to_its_end(name):
     if name != "calm":
         assert 0.7 < roll(motion)[hovering].std() < 9
         assert 2.5 < np.degrees(motion.rates[hovering, 0].std()) < 30
+
+
+def test_a_vehicle_that_tumbles_is_no_flight():
+    scenario = brief(vehicle=Vehicle(model="crazyflie"), moments=(Moment(sd=1.0, s=0.5),))
+    with pytest.raises(ValueError, match="the vehicle is out of control .* s after boot"):
+        fly(scenario)
+
+
+@pytest.mark.parametrize("model", ["ardrone2", "iris", "crazyflie"])
+def test_a_storm_carries_a_vehicle_off_and_the_figures_stay_finite(model):
+    storm = (Steady(kind="steady", speed=60.0), Gaussian(kind="gaussian", sd=20.0, s=0.05))
+    motion = fly(brief(vehicle=Vehicle(model=model), wind=storm))
+    assert np.abs(motion.position[:, 1]).max() > 20
+    assert all(np.isfinite(getattr(motion, field.name)).all() for field in fields(Motion))
