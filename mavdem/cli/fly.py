@@ -22,6 +22,7 @@ from mavdem.errors import Unreadable
 from mavdem.whole_file import whole_file
 from sitl_scenarios.files import load, names, scenario_of
 from sitl_scenarios.frames import frame
+from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.live import Ground, Outcome, fly_live
 from sitl_scenarios.mavlink.recorded import recorded
 from sitl_scenarios.motion import Motion
@@ -129,13 +130,18 @@ def _chosen(named: str, seed: int | None, duration: float | None) -> Scenario:
         scenario = load(named)
     except ValueError as error:
         raise click.BadParameter(f"{error}.", param_hint="SCENARIO") from error
-    instead = {"seed": seed, "duration": duration}
+    given = {"seed": seed, "duration": duration}
+    instead = {key: value for key, value in given.items() if value is not None}
     try:
-        return scenario_of(
-            scenario.model_dump(mode="json") | {key: value for key, value in instead.items() if value is not None}
-        )
+        chosen = scenario_of(scenario.model_dump(mode="json") | instead)
     except ValueError as error:
         raise click.BadParameter(f"{error}.", param_hint="--seed or --duration") from error
+    try:
+        AUTOPILOTS[chosen.stream.speaks].rates(chosen.stream.rate, chosen.stream.rates)
+    except ValueError as error:
+        # Not after a long flight.
+        raise click.BadParameter(f"{error}.", param_hint="SCENARIO") from error
+    return chosen
 
 
 def _describe(named: str, scenario: Scenario, as_json: bool) -> None:
@@ -170,8 +176,6 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
                 truth = out.with_suffix(".truth.npz")
                 write_truth(truth, scenario, motion)
                 told |= {"truth": str(truth)}
-    except ValueError as error:
-        raise click.BadParameter(f"{error}.", param_hint="SCENARIO") from error
     except OSError as error:
         files = " or ".join(str(path) for path in (out, rrd) if path is not None)
         raise Unreadable(f"{files} cannot be written ({error.strerror or error}): name another file.") from None

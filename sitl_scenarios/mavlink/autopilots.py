@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
-"""MAV_LANDED_STATE."""
+DISARMED, ON_GROUND, IN_AIR, TAKING_OFF, LANDING = range(5)
+"""States of the flight: disarmed, and when armed the MAV_LANDED_STATE."""
 ARMED = 128
 """MAV_MODE_FLAG_SAFETY_ARMED."""
 DENIED, TEMPORARILY_REJECTED, FAILED = 2, 1, 4
@@ -40,8 +40,7 @@ class Autopilot:
         modes: by MAV_LANDED_STATE.
         starting: MAV_STATE while it starts.
         active_when_armed: whether its MAV_STATE is ACTIVE from arming on, rather than from take-off.
-        words: what it says in STATUSTEXT as its state changes: (from, to), where a state is "disarmed" or a
-            MAV_LANDED_STATE.
+        words: what it says in STATUSTEXT as its state changes, by (before, after).
         denied_in_air: what it says when it is to disarm in the air, and the MAV_RESULT it answers with.
         unknown_message: MAV_RESULT when it is asked for a message that it does not have.
         version: AUTOPILOT_VERSION.flight_sw_version.
@@ -62,7 +61,7 @@ class Autopilot:
     modes: Mapping[int, Mode]
     starting: int
     active_when_armed: bool
-    words: Mapping[tuple[str | int, str | int], str]
+    words: Mapping[tuple[int, int], str]
     denied_in_air: tuple[str, int]
     unknown_message: int
     version: int
@@ -113,10 +112,10 @@ PX4 = Autopilot(
     starting=0,
     active_when_armed=True,
     words={
-        ("disarmed", ON_GROUND): "Armed by external command\t",
+        (DISARMED, ON_GROUND): "Armed by external command\t",
         (ON_GROUND, TAKING_OFF): "Takeoff detected\t",
         (LANDING, ON_GROUND): "Landing detected\t",
-        (ON_GROUND, "disarmed"): "Disarmed by landing\t",
+        (ON_GROUND, DISARMED): "Disarmed by landing\t",
     },
     denied_in_air=("Disarming denied! Not landed\t", TEMPORARILY_REJECTED),
     unknown_message=FAILED,
@@ -146,8 +145,8 @@ ARDUPILOT = Autopilot(
     starting=1,
     active_when_armed=False,
     words={
-        ("disarmed", ON_GROUND): "Arming motors",
-        (ON_GROUND, "disarmed"): "Disarming motors",
+        (DISARMED, ON_GROUND): "Arming motors",
+        (ON_GROUND, DISARMED): "Disarming motors",
     },
     denied_in_air=("", FAILED),
     unknown_message=DENIED,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.compose import Sender, compose, compose_1
-from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, INFO
+from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, DISARMED, INFO
 from sitl_scenarios.mavlink.batch import Batch, joined
 from sitl_scenarios.mavlink.messages import Payloads, Speaker, named, payload
 from sitl_scenarios.mavlink.parameters import Parameter, parameters
@@ -94,7 +94,7 @@ class Transmitter:
         """Begins anew with a boot clock that is zero at ``boot``, heard from ``heard`` on, s of the motion."""
         self._boot, self._heard = boot, heard
         self._sequence = 0
-        self._state: str | int = "disarmed"
+        self._state = DISARMED
         self._once: set[str] = set()
         self.clock = heard - boot
         self.schedule = self._scheduled(self.clock)
@@ -139,18 +139,14 @@ class Transmitter:
 
     def _changes(self, motion: Motion) -> list[Placed]:
         """STATUSTEXT where the state changes."""
-        code = np.where(motion.armed, motion.landed_state, 0).astype(np.int64)
-        state: list[str | int] = [self._state]
+        states = np.where(motion.armed, motion.landed_state.astype(np.int64), DISARMED)
         placed: list[Placed] = []
-        last = 0 if self._state == "disarmed" else int(self._state)
-        for row in np.flatnonzero(np.diff(code, prepend=last)).tolist():
-            now: str | int = int(code[row]) or "disarmed"
-            text = self.autopilot.words.get((state[-1], now))
-            state.append(now)
+        for row in np.flatnonzero(np.diff(states, prepend=self._state)):
+            text = self.autopilot.words.get((self._state, int(states[row])))
+            self._state = int(states[row])
             if text is not None:
                 said = payload("STATUSTEXT", severity=INFO, text=text.encode())
                 placed.append(("STATUSTEXT", np.array([row]), said))
-        self._state = state[-1]
         return placed
 
     def _listed(self, count: int) -> list[Placed]:
