@@ -1,7 +1,7 @@
 """Linear: the same dynamics about hover, ẋ = Ax + Bu, by central differences.
 
-About hover in still air, level, nose to the north. In wind a vehicle hovers tilted and with more thrust: at 5 m/s the
-motors' effect is a few hundredths larger than here.
+About hover in still air, level, nose to the north. In wind a vehicle hovers tilted, with another thrust: the effect of
+its motors there is a few hundredths from what it is here.
 """
 
 from __future__ import annotations
