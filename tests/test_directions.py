@@ -117,13 +117,16 @@ def test_only_the_command_line_knows_of_simulated_flights(path):
 
 
 SCENARIOS = Path(sitl_scenarios.__file__).parent
-WRITERS = ("mavdem.ingest.tlog_writer", "mavdem.ingest.mcap_writer", "mavdem.errors", "mavdem.whole_file")
-"""What a simulated flight may use of mavdem: it makes logs, and knows nothing of what is done with them."""
+FILES_OF_MAVDEM = ("mavdem.errors", "mavdem.whole_file")
+FRAMES_OF_MAVDEM = tuple(f"mavdem.ingest.{name}" for name in ("checksum", "compose", "decode", "framing", "stream"))
+"""What a simulated flight may use of mavdem: how files appear whole and, where it speaks MAVLink, how frames are made.
+It knows nothing of what is done with them."""
 
 
 @pytest.mark.parametrize("path", sorted(path.relative_to(SCENARIOS) for path in SCENARIOS.rglob("*.py")), ids=str)
-def test_simulated_flights_know_how_to_write_logs_and_nothing_else_of_mavdem(path):
+def test_simulated_flights_know_files_and_frames_and_nothing_else_of_mavdem(path):
     allowed = sys.stdlib_module_names | {"numpy", "scipy", "pydantic"}
+    used = FILES_OF_MAVDEM + (FRAMES_OF_MAVDEM if path.parts[0] == "mavlink" else ())
     for name in imported(path, SCENARIOS):
-        own = within(name, "sitl_scenarios") or any(within(name, writer) for writer in WRITERS)
+        own = within(name, "sitl_scenarios") or any(within(name, module) for module in used)
         assert own or name.split(".")[0] in allowed, f"{path} imports {name}"

@@ -38,6 +38,7 @@ class _Commands(click.Group):
         click.Command("info", help="Says what a log holds, and whether a model can be learnt from it."),
         click.Command("learn", help="Learns a linear model from a log and forecasts with it."),
         click.Command("convert", help="Converts a log to another file format."),
+        click.Command("fly", help="Flies a simulated quadrotor in wind."),
     ],
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -57,6 +58,10 @@ def mavdem() -> None:
     Learn from it, and look at the result:
       mavdem learn flight.tlog --out result
       rerun result/flight.rrd
+
+    \b
+    No log at hand? Fly one:
+      mavdem fly hover_blower --out flight.tlog
 
     Every command ends with 0 when done, 1 when the data cannot support the request, and 2 on bad usage or input that
     cannot be read.

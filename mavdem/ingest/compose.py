@@ -1,4 +1,4 @@
-"""MAVLink 2 frames around payloads that came without: unsigned, trailing zeros cut off, sealed with their checksum.
+"""Frames around payloads that came without: unsigned, sealed with their checksum; MAVLink 2 cuts trailing zeros off.
 
 Source: https://mavlink.io/en/guide/serialization.html.
 """
@@ -6,6 +6,7 @@ Source: https://mavlink.io/en/guide/serialization.html.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,10 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.checksum import LONGEST, Bytes, checksums
 from mavdem.ingest.decode import Definition
-from mavdem.ingest.framing import CHECKSUM, FAILED, GOOD, HEADER, MARKER_2, Frames
+from mavdem.ingest.framing import CHECKSUM, FAILED, GOOD, HEADER, HEADER_1, MARKER_1, MARKER_2, Frames
+
+SEQUENCE_1 = 2
+"""Place of the sequence number in a MAVLink 1 frame."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,7 @@ class Sender:
 def compose(
     payloads: NDArray[Any], definition: Definition, sender: Sender, sequence: Bytes, good: NDArray[np.bool_]
 ) -> tuple[Bytes, Frames]:
-    """Frames of one message: their bytes, one behind the other, and the table of them.
+    """MAVLink 2 frames of one message: their bytes, one behind the other, and the table of them.
 
     Args:
         payloads: (N,) of ``definition.wire``.
@@ -50,8 +54,9 @@ def compose(
     column = np.arange(whole.shape[1])
     kept = (column < HEADER + length[:, None]) | (column >= HEADER + width)
     kept &= good[:, None]
-    end = np.cumsum(kept.sum(axis=1))
-    start = np.concatenate([[0], end[:-1]])
+    size = kept.sum(axis=1)
+    end = np.cumsum(size)
+    start = end - size
     frames = Frames(
         start=start,
         end=end,
@@ -64,9 +69,54 @@ def compose(
         verdict=np.where(good, GOOD, FAILED).astype(np.uint8),
     )
     data = whole[kept]
-    sealed = frames[good]
-    body, at = sealed.start + 1, sealed.end - CHECKSUM
-    seeds = np.full(len(sealed), definition.seed, dtype=np.int32)
+    _seal(data, frames[good], definition)
+    return data, frames
+
+
+def compose_1(payloads: NDArray[Any], definition: Definition, sender: Sender, sequence: Bytes) -> tuple[Bytes, Frames]:
+    """The same as MAVLink 1 frames, which hold no extension fields.
+
+    Args:
+        payloads: (N,) of ``definition.wire``.
+        definition: of the message, whose id is below 256.
+        sender: whose ids the frames carry.
+        sequence: (N,) sequence numbers.
+    """
+    width, count = _width_1(definition.message_id), len(payloads)
+    sent = np.ascontiguousarray(payloads).view(np.uint8).reshape(count, definition.wire.itemsize)
+    whole = np.zeros((count, HEADER_1 + width + CHECKSUM), dtype=np.uint8)
+    for place, value in enumerate((MARKER_1, width, 0, sender.system, sender.component, definition.message_id)):
+        whole[:, place] = value
+    whole[:, SEQUENCE_1] = sequence
+    whole[:, HEADER_1:-CHECKSUM] = sent[:, :width]
+    start = np.arange(count, dtype=np.int64) * whole.shape[1]
+    frames = Frames(
+        start=start,
+        end=start + whole.shape[1],
+        payload=start + HEADER_1,
+        length=np.full(count, width, dtype=np.int64),
+        message_id=np.full(count, definition.message_id, dtype=np.int64),
+        system=np.full(count, sender.system, dtype=np.uint8),
+        component=np.full(count, sender.component, dtype=np.uint8),
+        sequence=sequence,
+        verdict=np.full(count, GOOD, dtype=np.uint8),
+    )
+    data = whole.reshape(-1)
+    _seal(data, frames, definition)
+    return data, frames
+
+
+@cache
+def _width_1(message_id: int) -> int:
+    """Bytes of a message's payload without extensions, which its MAVLink 1 definition leaves out."""
+    from pymavlink.dialects.v10 import all as dialect_1  # takes as long to load as the other: only where it is needed
+
+    return int(dialect_1.mavlink_map[message_id].unpacker.size)
+
+
+def _seal(data: Bytes, frames: Frames, definition: Definition) -> None:
+    """Writes the checksums of all of one message's frames into ``data``."""
+    body, at = frames.start + 1, frames.end - CHECKSUM
+    seeds = np.full(len(frames), definition.seed, dtype=np.int32)
     sums = checksums(np.pad(data, (0, LONGEST)), body, at - body, seeds)
     data[at], data[at + 1] = sums & 0xFF, sums >> 8
-    return data, frames

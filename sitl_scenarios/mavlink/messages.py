@@ -1,0 +1,170 @@
+"""Messages: what the autopilot says of rows of a motion, as payloads by column.
+
+Fields, units and signs are those of the definitions (https://mavlink.io/en/messages/common.html): angles rad, body
+rates rad/s, north-east-down m and m/s, PWM µs.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.ingest.decode import Definition, definitions
+from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Autopilot
+from sitl_scenarios.motion import Motion
+from sitl_scenarios.scenario import Scenario
+
+Array = NDArray[np.float64]
+Payloads = NDArray[Any]
+"""(N,) of a definition's wire type."""
+
+QUADROTOR = 2
+"""MAV_TYPE."""
+ACTIVE, STANDBY = 4, 3
+"""MAV_STATE."""
+STARTING = 3.0
+"""Seconds after boot in which the autopilot says that it starts."""
+SENSORS, FENCE = 0b1111, 1 << 20
+"""MAV_SYS_STATUS_SENSOR: gyroscopes, accelerometers, magnetometer, barometer; and the fence, which is not breached."""
+FULL = 12.6
+"""Volts of a charged battery of three cells."""
+CHANNELS = 16
+"""Outputs that SERVO_OUTPUT_RAW and PX4's other output messages tell."""
+
+
+@cache
+def named(name: str) -> Definition:
+    """The definition of a message."""
+    return next(one for one in definitions().values() if one.name == name)
+
+
+def payload(name: str, **fields: Any) -> Payloads:
+    """One message, (1,) of its wire type; fields that are not given are zero."""
+    return _filled(name, 1, fields)
+
+
+class Speaker:
+    """What one vehicle says of its motion."""
+
+    def __init__(self, scenario: Scenario, autopilot: Autopilot) -> None:
+        """Takes the flight's scenario and who speaks."""
+        self._scenario, self._autopilot = scenario, autopilot
+        self._told: dict[str, Callable[[Motion, NDArray[np.int64]], dict[str, Any]]] = {
+            "HEARTBEAT": self._heartbeat,
+            "SYS_STATUS": self._sys_status,
+            "EXTENDED_SYS_STATE": self._extended_sys_state,
+            "ATTITUDE": self._attitude,
+            "ATTITUDE_QUATERNION": self._attitude_quaternion,
+            "LOCAL_POSITION_NED": self._local_position_ned,
+            "SERVO_OUTPUT_RAW": self._servo_output_raw,
+            "ACTUATOR_OUTPUT_STATUS": self._actuator_output_status,
+            "HIL_ACTUATOR_CONTROLS": self._hil_actuator_controls,
+        }
+
+    def say(self, name: str, motion: Motion, boot: NDArray[np.int64]) -> Payloads:
+        """The payloads (N,) of a message, one for each row of ``motion``, at ``boot`` (N,), µs since boot."""
+        return _filled(name, len(boot), self._told[name](motion, boot))
+
+    def _heartbeat(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
+        base, custom = self._modes(motion)
+        flies = motion.armed & (self._autopilot.active_when_armed | (motion.landed_state != ON_GROUND))
+        starts = ~motion.armed & (boot < STARTING * 1e6)
+        return {
+            "type": QUADROTOR,
+            "autopilot": self._autopilot.number,
+            "base_mode": base,
+            "custom_mode": custom,
+            "system_status": np.select([flies, starts], [ACTIVE, self._autopilot.starting], STANDBY),
+            "mavlink_version": 3,
+        }
+
+    def _modes(self, motion: Motion) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        table = np.zeros((LANDING + 1, 2), dtype=np.int64)
+        for state in (ON_GROUND, IN_AIR, TAKING_OFF, LANDING):
+            table[state] = self._autopilot.modes[state]
+        base, custom = table[motion.landed_state].T
+        return base + ARMED * motion.armed, custom
+
+    def _sys_status(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
+        # The share of the rotors' speed that a battery loses is that of its voltage.
+        elapsed = np.clip(motion.time / self._scenario.duration, 0.0, 1.0)
+        volts = FULL * (1 - self._scenario.vehicle.battery_sag * elapsed)
+        return {
+            "onboard_control_sensors_present": SENSORS,
+            "onboard_control_sensors_enabled": SENSORS,
+            "onboard_control_sensors_health": SENSORS | FENCE,
+            "voltage_battery": np.round(1000 * volts),
+            "current_battery": -1,
+            "battery_remaining": -1,
+        }
+
+    def _extended_sys_state(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
+        return {"landed_state": motion.landed_state}
+
+    def _attitude(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
+        roll, pitch, yaw = euler(motion.known_attitude)
+        return {"time_boot_ms": _milliseconds(boot), "roll": roll, "pitch": pitch, "yaw": yaw, **_rates(motion)}
+
+    def _attitude_quaternion(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
+        q1, q2, q3, q4 = motion.known_attitude.T
+        return {"time_boot_ms": _milliseconds(boot), "q1": q1, "q2": q2, "q3": q3, "q4": q4, **_rates(motion)}
+
+    def _local_position_ned(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
+        x, y, z = motion.known_position.T
+        vx, vy, vz = motion.known_velocity.T
+        return {"time_boot_ms": _milliseconds(boot), "x": x, "y": y, "z": z, "vx": vx, "vy": vy, "vz": vz}
+
+    def _servo_output_raw(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
+        outputs = self._outputs(motion)
+        # The one clock of 32-bit microseconds: it wraps every 71.6 minutes.
+        return {
+            "time_usec": boot % 2**32,
+            **{f"servo{n + 1}_raw": np.round(outputs[:, n]) for n in range(CHANNELS)},
+        }
+
+    def _actuator_output_status(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
+        actuator = np.zeros((len(boot), 32))
+        actuator[:, :CHANNELS] = self._outputs(motion)
+        return {"time_usec": boot, "active": CHANNELS, "actuator": actuator}
+
+    def _hil_actuator_controls(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
+        controls = np.zeros((len(boot), CHANNELS))
+        motors = motion.outputs.shape[1]
+        controls[:, :motors] = np.where(motion.armed[:, None], (motion.outputs - 1000) / 1000, 0.0)
+        return {"time_usec": boot, "controls": controls, "mode": self._modes(motion)[0]}
+
+    def _outputs(self, motion: Motion) -> Array:
+        """(N, 16) PWM of every channel."""
+        outputs = np.full((len(motion), CHANNELS), float(self._autopilot.unused))
+        motors = motion.outputs.shape[1]
+        outputs[:, :motors] = np.where(motion.armed[:, None], motion.outputs, self._autopilot.disarmed)
+        return outputs
+
+
+def euler(attitude: Array) -> tuple[Array, Array, Array]:
+    """Roll, pitch and yaw (N,), rad, Z-Y-X, of unit quaternions (N, 4) from body to NED."""
+    w, x, y, z = attitude.T
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return roll, pitch, yaw
+
+
+def _rates(motion: Motion) -> dict[str, Array]:
+    p, q, r = motion.known_rates.T
+    return {"rollspeed": p, "pitchspeed": q, "yawspeed": r}
+
+
+def _milliseconds(boot: NDArray[np.int64]) -> NDArray[np.int64]:
+    return boot // 1000 % 2**32
+
+
+def _filled(name: str, count: int, fields: dict[str, Any]) -> Payloads:
+    table: Payloads = np.zeros(count, dtype=named(name).wire)
+    for field, values in fields.items():
+        table[field] = values
+    return table

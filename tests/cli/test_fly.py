@@ -1,0 +1,240 @@
+"""``mavdem fly``: what is flown is written whole or not at all, can be read and learnt from, and is the same again."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rerun.chunk import RrdReader
+
+from mavdem.cli.main import main
+from mavdem.cli.scenario_text import in_toml, in_words
+from mavdem.ingest import read_log
+from sitl_scenarios.files import load, names, scenario_of
+
+MAVDEM = [sys.executable, "-c", "import sys; from mavdem.cli.entry import run; sys.exit(run())"]
+SHORT = ["--duration", "20"]
+
+
+def fly(capsys, *words: object) -> dict:
+    assert main(["fly", *map(str, words), "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def refused(capsys, *words: object) -> str:
+    assert main(["fly", *map(str, words)]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1 and said.err.startswith("mavdem: ")
+    assert "should not have happened" not in said.err
+    return said.err
+
+
+@pytest.mark.parametrize("kind", [".tlog", ".mcap"])
+def test_a_flight_with_its_truth(kind, tmp_path, capsys):
+    out = tmp_path / f"flight{kind}"
+    told = fly(capsys, "hover_blower", "--out", out, *SHORT)
+    assert (told["scenario"], told["duration"], told["out"]) == ("hover_blower", 20.0, str(out))
+    assert {path.name for path in tmp_path.iterdir()} == {f"flight{kind}", "flight.truth.npz"}
+    log = read_log(out)
+    assert log.frames == told["frames"]
+    with np.load(tmp_path / "flight.truth.npz") as truth:
+        assert json.loads(str(truth["scenario"]))["duration"] == 20.0
+        read = log.vehicles[0].messages["ATTITUDE"]
+        known = np.interp(read["time"], truth["time"], truth["known_rates"][:, 0])
+        # The message's stamp is in whole milliseconds.
+        assert np.abs(read["rollspeed"] - known).max() < 0.1
+
+
+def test_the_same_command_writes_the_same_bytes(tmp_path, capsys):
+    mine = tmp_path / "mine.toml"
+    mine.write_text("duration = 20\n[[wind]]\nkind = 'gaussian'\nsd = 1\ns = 0.2\n[faults]\nloss = 0.1\nreboot = 10\n")
+    flights = [tmp_path / name for name in ("one.tlog", "two.tlog", "other.tlog")]
+    for out, seed in zip(flights, (5, 5, 6), strict=True):
+        fly(capsys, mine, "--out", out, "--seed", seed)
+    one, two, other = (out.read_bytes() for out in flights)
+    assert one == two != other
+    assert set(read_log(flights[0]).vehicles[0].messages["ATTITUDE"]["boot"]) == {0, 1}
+
+
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+@pytest.mark.parametrize("frame", ["x", "plus"])
+def test_it_can_be_learnt_from_and_motors_are_where_they_are(speaks, frame, tmp_path, capsys):
+    mine = tmp_path / "mine.toml"
+    scenario = load("iris_multisine").model_dump(mode="json", exclude_none=True)
+    scenario["stream"]["speaks"], scenario["vehicle"]["frame"], scenario["duration"] = speaks, frame, 30.0
+    mine.write_text(in_toml(scenario_of(scenario)))
+    fly(capsys, mine, "--out", tmp_path / "f.tlog")
+    assert main(["info", str(tmp_path / "f.tlog")]) == 0
+    assert main(["learn", str(tmp_path / "f.tlog"), "--out", str(tmp_path / "r"), "--train", "600"]) == 0
+    said = capsys.readouterr().out
+    assert "assumed" not in said
+    first = {"x": "motor 1 (front right)", "plus": "motor 1 (right)"}[frame]
+    assert first in said
+    model = json.loads((tmp_path / "r" / "model.json").read_text())
+    learnt = np.array(model["model"]["B"])
+    with np.load(tmp_path / "f.truth.npz") as truth:
+        true = truth["roll_B"][1]
+    # What the motors do to the roll rate, directly and by way of the hidden state.
+    a, b = np.array(model["model"]["A"]), learnt
+    effect = b[1] + (a[1, 2] / -a[2, 2] * b[2] if len(a) > 2 else 0)
+    turns = np.abs(true) > 0
+    assert (np.sign(effect[turns]) == np.sign(true[turns])).all(), (effect, true)
+    assert np.abs(effect[~turns]).max(initial=0.0) < np.abs(effect[turns]).min()
+
+
+def test_a_recording_to_look_at(tmp_path, capsys):
+    rrd = tmp_path / "flight.rrd"
+    assert fly(capsys, "hover_blower", "--rrd", rrd, *SHORT)["rrd"] == str(rrd)
+    assert [path.name for path in tmp_path.iterdir()] == ["flight.rrd"]
+    reader = RrdReader(rrd)
+    assert len(reader.blueprints()) == 1
+    paths = {str(chunk.entity_path).replace("\\", "") for chunk in reader.stream()}
+    assert {"/world/here/vehicle", "/world/here/wind", "/world/trail", "/roll/0 true", "/moment/0 roll"} <= paths
+
+
+def test_the_list_is_one_a_line_name_first(capsys):
+    assert main(["fly", "--list"]) == 0
+    listed = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in listed] == list(names())
+    assert {"hover_blower", "paper_1"} < {one["name"] for one in fly(capsys, "--list")["scenarios"]}
+
+
+@pytest.mark.parametrize("name", names())
+def test_a_description_is_a_file_that_is_the_same_scenario(name, tmp_path):
+    scenario = load(name)
+    text = "\n".join(f"# {sentence}" for sentence in in_words(scenario)) + "\n" + in_toml(scenario)
+    assert scenario_of(tomllib.loads(text)) == scenario
+
+
+def test_describing_tells_every_value(capsys, tmp_path):
+    assert main(["fly", "lossy_link", "--describe", "--seed", "9"]) == 0
+    said = capsys.readouterr().out
+    (tmp_path / "mine.toml").write_text(said)
+    assert load(tmp_path / "mine.toml").seed == 9
+    assert "# The link loses 2" in said and "# The autopilot begins anew" in said
+    assert fly(capsys, "lossy_link", "--describe")["values"]["faults"]["loss"] == 0.02
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ([], "SCENARIO"),
+        (["hover_blower"], "--out"),
+        (["nowhere", "--out", "f.tlog"], "nowhere"),
+        (["none.toml", "--out", "f.tlog"], "none.toml"),
+        (["hover_blower", "--out", "f.csv"], ".tlog or .mcap"),
+        (["hover_blower", "--rrd", "f.png"], ".rrd"),
+        (["hover_blower", "--out", "none/f.tlog"], "no folder none"),
+        (["hover_blower", "--out", "f.tlog", "--duration", "3"], "duration must be"),
+        (["hover_blower", "--out", "f.tlog", "--duration", "nan"], "duration"),
+        (["hover_blower", "--out", "f.tlog", "--seed", "-1"], "seed must be"),
+        (["hover_blower", "--udp", "14550"], "HOST:PORT"),
+        (["hover_blower", "--udp", "127.0.0.1:0"], "HOST:PORT"),
+        (["hover_blower", "--udp", "127.0.0.1:99999"], "HOST:PORT"),
+        (["hover_blower", "--udp", "no.such.host.invalid:14550"], "Nothing can be sent to no.such.host.invalid:14550"),
+        (["hover_blower", "--udp", "127.0.0.1:14550", "--speed", "0"], "--speed"),
+        (["hover_blower", "--udp", "127.0.0.1:14550", "--speed", "nan"], "--speed"),
+        (["hover_blower", "--udp", "127.0.0.1:14550", "--out", "f.tlog"], "choose one"),
+        (["hover_blower", "--out", "--describe"], "--describe is an option"),
+    ],
+)
+def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert named in refused(capsys, *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_rates_of_what_is_not_sent(tmp_path, capsys):
+    (tmp_path / "mine.toml").write_text("[stream]\nrates = {WIND = 1.0}\n")
+    assert "WIND" in refused(capsys, tmp_path / "mine.toml", "--out", tmp_path / "f.tlog")
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def test_what_cannot_be_replaced_is_left_alone(tmp_path, capsys):
+    os.mkfifo(tmp_path / "pipe.tlog")
+    assert "pipe.tlog cannot be written" in refused(capsys, "hover_blower", "--out", tmp_path / "pipe.tlog", *SHORT)
+    assert [path.name for path in tmp_path.iterdir()] == ["pipe.tlog"]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("out", [["--out", "f.tlog"], ["--out", "f.tlog", "--rrd", "f.rrd"]])
+def test_a_full_disk_is_told_and_leaves_nothing(out, tmp_path):
+    def no_file_beyond() -> None:
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
+
+    words = [*MAVDEM, "fly", "hover_blower", *SHORT, *out]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=60, cwd=tmp_path, preexec_fn=no_file_beyond)
+    assert done.returncode == 2, done.stderr
+    assert "cannot be written" in done.stderr and done.stderr.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_live_in_a_process_of_its_own_until_ctrl_c():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
+        ground.bind(("127.0.0.1", 0))
+        ground.settimeout(30)
+        address = f"127.0.0.1:{ground.getsockname()[1]}"
+        words = [*MAVDEM, "fly", "hover_blower", "--udp", address, "--speed", "2", "--json"]
+        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
+            assert ground.recv(300)[0] == 0xFD
+            time.sleep(0.5)
+            running.send_signal(signal.SIGINT)
+            out, said = running.communicate(timeout=20)
+    assert running.returncode == 0, said
+    told = json.loads(out)
+    assert told["stopped"] and told["frames"] > 100 and told["flown"] > 0.5
+    assert "Traceback" not in said and "Stopped after" in said
+
+
+def mavproxy() -> Path | None:
+    """MAVProxy, beside this Python or on the PATH."""
+    beside = Path(sys.executable).with_name("mavproxy.py")
+    found = str(beside) if beside.is_file() else shutil.which("mavproxy.py")
+    return Path(found) if found else None
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(mavproxy() is None, reason="MAVProxy is not installed (pip install MAVProxy)")
+@pytest.mark.parametrize("scenario", ["iris_doublets", "ardupilot_steps"])
+def test_mavproxy_sees_arms_and_disarms_it(scenario, tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    words = [mavproxy(), f"--master=udpin:127.0.0.1:{port}", "--streamrate=-1"]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "cwd": tmp_path}
+    with subprocess.Popen(words, text=True, **pipes) as ground:
+        time.sleep(3.0)
+        vehicle = subprocess.Popen(
+            [*MAVDEM, "fly", scenario, "--udp", f"127.0.0.1:{port}"], stderr=subprocess.PIPE, text=True
+        )
+        try:
+            for wait, typed in ((8, "disarm"), (2, "disarm force"), (4, "arm throttle"), (3, "disarm force"), (3, "")):
+                time.sleep(wait)
+                ground.stdin.write(typed + "\n")
+                ground.stdin.flush()
+            vehicle.send_signal(signal.SIGINT)
+            assert vehicle.wait(timeout=20) == 0
+        finally:
+            vehicle.kill()
+            ground.terminate()
+            said = ground.communicate(timeout=20)[0]
+    assert "Detected vehicle 1:1" in said
+    assert "Saved" in said and "parameters" in said
+    # It arms itself, refuses to disarm in the air, falls when forced, and is armed and disarmed again.
+    assert said.count("DISARMED") == 2 and said.replace("DISARMED", "").count("ARMED") == 2
+    refusal = {"iris_doublets": "TEMPORARILY_REJECTED", "ardupilot_steps": "FAILED"}[scenario]
+    assert f"COMPONENT_ARM_DISARM: {refusal}" in said and "COMPONENT_ARM_DISARM: ACCEPTED" in said

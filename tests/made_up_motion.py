@@ -1,0 +1,67 @@
+"""A motion that nobody simulated: a hover with a roll that swings, known exactly, for tests of what is said of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sitl_scenarios.motion import Motion
+
+ARMED, UP, DOWN = 2.0, 4.0, 3.0
+"""Seconds from boot to arming; from arming to the hover; from its end to the ground."""
+ROLL = 0.2
+"""rad, how far the roll swings, at 0.7 Hz."""
+
+
+def made_up_motion(seconds: float = 20.0, cycle: float = 0.004, begin: float = 0.0) -> Motion:
+    """A flight of so many seconds, on the ground at its ends; its boot clock begins at ``begin``."""
+    count = round(seconds / cycle)
+    since = np.arange(count) * cycle
+    time = begin + since
+    end = seconds - 1.0
+    armed = (since >= ARMED) & (since < end)
+    state = np.select(
+        [since < ARMED + 0.5, since < ARMED + UP, since < end - DOWN, since < end - 0.5], [1, 3, 2, 4], 1
+    ).astype(np.uint8)
+    angle = 2 * np.pi * 0.7 * since
+    flying = (state != 1).astype(float)
+    roll, pitch, yaw = flying * ROLL * np.sin(angle), 0.05 + 0 * angle, 0.3 + 0 * angle
+    rates = np.column_stack(
+        [flying * ROLL * 2 * np.pi * 0.7 * np.cos(angle), 0.01 * np.sin(3 * angle), 0.02 * np.cos(2 * angle)]
+    )
+    attitude = _quaternion(roll, pitch, yaw)
+    position = np.column_stack([np.sin(angle), np.cos(angle), -5 * flying])
+    velocity = np.column_stack([np.cos(angle), -np.sin(angle), 0 * angle])
+    swing = 60 * flying * np.sin(angle + 1.0)
+    signs = np.array([-1, 1, 1, -1])
+    outputs = np.round(np.where(armed, 1100 + 400 * flying, 1000)[:, None] + swing[:, None] * signs)
+    return Motion(
+        time=time,
+        position=position,
+        velocity=velocity,
+        attitude=attitude,
+        rates=rates,
+        known_attitude=attitude,
+        known_rates=rates,
+        known_position=position,
+        known_velocity=velocity,
+        outputs=outputs,
+        demands=np.column_stack([swing / 400, 0 * swing, 0 * swing, 0.5 * flying]),
+        rotor_speeds=outputs,
+        wind=np.tile([0.0, -5.0, 0.0], (count, 1)),
+        force=np.zeros((count, 3)),
+        moment=np.zeros((count, 3)),
+        armed=armed,
+        landed_state=state,
+    )
+
+
+def _quaternion(roll: np.ndarray, pitch: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+    cr, sr, cp, sp, cy, sy = (f(a / 2) for a in (roll, pitch, yaw) for f in (np.cos, np.sin))
+    return np.column_stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ]
+    )

@@ -1,0 +1,188 @@
+"""What a ground station asks is done and answered, and what is no question changes nothing."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+from made_up_motion import made_up_motion
+from mavlink_streams import frame
+from pymavlink.dialects.v20 import all as dialect
+
+from sitl_scenarios.mavlink.commands import Commands
+from sitl_scenarios.mavlink.hearing import heard
+from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion
+from sitl_scenarios.scenario import Scenario, Stream
+
+CYCLES = {"px4": 0.004, "ardupilot": 0.0025}
+GROUND = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
+
+
+class Vehicle:
+    """A vehicle that answers, and the part of a simulation that can be armed."""
+
+    def __init__(self, speaks: str = "px4", armable: bool = True) -> None:
+        cycle = CYCLES[speaks]
+        self.transmitter = Transmitter(Scenario(stream=Stream(speaks=speaks)), cycle)
+        self.commands = Commands(self.transmitter, self)
+        self.asked: list[tuple[bool, bool]] = []
+        self._armable = armable
+        self._motion, self._row = made_up_motion(cycle=cycle), 1
+        self.flown(1.0)
+
+    def set_armed(self, armed: bool, force: bool = False) -> bool:
+        self.asked.append((armed, force))
+        return self._armable or force
+
+    def flown(self, seconds: float) -> dict[str, list]:
+        """The messages of the next seconds by name."""
+        rows = slice(self._row, self._row + round(seconds / CYCLES[self.transmitter.autopilot.name]))
+        self._row = rows.stop
+        batch = self.transmitter.send(rows_of_motion(self._motion, rows))
+        said: dict[str, list] = {}
+        for message in dialect.MAVLink(None).parse_buffer(batch.data.tobytes()) or []:
+            said.setdefault(message.get_type(), []).append(message)
+        return said
+
+    def hears(self, message: dialect.MAVLink_message) -> None:
+        for one in heard(bytes(message.pack(GROUND)), 1, 1):
+            self.commands.answer(one)
+
+    def command(self, number: int, *given: float, seconds: float = 1.0) -> tuple[int, dict[str, list]]:
+        """The result, and what was said in the second after."""
+        given = (*given, *[0.0] * (7 - len(given)))
+        self.hears(dialect.MAVLink_command_long_message(1, 1, number, 0, *given))
+        said = self.flown(seconds)
+        (ack,) = said["COMMAND_ACK"]
+        assert (ack.command, ack.target_system, ack.target_component) == (number, 255, 190)
+        return ack.result, said
+
+
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+def test_intervals_are_set_at_once_told_and_restored(speaks):
+    vehicle = Vehicle(speaks)
+    result, said = vehicle.command(511, 30, 20_000)
+    assert result == 0
+    assert len(said["ATTITUDE"]) == pytest.approx(50, abs=1)
+    result, said = vehicle.command(510, 30)
+    assert (result, said["MESSAGE_INTERVAL"][0].message_id) == (0, 30)
+    assert said["MESSAGE_INTERVAL"][0].interval_us == 20_000
+    _, said = vehicle.command(511, 30, -1)
+    assert "ATTITUDE" not in said
+    assert vehicle.command(512, 244, 30)[1]["MESSAGE_INTERVAL"][0].interval_us == -1
+    assert len(vehicle.command(511, 30, 0)[1]["ATTITUDE"]) == pytest.approx(100, abs=1)
+    vehicle.command(511, 30, 1e30)
+    assert vehicle.command(510, 30)[1]["MESSAGE_INTERVAL"][0].interval_us == 2**31 - 1
+    loop = {"px4": 250, "ardupilot": 400}[speaks]
+    assert len(vehicle.command(511, 30, 1)[1]["ATTITUDE"]) == pytest.approx(loop, abs=1)
+    refused = {"px4": 4, "ardupilot": 2}[speaks]
+    for number in (77, 999_999, 1e30):
+        assert vehicle.command(511, number, 10_000)[0] == refused
+    assert vehicle.command(511, float("nan"), 10_000)[0] == 2
+    assert vehicle.command(511, 30, float("nan"))[0] == refused
+    assert vehicle.command(510, 77)[1]["MESSAGE_INTERVAL"][0].interval_us == 0
+
+
+def test_messages_on_request():
+    vehicle = Vehicle("ardupilot")
+    result, said = vehicle.command(512, 148)
+    assert result == 0 and said["AUTOPILOT_VERSION"][0].flight_sw_version >> 24 == 4
+    assert vehicle.command(520, 1)[1]["AUTOPILOT_VERSION"]
+    assert len(vehicle.command(512, 31)[1]["ATTITUDE_QUATERNION"]) == 1
+    assert vehicle.command(512, 33)[0] == 2
+    assert vehicle.command(176, 1, 4)[0] == 3
+
+
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+def test_arming_is_passed_on_and_refused_in_the_air(speaks):
+    vehicle = Vehicle(speaks)
+    assert vehicle.command(400, 1)[0] == 0
+    assert vehicle.command(400, 0)[0] == 0
+    assert vehicle.asked == [(True, False), (False, False)]
+    vehicle = Vehicle(speaks, armable=False)
+    result, said = vehicle.command(400, 0)
+    assert result == {"px4": 1, "ardupilot": 4}[speaks]
+    assert (2 in [text.severity for text in said.get("STATUSTEXT", [])]) == (speaks == "px4")
+    assert vehicle.command(400, 0, 21196)[0] == 0
+    assert vehicle.command(400, 1)[0] == 4
+    assert vehicle.command(400, 7)[0] == 2
+    assert vehicle.command(400, float("inf"))[0] == 2
+
+
+def test_a_command_as_integers_is_the_same():
+    vehicle = Vehicle()
+    vehicle.hears(dialect.MAVLink_command_int_message(1, 1, 0, 400, 0, 0, 1, 0, 0, 0, 0, 0, 0))
+    assert vehicle.flown(0.1)["COMMAND_ACK"][0].result == 0
+    assert vehicle.asked == [(True, False)]
+
+
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+def test_parameters_are_listed_read_and_set(speaks):
+    vehicle = Vehicle(speaks)
+    vehicle.hears(dialect.MAVLink_param_request_list_message(1, 1))
+    listed = vehicle.flown(1.0)["PARAM_VALUE"]
+    assert [one.param_index for one in listed] == list(range(listed[0].param_count))
+    name, sent = {"px4": ("PWM_MAIN_MIN1", struct.unpack("<f", struct.pack("<i", 1100))[0])}.get(
+        speaks, ("SERVO1_MIN", 1100.0)
+    )
+    kind = {"px4": 6, "ardupilot": 4}[speaks]
+    vehicle.hears(dialect.MAVLink_param_set_message(1, 1, name.encode(), sent, kind))
+    vehicle.hears(dialect.MAVLink_param_request_read_message(1, 1, name.encode(), -1))
+    vehicle.hears(dialect.MAVLink_param_request_read_message(1, 1, b"", 3))
+    vehicle.hears(dialect.MAVLink_param_request_read_message(1, 1, b"NOTHING", -1))
+    vehicle.hears(dialect.MAVLink_param_request_read_message(1, 1, b"", 30000))
+    vehicle.hears(dialect.MAVLink_param_set_message(1, 1, b"NOTHING", sent, kind))
+    echo, read, third = vehicle.flown(0.1)["PARAM_VALUE"]
+    assert echo.param_id == read.param_id == name and echo.param_value == read.param_value == sent
+    assert third.param_id == listed[3].param_id
+    vehicle.hears(dialect.MAVLink_param_set_message(1, 1, name.encode(), float("nan"), kind))
+    assert len(vehicle.flown(0.1)["PARAM_VALUE"]) == 1
+    assert vehicle.transmitter.parameters[name].value == (1100 if speaks == "ardupilot" else 0x7FC00000)
+
+
+def test_streams_are_asked_of_ardupilot_as_ground_stations_do():
+    vehicle = Vehicle("ardupilot")
+    vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
+    said = vehicle.flown(2.0)
+    assert {len(said[name]) for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED")} <= {7, 8, 9}
+    vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 10, 50, 1))
+    vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 3, 50, 0))
+    said = vehicle.flown(1.0)
+    assert len(said["ATTITUDE"]) == pytest.approx(50, abs=1) and "SERVO_OUTPUT_RAW" not in said
+    vehicle = Vehicle("px4")
+    vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
+    assert len(vehicle.flown(1.0)["ATTITUDE"]) == 100
+
+
+def test_there_is_no_mission():
+    vehicle = Vehicle()
+    vehicle.hears(dialect.MAVLink_mission_request_list_message(1, 1, 0))
+    (count,) = vehicle.flown(0.1)["MISSION_COUNT"]
+    assert (count.count, count.target_system, count.target_component) == (0, 255, 190)
+
+
+def test_what_is_meant_for_others_is_not_heard():
+    for target in ((2, 1), (1, 2), (2, 0)):
+        message = dialect.MAVLink_command_long_message(*target, 400, 0, 0, 0, 0, 0, 0, 0, 0)
+        assert heard(bytes(message.pack(GROUND)), 1, 1) == []
+    for target in ((1, 1), (1, 0), (0, 0)):
+        message = dialect.MAVLink_command_long_message(*target, 400, 0, 0, 0, 0, 0, 0, 0, 0)
+        assert len(heard(bytes(message.pack(GROUND)) * 3, 1, 1)) == 3
+
+
+def test_nothing_that_arrives_does_harm():
+    random = np.random.default_rng(5)
+    vehicle = Vehicle()
+    datagrams = [random.bytes(int(length)) for length in random.integers(0, 2048, 60)]
+    datagrams += [bytes([marker]) * 2048 for marker in (0xFD, 0xFE)]
+    for number in (20, 21, 23, 43, 66, 75, 76):
+        size = dialect.mavlink_map[number].unpacker.size
+        for payload in [b"\x01" * size, b"", *(random.bytes(size) for _ in range(20))]:
+            datagrams.append(frame(number, payload, 255, 190))
+            datagrams.append(frame(number, (payload + bytes(size))[:size], 255, 190, version=1))
+    for datagram in datagrams:
+        for system, component in ((1, 1), *((one, two) for one in datagram[10:13] for two in datagram[10:13])):
+            for said in heard(datagram, system, component):
+                vehicle.commands.answer(said)
+    assert vehicle.flown(0.5)["ATTITUDE"]

@@ -1,0 +1,177 @@
+"""A simulated vehicle on the network: its clock and its rates, what it obeys, and what must not disturb it."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from contextlib import suppress
+
+import numpy as np
+import pytest
+from made_up_motion import made_up_motion
+from pymavlink.dialects.v20 import all as dialect
+
+from sitl_scenarios.mavlink.live import Ground, Outcome, fly_live
+from sitl_scenarios.mavlink.transmitter import rows_of_motion
+from sitl_scenarios.motion import Motion
+from sitl_scenarios.scenario import Faults, Scenario
+
+GROUND = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
+
+
+class Played:
+    """A motion that is known beforehand, in place of a simulation."""
+
+    def __init__(self, seconds: float) -> None:
+        self.cycle = 0.004
+        self._motion, self._row = made_up_motion(seconds, begin=1.0), 0
+        self.asked: list[bool] = []
+
+    @property
+    def finished(self) -> bool:
+        return self._row >= len(self._motion)
+
+    def advance(self, cycles: int) -> Motion:
+        rows = slice(self._row, self._row + cycles)
+        self._row += cycles
+        return rows_of_motion(self._motion, rows)
+
+    def set_armed(self, armed: bool, force: bool = False) -> bool:
+        self.asked.append(armed)
+        return True
+
+
+class Receiver(threading.Thread):
+    """Keeps every message with the time it came; ``first`` is done when the first came, with where it came from."""
+
+    def __init__(self, first=lambda receiver: None) -> None:
+        super().__init__(daemon=True)
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.bind(("127.0.0.1", 0))
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        self.socket.settimeout(0.2)
+        self.port = self.socket.getsockname()[1]
+        self.received: list[tuple[float, dialect.MAVLink_message]] = []
+        self.vehicle: tuple[str, int] | None = None
+        self._first, self._over = first, False
+        self.start()
+
+    def run(self) -> None:
+        parser = dialect.MAVLink(None)
+        while not self._over:
+            try:
+                datagram, sender = self.socket.recvfrom(4096)
+            except TimeoutError:
+                continue
+            now = time.monotonic()
+            self.received += [(now, message) for message in parser.parse_buffer(datagram) or []]
+            if self.vehicle is None:
+                self.vehicle = sender
+                self._first(self)
+
+    def say(self, message: dialect.MAVLink_message) -> None:
+        self.socket.sendto(bytes(message.pack(GROUND)), self.vehicle)
+
+    def of(self, kind: str) -> list[tuple[float, dialect.MAVLink_message]]:
+        return [(at, message) for at, message in self.received if message.get_type() == kind]
+
+    def ended(self) -> None:
+        time.sleep(0.1)
+        self._over = True
+        self.join()
+        self.socket.close()
+
+
+def flown(receiver: Receiver, seconds: float, speed: float, scenario: Scenario | None = None) -> tuple[Outcome, Played]:
+    simulation = Played(seconds)
+    outcome = fly_live(scenario or Scenario(), simulation, Ground("127.0.0.1", receiver.port), speed, lambda _: None)
+    receiver.ended()
+    return outcome, simulation
+
+
+def test_rate_and_clock():
+    receiver = Receiver()
+    outcome, _ = flown(receiver, 8.0, 4.0)
+    assert receiver.vehicle[0] == "127.0.0.1"
+    assert outcome.sent == len(receiver.received) and not outcome.stopped
+    assert outcome.flown == pytest.approx(8.0, abs=0.1)
+    assert outcome.took > 1.9
+    at, boot = np.array([(at, message.time_boot_ms / 1e3) for at, message in receiver.of("ATTITUDE")]).T
+    assert len(at) == pytest.approx(800, abs=2)
+    late = at - boot / 4
+    # A busy machine makes some late, none early, and what was late is caught up.
+    assert np.min(late[:400]) == pytest.approx(np.min(late[400:]), abs=0.02)
+    assert np.percentile(late - late.min(), 20) < 0.02
+    numbers = [message.get_seq() for _, message in receiver.received]
+    assert set(np.diff(numbers) % 256) == {1}
+
+
+def test_what_is_asked_for_over_the_network():
+    def ask(receiver: Receiver) -> None:
+        receiver.say(dialect.MAVLink_command_long_message(1, 1, 511, 0, 30, 40_000, 0, 0, 0, 0, 0))
+        receiver.say(dialect.MAVLink_command_long_message(1, 1, 400, 0, 0, 21196, 0, 0, 0, 0, 0))
+
+    receiver = Receiver(ask)
+    outcome, simulation = flown(receiver, 6.0, 6.0)
+    assert simulation.asked == [False]
+    assert outcome.commands == 2
+    assert [(ack.command, ack.result) for _, ack in receiver.of("COMMAND_ACK")] == [(511, 0), (400, 0)]
+    assert len(receiver.of("ATTITUDE")) == pytest.approx(150, abs=15)
+
+
+def test_noise_and_floods_do_not_disturb():
+    random = np.random.default_rng(1)
+    noise = [random.bytes(1400), bytes([0xFD]) * 2000, b"", b"\xfe"]
+    noise += [bytes(dialect.MAVLink_param_request_list_message(1, 1).pack(GROUND)) * 20]
+    stop = threading.Event()
+
+    def flood(receiver: Receiver) -> None:
+        def pour() -> None:
+            with suppress(OSError):  # the receiver has ended
+                while not stop.is_set():
+                    for one in noise:
+                        receiver.socket.sendto(one, receiver.vehicle)
+                    time.sleep(0.0002)
+
+        threading.Thread(target=pour, daemon=True).start()
+
+    receiver = Receiver(flood)
+    try:
+        outcome, _ = flown(receiver, 6.0, 3.0)
+    finally:
+        stop.set()
+    assert outcome.sent == pytest.approx(len(receiver.received), rel=0.02)
+    assert outcome.took < 20.0
+    boots = [message.time_boot_ms for _, message in receiver.of("ATTITUDE")]
+    assert boots[-1] - boots[0] > 5900 and len(boots) > 590
+
+
+def test_a_slow_link_delivers_all_after_the_flight():
+    receiver = Receiver()
+    outcome, _ = flown(receiver, 2.0, 8.0, Scenario(faults=Faults(delay=0.5, reordered=0.2, loss=0.5)))
+    assert outcome.flown == pytest.approx(2.5, abs=0.1)
+    assert len(receiver.received) == outcome.sent
+    assert receiver.of("ATTITUDE")[-1][1].time_boot_ms > 2900
+
+
+def test_nobody_needs_to_listen():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    outcome = fly_live(Scenario(), Played(1.0), Ground("localhost", port), 20.0, lambda _: None)
+    assert outcome.flown == pytest.approx(1.0, abs=0.1)
+
+
+def test_ctrl_c_ends_it():
+    def interrupted(now: float) -> None:
+        if now > 0.5:
+            raise KeyboardInterrupt
+
+    outcome = fly_live(Scenario(), Played(9.0), Ground("127.0.0.1", 9), 5.0, interrupted)
+    assert outcome.stopped and outcome.flown == pytest.approx(0.5, abs=0.05)
+
+
+def test_a_host_that_does_not_exist_is_one_sentence():
+    with pytest.raises(ValueError, match=r"nothing can be sent to no\.such\.host\.invalid:14550 .*check the name"):
+        Ground("no.such.host.invalid", 14550)

@@ -1,0 +1,248 @@
+"""What is said of a flight is read back as it was, by mavdem's own reader and by pymavlink, field by field."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import pytest
+from made_up_motion import ROLL, made_up_motion
+from pymavlink import mavutil
+
+from mavdem.cli.main import main
+from mavdem.ingest import Log, meaning, read_log
+from mavdem.ingest.mcap_writer import write_mcap
+from mavdem.ingest.tlog_writer import write_tlog
+from sitl_scenarios.mavlink import recorded as recorded_module
+from sitl_scenarios.mavlink.messages import euler
+from sitl_scenarios.mavlink.recorded import EPOCH, recorded
+from sitl_scenarios.motion import Motion
+from sitl_scenarios.scenario import Faults, Scenario, Stream, Vehicle
+
+CYCLES = {"px4": 0.004, "ardupilot": 0.0025}
+NO_FAULTS = Faults()
+
+
+def written(scenario: Scenario, motion: Motion, path=None) -> bytes:
+    file = io.BytesIO()
+    write_tlog(file, recorded(scenario, motion, CYCLES[scenario.stream.speaks], lambda _: None))
+    if path is not None:
+        path.write_bytes(file.getvalue())
+    return file.getvalue()
+
+
+def scenario(speaks: str = "px4", faults: Faults = NO_FAULTS, frame: str = "x", **stream: object) -> Scenario:
+    return Scenario(stream=Stream(speaks=speaks, **stream), faults=faults, vehicle=Vehicle(frame=frame))
+
+
+def read(tmp_path, flown: Scenario, motion: Motion) -> Log:
+    written(flown, motion, tmp_path / "flight.tlog")
+    return read_log(tmp_path / "flight.tlog")
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+def test_what_is_read_back_is_what_was_true(speaks, version, tmp_path):
+    motion = made_up_motion(cycle=CYCLES[speaks])
+    log = read(tmp_path, scenario(speaks, version=version, system=7), motion)
+    assert (log.unread, log.bytes_skipped) == ((), 0)
+    (vehicle,) = log.vehicles
+    assert (vehicle.system, vehicle.component, vehicle.vehicle) == (7, 1, "QUADROTOR")
+    assert vehicle.autopilot == {"px4": "PX4", "ardupilot": "ARDUPILOTMEGA"}[speaks]
+    assert [speaker.lost for speaker in log.speakers] == [0]
+    sent = vehicle.messages
+    rows = {
+        name: np.searchsorted(motion.time, columns["time"] - 1e-6)
+        for name, columns in sent.items()
+        if "time_boot_ms" in columns or "time_usec" in columns
+    }
+    attitude, at = sent["ATTITUDE"], rows["ATTITUDE"]
+    for name, values in zip(("roll", "pitch", "yaw"), euler(motion.attitude[at]), strict=True):
+        np.testing.assert_array_equal(attitude[name], values.astype(np.float32))
+    assert attitude["roll"].max() == pytest.approx(ROLL, abs=1e-3)
+    for i, name in enumerate(("rollspeed", "pitchspeed", "yawspeed")):
+        np.testing.assert_array_equal(attitude[name], motion.rates[at, i].astype(np.float32))
+    place, at = sent["LOCAL_POSITION_NED"], rows["LOCAL_POSITION_NED"]
+    for i, name in enumerate("xyz"):
+        np.testing.assert_array_equal(place[name], motion.position[at, i].astype(np.float32))
+        np.testing.assert_array_equal(place[f"v{name}"], motion.velocity[at, i].astype(np.float32))
+    servos, at = sent["SERVO_OUTPUT_RAW"], rows["SERVO_OUTPUT_RAW"]
+    disarmed, unused = {"px4": (900, 900), "ardupilot": (1000, 0)}[speaks]
+    outputs = np.where(motion.armed[at, None], motion.outputs[at], disarmed)
+    assert not motion.armed[at].all()
+    np.testing.assert_array_equal(np.column_stack([servos[f"servo{n}_raw"] for n in range(1, 5)]), outputs)
+    assert set(servos["servo5_raw"]) == {unused} and set(servos["servo16_raw"]) == {unused if version == 2 else 0}
+    state = sent["EXTENDED_SYS_STATE"]["landed_state"]
+    assert [int(one) for one in state[np.flatnonzero(np.diff(state, prepend=0))]] == [1, 3, 2, 4, 1]
+    assert ("ACTUATOR_OUTPUT_STATUS" in sent) == (speaks == "px4" and version == 2)
+    if speaks == "px4":
+        at = rows["HIL_ACTUATOR_CONTROLS"]
+        controls = np.where(motion.armed[at, None], (motion.outputs[at] - 1000) / 1000, 0)
+        np.testing.assert_array_equal(sent["HIL_ACTUATOR_CONTROLS"]["controls"][:, :4], controls.astype(np.float32))
+        quaternions = sent["ATTITUDE_QUATERNION"]
+        read_back = np.column_stack([quaternions[f"q{n}"] for n in range(1, 5)])
+        expected = motion.attitude[rows["ATTITUDE_QUATERNION"]].astype(np.float32)
+        np.testing.assert_array_equal(read_back, expected)
+    if "ACTUATOR_OUTPUT_STATUS" in sent:
+        at = rows["ACTUATOR_OUTPUT_STATUS"]
+        actuator = sent["ACTUATOR_OUTPUT_STATUS"]["actuator"]
+        np.testing.assert_array_equal(actuator[:, :4], np.where(motion.armed[at, None], motion.outputs[at], 900))
+        assert set(actuator[0, 4:16]) == {900} and set(actuator[0, 16:]) == {0}
+
+
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+def test_pymavlink_reads_every_frame(speaks, version, tmp_path):
+    path = tmp_path / "flight.tlog"
+    stream = recorded(
+        scenario(speaks, version=version), made_up_motion(cycle=CYCLES[speaks]), CYCLES[speaks], lambda _: None
+    )
+    with path.open("wb") as file:
+        count = write_tlog(file, stream)
+    reader = mavutil.mavlink_connection(str(path), dialect="all")
+    log = read_log(path).vehicles[0].messages
+    seen: dict[str, int] = {}
+    sequence = 0
+    while (message := reader.recv_msg()) is not None:
+        name = message.get_type()
+        assert name != "BAD_DATA"
+        assert message.get_seq() == sequence % 256
+        assert message.get_msgbuf()[0] == {1: 0xFE, 2: 0xFD}[version]
+        row = seen.get(name, 0)
+        for field, value in message.to_dict().items():
+            if field == "mavpackettype":
+                continue
+            ours = log[name][field][row].tolist()
+            assert value == (ours.decode() if isinstance(ours, bytes) else ours), (name, field)
+        seen[name] = row + 1
+        sequence += 1
+    assert sequence == count
+    assert seen == {name: len(columns["time"]) for name, columns in log.items()}
+
+
+@pytest.mark.parametrize(("speaks", "steps"), [("px4", {8, 12}), ("ardupilot", {10})])
+def test_the_loop_makes_the_steps_and_the_mean_is_the_rate(speaks, steps, tmp_path):
+    messages = read(tmp_path, scenario(speaks), made_up_motion(cycle=CYCLES[speaks])).vehicles[0].messages
+    for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
+        time = messages[name]["time"]
+        assert set(np.round(np.diff(time) * 1e3)) == steps
+        assert (len(time) - 1) / (time[-1] - time[0]) == pytest.approx(100, rel=1e-3)
+    assert len(messages["HEARTBEAT"]["time"]) == pytest.approx(20, abs=1)
+    assert len(messages["LOCAL_POSITION_NED"]["time"]) == pytest.approx(500, abs=1)
+
+
+def test_rates_by_name(tmp_path):
+    asked = {"ATTITUDE": 50.0, "SERVO_OUTPUT_RAW": 0.0, "ACTUATOR_OUTPUT_STATUS": 400.0}
+    messages = read(tmp_path, scenario(rates=asked), made_up_motion()).vehicles[0].messages
+    assert len(messages["ATTITUDE"]["time"]) == pytest.approx(1000, abs=1)
+    assert "SERVO_OUTPUT_RAW" not in messages
+    assert len(messages["ACTUATOR_OUTPUT_STATUS"]["time"]) == pytest.approx(5000, abs=10)  # not faster than the loop
+    with pytest.raises(ValueError, match="px4 sends no WIND here: choose among ATTITUDE"):
+        recorded(scenario(rates={"WIND": 1.0}), made_up_motion(), 0.004, lambda _: None)
+
+
+@pytest.mark.parametrize("frame", ["x", "plus"])
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+def test_the_parameters_say_where_the_motors_are(speaks, frame, tmp_path):
+    motion = made_up_motion(cycle=CYCLES[speaks])
+    vehicle = read(tmp_path, scenario(speaks, frame=frame), motion).vehicles[0]
+    told = vehicle.messages["PARAM_VALUE"]
+    assert len(vehicle.parameters) == len(told["time"]) == told["param_count"][0]
+    assert list(told["param_index"]) == list(range(len(told["time"])))
+    if speaks == "px4":
+        assert vehicle.parameters["CA_ROTOR_COUNT"] == 4 and vehicle.parameters["PWM_MAIN_FUNC3"] == 103
+        # The bits of 4, read as a float, are next to nothing.
+        assert 0 < float(told["param_value"][list(told["param_id"]).index(b"CA_ROTOR_COUNT")]) < 1e-40
+    else:
+        assert vehicle.parameters["FRAME_CLASS"] == 1 and vehicle.parameters["SERVO3_FUNCTION"] == 35
+        assert vehicle.parameters["SCHED_LOOP_RATE"] == 400
+    motors = meaning.motors(vehicle)
+    assert motors.layout.channels == (1, 2, 3, 4)
+    assert not motors.layout.channels_assumed and not motors.layout.positions_assumed
+    expected = {
+        "x": ["front right", "rear left", "front left", "rear right"],
+        "plus": ["right", "left", "front", "rear"],
+    }
+    assert list(motors.layout.names) == [f"motor {n} ({place})" for n, place in enumerate(expected[frame], 1)]
+
+
+def test_heartbeats_and_words_follow_the_flight(tmp_path):
+    for speaks, said in (
+        (
+            "px4",
+            [b"Armed by external command\t", b"Takeoff detected\t", b"Landing detected\t", b"Disarmed by landing\t"],
+        ),
+        ("ardupilot", [b"Arming motors", b"Disarming motors"]),
+    ):
+        messages = read(tmp_path, scenario(speaks), made_up_motion(cycle=CYCLES[speaks])).vehicles[0].messages
+        assert messages["STATUSTEXT"]["text"].tolist() == [b"Simulated by mavdem, frame x", *said]
+        beat = messages["HEARTBEAT"]
+        armed = (beat["base_mode"] & 128) > 0
+        at = np.searchsorted(messages["STATUSTEXT"]["time"][[1, -1]], beat["time"])
+        assert (armed == (at == 1)).all()
+        assert set(beat["system_status"][armed]) == {"px4": {4}, "ardupilot": {3, 4}}[speaks]
+        assert beat["system_status"][0] == {"px4": 0, "ardupilot": 1}[speaks]
+
+
+def test_the_clock_of_32_bit_microseconds_wraps(tmp_path):
+    motion = made_up_motion(begin=2**32 / 1e6 - 8.0)
+    messages = read(tmp_path, scenario(), motion).vehicles[0].messages
+    servos = messages["SERVO_OUTPUT_RAW"]
+    assert servos["time_usec"].min() < 1e6 and servos["time_usec"].max() > 2**32 - 1e5
+    assert servos["time"][0] == pytest.approx(motion.time[0], abs=0.1)
+    assert (np.diff(servos["time"]) > 0).all()
+
+
+def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
+    faults = Faults(loss=0.1, delay=0.05, jitter=0.03, reordered=0.2, reboot=6.0)
+    motion, flown = made_up_motion(), scenario(faults=faults)
+    whole = written(flown, motion)
+    assert written(flown, motion) == whole
+    monkeypatch.setattr(recorded_module, "BLOCK", 37)
+    assert written(flown, motion) == whole
+    assert written(flown.model_copy(update={"seed": 1}), motion) != whole
+
+
+def test_stamps_are_the_epoch_and_the_link(tmp_path):
+    exact = recorded(scenario(), made_up_motion(), 0.004, lambda _: None)
+    late = recorded(scenario(faults=Faults(delay=0.05, jitter=0.03)), made_up_motion(), 0.004, lambda _: None)
+    assert exact.stamps[0] == EPOCH * 10**6 + 12_000
+    after = (late.stamps - exact.stamps).astype(np.int64)
+    assert after.min() >= 50_000 and after.max() <= 80_001 and after.std() > 1000
+    assert (np.diff(late.stamps.astype(np.int64)) >= 0).all()
+    assert np.array_equal(late.data, exact.data)
+
+
+def test_what_is_lost_shows_in_the_sequence(tmp_path):
+    log = read(tmp_path, scenario(faults=Faults(loss=0.2)), made_up_motion())
+    (speaker,) = log.speakers
+    heard = sum(speaker.messages.values())
+    assert speaker.lost / (heard + speaker.lost) == pytest.approx(0.2, abs=0.02)
+
+
+def test_what_is_overtaken_comes_after_the_next():
+    stream = recorded(scenario(faults=Faults(reordered=0.1)), made_up_motion(), 0.004, lambda _: None)
+    step = np.diff(stream.frames.sequence.astype(np.int64)) % 256
+    assert np.count_nonzero(step == 255) / len(step) == pytest.approx(0.1, abs=0.02)
+    assert set(step) <= {1, 2, 3, 255}
+
+
+def test_a_reboot_in_the_air_is_a_new_boot(tmp_path):
+    log = read(tmp_path, scenario(faults=Faults(reboot=8.0)), made_up_motion())
+    (vehicle,) = log.vehicles
+    attitude = vehicle.messages["ATTITUDE"]
+    assert set(attitude["boot"]) == {0, 1}
+    assert attitude["time"][attitude["boot"] == 0][-1] == pytest.approx(10.0, abs=0.02)
+    assert attitude["time"][attitude["boot"] == 1][0] == pytest.approx(1.0, abs=0.01)
+    assert len(vehicle.messages["PARAM_VALUE"]["time"]) == 2 * len(vehicle.parameters)
+    beat = vehicle.messages["HEARTBEAT"]
+    assert beat["system_status"][beat["boot"] == 1][0] == 4 and beat["base_mode"][beat["boot"] == 1][0] & 128
+
+
+def test_an_mcap_holds_the_same(tmp_path, capsys):
+    stream = recorded(scenario("ardupilot"), made_up_motion(cycle=0.0025), 0.0025, lambda _: None)
+    for kind, write in ((".tlog", write_tlog), (".mcap", write_mcap)):
+        with (tmp_path / f"flight{kind}").open("wb") as file:
+            write(file, stream)
+    assert main(["convert", str(tmp_path / "flight.mcap"), str(tmp_path / "back.tlog")]) == 0
+    assert (tmp_path / "back.tlog").read_bytes() == (tmp_path / "flight.tlog").read_bytes()

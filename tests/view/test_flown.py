@@ -1,0 +1,80 @@
+"""The recording of a simulated flight: what is drawn is where the vehicle was, and what is plotted is what it did."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_up_motion import made_up_motion
+from rerun.chunk import RrdReader
+
+from mavdem.view import Pose, write_pose
+
+MOTION = made_up_motion()
+ROTORS = 0.2 * np.array([[1.0, 1.0], [-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0]])
+
+
+def pose(**instead) -> Pose:
+    columns = {field.name: getattr(MOTION, field.name) for field in fields(Pose) if field.name != "rotors"}
+    return Pose(**(columns | instead), rotors=ROTORS)
+
+
+@pytest.fixture(scope="module")
+def columns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, np.ndarray]]:
+    """By entity path, what was sent over time by component, and the time, s."""
+    path: Path = tmp_path_factory.mktemp("flown") / "flight.rrd"
+    write_pose(path, "made up", pose())
+    assert len(RrdReader(path).blueprints()) == 1
+    found: dict[str, dict[str, np.ndarray]] = {}
+    for chunk in RrdReader(path).stream():
+        if chunk.is_static or "flight time" not in chunk.timeline_names:
+            continue
+        batch = chunk.to_record_batch()
+        own = {name.split(":")[-1]: batch.column(name).to_pylist() for name in batch.schema.names if ":" in name}
+        own["time"] = np.array(batch.column("flight time").cast("int64")) / 1e9
+        found.setdefault(str(chunk.entity_path).replace("\\", ""), {}).update(own)
+    return found
+
+
+def test_the_vehicle_is_where_it_was_and_turned_as_it_was(columns):
+    here, vehicle = columns["/world/here"], columns["/world/here/vehicle"]
+    rows = np.searchsorted(MOTION.time, here["time"] - 1e-6)
+    assert len(rows) == pytest.approx(50 * 20, abs=2)
+    places = np.array(here["translation"])[:, 0]
+    np.testing.assert_allclose(places, MOTION.position[rows], atol=1e-6)
+    x, y, z, w = np.array(vehicle["quaternion"])[:, 0].T
+    np.testing.assert_allclose(np.column_stack([w, x, y, z]), MOTION.attitude[rows], atol=1e-6)
+
+
+def test_thrust_points_up_and_the_wind_at_the_vehicle(columns):
+    thrust = np.array(columns["/world/here/vehicle/thrust"]["vectors"])
+    assert thrust.shape[1:] == (4, 3) and (thrust[..., 2] < 0).all() and not thrust[..., :2].any()
+    wind = columns["/world/here/wind"]
+    vectors, origins = (np.array(wind[name])[:, 0] for name in ("vectors", "origins"))
+    assert (vectors[:, 1] < 0).all()
+    heads = origins + vectors
+    assert (heads[:, 1] > 0.2).all() and np.allclose(heads[:, [0, 2]], 0)
+
+
+def test_lines_are_what_was_flown(columns):
+    true, known = (columns[f"/roll/{name}"] for name in ("0 true", "1 known to the autopilot"))
+    assert np.array(true["scalars"]).max() == pytest.approx(np.degrees(0.2), abs=0.1)
+    assert true["scalars"] == known["scalars"]
+    for n in range(4):
+        np.testing.assert_array_equal(np.ravel(columns[f"/motors/{n} motor {n + 1}"]["scalars"]), MOTION.outputs[:, n])
+
+
+def test_a_flight_that_never_takes_off_and_a_name_that_is_no_text(tmp_path):
+    still = pose(armed=np.zeros(len(MOTION), dtype=bool), rotor_speeds=np.zeros((len(MOTION), 4)), wind=0 * MOTION.wind)
+    write_pose(tmp_path / "still.rrd", "\udcff", still)
+    assert (tmp_path / "still.rrd").stat().st_size > 1000
+
+
+def test_a_long_flight_is_thinned_out():
+    count = 1_800_000
+    times = np.arange(count) * 0.004
+    long = Pose(times, *(np.empty((0, 1)),) * 9, armed=np.zeros(0, dtype=bool), rotors=ROTORS)
+    for rate in (np.inf, 50, 10):
+        assert 40_000 < len(long.at(rate)) <= 50_000
