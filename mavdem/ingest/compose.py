@@ -42,8 +42,8 @@ def compose(
     """
     width, count = definition.wire.itemsize, len(payloads)
     sent = np.ascontiguousarray(payloads).view(np.uint8).reshape(count, width)
-    filled = (sent != 0) * np.arange(1, width + 1)
-    length = np.maximum(filled.max(axis=1, initial=1), 1)
+    from_behind = (sent != 0)[:, ::-1]
+    length: Any = np.where(from_behind.any(axis=1), width - from_behind.argmax(axis=1), 1)
     whole = np.zeros((count, HEADER + width + CHECKSUM), dtype=np.uint8)
     low, middle, high = (definition.message_id >> shift & 0xFF for shift in (0, 8, 16))
     for place, value in enumerate(

@@ -39,8 +39,10 @@ PIECE = 1 << 20
 MOST_TOPICS_TOLD, LONGEST_TOLD = 5, 80
 """Topics that a sentence names, and characters of each."""
 MOST_IN_A_CHUNK = 1 << 28
-MOST_IN_ALL, MOST_RATIO = 1 << 26, 250
-"""Bytes that chunks may unpack to together: so many, and so many more a byte of the file. JSON packs to a fiftieth."""
+MOST_IN_ALL, MOST_RATIO = 1 << 24, 100
+"""Bytes that chunks may unpack to together: so many, and so many more a byte of the file. JSON packs to a fiftieth.
+
+Read, the smallest messages take ten times their bytes."""
 
 
 class Channel(NamedTuple):

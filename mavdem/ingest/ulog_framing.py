@@ -36,7 +36,7 @@ AROUND = 101
 """Data messages whose median stamp tells the time: when logging starts, each topic's last message, long past, comes
 once, and there are fewer of the topics that are read."""
 MOST_VALUES = 1 << 14
-"""Values that one message of each subscription to a wanted topic may hold together; of PX4's they hold 2000 at most."""
+"""Values that one message of each subscription to a wanted topic may hold together; in PX4's logs a few hundred do."""
 
 _HEADER = struct.Struct("<HB")
 _STAMP = struct.Struct("<Q")

@@ -533,6 +533,19 @@ def test_what_chunks_unpack_to_is_bounded(tmp_path: Path, monkeypatch: pytest.Mo
     assert sum(given) < 50 << 23
 
 
+def test_a_small_file_of_very_many_messages_is_read_as_far_as_is_sane(tmp_path: Path) -> None:
+    """Each takes ten times its bytes: read whole, a file of 20 kB could take a gigabyte."""
+    body = struct.pack("<HIQQ", 1, 0, NOW * 1000, NOW * 1000) + b'{"roll":1}'
+    channel = struct.pack("<HHI", 1, 0, 20) + b"mavlink/1/1/ATTITUDE" + struct.pack("<I", 4) + b"json"
+    path = tmp_path / "bomb.mcap"
+    inner = record(5, body) * 50_000
+    path.write_bytes(MAGIC + record(4, channel) + 40 * chunk(zstandard.compress(inner), size=len(inner)))
+    assert path.stat().st_size < 20_000
+    log = read_mcap(path)
+    assert 300_000 < log.frames < 600_000
+    assert any("damaged chunks" in repair for repair in log.vehicles[0].repairs)
+
+
 def test_numbers_come_in_other_words(tmp_path: Path) -> None:
     path = tmp_path / "words.mcap"
     with Recorder(path) as recorder:

@@ -82,7 +82,7 @@ def run(arguments: list[str], test: Callable[[bytes], None], seeds: dict[str, by
     """Fuzzes ``test`` with libFuzzer's arguments, of which the first may be the folder of the corpus.
 
     atheris 3.0 keeps what every comparison of arrays that it traces came to: the memory that libFuzzer shows grows by
-    up to 0.1 MB a run, and ``-max_total_time=100`` again and again with one corpus does more than one long run. Read
+    up to 0.3 MB a run, and ``-max_total_time=100`` again and again with one corpus does more than one long run. Read
     without atheris, the same inputs take no more memory the second time.
     """
     warnings.simplefilter("ignore")
