@@ -2,13 +2,15 @@
 """Time of reading a log, beside its format's plain library, in one run; prints a table.
 
 Ours ends with attitude, motor outputs and roll demand as columns. The libraries: pymavlink's DFReader asked for the
-same kinds of message, pyulog for all topics, mcap in the order of the file without decoding.
+same kinds of message, pyulog for all topics, mcap for all messages in the order of the file, and Python's json where
+they are JSON.
 
 Usage: tools/bench/read_logs.py FILE.bin|FILE.ulg|FILE.mcap ...
 """
 
 from __future__ import annotations
 
+import json
 import lzma
 import sys
 import tempfile
@@ -45,14 +47,15 @@ def pyulog(path: Path) -> None:
 
 def mcap(path: Path) -> None:
     with path.open("rb") as file:
-        for _ in make_reader(file).iter_messages(log_time_order=False):
-            pass
+        for _, channel, message in make_reader(file).iter_messages(log_time_order=False):
+            if channel.message_encoding == "json":
+                json.loads(message.data)
 
 
 PLAIN: dict[str, tuple[str, Callable[[Path], None]]] = {
     ".bin": ("pymavlink's DFReader", dfreader),
     ".ulg": ("pyulog", pyulog),
-    ".mcap": ("mcap", mcap),
+    ".mcap": ("mcap and json", mcap),
 }
 
 
