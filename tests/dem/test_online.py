@@ -111,6 +111,7 @@ def test_it_arrives_where_learning_at_once_does(wind):
     np.testing.assert_allclose(snapshot.model.B, at_once.model.B, atol=0.5 * at_once.model_sd.B.max())
 
 
+@pytest.mark.slow
 def test_learning_on_predicts_better_than_a_model_that_stays(windy):
     before = mavdem.learn(WINDY[:1000], COMPLETE)
     scaled = before.scaling.scale_outputs(WINDY.outputs), before.scaling.scale_inputs(WINDY.inputs)
@@ -142,13 +143,14 @@ def test_the_disturbance_is_the_gust_that_was_simulated():
 
 def test_predictions_ahead_hold_the_inputs():
     online = OnlineLearner(COMPLETE, dt=WINDY.dt, memory=100.0, horizons=(1, 7))
-    estimate = flown(online, WINDY[:1000])[-1]
+    estimate = flown(online, WINDY[:300])[-1]
     tracker = online._tracker
-    held = tracker.now.scaling.scale_inputs(np.tile(WINDY.inputs[999], (8, 1)))
+    held = tracker.now.scaling.scale_inputs(np.tile(WINDY.inputs[299], (8, 1)))
     expected = tracker.now.scaling.physical_outputs(tracker.now.predictor.forecast(tracker.state, held))
     np.testing.assert_allclose(estimate.ahead, expected[[0, 6]], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_bands_hold_what_they_say(windy):
     rows = np.arange(500, len(WINDY) - 50)
     for place, horizon in enumerate((1, 5, 10, 25, 50)):
@@ -161,6 +163,7 @@ def test_bands_hold_what_they_say(windy):
         assert (np.abs(inside.mean(axis=0) - 0.9) < spread).all(), horizon
 
 
+@pytest.mark.slow
 def test_a_failing_motor_is_a_surprise():
     flight = simulated(samples=1300, wind=0.5)
     told = flight.inputs.copy()
@@ -171,6 +174,7 @@ def test_a_failing_motor_is_a_surprise():
     assert surprise[1200:1250].max() > 10
 
 
+@pytest.mark.slow
 def test_what_is_left_open_is_chosen_as_learning_at_once_chooses_it():
     flight = WINDY[:450]
     online = OnlineLearner(dt=flight.dt)
@@ -189,20 +193,20 @@ def test_what_is_left_open_is_chosen_as_learning_at_once_chooses_it():
 
 def test_a_gap_keeps_what_was_learnt_and_predicts_nothing_across():
     online = OnlineLearner(COMPLETE, dt=0.01)
-    flown(online, WINDY[:1000])
-    later = Flight(WINDY.time[1000:1100] + 5.0, WINDY.inputs[1000:1100], WINDY.outputs[1000:1100])
+    flown(online, WINDY[:400])
+    later = Flight(WINDY.time[400:500] + 5.0, WINDY.inputs[400:500], WINDY.outputs[400:500])
     estimates = flown(online, later)
     assert np.isnan(estimates[0].expected).all() and estimates[0].model is not None
     assert np.isfinite(estimates[1].expected).all()
     assert np.isnan([each.free_energy for each in estimates[:8]]).all() and np.isfinite(estimates[8].free_energy)
-    assert online._memory.record().lengths == (1000, 100)
+    assert online._memory.record().lengths == (400, 100)
     back = online.update(3.0, WINDY.outputs[0], WINDY.inputs[0])  # a clock that jumps back is a gap too
     assert np.isnan(back.expected).all()
 
 
 def test_it_forgets_and_does_not_grow():
     online = OnlineLearner(COMPLETE, dt=0.01, memory=3.0)
-    flown(online, WINDY[:1000])
+    flown(online, WINDY[:500])
     assert len(online._memory.record()) == 300
     assert online._climber.moments.samples(online._climber.moments.to_engine(online._tracker.now.scaling)).number == 300
     assert len(online._energies._past) == 300
@@ -210,9 +214,9 @@ def test_it_forgets_and_does_not_grow():
 
 def test_still_channels_are_an_obstacle_and_the_model_stays():
     online = OnlineLearner(COMPLETE, dt=0.01, memory=2.0)
-    before = flown(online, WINDY[:600])[-1]
+    before = flown(online, WINDY[:300])[-1]
     after = before
-    for row in range(400):
+    for row in range(250):
         after = online.update(before.time + 0.01 * (row + 1), [0.1, 0.0], [1500.0] * 4)
     assert "vary" in online.obstacle
     assert after.model is not None and np.isfinite(after.expected).all()
