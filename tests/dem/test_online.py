@@ -205,11 +205,11 @@ def test_a_gap_keeps_what_was_learnt_and_predicts_nothing_across():
 
 
 def test_it_forgets_and_does_not_grow():
-    online = OnlineLearner(COMPLETE, dt=0.01, memory=3.0)
+    online = OnlineLearner(COMPLETE, dt=0.01, memory=2.0)
     flown(online, WINDY[:500])
-    assert len(online._memory.record()) == 300
-    assert online._climber.moments.samples(online._climber.moments.to_engine(online._tracker.now.scaling)).number == 300
-    assert len(online._energies._past) == 300
+    assert len(online._memory.record()) == 200
+    assert online._climber.moments.samples(online._climber.moments.to_engine(online._tracker.now.scaling)).number == 200
+    assert len(online._energies._past) == 200
 
 
 def test_still_channels_are_an_obstacle_and_the_model_stays():
