@@ -1,6 +1,12 @@
 """View: what a learner would want to look at, for Rerun. The only part of mavdem that imports rerun."""
 
-from mavdem.view.recording import write_recording
-from mavdem.view.show import show
+import os
+
+# Rerun warns of each file that is written without a table of its chunks, as one of a flight under way has to be; it
+# reads this when it is first imported.
+os.environ.setdefault("RUST_LOG", "warn,re_log_encoding::rrd::file_sink=error")
+
+from mavdem.view.recording import write_recording  # noqa: E402
+from mavdem.view.show import show  # noqa: E402
 
 __all__ = ["show", "write_recording"]

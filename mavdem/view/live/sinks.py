@@ -1,0 +1,97 @@
+"""Sinks: where a live flight is shown or recorded, and how each is opened."""
+
+from __future__ import annotations
+
+import os
+import socket
+from pathlib import Path
+from typing import Protocol
+from urllib.parse import urlsplit
+
+import rerun as rr
+
+REACHED_WITHIN = 0.3
+"""Seconds in which a viewer must take a connection."""
+
+
+class Sink(Protocol):
+    """A place that a recording is sent to.
+
+    Attributes:
+        name: what a user calls it.
+        period: seconds between batches.
+        patient: whether one that fails, or is not there yet, is tried again.
+    """
+
+    name: str
+    period: float
+    patient: bool
+
+    def open(self, recording: rr.RecordingStream) -> bool:
+        """Leads the recording there; whether that was possible.
+
+        Raises:
+            RuntimeError, OSError: it was not, and trying again is of no use.
+        """
+
+
+class RecordingFile:
+    """An .rrd file, written anew.
+
+    Each batch is handed to the operating system whole, so that whatever ends the process, the file holds all but the
+    last second and opens. It has no table of its chunks at the end: that would keep a kilobyte a chunk in memory until
+    then, and be missing after a power cut all the same. ``rerun rrd optimize`` adds one.
+    """
+
+    period = 1.0
+    """A batch a second: each chunk costs a kilobyte beside what it holds."""
+    patient = False
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.name = str(self.path)
+
+    def open(self, recording: rr.RecordingStream) -> bool:
+        """See :class:`Sink`."""
+        recording.set_sinks(rr.FileSink(self.path, write_footer=False))
+        return True
+
+
+class Viewer:
+    """A Rerun viewer or server that listens at a URL, or will, or will again.
+
+    Rerun's own client, told to connect where nobody listens, keeps everything sent, blocks its caller when that has
+    become much, and delays the end of the process by ten seconds. One that has lost its connection does none of it. So
+    it is only told to connect where someone takes a connection.
+    """
+
+    period = 0.1
+    patient = True
+
+    def __init__(self, url: str = "rerun+http://127.0.0.1:9876/proxy") -> None:
+        """Of a viewer at ``url``.
+
+        Raises:
+            ValueError: it is not of the form rerun+http://HOST:PORT/proxy.
+        """
+        self.url = self.name = url
+        try:
+            parts = urlsplit(url)
+            self._address = parts.hostname or "", parts.port or 0
+        except ValueError as error:
+            raise ValueError(_NO_URL.format(url)) from error
+        schemes = ("rerun", "rerun+http", "rerun+https")
+        if parts.scheme not in schemes or parts.path != "/proxy" or not all(self._address):
+            raise ValueError(_NO_URL.format(url))
+
+    def open(self, recording: rr.RecordingStream) -> bool:
+        """See :class:`Sink`."""
+        try:
+            socket.create_connection(self._address, timeout=REACHED_WITHIN).close()
+        except OSError:
+            return False
+        recording.connect_grpc(self.url)
+        return True
+
+
+_NO_URL = "{!r} is not the address of a Rerun viewer, which looks like rerun+http://127.0.0.1:9876/proxy"
