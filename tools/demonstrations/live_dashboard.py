@@ -19,6 +19,9 @@ from pathlib import Path
 import mavdem
 from mavdem.view.live import Channels, LiveView, RecordingFile, Sink, Status, Viewer
 
+HORIZONS = (1, 5, 10, 25, 50)
+"""Steps ahead of the predictions."""
+
 
 def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -28,16 +31,15 @@ def main() -> int:
     arguments.add_argument("--speed", type=float, default=float("inf"), help="in times that of the flight")
     arguments.add_argument("--connect", help="a viewer to show it in too")
     chosen = arguments.parse_args()
-    # Ended politely, it still closes its file.
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     flight = mavdem.read_flight(chosen.log)
     sinks: list[Sink] = [RecordingFile(chosen.recording)]
     if chosen.connect:
         sinks.append(Viewer(chosen.connect))
     with LiveView(channels_of(flight, chosen.log.name), sinks) as view:
         replay(flight[: max(1, round(min(chosen.seconds, flight.duration) / flight.dt))], view, chosen.speed)
-    print("\n".join(view.troubles), file=sys.stderr)
-    return 0
+    for trouble in view.troubles:
+        print(trouble, file=sys.stderr)
+    return 1 if view.troubles else 0
 
 
 def channels_of(flight: mavdem.Flight, title: str) -> Channels:
@@ -52,15 +54,12 @@ def channels_of(flight: mavdem.Flight, title: str) -> Channels:
     )
 
 
-HORIZONS = (1, 5, 10, 25, 50)
-
-
 def replay(flight: mavdem.Flight, view: LiveView, speed: float) -> None:
     learner = mavdem.OnlineLearner(
         dt=flight.dt, n_inputs=flight.inputs.shape[1], n_outputs=flight.outputs.shape[1], horizons=HORIZONS
     )
     began, learned = time.monotonic(), None
-    view.log(f"replaying {view_of(flight)}", time=float(flight.time[0]))
+    view.log(f"replaying {flight.duration:.0f} s at {1 / flight.dt:.4g} Hz", time=float(flight.time[0]))
     for i, (now, outputs, inputs) in enumerate(zip(flight.time, flight.outputs, flight.inputs, strict=True)):
         late = time.monotonic() - began - (now - flight.time[0]) / speed
         if late < 0:
@@ -77,9 +76,7 @@ def replay(flight: mavdem.Flight, view: LiveView, speed: float) -> None:
             )
 
 
-def view_of(flight: mavdem.Flight) -> str:
-    return f"{flight.duration:.0f} s at {1 / flight.dt:.4g} Hz"
-
-
 if __name__ == "__main__":
+    # Ended politely, it still closes its file.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     sys.exit(main())

@@ -39,12 +39,19 @@ class LiveView:
             sinks: where to show and record.
 
         Raises:
-            OSError, RuntimeError: a file cannot be written.
+            OSError: a file cannot be written.
         """
         self._clock = Clock()
         self._closed = False
         recording_id = uuid4()
-        self._outlets = [Outlet(sink, channels, recording_id) for sink in sinks]
+        try:
+            self._outlets = [Outlet(sink, channels, recording_id) for sink in sinks]
+        except OSError:
+            for sink in sinks:
+                sink.close()
+            raise
+        for outlet in self._outlets:
+            outlet.begin()
         atexit.register(self.close)
 
     def put(
@@ -71,7 +78,7 @@ class LiveView:
         shift = self._clock.shift
         shown = self._clock.shown(time)
         if self._clock.shift != shift:
-            self._line(shown, "WARN", f"the boot clock began anew: {time:.1f} s on it is shown as {shown:.1f} s")
+            self._line(shown, "WARN", f"rebooted: {time:.1f} s is shown as {shown:.1f} s")
         # Copied, since callers may use their arrays again.
         y, u = np.array(outputs, np.float64), np.array(inputs, np.float64)
         row = Row(shown, self._clock.shift, segment, y, u, estimate, learned)
@@ -127,6 +134,8 @@ class LiveView:
         if hanging:
             # Rerun would wait for it when Python ends, as long as the viewer hangs.
             rr.unregister_shutdown()
+        for outlet in self._outlets:
+            outlet.sink.close()
 
     def __enter__(self) -> LiveView:
         return self

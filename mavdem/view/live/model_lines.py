@@ -82,17 +82,14 @@ class ModelLines:
         """The place in θ and the lines of each parameter that the prior left to the data."""
         first = 0
         for matrix, table in (("A", model.A), ("B", model.B), ("C", model.C)):
-            places = range(table.size)
-            free, names = (
-                np.ones(table.size, bool),
-                [f"{matrix} {i // table.shape[1] + 1},{i % table.shape[1] + 1}" for i in places],
-            )
+            free = np.ones(table.size, bool)
+            cells = [(str(row + 1), str(column + 1)) for row, column in np.ndindex(*table.shape)]
             if self._learned is not None:
-                free = left_free(self._learned)[matrix]
-                names = [f"{row} ← {short(column)}" for row, column in entries(self._channels, self._learned)[matrix]]
+                free, cells = left_free(self._learned)[matrix], entries(self._channels, self._learned)[matrix]
             for colour, place in enumerate(np.flatnonzero(free)):
-                path = rr.new_entity_path(["parameters", matrix, names[place]])
-                yield first + int(place), estimate(path, names[place], lines.distinct(colour))
+                row, column = cells[place]
+                path = rr.new_entity_path(["parameters", matrix, f"{row} from {column}"])
+                yield first + int(place), estimate(path, f"{row} ← {short(column)}", lines.distinct(colour))
             first += table.size
 
     def _precisions(self, number: int) -> tuple[Bundle, NDArray[np.bool_]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from threading import Event, Thread
 from uuid import UUID
 
@@ -38,10 +39,10 @@ class Outlet:
     """
 
     def __init__(self, sink: Sink, channels: Channels, recording_id: UUID) -> None:
-        """Opens the sink, unless it is one to be waited for, and begins.
+        """Opens the sink, unless it is one to be waited for.
 
         Raises:
-            OSError, RuntimeError: it cannot be opened.
+            OSError: it cannot be opened.
         """
         self.sink, self._channels, self._id = sink, channels, recording_id
         self.rows, self.lines = Backlog[Row](MOST_ROWS), Backlog[LogLine](MOST_LINES)
@@ -53,8 +54,14 @@ class Outlet:
         self._told_dropped, self._next_status, self._next_try = 0, 0.0, 0.0
         self._closing = Event()
         if not sink.patient:
-            self._open()
+            try:
+                self._open()
+            except RuntimeError as error:
+                raise OSError(f"{sink.name} cannot be written: {error}") from error
         self._thread = Thread(target=self._run, name=f"to {sink.name}", daemon=True)
+
+    def begin(self) -> None:
+        """Begins to carry."""
         self._thread.start()
 
     def end(self) -> None:
@@ -64,31 +71,39 @@ class Outlet:
     def ended(self, within: float) -> bool:
         """Whether all was carried and the sink closed within so many seconds from now."""
         self._thread.join(within)
+        if self._thread.is_alive():
+            self.trouble = f"{self.sink.name} does not answer; what was sent last may not have arrived"
         return not self._thread.is_alive()
 
     def _run(self) -> None:
         while not self._closing.wait(self.sink.period):
             self._carry()
         self._next_status = 0.0
-        self._carry()
+        self._carry(last=True)
         if self._recording is not None:
-            self._content.end(self._recording)
             self._recording.disconnect()
             self._recording = None
 
-    def _carry(self) -> None:
+    def _carry(self, last: bool = False) -> None:
         """A batch; a sink that fails is given up, or looked for again."""
         try:
             if self._recording is None and not (self._may_open() and self._open()):
                 return
             assert self._recording is not None
             self._send(self._recording)
+            if last:
+                self._content.end(self._recording)
             self._recording.flush(timeout_sec=DELIVERED_WITHIN)
+            self.sink.delivered()
+            self.trouble = ""
         except (RuntimeError, OSError) as error:
             if "timed out" in str(error):
+                self.trouble = f"{self.sink.name} does not answer"
                 return
             self.trouble = f"{self.sink.name} takes no more: {error}"
             self._recording = None
+            with suppress(OSError):
+                self.sink.failed()
 
     def _may_open(self) -> bool:
         now = time.monotonic()
@@ -107,7 +122,9 @@ class Outlet:
         recording.send_blueprint(live_blueprint(self._channels))
         recording.send_recording_name(self._channels.title)
         self._content.begin(recording)
-        self._recording, self.trouble = recording, ""
+        recording.flush(timeout_sec=DELIVERED_WITHIN)
+        self.sink.delivered()
+        self._recording = recording
         return True
 
     def _send(self, recording: rr.RecordingStream) -> None:

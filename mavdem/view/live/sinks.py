@@ -31,16 +31,28 @@ class Sink(Protocol):
         """Leads the recording there; whether that was possible.
 
         Raises:
-            RuntimeError, OSError: it was not, and trying again is of no use.
+            RuntimeError: it was not, and trying again is of no use.
         """
+
+    def delivered(self) -> None:
+        """Hears that all that was sent so far is there."""
+
+    def failed(self) -> None:
+        """Hears that what was sent since is not, and nothing will be."""
+
+    def close(self) -> None:
+        """Ends what was started for it, once the recording has left."""
 
 
 class RecordingFile:
     """An .rrd file, written anew.
 
-    Each batch is handed to the operating system whole, so that whatever ends the process, the file holds all but the
-    last second and opens. It has no table of its chunks at the end: that would keep a kilobyte a chunk in memory until
-    then, and be missing after a power cut all the same. ``rerun rrd optimize`` adds one.
+    Each batch is handed to the operating system at once, so that whatever ends the process, the file holds all but the
+    last second. After a full disk it is cut to what is whole, since the viewer opens no other. Only a process that is
+    killed in the very hundredth of a second of writing leaves a torn end, which ``rerun rrd optimize`` mends.
+
+    It has no table of its chunks at the end: that would keep a kilobyte a chunk in memory until then. The viewer does
+    without; ``rerun rrd optimize`` adds one.
     """
 
     period = 1.0
@@ -50,11 +62,23 @@ class RecordingFile:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self.name = str(self.path)
+        self._whole = 0
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """See :class:`Sink`."""
         recording.set_sinks(rr.FileSink(self.path, write_footer=False))
         return True
+
+    def delivered(self) -> None:
+        """See :class:`Sink`."""
+        self._whole = self.path.stat().st_size
+
+    def failed(self) -> None:
+        """See :class:`Sink`."""
+        os.truncate(self.path, self._whole)
+
+    def close(self) -> None:
+        """See :class:`Sink`."""
 
 
 class Viewer:
@@ -92,6 +116,15 @@ class Viewer:
             return False
         recording.connect_grpc(self.url)
         return True
+
+    def delivered(self) -> None:
+        """See :class:`Sink`."""
+
+    def failed(self) -> None:
+        """See :class:`Sink`."""
+
+    def close(self) -> None:
+        """See :class:`Sink`; the viewer is not ours."""
 
 
 _NO_URL = "{!r} is not the address of a Rerun viewer, which looks like rerun+http://127.0.0.1:9876/proxy"

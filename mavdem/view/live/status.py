@@ -19,7 +19,7 @@ def status_document(channels: Channels, status: Status, row: Row | None, dropped
     facts = {"samples": f"{status.samples:,} at {1 / channels.dt:.4g} Hz"}
     if row is not None:
         facts["boot clock"] = f"{row.time - row.shift:,.1f} s" + (
-            f", shown at {row.time:,.1f} s since the vehicle rebooted" if row.shift else ""
+            f" since a reboot; shown as {row.time:,.1f} s" if row.shift else ""
         )
     facts |= {name: f"{rate:.1f} Hz" for name, rate in status.rates.items()}
     facts["frames lost"] = f"{status.lost:,}"

@@ -9,7 +9,7 @@ import subprocess
 import sys
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
+from urllib.parse import quote
 
 from mavdem.view.live.sinks import RecordingFile, Sink, Viewer
 from mavdem.view.show import has_screen
@@ -22,10 +22,11 @@ NOWHERE = "There is no screen here: say --rrd FILE to record, or --serve to look
 
 
 class WebServer(Viewer):
-    """A server that shows the flight in browsers of this machine; ends with :meth:`close`, or with its caller.
+    """A server that shows the flight in browsers of this machine, until it is closed.
 
     Attributes:
         page: what to open in a browser.
+        process: the server, and what it started.
     """
 
     def __init__(self, port: int = 9876, page_port: int = 9090) -> None:
@@ -41,23 +42,15 @@ class WebServer(Viewer):
         super().__init__(f"rerun+http://{LOOPBACK}:{port}/proxy")
         for each in (port, page_port):
             _require_free(each)
-        self.page = f"http://{LOOPBACK}:{page_port}/?url=rerun%2Bhttp://{LOOPBACK}:{port}/proxy"
-        self._process = _start("--serve-web", "--port", str(port), "--web-viewer-port", str(page_port))
+        self.page = f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}"
+        self.process = _start("--serve-web", "--port", str(port), "--web-viewer-port", str(page_port))
 
     def close(self) -> None:
         """Ends it."""
         with suppress(ProcessLookupError):
             # What was started is Python, which started the server: end both.
-            os.killpg(self._process.pid, signal.SIGTERM)
-        self._process.wait()
-
-    def __enter__(self) -> WebServer:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
+            os.killpg(self.process.pid, signal.SIGTERM)
+        self.process.wait()
 
 
 def native_viewer() -> Viewer:
@@ -72,7 +65,7 @@ def native_viewer() -> Viewer:
 def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, connect: str | None = None) -> list[Sink]:
     """The sinks a user asked for, and a window where there is a screen and no other way to look was asked for.
 
-    A ``WebServer`` among them is to be closed after the view.
+    They are closed by the view they are given to.
 
     Args:
         rrd: file to record in.
