@@ -153,7 +153,7 @@ def test_what_is_judged_is_at_the_times_it_is_about(recording: Path) -> None:
     surprise = np.array([e.surprise for e in TOLD])
     expected = {
         "free_energy_of_samples": np.array([[e.free_energy] for e in TOLD]),
-        "disturbance": np.array([[e.disturbance[1]] for e in TOLD]),  # of the rate: rad/s²
+        "disturbance": np.array([[e.model.C[1] @ e.disturbance] for e in TOLD]),  # of the rate: rad/s²
         "surprise/samples": np.stack([np.ones(len(TOLD)), surprise], axis=-1),
     }
     for path, values in expected.items():
@@ -275,6 +275,15 @@ def test_what_is_not_known_is_left_out(tmp_path: Path) -> None:
     assert "free_energy_of_samples" not in lines
     assert np.isnan(lines["outputs/roll/now"][1][:, :3]).all()
     assert "No model yet: there are not enough samples yet." in texts(path, "TextDocument:text")[-1]
+
+
+def test_a_row_that_cannot_be_drawn_is_told_of_and_ends_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "flight.rrd"
+    view = LiveView(CHANNELS, [RecordingFile(path)])
+    view.put(50.0, 0, OUTPUTS[0][:1], INPUTS[0])
+    view.close()
+    assert f"{path} takes no more" in view.troubles[0]
+    assert drawn(path) == {}
 
 
 def test_a_full_backlog_drops_the_oldest_and_counts() -> None:

@@ -35,7 +35,7 @@ def live_blueprint(channels: Channels) -> rrb.Blueprint:
                 rrb.TextDocumentView(origin="status", name="Status"),
                 _log(),
                 _plot("λ: log precisions of noise, those that are learnt", "noise_precisions", SETTLING),
-                _plot("Free energy action F̄ of the last 20 s, nats", "free_energy_action", SETTLING),
+                _plot("Free energy action F̄ of the learner's memory, nats", "free_energy_action", SETTLING),
                 row_shares=[31, 27, 21, 21],
             ),
             rrb.Vertical(*_flight(channels), row_shares=[*[30] * len(channels.output_names), 20, 20]),

@@ -107,7 +107,7 @@ class Content:
         estimates = [row.estimate for row in rows if row.estimate is not None]
         seen = np.array([estimate.seen for estimate in estimates]) + [row.shift for row in rows]
         surprise = np.array([estimate.surprise for estimate in estimates])
-        pushed = np.array([estimate.disturbance[self._pushed] for estimate in estimates])
+        pushed = np.array([_push(estimate, self._channels)[self._pushed] for estimate in estimates])
         energy = np.array([estimate.free_energy for estimate in estimates])
         self.bundles["free_energy_of_samples"].send(recording, seen, energy[:, None])
         self.bundles["disturbance"].send(recording, seen, pushed)
@@ -117,7 +117,7 @@ class Content:
 
 
 def pushed(channels: Channels) -> list[int]:
-    """Which states' disturbances say what pushes the vehicle: those of rates, or all where no output is one.
+    """Which outputs' disturbances say what pushes the vehicle: those of rates, or all where no output is one.
 
     That an angle's rate is the rate is no news: what is left over there is the sensors' disagreement.
     """
@@ -133,6 +133,13 @@ def far(channels: Channels) -> int:
 def ahead_of(channels: Channels) -> str:
     """How far ahead that is, in words."""
     return f"{channels.horizons[far(channels)] * channels.dt:.2g} s"
+
+
+def _push(estimate: Estimate, channels: Channels) -> Array:
+    """(m,) what pushes each output beside the model, C w: the w of the first states, unless C is learnt."""
+    if estimate.model is None:
+        return np.full(len(channels.output_names), np.nan)
+    return np.asarray(estimate.model.C @ estimate.disturbance)
 
 
 def _of_estimates(rows: list[Row], part: Callable[[Estimate], Array], shape: tuple[int, ...]) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import atexit
 import time as wall
 from collections.abc import Sequence
+from threading import Lock
 from types import TracebackType
 from uuid import uuid4
 
@@ -23,7 +24,7 @@ CLOSED_WITHIN = 3.0
 
 
 class LiveView:
-    """Takes rows, log lines and status from the learning thread, and never makes it wait.
+    """Takes rows from the learning thread, log lines and status from any, and never makes one wait.
 
     Each sink has a thread and a bounded queue, which drops the oldest rows when the sink cannot keep up. After a reboot
     of the vehicle time goes on where it was; status and log say by how much.
@@ -41,7 +42,7 @@ class LiveView:
         Raises:
             OSError: a file cannot be written.
         """
-        self._clock = Clock()
+        self._clock, self._lock = Clock(), Lock()
         self._closed = False
         recording_id = uuid4()
         try:
@@ -75,13 +76,10 @@ class LiveView:
         """
         if self._closed:
             return
-        shift = self._clock.shift
-        shown = self._clock.shown(time)
-        if self._clock.shift != shift:
-            self._line(shown, "WARN", f"rebooted: {time:.1f} s is shown as {shown:.1f} s")
+        shown, shift = self._shown(time)
         # Copied, since callers may use their arrays again.
         y, u = np.array(outputs, np.float64), np.array(inputs, np.float64)
-        row = Row(shown, self._clock.shift, segment, y, u, estimate, learned)
+        row = Row(shown, shift, segment, y, u, estimate, learned)
         for outlet in self._outlets:
             outlet.rows.put(row)
 
@@ -94,7 +92,16 @@ class LiveView:
             time: boot clock, s; that of the latest row unless given.
         """
         if not self._closed:
-            self._line(self._clock.shown(time), level, text)
+            self._line(self._shown(time)[0], level, text)
+
+    def _shown(self, time: float | None) -> tuple[float, float]:
+        """Where a time of the boot clock is shown, and how far from there that is, s."""
+        with self._lock:
+            before = self._clock.shift
+            shown, shift = self._clock.shown(time), self._clock.shift
+        if shift != before:
+            self._line(shown, "WARN", f"rebooted: {time:.1f} s is shown as {shown:.1f} s")
+        return shown, shift
 
     def _line(self, shown: float, level: str, text: str) -> None:
         # A name from a link need not be UTF-8, and what Rerun is given must be.

@@ -96,7 +96,7 @@ class Outlet:
             self._recording.flush(timeout_sec=DELIVERED_WITHIN)
             self.sink.delivered()
             self.trouble = ""
-        except (RuntimeError, OSError) as error:
+        except Exception as error:  # whatever it is, it is told, and ends neither this thread nor the flight
             if "timed out" in str(error):
                 self.trouble = f"{self.sink.name} does not answer"
                 return

@@ -65,7 +65,7 @@ class RecordingFile:
         self._whole = 0
 
     def open(self, recording: rr.RecordingStream) -> bool:
-        """See :class:`Sink`."""
+        """Leads the recording into the file; see :class:`Sink`."""
         recording.set_sinks(rr.FileSink(self.path, write_footer=False))
         return True
 
@@ -109,7 +109,7 @@ class Viewer:
             raise ValueError(_NO_URL.format(url))
 
     def open(self, recording: rr.RecordingStream) -> bool:
-        """See :class:`Sink`."""
+        """Leads the recording to the viewer, if it is there; see :class:`Sink`."""
         try:
             socket.create_connection(self._address, timeout=REACHED_WITHIN).close()
         except OSError:

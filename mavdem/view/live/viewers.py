@@ -48,8 +48,8 @@ class WebServer(Viewer):
     def close(self) -> None:
         """Ends it."""
         with suppress(ProcessLookupError):
-            # What was started is Python, which started the server: end both.
-            os.killpg(self.process.pid, signal.SIGTERM)
+            # What was started is Python, which started the server: end both, also one that hangs.
+            os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
 
 
