@@ -96,11 +96,19 @@ class Outlet:
             self._recording.flush(timeout_sec=DELIVERED_WITHIN)
             self.sink.delivered()
             self.trouble = ""
-        except Exception as error:  # whatever it is, it is told, and ends neither this thread nor the flight
+        except (RuntimeError, OSError) as error:
             if "timed out" in str(error):
                 self.trouble = f"{self.sink.name} does not answer"
                 return
-            self.trouble = f"{self.sink.name} takes no more: {error}"
+            self._give_up(f"{self.sink.name} takes no more: {error}")
+        except Exception as error:  # a row that cannot be drawn ends neither the view nor the flight
+            self.lines.put(LogLine(self._last.time if self._last else 0.0, "ERROR", f"not drawn: {error}"))
+
+    def _give_up(self, trouble: str) -> None:
+        self.trouble = trouble
+        if self._recording is not None:
+            # It has failed, and so does not wait for anything; nor will it write after this.
+            self._recording.disconnect()
             self._recording = None
             with suppress(OSError):
                 self.sink.failed()
@@ -128,11 +136,11 @@ class Outlet:
         return True
 
     def _send(self, recording: rr.RecordingStream) -> None:
-        rows, lines = self.rows.take(), self.lines.take()
-        self._content.rows(recording, rows)
+        rows = self.rows.take()
         if rows:
             self._last = rows[-1]
-        for line in lines:
+        self._content.rows(recording, rows)
+        for line in self.lines.take():
             self._content.log(recording, line)
         now = time.monotonic()
         if self._last is not None and now >= self._next_status:
