@@ -2,13 +2,23 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem import Learned
-from mavdem.flight import Flight
+
+
+class Labelled(Protocol):
+    """A flight, recorded or under way: whatever says what its channels are."""
+
+    @property
+    def input_names(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def output_names(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def output_units(self) -> tuple[str, ...]: ...  # noqa: D102
 
 
 class Readable(NamedTuple):
@@ -47,7 +57,7 @@ def states_are_outputs(learned: Learned) -> bool:
     return not bool(left_free(learned)["C"].any())
 
 
-def state_names(flight: Flight, learned: Learned) -> list[str]:
+def state_names(flight: Labelled, learned: Learned) -> list[str]:
     """Names of the n states: the outputs', then the hidden ones', or numbers where states are not outputs."""
     order, outputs = learned.model.A.shape[0], flight.output_names
     if not states_are_outputs(learned):
@@ -55,7 +65,7 @@ def state_names(flight: Flight, learned: Learned) -> list[str]:
     return [*outputs, *(f"hidden {i + 1}" for i in range(order - len(outputs)))][:order]
 
 
-def entries(flight: Flight, learned: Learned) -> dict[str, list[tuple[str, str]]]:
+def entries(flight: Labelled, learned: Learned) -> dict[str, list[tuple[str, str]]]:
     """What each entry of A, B and C acts on, and what through: names of row and column, each in the order of θ."""
     states = state_names(flight, learned)
     return {
@@ -65,7 +75,7 @@ def entries(flight: Flight, learned: Learned) -> dict[str, list[tuple[str, str]]
     }
 
 
-def parameter_names(flight: Flight, learned: Learned) -> list[str]:
+def parameter_names(flight: Labelled, learned: Learned) -> list[str]:
     """A name for each parameter, in the order of θ."""
     return [
         f"{matrix}: {short(row)} from {short(column)}"
@@ -74,15 +84,16 @@ def parameter_names(flight: Flight, learned: Learned) -> list[str]:
     ]
 
 
-def state_rate_units(flight: Flight, learned: Learned) -> list[str]:
+def state_rate_units(flight: Labelled, learned: Learned) -> list[str]:
     """Units of the n states per second; a hidden state has the last output's, one that is no output has none."""
     order, units = learned.model.A.shape[0], flight.output_units
     if not states_are_outputs(learned):
         return [""] * order
-    return [_per_second(unit) for unit in [*units, *[units[-1]] * (order - len(units))][:order]]
+    return [per_second(unit) for unit in [*units, *[units[-1]] * (order - len(units))][:order]]
 
 
-def _per_second(unit: str) -> str:
+def per_second(unit: str) -> str:
+    """The unit of a rate of change."""
     if not unit:
         return "per s"
     return unit.removesuffix("/s") + "/s²" if unit.endswith("/s") else unit + "/s"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
@@ -25,3 +27,14 @@ def estimate_band(
     """The edges between which a Gaussian posterior holds an estimate to lie with probability ``LEVEL``."""
     half = norm.ppf(0.5 + LEVEL / 2) * sd
     return mean - half, mean + half
+
+
+def by_group(noise: str, channels: Sequence[str], groups: NDArray[np.intp]) -> list[str]:
+    """What each λ of a noise, "z" or "w", is about: the channels that share it."""
+    names = [
+        " and ".join(channel for channel, group in zip(channels, groups, strict=True) if group == own)
+        for own in np.unique(groups)
+    ]
+    return (
+        [{"z": "z, measurement", "w": "w, process"}[noise]] if len(names) == 1 else [f"{noise} of {n}" for n in names]
+    )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -19,7 +18,7 @@ from mavdem.view import lines
 from mavdem.view.blueprint import blueprint
 from mavdem.view.lines import Line
 from mavdem.view.outlook import Outlook, outlooks
-from mavdem.view.parameters import estimate_band, prior_outweighs_data
+from mavdem.view.parameters import by_group, estimate_band, prior_outweighs_data
 from mavdem.view.summary import summary
 
 Array = NDArray[np.float64]
@@ -137,25 +136,14 @@ def _noise_precisions(recording: rr.RecordingStream, train: Flight, learned: Lea
     learning, states = learned.learning, state_names(train, learned)
     of_outputs, of_states = hyperparameter_groups(learned.settings, len(states), len(train.output_names))
     # Each process noise in the colour of its own picture, those of the measurements after them.
-    process = _by_group("w", states, of_states)
-    measurement = _by_group("z", train.output_names, of_outputs)
+    process = by_group("w", states, of_states)
+    measurement = by_group("z", train.output_names, of_outputs)
     named_colours = [(name, len(process) + i) for i, name in enumerate(measurement)]
     named_colours += [(name, i) for i, name in enumerate(process)]
     fixed = prior_outweighs_data(learned)
     for i, (name, colour) in enumerate(named_colours):
         root, label = ["noise_precisions", name], f"{name} (fixed)" if fixed[i] else name
         _estimate(recording, root, label, lines.distinct(colour), learning.lambda_[:, i], learning.lambda_sd[:, i])
-
-
-def _by_group(noise: str, channels: Sequence[str], groups: NDArray[np.intp]) -> list[str]:
-    """What each λ of a noise is about: the channels that share it."""
-    names = [
-        " and ".join(channel for channel, group in zip(channels, groups, strict=True) if group == own)
-        for own in np.unique(groups)
-    ]
-    return (
-        [{"z": "z, measurement", "w": "w, process"}[noise]] if len(names) == 1 else [f"{noise} of {n}" for n in names]
-    )
 
 
 def _estimate(

@@ -16,12 +16,17 @@ def show(path: str | os.PathLike[str]) -> str:
     Returns:
         "" when the viewer was started, else one sentence that says why not.
     """
-    if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    if not has_screen():
         return f"There is no screen here; open the recording where there is one, with `{_command(path)}`."
     if not Path(path).is_file():
         return f"There is no recording {path}."
     subprocess.Popen([sys.executable, "-m", "rerun", "--bind", "127.0.0.1", os.fspath(path)], start_new_session=True)
     return ""
+
+
+def has_screen() -> bool:
+    """Whether a window can be opened here, as far as one can tell beforehand."""
+    return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
 def _command(path: str | os.PathLike[str]) -> str:
