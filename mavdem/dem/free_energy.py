@@ -63,12 +63,14 @@ class SampleEnergy(NamedTuple):
 
     Attributes:
         constant: F(t) of a sample without errors, at states 0.
+        priors: what of it the priors and entropies of θ and λ make up, which stand in F̄ only once.
         errors: E with ε̃ = E [ỹ; η̃; X].
         precision: of ε̃, that of the noise included that uncertain λ make.
         uncertainty: of X, which uncertain θ make.
     """
 
     constant: float
+    priors: float
     errors: Array
     precision: Array
     uncertainty: Array
@@ -80,7 +82,9 @@ class SampleEnergy(NamedTuple):
         # W^λ and W^θ of a sample are quadratic in its errors and in its X.
         precision = model.precision(expected_weights(lambda_, belief.lambda_covariance))
         uncertainty = parameter_uncertainty(model, belief.theta_covariance, np.exp(lambda_))
-        return cls(_constant(model, belief), model.error_operator(theta), precision, uncertainty)
+        priors = _of_priors(model, belief)
+        constant = priors + _of_noise(model, belief)
+        return cls(constant, priors, model.error_operator(theta), precision, uncertainty)
 
     def at(self, data: Array, states: Array) -> Array:
         """F(t), (T,), of generalized data (T, ·) and states (T, dim X)."""
@@ -89,24 +93,27 @@ class SampleEnergy(NamedTuple):
         return np.asarray(self.constant - 0.5 * squares)
 
 
-def _constant(model: GenerativeModel, belief: Belief) -> float:
-    """What F(t) has of everything that is the same at every sample."""
-    theta, lambda_, prior = belief.theta, belief.lambda_, model.prior
-    weights = np.exp(lambda_)
-    constant = (
+def _of_noise(model: GenerativeModel, belief: Belief) -> float:
+    """What F(t) has at every sample of the noise, and of X and how uncertain it is."""
+    return 0.5 * float(
         model.log_precision_at_zero
-        + model.log_precision_slope @ lambda_
-        + np.sum(belief.state_covariance * state_curvature(model, theta, weights))
+        + model.log_precision_slope @ belief.lambda_
+        + np.sum(belief.state_covariance * state_curvature(model, belief.theta, np.exp(belief.lambda_)))
         + logdet(belief.state_covariance)
     )
+
+
+def _of_priors(model: GenerativeModel, belief: Belief) -> float:
+    """What F(t) has of the priors and entropies of θ and λ."""
+    prior, total = model.prior, 0.0
     for mean, covariance, about, certainty in (
-        (theta, belief.theta_covariance, prior.theta_mean, prior.theta_precision),
-        (lambda_, belief.lambda_covariance, prior.lambda_mean, prior.lambda_precision),
+        (belief.theta, belief.theta_covariance, prior.theta_mean, prior.theta_precision),
+        (belief.lambda_, belief.lambda_covariance, prior.lambda_mean, prior.lambda_precision),
     ):
         error = mean - about
-        constant += logdet(certainty) + logdet(covariance)
-        constant -= error @ certainty @ error + np.sum(covariance * certainty)
-    return 0.5 * float(constant)
+        total += logdet(certainty) + logdet(covariance)
+        total -= float(error @ certainty @ error + np.sum(covariance * certainty))
+    return 0.5 * total
 
 
 def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:

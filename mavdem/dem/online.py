@@ -53,7 +53,8 @@ class Estimate(NamedTuple):
         ahead: (H, m) predictions of the samples at the learner's horizons, if the inputs stay as they are.
         ahead_band: (H, m) likewise.
         seen: time to which the next three belong, s: the centre of the latest embedding window.
-        free_energy: F(t).
+        free_energy: F(t) less what the priors and entropies of θ and λ make up in it: that is the same at every
+            sample, but moves while the model is learnt, and would hide what the samples say.
         surprise: how far F(t) lies below its recent median, in units of how far its lowest twentieth does: 1 is the
             worst of twenty samples, several times that a gust or a failing motor.
         disturbance: (n,) w, what pushes each state beside the model, in its unit per second; of a rate, rad/s².

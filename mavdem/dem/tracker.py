@@ -57,10 +57,11 @@ class Tracker:
         return self.now.scaling.physical_outputs(self._of_state @ self.state + self._of_inputs @ u)
 
     def judge(self, memory: Memory) -> tuple[float, Array]:
-        """F(t) and disturbance of the sample at the centre of the latest window; NaN where there is no whole one."""
+        """F(t) less its priors and disturbance, at the centre of the latest window; NaN where there is no whole one."""
         inputs, outputs = memory.latest(self.window)
         if len(outputs) < self.window:
             return np.nan, np.full(len(self.now.disturbance), np.nan)
         data = self.now.to_engine @ self._moments.of_window(outputs, inputs)
         states = self.now.state_map @ data
-        return float(self.now.energy.at(data[None], states[None])[0]), self.now.disturbance @ states
+        energy = float(self.now.energy.at(data[None], states[None])[0]) - self.now.energy.priors
+        return energy, self.now.disturbance @ states
