@@ -1,0 +1,6 @@
+"""Live: the offline path in small steps, from the bytes of a link to rows of the uniform grid."""
+
+from mavdem.live.row import Event, Row
+from mavdem.live.stream import LiveStream, Setup, Status
+
+__all__ = ["Event", "LiveStream", "Row", "Setup", "Status"]
