@@ -145,14 +145,14 @@ class Aligner:
                 stream.told(time)
             yield Point(time, tuple(values))
 
-    def other_rate(self, stream: Samples) -> tuple[float, float] | None:
-        """The rates, Hz, that a stream had when the step was decided and has now, where they differ too much."""
+    def former_rate(self, stream: Samples) -> float | None:
+        """The rate, Hz, that a stream had when the step was decided, where it has another now."""
         if not self.running or stream not in self._streams:
             return None
         before, now = self._usual[self._streams.index(stream)], stream.usual_step()
         if before is None or now is None or 1 / ANOTHER_RATE < now / before < ANOTHER_RATE:
             return None
-        return 1 / before, 1 / now
+        return 1 / before
 
     def _way(self, time: NDArray[np.float64], grid: NDArray[np.float64]) -> _Way:
         assert self.dt is not None

@@ -56,7 +56,7 @@ class Sender:
     kind: str = UNNAMED
     autopilot: str = UNNAMED
     _beats: list[tuple[int, int]] = field(default_factory=list, repr=False)
-    _sequence: int = field(default=-1, repr=False)
+    _last: Frame | None = field(default=None, repr=False)
 
     @property
     def name(self) -> str:
@@ -78,15 +78,18 @@ class Sender:
         """Messages of attitude it sent."""
         return sum(self.messages.get(name, 0) for name in ATTITUDE_MESSAGES)
 
-    def take(self, frame: Frame) -> None:
-        """Counts a frame of this sender."""
+    def take(self, frame: Frame) -> bool:
+        """Counts a frame of this sender, and tells whether it is more than a copy of its last, as some links make."""
         self.frames += 1
-        if self._sequence >= 0:
-            self.lost += missing_between(self._sequence, frame.sequence)
-        self._sequence = frame.sequence
+        if frame == self._last:
+            return False
+        if self._last is not None:
+            self.lost += missing_between(self._last.sequence, frame.sequence)
+        self._last = frame
         if frame.verdict == GOOD:
             name = definitions()[frame.message_id].name
             self.messages[name] = self.messages.get(name, 0) + 1
+        return True
 
     def take_parameter(self, message: Message) -> bool:
         """Keeps a PARAM_VALUE, and tells whether it is new."""
@@ -134,14 +137,13 @@ class Senders:
         return told
 
     def of(self, frame: Frame) -> Sender:
-        """The sender of a frame, which is counted."""
+        """The sender of a frame."""
         key = frame.system << 8 | frame.component
         sender = self._senders.get(key)
         if sender is None:
             if len(self._senders) >= MOST_SENDERS:
                 self._make_room()
             sender = self._senders[key] = Sender(frame.system, frame.component)
-        sender.take(frame)
         return sender
 
     def get(self, system: int, component: int) -> Sender | None:

@@ -193,7 +193,7 @@ class LiveStream:
 
     def _take(self, frame: Frame, rows: list[Row]) -> None:
         sender = self._senders.of(frame)
-        if frame.verdict != GOOD:
+        if not sender.take(frame) or frame.verdict != GOOD:
             return
         message = message_of(frame)
         if message is not None and message.name == "HEARTBEAT":
@@ -248,9 +248,8 @@ class LiveStream:
             if samples.parted:
                 self._tell([f"Nothing came of {self._name(samples)} for {samples.parted:.2f} s: a new segment."])
                 self._aligner.end()
-            elif samples.taken % RATE_CHECK == 0 and (rates := self._aligner.other_rate(samples)) is not None:
-                before, now = rates
-                self._tell([f"{self._name(samples)} comes at {now:.3g} Hz, no more at {before:.3g}: a new segment."])
+            elif samples.taken % RATE_CHECK == 0 and (before := self._aligner.former_rate(samples)) is not None:
+                self._tell([f"{self._name(samples)} comes no more at {before:.3g} Hz: a new segment."])
                 self._aligner.forget()
                 for stream in streams:
                     stream.clear()

@@ -140,7 +140,7 @@ def offline(frames: Sequence[bytes], system: int = 1) -> Telemetry:
 def differences(made: Replay, segment: int, telemetry: Telemetry, axis: str = "roll") -> tuple[float, float, float]:
     """How far times, outputs and inputs of a live segment are from those of ``align``, at most.
 
-    The offline segment is the one whose grid begins with the live one's; at its end one of both may know a message more.
+    The offline segment is the one whose grid begins with the live one's; at its end one may know a message more.
     """
     rows, setup = made.segments()[segment], made.setups[segment]
     stamps = meaning.attitude(telemetry, axis)
