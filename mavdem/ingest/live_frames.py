@@ -14,11 +14,23 @@ from __future__ import annotations
 
 import re
 from functools import cache
+from itertools import pairwise
 from typing import NamedTuple
 
 from mavdem.ingest.checksum import checksum
 from mavdem.ingest.decode import definitions
-from mavdem.ingest.framing import CHECKSUM, FAILED, GOOD, HEADER, HEADER_1, MARKER_1, SIGNATURE, SIGNED, UNKNOWN
+from mavdem.ingest.framing import (
+    CHECKSUM,
+    FAILED,
+    GOOD,
+    HEADER,
+    HEADER_1,
+    MARKER_1,
+    MARKER_2,
+    SIGNATURE,
+    SIGNED,
+    UNKNOWN,
+)
 
 LONGEST_CHAIN = 32
 """Frames in a row that no checksum vouches for, before they count as garbage: bounds what waits for its end."""
@@ -92,39 +104,63 @@ def _chain(data: bytes, place: int, nothing: set[int]) -> tuple[list[Frame], int
     frames: list[Frame] = []
     places: list[int] = []
     while len(frames) < LONGEST_CHAIN and place not in nothing:
+        found = _frame(data, place)
+        if found is None:
+            return None
         places.append(place)
-        header = data[place : place + HEADER]
-        if not header:
-            return None
-        second = header[0] != MARKER_1
-        if not _MARKER.match(header) or (second and len(header) > 2 and header[2] > SIGNED):
+        frame, end = found
+        if frame is None:
             break
-        if len(header) < (HEADER if second else HEADER_1):
-            return None
-        if second:
-            behind = place + HEADER + header[1]
-            end = behind + CHECKSUM + SIGNATURE * (header[2] & SIGNED)
-            message_id = header[7] | header[8] << 8 | header[9] << 16
-            sequence, system, component = header[4:7]
-            payload = place + HEADER
-        else:
-            behind = place + HEADER_1 + header[1]
-            end = behind + CHECKSUM
-            sequence, system, component, message_id = header[2:6]
-            payload = place + HEADER_1
-        if end > len(data):
-            return None
-        seed = _seeds().get(message_id)
-        verdict = UNKNOWN
-        if seed is not None:
-            sent = data[behind] | data[behind + 1] << 8
-            verdict = GOOD if sent == checksum(data[place + 1 : behind], seed) else FAILED
-        frames.append(Frame(message_id, system, component, sequence, verdict, data[payload:behind]))
-        place = end
-        if verdict == GOOD:
+        frames.append(frame)
+        if frame.verdict == GOOD:
+            if any(_holds_another(data[start:until]) for start, until in pairwise(places)):
+                # What announced a length that happens to end where a frame begins was no frame.
+                nothing.add(places[0])
+                return [], end
             return frames, end
+        place = end
     nothing.update(places)
     return [], place
+
+
+def _holds_another(span: bytes) -> bool:
+    """Whether a frame whose checksum agrees lies within the bytes of one that no checksum vouches for."""
+    for marker in _MARKER.finditer(span, 1):
+        found = _frame(span, marker.start())
+        if found is not None and found[0] is not None and found[0].verdict == GOOD:
+            return True
+    return False
+
+
+def _frame(data: bytes, place: int) -> tuple[Frame | None, int] | None:
+    """The frame that the header at ``place`` announces and where it ends; no frame where there is none.
+
+    None where it is not all there yet.
+    """
+    header = data[place : place + HEADER]
+    if not header:
+        return None
+    second = header[0] == MARKER_2
+    if not (second or header[0] == MARKER_1) or (second and len(header) > 2 and header[2] > SIGNED):
+        return None, place
+    if len(header) < (HEADER if second else HEADER_1):
+        return None
+    if second:
+        payload = place + HEADER
+        sequence, system, component, low, middle, high = header[4:]
+        message_id = low | middle << 8 | high << 16
+    else:
+        payload = place + HEADER_1
+        sequence, system, component, message_id = header[2:HEADER_1]
+    behind = payload + header[1]
+    end = behind + CHECKSUM + (SIGNATURE if second and header[2] == SIGNED else 0)
+    if end > len(data):
+        return None
+    seed, verdict = _seeds().get(message_id), UNKNOWN
+    if seed is not None:
+        sent = data[behind] | data[behind + 1] << 8
+        verdict = GOOD if sent == checksum(data[place + 1 : behind], seed) else FAILED
+    return Frame(message_id, system, component, sequence, verdict, data[payload:behind]), end
 
 
 @cache

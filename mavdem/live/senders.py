@@ -171,7 +171,7 @@ class Senders:
 
     def _follow(self, sender: Sender) -> None:
         self.followed = sender
-        known = f" ({sender.kind}, {sender.autopilot})" if sender.known else ""
+        known = f" ({sender.kind}, {sender.autopilot})" if sender.kind != UNNAMED else ""
         self._sentences.append(f"Following vehicle {sender.name}{known}.")
 
     def _notice(self, sender: Sender) -> None:

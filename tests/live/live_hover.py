@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover
@@ -37,6 +38,10 @@ class Flight:
 
     def frames(self, start: float = 0.0, end: float = 39.0) -> Timed:
         """What is sent from ``start`` to ``end`` of the hover's time, in its order."""
+        return list(self._frames(start, end))
+
+    @cache
+    def _frames(self, start: float, end: float) -> Timed:
         timed = [
             (time, kind, values)
             for stream in (self._attitude, self._motors, self._heartbeats, self._climb)
