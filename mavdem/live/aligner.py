@@ -69,6 +69,7 @@ class Aligner:
         running: whether the segment goes on.
         dt: step, s; None before it was decided.
         rates: Hz of the streams from which it was.
+        start: first point of the segment's grid, s; told are those from ``RESUMING`` before it was decided on.
     """
 
     def __init__(self) -> None:
@@ -77,10 +78,11 @@ class Aligner:
         self.running = False
         self.dt: float | None = None
         self.rates: tuple[float, ...] = ()
+        self.start = 0.0
         self._streams: tuple[Samples, ...] = ()
         self._ways: tuple[_Way, ...] = ()
         self._usual: tuple[float | None, ...] = ()
-        self._start, self._next = 0.0, 0
+        self._next = 0
         self._told = -np.inf
         self._try_from = -np.inf
 
@@ -120,7 +122,9 @@ class Aligner:
         grid = grid_of(times[0], times[1], self.dt)
         self._ways = tuple(self._way(time, grid) for time in times)
         self._streams = tuple(streams)
-        self._start, self._next = float(grid[0]), 0
+        self.start = float(grid[0])
+        # What decided is not told but for its end: a learner must not begin with seconds of rows to catch up on.
+        self._next = int(np.searchsorted(grid, last - RESUMING - TOUCHING))
         self.segment += 1
         self.running = True
         return True
@@ -129,7 +133,7 @@ class Aligner:
         """The points that all streams have passed since the last call."""
         assert self.dt is not None
         while self.running:
-            time = self._start + self.dt * self._next
+            time = self.start + self.dt * self._next
             values = []
             for stream, way in zip(self._streams, self._ways, strict=True):
                 if not stream.time or time < stream.time[0] - STAMP:

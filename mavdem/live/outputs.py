@@ -74,7 +74,7 @@ class Drive:
     @property
     def key(self) -> tuple[object, ...]:
         """What must stay for rows to stay comparable."""
-        return self.message, self.layout.channels, self.picks, self.banks[0].first
+        return self.message, self.layout.channels, self.picks, self.banks
 
     def scale(self, parameters: Mapping[str, float]) -> Scale:
         """As ``recognise`` tells it from the extremes so far, and the step from the latest samples.
@@ -157,30 +157,40 @@ class Outputs:
         }
 
     def choose(
-        self, now: float, over: float, vehicle: str, autopilot: str, parameters: Mapping[str, float]
+        self,
+        now: float,
+        over: float,
+        vehicle: str,
+        autopilot: str,
+        parameters: Mapping[str, float],
+        staying: str | None = None,
     ) -> Drive | None:
         """What drives the axis, by the messages of the last ``over`` seconds before ``now``, as ``align.drive`` has it.
 
         Args:
             now, over: s.
             vehicle, autopilot, parameters: of the vehicle, as for ``layout``.
+            staying: the message to stay with, if any.
         """
+        if staying == DEMAND:
+            return self._demand()
         rates = self.rates(now, over)
-        motors = None if self._inputs == "demand" else self._motors(now, over, vehicle, autopilot, parameters)
-        demand = None if self._inputs == "motors" else self._demand()
-        if demand is None or (motors is not None and rates[motors.message] >= MINIMUM_RATE):
+        names = MOTOR_MESSAGES if staying is None else (staying,)
+        counts = {
+            name: count
+            for name in names
+            if (count := sum(bank.samples.count(now, over) for bank in self._banks[name].values()))
+        }
+        message = None if self._inputs == "demand" else fastest(counts)
+        motors = None if message is None else self._motors(message, vehicle, autopilot, parameters)
+        demand = None if self._inputs == "motors" or staying is not None else self._demand()
+        # Motors that come fast are waited for: before take-off they have not moved yet.
+        fast = self._inputs != "demand" and any(rates.get(name, 0.0) >= MINIMUM_RATE for name in MOTOR_MESSAGES)
+        if demand is None or fast:
             return motors
         return demand if motors is None or rates[DEMAND] >= MINIMUM_RATE else motors
 
-    def _motors(
-        self, now: float, over: float, vehicle: str, autopilot: str, parameters: Mapping[str, float]
-    ) -> Drive | None:
-        counts = {
-            name: sum(bank.samples.count(now, over) for bank in self._banks[name].values()) for name in MOTOR_MESSAGES
-        }
-        message = fastest({name: count for name, count in counts.items() if count})
-        if message is None:
-            return None
+    def _motors(self, message: str, vehicle: str, autopilot: str, parameters: Mapping[str, float]) -> Drive | None:
         banks = [bank for _, bank in sorted(self._banks[message].items())]
         moving = [bank.first + place for bank in banks for place in sorted(bank.moving)]
         plan = layout(vehicle, autopilot, parameters, moving, len(banks[0].least))

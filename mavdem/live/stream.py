@@ -47,6 +47,7 @@ class Setup:
         attitude, motors: the messages they are read from.
         layout, scale: of the inputs.
         rates: Hz of attitude and motors, from which the step was decided.
+        start: first point of the grid, s; rows may begin a few seconds later, once it was decided.
     """
 
     segment: int
@@ -57,6 +58,7 @@ class Setup:
     layout: Layout
     scale: Scale
     rates: tuple[float, ...]
+    start: float
 
 
 @dataclass(frozen=True)
@@ -283,6 +285,7 @@ class LiveStream:
             layout=plan,
             scale=drive.scale(self.parameters),
             rates=self._aligner.rates,
+            start=self._aligner.start,
         )
         if before is not None and (before.dt, before.motors, before.layout) == (
             self.setup.dt,
@@ -310,7 +313,7 @@ class LiveStream:
         changes = self._outputs.changes
         if not self._aligner.running:
             counts = {name: samples.count(now, DECIDING) for name, samples in self._attitudes.items()}
-            self._attitude = fastest({name: count for name, count in counts.items() if count})
+            self._attitude = fastest({name: count for name, count in counts.items() if count}) or self._attitude
         if not self._aligner.running or changes != self._known:
             self._known = changes
             self._redrive(now)
@@ -319,14 +322,25 @@ class LiveStream:
     def _redrive(self, now: float) -> None:
         followed = self._senders.followed
         assert followed is not None
-        drive = None
-        if followed.kind in (*MULTIROTORS, UNNAMED):
-            drive = self._outputs.choose(now, DECIDING, followed.kind, followed.autopilot, self.parameters)
+        if followed.kind not in (*MULTIROTORS, UNNAMED):
+            self._drive = None
+            return
+        # After a silence nothing tells anything else than before.
+        drive = (
+            self._outputs.choose(
+                now,
+                DECIDING,
+                followed.kind,
+                followed.autopilot,
+                self.parameters,
+                self._drive.message if self._aligner.running and self._drive else None,
+            )
+            or self._drive
+        )
         if self._drive is not None and drive is not None and drive.key != self._drive.key and self._aligner.running:
             self._tell([f"The inputs are others from now on: {', '.join(drive.layout.names)}: a new segment."])
             self._aligner.forget()
-        if drive is not None or not self._aligner.running:
-            self._drive = drive
+        self._drive = drive
         if self._aligner.running and self.setup is not None and drive is not None and drive.layout != self.setup.layout:
             self.setup = replace(self.setup, layout=drive.layout)
             self._tell([f"Which motor is which is read from {drive.layout.basis}."])

@@ -38,20 +38,7 @@ class Flight:
 
     def frames(self, start: float = 0.0, end: float = 39.0) -> Timed:
         """What is sent from ``start`` to ``end`` of the hover's time, in its order."""
-        return list(self._frames(start, end))
-
-    @cache
-    def _frames(self, start: float, end: float) -> Timed:
-        timed = [
-            (time, kind, values)
-            for stream in (self._attitude, self._motors, self._heartbeats, self._climb)
-            for time, kind, values in stream(start, end)
-        ]
-        timed.sort(key=lambda entry: entry[0])
-        return [
-            (time, message(kind, self.system, sequence=number % 256, version=self.version, **values))
-            for number, (time, kind, values) in enumerate(timed)
-        ]
+        return list(_sent(self, start, end))
 
     def _attitude(self, start, end):
         for time in ticks(start, end, self.attitude):
@@ -81,6 +68,16 @@ class Flight:
         for time in ticks(start, end, 10.0):
             stamp = {"time_boot_ms": round((time + self.clock) * 1e3)}
             yield time + 0.0004, "LOCAL_POSITION_NED", stamp | {"vz": -float(self.hover.climb(np.array(time)))}
+
+
+@cache
+def _sent(flight: Flight, start: float, end: float) -> Timed:
+    streams = (flight._attitude, flight._motors, flight._heartbeats, flight._climb)
+    timed = sorted((entry for stream in streams for entry in stream(start, end)), key=lambda entry: entry[0])
+    return [
+        (time, message(kind, flight.system, sequence=number % 256, version=flight.version, **values))
+        for number, (time, kind, values) in enumerate(timed)
+    ]
 
 
 def ticks(start: float, end: float, rate: float) -> list[float]:
@@ -152,9 +149,10 @@ def differences(made: Replay, segment: int, telemetry: Telemetry, axis: str = "r
     assert stamps is not None
     here = stamps.time[stamps.boot == setup.boot]
     margin = UNSURE * setup.dt if max(setup.rates) * setup.dt >= DECIMATED else 0.0
-    start = here[np.searchsorted(here, rows[0].time - margin + STAMP) - 1]
+    start = here[np.searchsorted(here, setup.start - margin + STAMP) - 1]
     flight = align(telemetry, Segment(setup.boot, float(start), rows[-1].time + margin + 0.9 * setup.dt), axis)
     assert flight.dt == setup.dt
+    flight = flight[round((rows[0].time - setup.start) / setup.dt) :]
     count = min(len(rows), len(flight.time))
     assert abs(len(rows) - len(flight.time)) <= 1
     return (

