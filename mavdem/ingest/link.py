@@ -141,6 +141,8 @@ class Link:
                     self._socket.sendto(frame, sender)
             else:
                 self._socket.sendall(frame)
+        except BlockingIOError:
+            return  # the other side does not keep up: dropped, as a datagram would be
         except OSError as error:
             if self.datagrams:
                 return  # nobody listens there now: that is no fault of the link
@@ -148,6 +150,8 @@ class Link:
 
     def reopen(self) -> bool:
         """Opens a link that was lost; does nothing before its pause is over, which doubles with each try.
+
+        A server that does not answer takes ``PATIENCE``.
 
         Returns:
             whether it is open.

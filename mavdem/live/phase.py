@@ -67,6 +67,11 @@ class Flying:
             self._airborne.take(middle[0], middle[1] > CARRYING)
             self._update()
 
+    def take_idle(self) -> None:
+        """Outputs are heard and none has moved so far: what takes off later was seen on the ground."""
+        if not self._said and self._airborne.true is None:
+            self._airborne.true = False
+
     def forget_collective(self) -> None:
         """The scale of the motors turned out to be another: whether they carry must be seen anew."""
         self._working = _Average()

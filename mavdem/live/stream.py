@@ -25,7 +25,7 @@ from mavdem.live.phase import Flying
 from mavdem.live.row import Event, Row
 from mavdem.live.samples import Samples
 from mavdem.live.senders import Senders
-from mavdem.phases import UPRIGHT
+from mavdem.phases import AVERAGING, UPRIGHT
 from mavdem.verdict import too_slow
 
 MOST_EVENTS = 256
@@ -317,6 +317,8 @@ class LiveStream:
         if not self._aligner.running or changes != self._known:
             self._known = changes
             self._redrive(now)
+        if self._drive is None and now - self._heard_from >= AVERAGING / 2 and self._outputs.rates(now, DECIDING):
+            self._flying.take_idle()
         self._judge(now)
 
     def _redrive(self, now: float) -> None:

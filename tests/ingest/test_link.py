@@ -236,3 +236,22 @@ def test_what_is_not_permitted_is_said(monkeypatch):
     monkeypatch.setattr(os, "open", refuse)
     with pytest.raises(Unreadable, match="dialout"):
         Link("/dev/ttyACM0")
+
+
+def test_what_nobody_takes_is_dropped():
+    with udp() as gone:
+        port = gone.getsockname()[1]
+    link = Link(f"udpout:127.0.0.1:{port}")
+    for _ in range(3):
+        link.send(b"into the void")
+        assert link.receive(0.01) == []
+    link.close()
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/net/if_inet6"), reason="needs IPv6")
+def test_an_address_of_version_6_will_do():
+    six = Link(f"udpin:[::1]:{free_port()}")
+    assert six.receive(0.0) == []
+    six.close()
+    with pytest.raises(LinkLost):
+        six.receive(0.0)
