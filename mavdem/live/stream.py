@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf, isnan
-from typing import Any
 
 import numpy as np
 
 from mavdem.align import MINIMUM_RATE, SLACK
 from mavdem.ingest.decode import enum_name
 from mavdem.ingest.framing import GOOD
-from mavdem.ingest.geometry import MULTIROTORS, Layout
+from mavdem.ingest.geometry import MULTIROTORS
 from mavdem.ingest.live_frames import Frame, LiveFrames
 from mavdem.ingest.live_messages import Message, attitude, message_of, parameters_of, prepare
 from mavdem.ingest.meaning import ATTITUDE_MESSAGES, AXES, CLIMBS, DEMAND, MOTOR_MESSAGES, fastest
@@ -25,6 +24,7 @@ from mavdem.live.phase import Flying
 from mavdem.live.row import Event, Row
 from mavdem.live.samples import Samples
 from mavdem.live.senders import Senders
+from mavdem.live.status import Setup, Status
 from mavdem.phases import AVERAGING, UPRIGHT
 from mavdem.verdict import too_slow
 
@@ -34,64 +34,6 @@ REVIEW = 0.5
 """Seconds of the boot clock after which messages, rates and layout are looked at again."""
 RATE_CHECK = 8
 """Samples of a stream after which its rate is compared with what it was."""
-
-
-@dataclass(frozen=True, eq=False)
-class Setup:
-    """What the rows of a segment are, as the ``provenance`` of a ``Flight`` has it.
-
-    Attributes:
-        segment: its number.
-        boot: number of the boot.
-        dt: step, s.
-        attitude, motors: the messages they are read from.
-        layout, scale: of the inputs.
-        rates: Hz of attitude and motors, from which the step was decided.
-        start: first point of the grid, s; rows may begin a few seconds later, once it was decided.
-    """
-
-    segment: int
-    boot: int
-    dt: float
-    attitude: str
-    motors: str
-    layout: Layout
-    scale: Scale
-    rates: tuple[float, ...]
-    start: float
-
-
-@dataclass(frozen=True)
-class Status:
-    """How things stand; ``dataclasses.asdict`` makes it plain JSON values.
-
-    Attributes:
-        vehicle: the one that is followed, "system:component"; None before it is known.
-        speakers: every sender kept: system, component, kind, autopilot, frames, lost, flies.
-        others: frames of senders beyond those.
-        rates: Hz of the vehicle's messages of attitude and outputs over the last two seconds of its clock.
-        frames: whole frames received.
-        unread: those of another dialect or damaged.
-        garbage: bytes that belong to no frame.
-        lost: messages of the vehicle that are missing by its sequence numbers.
-        late: samples that came too late to be told in their place.
-        strays: messages whose time stamps were far off.
-        verdict: what keeps rows from coming, one sentence; empty while nothing does.
-        armed_and_airborne: whether the vehicle flies.
-    """
-
-    vehicle: str | None
-    speakers: tuple[dict[str, Any], ...]
-    others: int
-    rates: dict[str, float]
-    frames: int
-    unread: int
-    garbage: int
-    lost: int
-    late: int
-    strays: int
-    verdict: str
-    armed_and_airborne: bool
 
 
 class LiveStream:
