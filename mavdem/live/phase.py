@@ -2,7 +2,8 @@
 
 What ``phases`` takes from both sides of a moment is known here half of its averaging time later, and the landing only
 when it is there: the last seconds before it, which ``phases`` cuts off, are still told settled here. A vehicle that
-sinks may be landing: while it does, nothing is settled here, and in ``phases`` only what turned out to be no landing.
+sinks may be landing, and its motors run on for a moment on the ground: nothing is settled here until it has not sunk
+for ``SETTLING`` seconds, while ``phases`` knows which sinking was no landing.
 """
 
 from __future__ import annotations
@@ -32,7 +33,6 @@ class Flying:
         self._working = _Average()
         self._climbs = {name: _Average() for name in CLIMBS}
         self._settled_from: float | None = None
-        self._sinking = False
 
     @property
     def now(self) -> bool:
@@ -41,7 +41,7 @@ class Flying:
 
     def settled(self, time: float) -> bool:
         """Whether that time, s, is one of settled flight, but for the tilt."""
-        return self.now and not self._sinking and self._settled_from is not None and time >= self._settled_from
+        return self.now and self._settled_from is not None and time >= self._settled_from
 
     def take_heartbeat(self, time: float, base_mode: int) -> None:
         """A HEARTBEAT of the vehicle's own type and autopilot: two in a row must agree to change what is believed."""
@@ -87,7 +87,8 @@ class Flying:
         if message != preferred or middle is None:
             return
         at, mean = middle
-        self._sinking = mean <= -STEADY_CLIMB
+        if self._settled_from is not None and mean <= -STEADY_CLIMB:
+            self._settled_from = max(self._settled_from, at + SETTLING)
         if self._settled_from is None and self.now and at >= self._start + SETTLING and mean < STEADY_CLIMB:
             self._settled_from = at
 

@@ -170,6 +170,20 @@ def test_landing_and_taking_off_again():
     settled_uniform(made)
 
 
+def test_a_descent_in_flight_is_taken_for_a_landing_until_it_has_been_over_for_a_while():
+    frames = [
+        (time, message("LOCAL_POSITION_NED", sequence=data[4], time_boot_ms=round(time * 1e3), vz=0.5))
+        if data[7] == 32 and 16.0 < time < 20.0
+        else (time, data)
+        for time, data in FLIGHT.frames(end=32.0)
+    ]
+    made = replay(frames)
+    unsettled = [row.time for row in made.rows if row.time > 15.0 and not row.settled]
+    assert 16.0 < unsettled[0] < 17.5
+    assert 24.5 < unsettled[-1] < 26.0
+    assert made.segments().keys() == {0}
+
+
 def test_copies_change_nothing():
     frames = FLIGHT.frames(end=18.0)
     twice = [entry for entry in frames for _ in range(2)]
