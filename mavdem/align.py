@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -167,8 +168,8 @@ def flight_of(telemetry: Telemetry, attitude: Attitude, motors: Motors, segment:
     if not _sampled(attitude, motors, segment):
         raise ValueError(f"the segment from {segment.start:.3f} s holds no attitude or no motor outputs")
     rates = {"attitude": mean_rate(attitude.time[near]), "motors": mean_rate(motors.time[drive])}
-    dt = max(round(1 / min(rates.values()), 4), 1e-4)
-    time = _grid(attitude.time[near], motors.time[drive], dt)
+    dt = step(rates.values())
+    time = grid_of(attitude.time[near], motors.time[drive], dt)
     outputs, attitude_way = sample(time, dt, attitude.time[near], motion[near])
     inputs, motors_way = sample(time, dt, motors.time[drive], motors.outputs[drive])
     layout, scale = motors.layout, motors.scale
@@ -206,6 +207,11 @@ def flight_of(telemetry: Telemetry, attitude: Attitude, motors: Motors, segment:
     )
 
 
+def step(rates: Iterable[float]) -> float:
+    """The step, s, of a grid for streams of these mean rates, Hz: the interval of the slowest, to 0.1 ms."""
+    return max(round(1 / min(rates), 4), 1e-4)
+
+
 def mean_rate(time: NDArray[np.float64]) -> float:
     """Samples a second over the whole of ``time`` (N,), N ≥ 2."""
     return float((len(time) - 1) / (time[-1] - time[0]))
@@ -221,11 +227,11 @@ def sample(
     a grid of 50) would appear in it as something slow.
     """
     way = "linear"
-    if _decimated(time, dt):
+    if decimated(time, dt):
         time, values = _low_passed(time, values, PASSED / dt)
         way = f"low-passed at {PASSED / dt:.3g} Hz, linear"
-    elif (kept := _kept(grid, time)) is not None:
-        return values[kept], "samples kept"
+    elif (rows := kept(grid, time)) is not None:
+        return values[rows], "samples kept"
     return np.column_stack([np.interp(grid, time, column) for column in values.T]), way
 
 
@@ -258,7 +264,7 @@ def _at_any_rate(time: NDArray[np.float64]) -> Intervals:
     return unbroken(time, steps > max(GAP, 3 * float(np.median(steps))))
 
 
-def _grid(attitude: NDArray[np.float64], motors: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
+def grid_of(attitude: NDArray[np.float64], motors: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
     """Steps of ``dt`` where both streams have samples.
 
     From an attitude sample when both streams then keep theirs; otherwise from a motor sample: from one message to the
@@ -268,13 +274,13 @@ def _grid(attitude: NDArray[np.float64], motors: NDArray[np.float64], dt: float)
     for stamps in (attitude, motors):
         start = min(stamps[stamps >= first - STAMP][0], last)
         grid = np.asarray(start + dt * np.arange(int((last - start) / dt + STAMP) + 1))
-        if _kept(grid, attitude) is not None and _kept(grid, motors) is not None:
+        if kept(grid, attitude) is not None and kept(grid, motors) is not None:
             break
     sure = _sure(grid, dt, attitude) & _sure(grid, dt, motors)
     return grid[sure] if sure.any() else grid
 
 
-def _kept(grid: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.intp] | None:
+def kept(grid: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.intp] | None:
     """The sample of ``time`` (N,) at each point of ``grid`` (T,), each once; None unless all lie within ``STAMP``."""
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
     nearest = np.where(grid - time[after - 1] < time[after] - grid, after - 1, after)
@@ -283,13 +289,14 @@ def _kept(grid: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.in
     return None
 
 
-def _decimated(time: NDArray[np.float64], dt: float) -> bool:
+def decimated(time: NDArray[np.float64], dt: float) -> bool:
+    """Whether a stream, sampled at ``time`` (N,), is so much faster than a grid of ``dt`` that it is low-passed."""
     return mean_rate(time) * dt >= DECIMATED
 
 
 def _sure(grid: NDArray[np.float64], dt: float, time: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Which points (T,) the low-pass of the stream, if there is one, gets right though it knows nothing of beyond."""
-    margin = UNSURE * dt if _decimated(time, dt) else 0.0
+    margin = UNSURE * dt if decimated(time, dt) else 0.0
     return np.asarray((grid >= time[0] + margin - STAMP) & (grid <= time[-1] - margin + STAMP))
 
 
@@ -306,6 +313,22 @@ def _low_passed(
     rate = mean_rate(time)
     # A slower filter's numbers are lost in rounding; whatever is sampled on so coarse a grid is refused for its rate.
     cutoff = max(cutoff, SLOWEST_FILTER * rate)
-    passing = butter(4, cutoff, fs=rate, output="sos")
     settling = round(3 * rate / cutoff)
-    return even, sosfiltfilt(passing, table, axis=0, padlen=min(settling, len(table) - 1))
+    return even, sosfiltfilt(_passing(rate, cutoff), table, axis=0, padlen=min(settling, len(table) - 1))
+
+
+def impulse_response(rate: float, dt: float) -> NDArray[np.float64]:
+    """(2 L + 1,) what the low-pass of a stream of ``rate`` Hz makes of one sample, ``UNSURE`` steps ``dt`` either way.
+
+    The same filter in a form that a stream can be put through while it comes. Its weights add up to 1: what is cut off
+    beyond is less than a hundredth.
+    """
+    reach = round(UNSURE * dt * rate)
+    sample = np.zeros(8 * reach + 1)
+    sample[4 * reach] = 1.0
+    response = sosfiltfilt(_passing(rate, PASSED / dt), sample, padlen=0)[3 * reach : 5 * reach + 1]
+    return np.asarray(response / response.sum())
+
+
+def _passing(rate: float, cutoff: float) -> NDArray[np.float64]:
+    return np.asarray(butter(4, cutoff, fs=rate, output="sos"))

@@ -26,7 +26,7 @@ STEADY_CLIMB = 0.25
 UPRIGHT = np.radians(60.0)
 """Tilt beyond which no hover model holds: half the thrust no longer carries, and Euler angles leave the body rates."""
 
-_AVERAGING = 2.0
+AVERAGING = 2.0
 """Seconds over which vertical speed and collective are averaged, so that a gust does not end a climb."""
 
 
@@ -97,9 +97,9 @@ def _true(signal: Signal | None) -> Intervals:
 
 
 def _average(time: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Centred mean of the samples within half of ``_AVERAGING`` on either side."""
+    """Centred mean of the samples within half of ``AVERAGING`` on either side."""
     total = np.concatenate([[0.0], np.cumsum(values)])
-    first = np.searchsorted(time, time - _AVERAGING / 2, side="left")
-    after = np.searchsorted(time, time + _AVERAGING / 2, side="right")
+    first = np.searchsorted(time, time - AVERAGING / 2, side="left")
+    after = np.searchsorted(time, time + AVERAGING / 2, side="right")
     mean: NDArray[np.float64] = (total[after] - total[first]) / (after - first)
     return mean

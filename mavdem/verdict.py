@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mavdem import figures as measured
@@ -172,13 +173,18 @@ def _undriven(telemetry: Telemetry, axis: str, inputs: str | None) -> Objection:
 def _too_slow(telemetry: Telemetry, names: tuple[str, str], axis: str, figures: Figures) -> Objection | None:
     """``names``: the messages of attitude and of motors."""
     rates = dict(zip(names, (figures.attitude_rate or 0.0, figures.motor_rate or 0.0), strict=True))
+    reason = too_slow(rates, axis)
+    return None if reason is None else (reason, _ask_for_rate(telemetry))
+
+
+def too_slow(rates: Mapping[str, float], axis: str) -> str | None:
+    """The sentence that says which message comes too slowly for ``axis``, of ``rates`` in Hz by name; None if none."""
     slowest, rate = min(rates.items(), key=lambda named: named[1])
     if rate >= MINIMUM_RATE:
         return None
     return (
         f"{slowest} comes at {_below(rate, MINIMUM_RATE)} Hz; {axis} dynamics live at several Hz and need "
-        f"{MINIMUM_RATE:.0f} Hz of attitude and of motor outputs, better 100.",
-        _ask_for_rate(telemetry),
+        f"{MINIMUM_RATE:.0f} Hz of attitude and of motor outputs, better 100."
     )
 
 

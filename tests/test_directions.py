@@ -65,6 +65,7 @@ LAYERS = (
     {"figures"},
     {"verdict"},
     {"read"},
+    {"live"},
     {"inventory", "table"},
     {"convert"},
     {"dem"},

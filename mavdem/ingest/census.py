@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.framing import GOOD, UNKNOWN, Frames
 from mavdem.ingest.log import Unread
+from mavdem.ingest.sequence import missing_between
 
 Starts = NDArray[np.unsignedinteger]
 """Places of frames in the stream, in its order, in the smallest type that holds them."""
@@ -84,7 +85,6 @@ class Census:
         return kind
 
     def _count_lost(self, source: NDArray[np.int64], sequence: NDArray[np.uint8]) -> None:
-        """A step back by up to half the range is a late or repeated message."""
         order = np.argsort(source.astype(np.uint16), kind="stable")
         source, sequence = source[order], sequence[order].astype(np.int16)
         first, last = np.ones(len(source), dtype=np.bool_), np.ones(len(source), dtype=np.bool_)
@@ -92,8 +92,8 @@ class Census:
         before = np.roll(sequence, 1)
         before[first] = self._last_sequence[source[first]]
         self._last_sequence[source[last]] = sequence[last]
-        missing = (sequence - before - 1) & 0xFF
-        missing[(missing >= 128) | (before < 0)] = 0
+        missing = missing_between(before, sequence)
+        missing[before < 0] = 0
         gaps = np.flatnonzero(missing)
         np.add.at(self.lost, source[gaps], missing[gaps])
 

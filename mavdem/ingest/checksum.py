@@ -6,6 +6,7 @@ beginning with 0xFFFF, over the bytes behind the marker and then CRC_EXTRA).
 
 from __future__ import annotations
 
+from binascii import crc_hqx
 from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise
@@ -31,6 +32,15 @@ def checksums(data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64], s
     flood = int(count.sum()) > FLOOD * len(data)
     register = _by_doubling(data, start, count) if flood else _by_words(data, start, count)
     return _after_byte(register, seed.astype(np.uint16))
+
+
+def checksum(content: bytes, seed: int) -> int:
+    """The checksum of one frame's ``content`` and the byte ``seed`` behind it.
+
+    The standard library has the same polynomial in C with the bits the other way round.
+    """
+    register = crc_hqx((content + bytes((seed,))).translate(_MIRRORED), 0xFFFF)
+    return _MIRRORED[register >> 8] | _MIRRORED[register & 0xFF] << 8
 
 
 def rows_of(data: Bytes, start: NDArray[np.int64], width: int) -> Bytes:
@@ -106,3 +116,5 @@ def _word_table() -> Registers:
 
 
 _WORD = _word_table()
+_MIRRORED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+"""Each byte with its bits the other way round."""

@@ -6,6 +6,7 @@ its boot clock, in time order, each stamp once, per boot; a message that is not 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,15 +19,22 @@ from mavdem.telemetry import Columns, Telemetry
 
 AXES = ("roll", "pitch")
 
+ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")
+"""What attitude is read from, the preferred first."""
+
 DEMAND = "ACTUATOR_CONTROL_TARGET"
 _THRUST = 3
 """Place of thrust in ACTUATOR_CONTROL_TARGET.controls of group 0."""
-_MOTOR_MESSAGES = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS")
-_UNUSED_CHANNEL = 65535
-_ARMED = 128
+MOTOR_MESSAGES = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS")
+"""What motor outputs are read from, the preferred first."""
+UNUSED_CHANNEL = 65535
+"""What SERVO_OUTPUT_RAW sends for a channel that has no output."""
+ARMED = 128
 """MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode."""
-_IN_AIR = 2
+IN_AIR = 2
 """MAV_LANDED_STATE_IN_AIR in EXTENDED_SYS_STATE.landed_state; 3 and 4 are taking off and landing."""
+CLIMBS = {"LOCAL_POSITION_NED": ("vz", -1.0), "GLOBAL_POSITION_INT": ("vz", -0.01), "VFR_HUD": ("climb", 1.0)}
+"""Where vertical speed is read from, the preferred first: the field and what makes it m/s upwards."""
 TURN = 2 * np.pi
 """rad: no Euler angle lies beyond, whatever the convention."""
 FASTEST = np.radians(4000.0)
@@ -100,7 +108,7 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     """
     if axis not in AXES:
         raise ValueError(f"axis must be one of {', '.join(AXES)}, not {axis!r}")
-    message = _fastest(telemetry, ("ATTITUDE", "ATTITUDE_QUATERNION"))
+    message = _fastest(telemetry, ATTITUDE_MESSAGES)
     if message is None:
         return None
     columns = telemetry.messages[message]
@@ -125,7 +133,7 @@ def motors(telemetry: Telemetry) -> Motors | None:
 
     From SERVO_OUTPUT_RAW, ACTUATOR_OUTPUT_STATUS or HIL_ACTUATOR_CONTROLS, in that order of preference.
     """
-    message = _fastest(telemetry, _MOTOR_MESSAGES)
+    message = _fastest(telemetry, MOTOR_MESSAGES)
     if message is None:
         return None
     banks = _banks(message, telemetry.messages[message])
@@ -200,7 +208,7 @@ def armed(telemetry: Telemetry) -> Signal | None:
     own &= _named(columns["autopilot"], "MAV_AUTOPILOT", telemetry.autopilot)
     if not own.any():
         return None
-    state = (np.asarray(columns["base_mode"]).astype(np.int64) & _ARMED) > 0
+    state = (np.asarray(columns["base_mode"]).astype(np.int64) & ARMED) > 0
     order = np.lexsort((columns["time"][own], columns["boot"][own]))
     time, boot, state = columns["time"][own][order], columns["boot"][own][order], state[own][order]
     before, after = np.concatenate([state[:1], state[:-1]]), np.concatenate([state[1:], state[-1:]])
@@ -217,16 +225,12 @@ def in_air(telemetry: Telemetry) -> Signal | None:
     if not said.any():
         return None
     time, boot, table, _ = _in_order(columns["time"][said], columns["boot"][said], landed[said, None])
-    return Signal(time, boot, (table[:, 0] == _IN_AIR).astype(np.float64))
+    return Signal(time, boot, (table[:, 0] == IN_AIR).astype(np.float64))
 
 
 def climb_rate(telemetry: Telemetry) -> Signal | None:
     """Vertical speed, m/s, up, from LOCAL_POSITION_NED, GLOBAL_POSITION_INT or VFR_HUD."""
-    for message, field, factor in (
-        ("LOCAL_POSITION_NED", "vz", -1.0),
-        ("GLOBAL_POSITION_INT", "vz", -0.01),
-        ("VFR_HUD", "climb", 1.0),
-    ):
+    for message, (field, factor) in CLIMBS.items():
         columns = telemetry.messages.get(message)
         if columns is not None and len(columns["time"]) > 1:
             climb = factor * _floats(columns, field)[:, None]
@@ -256,7 +260,7 @@ def _banks(message: str, columns: Columns) -> list[_Bank]:
         return [_bank(columns, np.atleast_2d(_floats(columns, field)), 1, np.ones(len(columns["time"]), dtype=bool))]
     fields = [f"servo{n}_raw" for n in range(1, 17) if f"servo{n}_raw" in columns]
     values = np.column_stack([_floats(columns, field) for field in fields])
-    values[values == _UNUSED_CHANNEL] = 0.0
+    values[values == UNUSED_CHANNEL] = 0.0
     port = _floats(columns, "port") if "port" in columns else np.zeros(len(values))
     # The message began with 8 channels a port; firmware that fills the 16 of the extension counts ports by 16.
     width = 16 if values.shape[1] == 16 and np.any(values[:, 8:]) else 8
@@ -295,6 +299,11 @@ def _euler(columns: Columns) -> list[NDArray[np.float64]]:
 def _fastest(telemetry: Telemetry, preferred: tuple[str, ...]) -> str | None:
     """The first message of ``preferred`` that came about as often as the most frequent of them."""
     counts = {name: len(telemetry.messages[name]["time"]) for name in preferred if name in telemetry.messages}
+    return fastest(counts)
+
+
+def fastest(counts: Mapping[str, int]) -> str | None:
+    """The first of messages, in the order of preference, that came about as often as the most frequent of them."""
     most = max(counts.values(), default=0)
     return next((name for name, count in counts.items() if count and count >= _AS_FAST * most), None)
 

@@ -70,12 +70,12 @@ def assemble(
 
 
 def _speaker(ids: int, messages: Messages, lost: int) -> Speaker:
-    kind, autopilot = _identity(messages["HEARTBEAT"]) if "HEARTBEAT" in messages else (UNNAMED, UNNAMED)
+    kind, autopilot = identity(messages["HEARTBEAT"]) if "HEARTBEAT" in messages else (UNNAMED, UNNAMED)
     counts = {name: messages.count(name) for name in messages}
     return Speaker(ids >> 8, ids & 0xFF, kind, autopilot, counts, lost)
 
 
-def _identity(heartbeats: Columns) -> tuple[str, str]:
+def identity(heartbeats: Columns) -> tuple[str, str]:
     """What most HEARTBEATs say the component is, and the autopilot most of those name."""
     votes = np.bincount(heartbeats["type"]).astype(np.float64)
     votes[0] *= GENERIC_WEIGHT

@@ -1,0 +1,165 @@
+"""The made-up hover as frames of a link, and what is made of them: live, piece by piece, and offline."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import cache
+
+import numpy as np
+from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover
+from mavlink_streams import frame, message, tlog
+from numpy.typing import NDArray
+from whole_logs import read
+
+from mavdem.align import DECIMATED, STAMP, UNSURE, Segment, align
+from mavdem.ingest import meaning
+from mavdem.live import Event, LiveStream, Row, Setup
+from mavdem.telemetry import Telemetry
+
+Timed = list[tuple[float, bytes]]
+"""Frames with the time, s of the vehicle's clock, at which each is sent."""
+NOW = 1_700_000_000.0
+
+
+@dataclass(frozen=True)
+class Flight:
+    """How a hover is sent; ``clock`` is what the boot clock reads beyond the hover's own time, s."""
+
+    hover: Hover = field(default_factory=lambda: Hover(hovering=8.0))
+    attitude: float = 100.0
+    motors: float = 100.0
+    clock: float = 0.0
+    system: int = 1
+    version: int = 2
+    autopilot: str = "ARDUPILOTMEGA"
+    quaternion: bool = False
+
+    def frames(self, start: float = 0.0, end: float = 39.0) -> Timed:
+        """What is sent from ``start`` to ``end`` of the hover's time, in its order."""
+        return list(_sent(self, start, end))
+
+    def _attitude(self, start, end):
+        for time in ticks(start, end, self.attitude):
+            stamp = {"time_boot_ms": round((time + self.clock) * 1e3)}
+            roll, rate = float(self.hover.roll(time)), float(self.hover.roll_rate(time))
+            if self.quaternion:
+                half = {"q1": np.cos(roll / 2), "q2": np.sin(roll / 2)}
+                yield time, "ATTITUDE_QUATERNION", stamp | half | {"rollspeed": rate}
+            else:
+                yield time, "ATTITUDE", stamp | {"roll": roll, "rollspeed": rate, "pitch": 0.01, "pitchspeed": 0.1}
+
+    def _motors(self, start, end):
+        times = ticks(start, end, self.motors)
+        for time, outputs in zip(times, np.rint(self.hover.motors(np.array(times))).astype(int).tolist(), strict=True):
+            # A moment after the attitude of the same loop, as autopilots send them.
+            stamp = round((time + 0.0002 + self.clock) * 1e6) % 2**32
+            fields = {f"servo{motor + 1}_raw": output for motor, output in enumerate(outputs)}
+            yield time + 0.0002, "SERVO_OUTPUT_RAW", {"time_usec": stamp} | fields
+
+    def _heartbeats(self, start, end):
+        identity = {"type": MAV_TYPES["QUADROTOR"], "autopilot": MAV_AUTOPILOTS[self.autopilot]}
+        for time in ticks(start, end, 1.0):
+            armed = ARMED * (5.0 <= time < self.hover.landed + 1.0)
+            yield time + 0.0003, "HEARTBEAT", identity | {"base_mode": armed}
+
+    def _climb(self, start, end):
+        for time in ticks(start, end, 10.0):
+            stamp = {"time_boot_ms": round((time + self.clock) * 1e3)}
+            yield time + 0.0004, "LOCAL_POSITION_NED", stamp | {"vz": -float(self.hover.climb(np.array(time)))}
+
+
+@cache
+def _sent(flight: Flight, start: float, end: float) -> Timed:
+    streams = (flight._attitude, flight._motors, flight._heartbeats, flight._climb)
+    timed = sorted((entry for stream in streams for entry in stream(start, end)), key=lambda entry: entry[0])
+    return [
+        (time, message(kind, flight.system, sequence=number % 256, version=flight.version, **values))
+        for number, (time, kind, values) in enumerate(timed)
+    ]
+
+
+def ticks(start: float, end: float, rate: float) -> list[float]:
+    return (np.arange(round(start * rate), round(end * rate)) / rate).tolist()
+
+
+@dataclass
+class Replay:
+    """What came of a stream."""
+
+    stream: LiveStream
+    rows: list[Row] = field(default_factory=list)
+    events: list[Event] = field(default_factory=list)
+    setups: dict[int, Setup] = field(default_factory=dict)
+
+    @property
+    def sentences(self) -> list[str]:
+        return [event.sentence for event in self.events]
+
+    def segments(self) -> dict[int, list[Row]]:
+        found: dict[int, list[Row]] = {}
+        for row in self.rows:
+            found.setdefault(row.segment, []).append(row)
+        return found
+
+    def table(self) -> NDArray[np.float64]:
+        """Everything about the rows but when they were received, (T, 9)."""
+        return np.array([[row.time, *row.inputs, *row.outputs, row.segment, row.settled] for row in self.rows])
+
+
+def replay(pieces: Iterable[tuple[float, bytes]], stream: LiveStream | None = None, **options) -> Replay:
+    """Feeds pieces, each at its time."""
+    made = Replay(stream or LiveStream(**options))
+    for time, piece in pieces:
+        rows = made.stream.feed(NOW + time, piece)
+        if rows:
+            made.rows += rows
+            assert made.stream.setup is not None
+            made.setups[rows[-1].segment] = made.stream.setup
+        made.events += made.stream.events()
+    return made
+
+
+def cut(timed: Timed, seed: int, longest: int = 700) -> Timed:
+    """The same bytes in random pieces."""
+    chance, content = random.Random(seed), b"".join(data for _, data in timed)
+    pieces, place = [], 0
+    while place < len(content):
+        size = chance.choice((1, 7, chance.randrange(1, longest)))
+        pieces.append((place / len(content), content[place : place + size]))
+        place += size
+    return pieces
+
+
+def offline(frames: Sequence[bytes], system: int = 1) -> Telemetry:
+    """What the same frames are when they are read from a log."""
+    log = read(tlog(list(frames)))
+    assert log is not None
+    return next(vehicle for vehicle in log.vehicles if vehicle.system == system)
+
+
+def differences(made: Replay, segment: int, telemetry: Telemetry, axis: str = "roll") -> tuple[float, float, float]:
+    """How far times, outputs and inputs of a live segment are from those of ``align``, at most.
+
+    The offline segment is the one whose grid begins with the live one's; at its end one may know a message more.
+    """
+    rows, setup = made.segments()[segment], made.setups[segment]
+    stamps = meaning.attitude(telemetry, axis)
+    assert stamps is not None
+    here = stamps.time[stamps.boot == setup.boot]
+    margin = UNSURE * setup.dt if max(setup.rates) * setup.dt >= DECIMATED else 0.0
+    start = here[np.searchsorted(here, setup.start - margin + STAMP) - 1]
+    flight = align(telemetry, Segment(setup.boot, float(start), rows[-1].time + margin + 0.9 * setup.dt), axis)
+    assert flight.dt == setup.dt
+    flight = flight[round((rows[0].time - setup.start) / setup.dt) :]
+    count = min(len(rows), len(flight.time))
+    assert abs(len(rows) - len(flight.time)) <= 1
+    return (
+        float(np.abs([row.time for row in rows][:count] - flight.time[:count]).max()),
+        float(np.abs(np.array([row.outputs for row in rows])[:count] - flight.outputs[:count]).max()),
+        float(np.abs(np.array([row.inputs for row in rows])[:count] - flight.inputs[:count]).max()),
+    )
+
+
+__all__ = ["NOW", "Flight", "Replay", "Timed", "cut", "differences", "frame", "offline", "replay", "ticks"]

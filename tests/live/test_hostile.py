@@ -1,0 +1,155 @@
+"""Whatever comes over the link: no exception, bounded memory, and the vehicle that is followed stays."""
+
+from __future__ import annotations
+
+import random
+import tracemalloc
+from functools import cache
+
+import numpy as np
+import pytest
+from hover import ARMED, Hover
+from live_hover import Flight, Timed, replay
+from mavlink_streams import frame, message
+
+from mavdem.ingest.decode import definitions
+from mavdem.ingest.live_messages import FIELDS
+from mavdem.live import LiveStream
+from mavdem.live.senders import MOST_SENDERS
+from mavdem.live.stream import MOST_EVENTS
+
+FLIGHT = Flight(hover=Hover(hovering=30.0))
+GCS, HEXAROTOR = 6, 13
+
+
+def among(frames: Timed, others: Timed) -> Timed:
+    return sorted(frames + others, key=lambda entry: entry[0])
+
+
+@cache
+def usual_rows() -> np.ndarray:
+    return replay(FLIGHT.frames(end=20.0)).table()
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_random_bytes_between_frames_change_no_value(seed):
+    chance = random.Random(seed)
+    noise = [(chance.uniform(0.0, 20.0), chance.randbytes(chance.randrange(200))) for _ in range(300)]
+    made = replay(among(FLIGHT.frames(end=20.0), noise))
+    # A marker in the noise may swallow a frame or two that follow; what is left is read as it is.
+    usual = {row[0]: row for row in usual_rows()}
+    same = [np.allclose(row[1:7], usual[row[0]][1:7]) for row in made.table() if row[0] in usual]
+    assert np.mean(same) > 0.95
+    assert len(made.rows) > 0.9 * len(usual)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing(seed):
+    chance = random.Random(seed)
+    ids = [definition.message_id for definition in definitions().values() if definition.name in FIELDS]
+    forged = []
+    for _ in range(4000):
+        payload = chance.choice((chance.randbytes(70), b"\xff" * 70, b"\0\0\xc0\x7f" * 17, b"\x99\x76\x96\x7e" * 17))
+        forged.append((chance.uniform(0.0, 20.0), frame(chance.choice(ids), payload, sequence=chance.randrange(256))))
+    made = replay(among(FLIGHT.frames(end=20.0), forged), vehicle="1:1")
+    assert np.isfinite(made.table()).all()
+    assert made.stream.status().vehicle == "1:1"
+    made.stream.parameters  # noqa: B018
+    for number, rows in made.segments().items():
+        np.testing.assert_allclose(np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9)
+
+
+def test_values_that_make_no_sense_are_left_out():
+    odd = [
+        (time + 0.0001, message("ATTITUDE", time_boot_ms=round(time * 1e3) + 5, roll=value))
+        for time, value in zip(np.arange(8.0, 18.0, 0.5), [float("nan"), 1e38, float("inf"), -700.0] * 5, strict=True)
+    ]
+    np.testing.assert_array_equal(replay(among(FLIGHT.frames(end=20.0), odd)).table(), usual_rows())
+
+
+def test_stray_stamps_are_left_out():
+    odd = [
+        (time, message("ATTITUDE", time_boot_ms=stamp, roll=0.5))
+        for time, stamp in zip(np.arange(8.0, 18.0, 0.5), [1, 2**32 - 1, 900_000, 123_456_789] * 5, strict=True)
+    ]
+    odd += [(time + 0.1, message("SERVO_OUTPUT_RAW", time_usec=2**31)) for time in np.arange(8.0, 18.0, 0.5)]
+    made = replay(among(FLIGHT.frames(end=20.0), odd))
+    np.testing.assert_array_equal(made.table(), usual_rows())
+    assert not any("rebooted" in sentence for sentence in made.sentences)
+    assert made.stream.status().strays == 40
+
+
+def test_forged_heartbeats_change_neither_who_the_vehicle_is_nor_whether_it_is_armed():
+    forged = [(time, message("HEARTBEAT", type=GCS, autopilot=8)) for time in np.arange(4.5, 20.0, 0.7)]
+    forged += [(time, message("HEARTBEAT", type=2, autopilot=3)) for time in np.arange(8.5, 20.0, 3.0)]
+    forged += [(time, message("HEARTBEAT", type=0, autopilot=3, base_mode=ARMED)) for time in np.arange(0.2, 20, 0.31)]
+    made = replay(among(FLIGHT.frames(end=20.0), forged))
+    (me,) = made.stream.status().speakers
+    assert (me["kind"], me["autopilot"]) == ("QUADROTOR", "ARDUPILOTMEGA")
+    # Only when the vehicle is first followed depends on how often it says what it is.
+    usual = usual_rows()
+    np.testing.assert_allclose(made.table(), usual[-len(made.rows) :], rtol=0, atol=1e-9)
+    assert made.rows[0].time < usual[0, 0] + 1.0
+
+
+def test_two_heartbeats_in_a_row_that_say_disarmed_are_believed():
+    frames = [(time, data) for time, data in FLIGHT.frames(end=20.0) if not (data[7] == 0 and time > 15.5)]
+    disarmed = [(time, message("HEARTBEAT", type=2, autopilot=3, sequence=9)) for time in (16.0, 17.0)]
+    made = replay(among(frames, disarmed))
+    assert made.rows[-1].time == pytest.approx(17.0, abs=0.02)
+    assert not made.stream.status().armed_and_airborne
+
+
+@pytest.mark.slow
+def test_ten_thousand_senders_take_no_memory_and_not_the_place_of_the_vehicle():
+    chance = random.Random(1)
+    made = replay(FLIGHT.frames(end=13.0))
+    stream = made.stream
+    rest = FLIGHT.frames(start=13.0, end=18.0)
+    forged = []
+    for number in range(10_000):
+        system, component = divmod(2 * 256 + number * 5 % 60_000, 256)
+        kind = chance.choice(("ATTITUDE", "HEARTBEAT", "PARAM_VALUE", "SERVO_OUTPUT_RAW", "VFR_HUD"))
+        fields = {"type": HEXAROTOR} if kind == "HEARTBEAT" else {}
+        content = message(kind, system, component, **fields)
+        forged += [(chance.uniform(13.0, 18.0), content)] * 10
+    forged += [(time, message("HEARTBEAT", 9, 1, type=2, autopilot=3)) for time in np.arange(13.0, 18.0, 0.5)]
+    forged += [(time, message("ATTITUDE", 9, 1, sequence=int(time * 50) % 256)) for time in np.arange(13, 18, 0.02)]
+    everything = among(rest, forged)
+    tracemalloc.start()
+    again = replay(everything, stream)
+    grown, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert grown < 20_000_000
+    status = stream.status()
+    assert status.vehicle == "1:1"
+    assert len(status.speakers) <= MOST_SENDERS
+    assert status.others > 90_000
+    usual = replay(rest, replay(FLIGHT.frames(end=13.0)).stream)
+    np.testing.assert_array_equal(again.table(), usual.table())
+
+
+def test_parameters_and_events_are_bounded():
+    stream = LiveStream(vehicle="1:1")
+    for number in range(5000):
+        stream.feed(0.0, message("PARAM_VALUE", param_id=b"P%d" % number, param_value=1.0, param_type=9))
+    assert len(stream.parameters) <= 2048
+    for number in range(3000):  # a reboot every six messages
+        stream.feed(0.0, message("ATTITUDE", time_boot_ms=500_000_000 - 100_000 * (number // 6) + number % 6))
+    assert len(stream.events()) == MOST_EVENTS
+    assert stream.events() == []
+
+
+def test_ports_beyond_those_that_are_kept_are_left_out():
+    frames = FLIGHT.frames(end=20.0)
+    forged = [
+        (time, message("SERVO_OUTPUT_RAW", time_usec=round(time * 1e6), port=port, servo1_raw=1500))
+        for port, time in zip(range(1, 251), np.linspace(1.0, 19.0, 250), strict=True)
+    ]
+    np.testing.assert_array_equal(replay(among(frames, forged)).table(), usual_rows())
+
+
+@pytest.mark.parametrize("arguments", [{"axis": "yaw"}, {"inputs": "sticks"}])
+def test_what_is_no_axis_and_no_input_is_refused(arguments):
+    with pytest.raises(ValueError, match="must be one of"):
+        LiveStream(**arguments)

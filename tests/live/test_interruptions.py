@@ -1,0 +1,239 @@
+"""What interrupts a link: gaps, reboots, jumps, other rates, landings, bursts, copies, messages out of order."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+from hover import Hover
+from live_hover import Flight, Replay, Timed, differences, offline, replay
+from mavlink_streams import message
+
+from mavdem.align import sample
+from mavdem.ingest import meaning
+
+FLIGHT = Flight(hover=Hover(hovering=30.0))
+STEADY = 12.0
+"""The hover is settled from here on, s."""
+
+
+def settled_uniform(made: Replay) -> None:
+    """Within a segment rows are one step apart, whatever happened."""
+    for number, rows in made.segments().items():
+        np.testing.assert_allclose(np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9)
+
+
+def same_as_offline(made: Replay, frames: Timed, tolerance: float = 1e-9) -> None:
+    telemetry = offline([data for _, data in frames])
+    for number in made.segments():
+        assert max(differences(made, number, telemetry)) < tolerance
+
+
+def shifted(frames: Timed, later: float) -> Timed:
+    return [(time + later, data) for time, data in frames]
+
+
+@pytest.mark.parametrize("silence", [0.15, 1.0, 4.0, 60.0, 300.0])
+def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
+    frames = FLIGHT.frames(end=18.0)
+    # The vehicle flew on meanwhile.
+    rest = Flight(hover=Hover(hovering=30.0 + silence)).frames(start=18.0 + silence, end=22.0 + silence)
+    made = replay(frames + rest)
+    assert made.segments().keys() == {0, 1}
+    assert made.setups[0].dt == made.setups[1].dt == 0.01
+    assert made.segments()[1][0].time == pytest.approx(18.0 + silence, abs=0.02)
+    assert all(row.settled for row in made.segments()[1])
+    assert sum("Nothing came of" in sentence or "nothing was heard" in sentence for sentence in made.sentences) >= 1
+    settled_uniform(made)
+    same_as_offline(made, frames + rest)
+
+
+def test_a_message_that_is_lost_is_bridged():
+    frames = FLIGHT.frames(end=16.0)
+    del frames[2 * 1500 + 7]
+    made = replay(frames)
+    assert made.segments().keys() == {0}
+    settled_uniform(made)
+    assert made.stream.status().lost == 1
+
+
+def test_a_fifth_lost_changes_no_segment():
+    chance = random.Random(3)
+    frames = [entry for entry in FLIGHT.frames(end=30.0) if chance.random() > 0.2]
+    made = replay(frames)
+    assert made.segments().keys() == {0}
+    settled_uniform(made)
+    # The step is the mean of two seconds, and offline that of all: what is told must be what offline reads there.
+    telemetry, rows = offline([data for _, data in frames]), made.segments()[0]
+    attitude, motors = meaning.attitude(telemetry, "roll"), meaning.motors(telemetry)
+    grid = np.array([row.time for row in rows])
+    for stamps, values, told in (
+        (attitude.time, np.column_stack([attitude.angle, attitude.rate]), [row.outputs for row in rows]),
+        (motors.time, motors.outputs, [row.inputs for row in rows]),
+    ):
+        expected, way = sample(grid, made.setups[0].dt, stamps, values)
+        assert way == "linear"
+        np.testing.assert_allclose(told, expected, rtol=0, atol=1e-9)
+
+
+def test_after_a_reboot_everything_begins_anew():
+    first = FLIGHT.frames(end=18.0)
+    made = replay(first + shifted(FLIGHT.frames(end=18.0), 20.0))
+    assert [setup.boot for setup in made.setups.values()] == [0, 1]
+    assert any(sentence.startswith("The vehicle rebooted when its clock read 18.0 s") for sentence in made.sentences)
+    one, two = made.segments().values()
+    for rows in (one, two):
+        assert rows[0].time < 7.0  # the motors move from 6 s on
+        settled = [row.time for row in rows if row.settled]
+        assert settled[0] == pytest.approx(12.81, abs=0.1)
+        assert settled[-1] == rows[-1].time == pytest.approx(17.99, abs=0.01)
+    same_as_offline(made, first + shifted(FLIGHT.frames(end=18.0), 20.0))
+
+
+def test_a_clock_that_jumps_forward_begins_a_new_segment():
+    jumped = Flight(hover=FLIGHT.hover, clock=1000.0).frames(start=18.0, end=22.0)
+    made = replay(FLIGHT.frames(end=18.0) + jumped)
+    assert made.segments().keys() == {0, 1}
+    assert {setup.boot for setup in made.setups.values()} == {0}
+    assert made.segments()[1][0].time == pytest.approx(1018.0, abs=0.02)
+    assert any(
+        one == "For 1000.0 s of the vehicle's clock, from 18.0 s on, nothing was heard." for one in made.sentences
+    )
+    settled_uniform(made)
+
+
+def test_motors_whose_clock_wraps_in_flight_go_on():
+    frames = Flight(hover=FLIGHT.hover, clock=2**32 / 1e6 - 15.0).frames(end=20.0)
+    made = replay(frames)
+    assert made.segments().keys() == {0}
+    same_as_offline(made, frames)
+
+
+def test_stamps_of_unix_time_are_moved_to_the_boot_clock():
+    frames = []
+    for time, data in FLIGHT.frames(end=18.0):
+        if data[7] == 36:  # SERVO_OUTPUT_RAW
+            outputs = np.rint(FLIGHT.hover.motors(np.array([time])))[0].astype(int).tolist()
+            control = [(output - 1000) / 1000 for output in outputs] + [0.0] * 12
+            fields = {"time_usec": round((time + 1.6e9) * 1e6), "controls": control}
+            data = message("HIL_ACTUATOR_CONTROLS", sequence=data[4], **fields)
+        frames.append((time, data))
+    made = replay(frames)
+    assert any("HIL_ACTUATOR_CONTROLS are of another clock, 1.6e+09 s away" in sentence for sentence in made.sentences)
+    assert made.segments().keys() == {0}
+    assert made.rows[-1].time == pytest.approx(17.99, abs=0.02)
+
+
+@pytest.mark.parametrize(("before", "after"), [(100.0, 50.0), (50.0, 100.0), (200.0, 80.0)])
+def test_another_rate_in_flight_decides_the_step_anew(before, after):
+    slow = Flight(hover=FLIGHT.hover, attitude=before, motors=before).frames(end=18.0)
+    fast = Flight(hover=FLIGHT.hover, attitude=after, motors=after).frames(start=18.0, end=26.0)
+    made = replay(slow + fast)
+    assert [setup.dt for setup in made.setups.values()] == [pytest.approx(1 / before), pytest.approx(1 / after)]
+    assert any(f"comes no more at {before:.3g} Hz: a new segment." in sentence for sentence in made.sentences)
+    assert made.segments()[1][0].time < 21.0
+    assert all(row.settled for row in made.segments()[1])
+    settled_uniform(made)
+
+
+def test_too_slow_a_stream_is_said_with_the_cure_and_tells_no_rows_until_it_is_fast():
+    slow = Flight(hover=FLIGHT.hover, motors=4.0).frames(end=18.0)
+    made = replay(slow)
+    assert not made.rows
+    assert [sentence for sentence in made.sentences if "Hz" in sentence] == [
+        "SERVO_OUTPUT_RAW comes at 4.0 Hz; roll dynamics live at several Hz and need 40 Hz of attitude and of motor "
+        "outputs, better 100. Ask for more with `--request-rate 100`."
+    ]
+    assert made.stream.status().rates["SERVO_OUTPUT_RAW"] == pytest.approx(4.0, abs=0.1)
+    cured = replay(FLIGHT.frames(start=18.0, end=24.0), made.stream)
+    assert "Attitude and motor outputs come fast enough now." in cured.sentences
+    assert cured.rows[0].time < 20.6
+    assert all(row.settled for row in cured.rows)
+
+
+def test_no_attitude_and_no_motors_are_said():
+    bare = [(time, data) for time, data in FLIGHT.frames(end=10.0) if data[7] != 36]
+    assert "There is no message with motor outputs." in replay(bare).sentences
+
+
+def test_landing_and_taking_off_again():
+    first, landed = Flight().frames(), Flight().hover.landed
+    again = Flight(clock=39.0).frames()
+    made = replay(first + shifted(again, 39.0))
+    assert made.segments().keys() == {0, 1}
+    assert {setup.boot for setup in made.setups.values()} == {0}
+    # Seen from the second segment everything is as in the first, but for the clock.
+    one, two = ([row for row in rows if row.settled] for rows in made.segments().values())
+    assert [row.time + 39.0 for row in one] == pytest.approx([row.time for row in two], abs=0.011)
+    assert max(row.time for row in made.segments()[0]) < landed + 2.5
+    settled_uniform(made)
+
+
+def test_a_descent_in_flight_is_taken_for_a_landing_until_it_has_been_over_for_a_while():
+    frames = [
+        (time, message("LOCAL_POSITION_NED", sequence=data[4], time_boot_ms=round(time * 1e3), vz=0.5))
+        if data[7] == 32 and 16.0 < time < 20.0
+        else (time, data)
+        for time, data in FLIGHT.frames(end=32.0)
+    ]
+    made = replay(frames)
+    unsettled = [row.time for row in made.rows if row.time > 15.0 and not row.settled]
+    assert 16.0 < unsettled[0] < 17.5
+    assert 24.5 < unsettled[-1] < 26.0
+    assert made.segments().keys() == {0}
+
+
+def test_copies_change_nothing():
+    frames = FLIGHT.frames(end=18.0)
+    twice = [entry for entry in frames for _ in range(2)]
+    np.testing.assert_array_equal(replay(twice).table(), replay(frames).table())
+
+
+def test_messages_out_of_order_are_put_in_order_or_counted():
+    frames = FLIGHT.frames(end=18.0)
+    chance = random.Random(5)
+    swapped = list(frames)
+    for row in range(0, len(swapped) - 3, 40):
+        other = row + chance.randrange(1, 3)
+        swapped[row], swapped[other] = swapped[other], swapped[row]
+    made, usual = replay(swapped), replay(frames)
+    settled_uniform(made)
+    assert made.segments().keys() == {0}
+    assert made.stream.status().late < 100
+    count = min(len(made.rows), len(usual.rows))
+    np.testing.assert_allclose(made.table()[-count:, 5], usual.table()[-count:, 5], atol=0.01)
+
+
+def test_bursts_come_to_the_same():
+    frames = FLIGHT.frames(end=18.0)
+    bursts = [(0.3 * int(time / 0.3) + 0.3, data) for time, data in frames]
+    np.testing.assert_array_equal(replay(bursts).table(), replay(frames).table())
+
+
+def test_a_take_off_at_full_thrust_without_arming_heard_is_a_take_off():
+    flight = Flight(hover=FLIGHT.hover, attitude=200.0)
+    made = replay([(time, data) for time, data in flight.frames(end=20.0) if data[7] not in (0, 32)])
+    # No word of being armed, no vertical speed: five seconds after the motors began to carry.
+    settled = [row.time for row in made.rows if row.settled]
+    assert 6.0 + 5.0 - 1.0 <= settled[0] <= 6.0 + 5.0 + 1.5
+
+
+def test_attaching_in_flight_settled_is_settled_from_the_first_row():
+    made = replay(FLIGHT.frames(start=STEADY + 5.0, end=30.0))
+    assert made.rows[0].time < STEADY + 10.5
+    assert all(row.settled for row in made.rows)
+
+
+def test_a_climb_in_flight_does_not_unsettle_and_a_tilt_does():
+    frames = FLIGHT.frames(end=30.0)
+    tilted = [
+        (time, message("ATTITUDE", sequence=data[4], time_boot_ms=round(time * 1e3), roll=1.3))
+        if data[7] == 30 and 20.0 <= time < 21.0
+        else (time, data)
+        for time, data in frames
+    ]
+    made = replay(tilted)
+    unsettled = [row.time for row in made.rows if row.time > 15.0 and not row.settled]
+    assert unsettled == pytest.approx(np.arange(20.0, 21.0, 0.01), abs=1e-6)
+    assert made.segments().keys() == {0}

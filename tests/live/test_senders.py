@@ -1,0 +1,92 @@
+"""Which vehicle is followed."""
+
+from __future__ import annotations
+
+from live_hover import Flight, replay
+from mavlink_streams import heartbeat, message
+
+TWO = sorted(Flight(system=1).frames(end=14.0) + Flight(system=4).frames(end=14.0), key=lambda entry: entry[0])
+
+
+def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
+    others = []
+    for second in range(14):
+        others += [(second + 0.4, heartbeat(255, 190, kind=6, autopilot=8)), (second + 0.4, heartbeat(1, 154, kind=26))]
+        others += [(second + 0.4, heartbeat(3, 1, kind=1))]
+    others += [(number / 50, message("ATTITUDE", 3, 1, sequence=number % 256)) for number in range(700)]
+    made = replay(sorted(Flight().frames(end=14.0) + others, key=lambda entry: entry[0]))
+    assert made.sentences[0] == "Following vehicle 1:1 (QUADROTOR, ARDUPILOTMEGA)."
+    assert made.rows
+    flying = [(one["system"], one["component"]) for one in made.stream.status().speakers if one["flies"]]
+    assert flying == [(1, 1)]
+
+
+def test_of_several_none_is_guessed_and_all_are_listed():
+    made = replay(TWO)
+    assert not made.rows
+    assert made.stream.status().vehicle is None
+    assert made.sentences == [
+        "There are several vehicles: 1:1 (QUADROTOR, ARDUPILOTMEGA), 4:1 (QUADROTOR, ARDUPILOTMEGA). "
+        "Choose one, for example with `--vehicle 1:1`."
+    ]
+
+
+def test_the_one_that_is_named_is_followed():
+    for name in ("4", "4:1"):
+        made = replay(TWO, vehicle=name)
+        assert made.stream.status().vehicle == "4:1"
+        assert made.rows
+
+
+def test_one_that_comes_later_is_told_once_and_not_followed():
+    later = [(time + 6.0, data) for time, data in Flight(system=4).frames(end=8.0)]
+    made = replay(sorted(Flight().frames(end=14.0) + later, key=lambda entry: entry[0]))
+    assert made.stream.status().vehicle == "1:1"
+    assert [sentence for sentence in made.sentences if "4:1" in sentence] == [
+        "Vehicle 4:1 (QUADROTOR, ARDUPILOTMEGA) is heard too; 1:1 is still followed."
+    ]
+
+
+def test_one_without_heartbeats_is_followed_as_what_it_is_unknown():
+    frames = [(time, data) for time, data in Flight().frames(end=16.0) if data[7] != 0]
+    made = replay(frames)
+    assert made.sentences[0] == "Following vehicle 1:1."
+    assert all(row.settled for row in made.rows if row.time > 13.0)
+
+
+def test_a_plane_that_is_named_is_told_to_be_none():
+    frames = [(time, heartbeat(kind=1) if data[7] == 0 else data) for time, data in Flight().frames(end=10.0)]
+    made = replay(frames, vehicle="1:1")
+    assert not made.rows
+    assert "The vehicle says it is a FIXED_WING, and only a multirotor's roll can be learnt." in made.sentences
+
+
+def test_motors_are_placed_by_parameters_when_these_come_in_flight():
+    frames = Flight().frames(end=14.0)
+    values = {b"FRAME_CLASS": 1, b"FRAME_TYPE": 0} | {b"SERVO%d_FUNCTION" % n: 32 + n for n in range(1, 5)}
+    sent = [
+        (12.5, message("PARAM_VALUE", param_id=name, param_value=float(value), param_type=9))
+        for name, value in values.items()
+    ]
+    made = replay(sorted(frames + sent, key=lambda entry: entry[0]))
+    assert made.segments().keys() == {0}
+    assert (
+        "Which motor is which was assumed: the channels seen to move; motors placed as on an X quad." in made.sentences
+    )
+    assert made.sentences[-1] == "Which motor is which is read from the SERVOn_FUNCTION and FRAME parameters."
+    assert made.stream.setup.layout.names[0] == "motor 1 (right)"
+
+
+def test_parameters_that_name_other_channels_begin_a_new_segment():
+    frames = Flight().frames(end=16.0)
+    values = {b"SERVO%d_FUNCTION" % n: 37 - n for n in range(1, 5)}
+    sent = [
+        (12.5, message("PARAM_VALUE", param_id=name, param_value=float(value), param_type=9))
+        for name, value in values.items()
+    ]
+    made = replay(sorted(frames + sent, key=lambda entry: entry[0]))
+    assert made.segments().keys() == {0, 1}
+    assert made.setups[1].layout.channels == (4, 3, 2, 1)
+    before, after = made.segments()[0][-1], made.segments()[1][-1]
+    assert before.inputs[0] != before.inputs[1]
+    assert after.inputs[0] == after.inputs[3] != after.inputs[1]
