@@ -69,7 +69,7 @@ LAYERS = (
     {"inventory", "table"},
     {"convert"},
     {"dem"},
-    {"evaluate", "naming"},
+    {"evaluate", "naming", "attached"},
     {"account", "channels"},
     {"view"},
     {"__init__"},

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from mavdem.dem.flow import StateFlow
 from mavdem.dem.free_energy import Belief, optimal_terms
 from mavdem.dem.generative import GenerativeModel, Moments, Samples
+from mavdem.dem.parts import Parts, at_once
 from mavdem.dem.positive import inverse, solve
-from mavdem.dem.profile import Newton, newton_step
+from mavdem.dem.profile import Newton, newton_by_parts
 from mavdem.dem.steps import d_step, e_step, m_step, state_slope, with_optimal_precisions
 
 Array = NDArray[np.float64]
@@ -112,16 +113,30 @@ def ascend(
     Raises:
         numpy.linalg.LinAlgError: at the start a curvature is not negative definite.
     """
+    return at_once(ascend_by_parts(model, samples, iterations, rates, finish, start))
+
+
+def ascend_by_parts(
+    model: GenerativeModel,
+    samples: Samples,
+    iterations: int,
+    rates: Rates = LIMIT,
+    finish: bool = True,
+    start: Belief | None = None,
+) -> Parts[Ascent]:
+    """The same, in parts."""
     climb = Climb(model, samples, rates)
     places = [climb.start() if start is None else climb.resumed(start)]
     settled = False
     while not settled and len(places) <= iterations:
         height = places[-1].height
-        places.extend(islice(climb.rounds(places[-1]), iterations + 1 - len(places)))
+        for place in islice(climb.rounds(places[-1]), iterations + 1 - len(places)):
+            places.append(place)
+            yield
         if places[-1].height - height < SETTLED:
             if not finish:
                 break
-            left = climb.left(places[-1])
+            left = yield from climb.left(places[-1])
             settled = left is not None and left.gain < SETTLED
             if left is None or settled or not rates.exact:
                 continue
@@ -221,10 +236,10 @@ class Climb:
                 return then
         return now
 
-    def left(self, now: Place) -> Newton | None:
+    def left(self, now: Place) -> Parts[Newton | None]:
         """What is left to climb, and the way; None where rounding hides it."""
         try:
-            return newton_step(self.model, self.samples, now.belief)
+            return (yield from newton_by_parts(self.model, self.samples, now.belief))
         except (np.linalg.LinAlgError, FloatingPointError):
             return None
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.ascent import SETTLED, Climb, ascend
+from mavdem.dem.ascent import SETTLED, Climb, Place, ascend_by_parts
 from mavdem.dem.breakdown import breaking_down
 from mavdem.dem.fit import generative_model, predictor_of, smoothness_of
 from mavdem.dem.free_energy import Belief, SampleEnergy
@@ -17,18 +15,14 @@ from mavdem.dem.generative import GenerativeModel
 from mavdem.dem.memory import Memory
 from mavdem.dem.model import LinearModel, unpack
 from mavdem.dem.one_thread import one_thread
+from mavdem.dem.parts import Parts
 from mavdem.dem.prediction import Predictor
-from mavdem.dem.profile import newton_by_parts
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
 from mavdem.dem.sliding import SlidingMoments
 
 Array = NDArray[np.float64]
-
-
-SLOPES = 4
-"""That the Newton step takes at a time, in about a millisecond."""
 
 
 class Snapshot(NamedTuple):
@@ -62,7 +56,7 @@ class Snapshot(NamedTuple):
 class Climber:
     """The climb of one model, with complete settings, over a memory that moves on.
 
-    It is advanced in steps of about a millisecond, so that samples need not wait for it.
+    It is advanced in parts of about a millisecond, so that samples need not wait for it.
 
     Attributes:
         settings: with nothing left open.
@@ -74,8 +68,7 @@ class Climber:
         self.settings, self._dt = settings, dt
         self.moments = SlidingMoments(memory, settings, dt)
         self._stand: tuple[Scaling, Belief] | None = None
-        self._steps: Iterator[Snapshot | None] = iter(())
-        self.climbing = False
+        self._parts: Parts[Snapshot] | None = None
 
     def begin(self, record: Record, until: float) -> None:
         """Begins to climb: all the way at first, then a few rounds and a Newton step.
@@ -84,53 +77,69 @@ class Climber:
             record: the memory's samples, whose moments ``moments`` are now.
             until: time of the last of them, s.
         """
-        self._steps, self.climbing = self._climb(record, until), True
+        self._parts = self._climb(record, until)
+
+    @property
+    def climbing(self) -> bool:
+        """Whether there is a part to climb."""
+        return self._parts is not None
 
     def advance(self) -> Snapshot | None:
-        """Climbs a step further; answers where it has led, once it is the last.
+        """Climbs a part further; answers where it has led, once it is the last.
 
         Raises:
             ValueError: a channel that does not vary, or no whole window.
             numpy.linalg.LinAlgError: the fit broke down; the next climb begins at the priors' means again.
         """
-        self.climbing = False
-        with one_thread(), breaking_down():
-            snapshot = next(self._steps)
-        self.climbing = snapshot is None
-        return snapshot
+        parts, self._parts = self._parts, None
+        assert parts is not None
+        try:
+            with one_thread(), breaking_down():
+                next(parts)
+        except StopIteration as end:
+            snapshot: Snapshot = end.value
+            return snapshot
+        self._parts = parts
+        return None
 
-    def _climb(self, record: Record, until: float) -> Iterator[Snapshot | None]:
+    def _climb(self, record: Record, until: float) -> Parts[Snapshot]:
         stand, self._stand = self._stand, None
         scaling = Scaling.of(*record.spread, self.settings)
         to_engine = self.moments.to_engine(scaling)
         samples = self.moments.samples(to_engine)
         if not samples.number:
             raise ValueError(f"no segment has a window of {self.settings.window} samples")
-        yield None
+        yield
         model = generative_model(self.settings, scaling, record)
-        yield None
+        yield
         if stand is None:
-            ascent = ascend(model, samples, self.settings.iterations)
+            ascent = yield from ascend_by_parts(model, samples, self.settings.iterations)
             belief, state_map, height = ascent.belief, ascent.state_map, float(ascent.free_energy[-1])
         else:
-            climb = Climb(model, samples)
-            place = climb.resumed(_in_units(stand[1], stand[0], scaling, model.n))
-            yield None
-            for higher in climb.rounds(place):
-                place = higher
-                yield None
-            # Rounds alone creep where one part of the belief holds another, and would never catch up with the samples.
-            newton = newton_by_parts(model, samples, place.belief)
-            while (left := [*islice(newton, SLOPES)][-1]) is None:
-                yield None
-            if left.gain >= SETTLED:
-                place = climb.towards(place, left)
-                yield None
+            start = _in_units(stand[1], stand[0], scaling, model.n)
+            place = yield from _further(Climb(model, samples), start)
             belief, state_map, height = place.belief, place.state_map, place.height
         predictor = predictor_of(model, belief, smoothness_of(self.settings, self._dt), self._dt)
-        yield None
+        yield
         self._stand = scaling, belief
-        yield _snapshot(model, scaling, predictor, belief, state_map, to_engine, height, until)
+        return _snapshot(model, scaling, predictor, belief, state_map, to_engine, height, until)
+
+
+def _further(climb: Climb, belief: Belief) -> Parts[Place]:
+    """A few rounds and a Newton step from a belief about other samples.
+
+    Rounds alone creep where one part of the belief holds another, and would never catch up with the samples.
+    """
+    place = climb.resumed(belief)
+    yield
+    for higher in climb.rounds(place):
+        place = higher
+        yield
+    left = yield from climb.left(place)
+    if left is not None and left.gain >= SETTLED:
+        place = climb.towards(place, left)
+        yield
+    return place
 
 
 def _in_units(belief: Belief, old: Scaling, new: Scaling, order: int) -> Belief:

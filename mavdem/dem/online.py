@@ -35,6 +35,8 @@ BLOCK = 0.1
 FIRST_CHOICE = 2.0
 """Seconds of samples after which what settings leave open is first chosen; then whenever there are twice as many, and
 with a full memory whenever all of it is new."""
+HORIZONS = (1, 5, 10, 25, 50)
+"""Steps ahead that are predicted unless others are asked for."""
 SETTLING = 1.0
 """Seconds of samples over which a new model's filter finds the state."""
 HALF_WIDTH = float(norm.ppf(0.95))
@@ -50,7 +52,8 @@ class Estimate(NamedTuple):
         time: of the sample, s.
         expected: (m,) the sample, predicted from those before it and from its own inputs.
         expected_band: (m,) half width about it in which 90 % of the samples should lie, by past errors.
-        ahead: (H, m) predictions of the samples at the learner's horizons, if the inputs stay as they are.
+        ahead_times: (H,) what they are about, s: the learner's horizons from here.
+        ahead: (H, m) predictions of the samples then, if the inputs stay as they are.
         ahead_band: (H, m) likewise.
         seen: time to which the next three belong, s: the centre of the latest embedding window.
         free_energy: F(t) less what the priors and entropies of θ and λ make up in it: that is the same at every
@@ -68,6 +71,7 @@ class Estimate(NamedTuple):
     time: float
     expected: Array
     expected_band: Array
+    ahead_times: Array
     ahead: Array
     ahead_band: Array
     seen: float
@@ -97,7 +101,7 @@ class OnlineLearner:
         n_inputs: int = 4,
         n_outputs: int = 2,
         memory: float = 20.0,
-        horizons: tuple[int, ...] = (1, 5, 10, 25, 50),
+        horizons: tuple[int, ...] = HORIZONS,
         executor: Executor | None = None,
     ) -> None:
         """Begins without a sample.
@@ -172,6 +176,16 @@ class OnlineLearner:
         self._climb()
         return estimate
 
+    def learn_now(self) -> Learned:
+        """A whole learning of the samples in the memory, with the settings in use: the model to keep.
+
+        Raises:
+            ValueError: they do not support one, or there is no full block of samples yet.
+        """
+        if not self._memory.blocks:
+            raise ValueError("there are not enough samples yet")
+        return learn(self._memory.record(), self._settings if self._climber is None else self._climber.settings)
+
     def _checked(self, time: float, inputs: ArrayLike, outputs: ArrayLike) -> tuple[float, Array, Array]:
         now, u, y = real_numbers(time, "time"), real_numbers(inputs, "inputs"), real_numbers(outputs, "outputs")
         u, y = np.atleast_1d(u), np.atleast_1d(y)
@@ -196,7 +210,7 @@ class OnlineLearner:
     def _estimate(self, time: float, u: Array, y: Array) -> Estimate:
         tracker, (_, m) = self._tracker, self._sizes
         if tracker is None:
-            return _nothing(time, m, len(self.horizons))
+            return self._nothing(time)
         expected = tracker.filter(self._last and self._last[1], u, y)
         ahead = tracker.ahead(u)
         one_step_band = HALF_WIDTH * np.broadcast_to(self._one_step_errors.rms, m)
@@ -211,6 +225,7 @@ class OnlineLearner:
             time=time,
             expected=expected,
             expected_band=one_step_band,
+            ahead_times=time + self._dt * np.array(self.horizons),
             ahead=ahead,
             ahead_band=band,
             seen=time - delay,
@@ -223,6 +238,12 @@ class OnlineLearner:
             log_precisions=now.log_precisions,
             until=now.until,
         )
+
+    def _nothing(self, time: float) -> Estimate:
+        (_, m), nan = self._sizes, np.nan
+        later = time + self._dt * np.array(self.horizons)
+        one, several, none = np.full(m, nan), np.full((len(later), m), nan), np.empty(0)
+        return Estimate(time, one, one, later, several, several, nan, nan, nan, none, nan, None, None, none, nan)
 
     def _remember(self, until: float) -> None:
         """Takes the block that was just closed, with a sample of that time, into the moments; begins to climb."""
@@ -281,8 +302,3 @@ class OnlineLearner:
             self._climber = Climber(settings, self._memory, self._dt)
             self._climber.begin(self._memory.record(), self._until)
             self._energies = Unusual(self._most)
-
-
-def _nothing(time: float, outputs: int, horizons: int) -> Estimate:
-    one, several, none = np.full(outputs, np.nan), np.full((horizons, outputs), np.nan), np.empty(0)
-    return Estimate(time, one, one, several, several, np.nan, np.nan, np.nan, none, np.nan, None, None, none, np.nan)

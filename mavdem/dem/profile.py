@@ -6,7 +6,6 @@ gain says little about what is left. The profile's Newton step says it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from mavdem.dem.free_energy import Belief, state_curvature
 from mavdem.dem.generative import GenerativeModel, Moments, Samples
+from mavdem.dem.parts import Parts, at_once
 from mavdem.dem.positive import inverse
 from mavdem.dem.steps import d_step, lambda_slope, theta_slope
 
@@ -25,6 +25,10 @@ difference stands far above rounding."""
 
 FLATTEST = 1e-6
 """Least curvature, in units of the posterior's own, that a step counts with: along what is flatter it would be wild."""
+
+
+SLOPES = 4
+"""In a part of a Newton step."""
 
 
 class Newton(NamedTuple):
@@ -46,27 +50,25 @@ def newton_step(model: GenerativeModel, samples: Samples, belief: Belief) -> New
     Raises:
         numpy.linalg.LinAlgError: F̄ cannot be had beside the belief.
     """
-    *_, step = newton_by_parts(model, samples, belief)
-    assert step is not None
-    return step
+    return at_once(newton_by_parts(model, samples, belief))
 
 
-def newton_by_parts(model: GenerativeModel, samples: Samples, belief: Belief) -> Iterator[Newton | None]:
-    """The same for who cannot wait so long: yields ``None`` after each slope that it takes, and in the end the step."""
+def newton_by_parts(model: GenerativeModel, samples: Samples, belief: Belief) -> Parts[Newton]:
+    """The same, in parts."""
     unit = np.sqrt(np.concatenate([belief.theta_covariance.diagonal(), belief.lambda_covariance.diagonal()]))
     here = _slope(model, samples, belief, np.zeros(len(unit)))
-    yield None
     columns = []
-    for step in STEP * np.diag(unit):
+    for number, step in enumerate(STEP * np.diag(unit)):
+        if number % SLOPES == 0:
+            yield
         columns.append((here - _slope(model, samples, belief, step)) * unit / STEP)
-        yield None
     curvature = np.array(columns)
     values, modes = np.linalg.eigh((curvature + curvature.T) / 2)
     along = modes.T @ (unit * here)
     # Along a direction in which F̄ curves upwards, the same distance up as if it curved downwards.
     steps = along / np.maximum(np.abs(values), FLATTEST)
     theta, lambda_ = np.split(unit * (modes @ steps), [len(belief.theta)])
-    yield Newton(theta, lambda_, 0.5 * float(along @ steps))
+    return Newton(theta, lambda_, 0.5 * float(along @ steps))
 
 
 def theta_curvature_of_profile(model: GenerativeModel, samples: Samples, belief: Belief) -> Array:

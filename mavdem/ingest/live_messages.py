@@ -47,6 +47,8 @@ FIELDS: dict[str, tuple[str, ...]] = {
     "HEARTBEAT": ("type", "autopilot", "base_mode"),
     "PARAM_VALUE": ("param_id", "param_type", "param_value"),
     "EXTENDED_SYS_STATE": ("landed_state",),
+    "MESSAGE_INTERVAL": ("message_id", "interval_us"),
+    "COMMAND_ACK": ("command", "result"),
     "ATTITUDE": ("roll", "pitch", "rollspeed", "pitchspeed", "yawspeed"),
     "ATTITUDE_QUATERNION": ("q1", "q2", "q3", "q4", "rollspeed", "pitchspeed", "yawspeed"),
     "SERVO_OUTPUT_RAW": ("port", *(f"servo{n}_raw" for n in range(1, 17))),

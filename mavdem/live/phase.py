@@ -1,9 +1,10 @@
 """Whether the vehicle is in settled flight, said while it flies: ``phases`` in small steps.
 
 What ``phases`` takes from both sides of a moment is known here half of its averaging time later, and the landing only
-when it is there: the last seconds before it, which ``phases`` cuts off, are still told settled here. A vehicle that
-sinks may be landing, and its motors run on for a moment on the ground: nothing is settled here until it has not sunk
-for ``SETTLING`` seconds, while ``phases`` knows which sinking was no landing.
+when it is there: the last seconds before it, which ``phases`` cuts off, are still told settled here. Where the
+autopilot does not tell whether it is in the air, a vehicle that sinks may be landing, and its motors run on for a
+moment on the ground: nothing is settled here until it has not sunk for ``SETTLING`` seconds, while ``phases`` knows
+which sinking was no landing.
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ class Flying:
         if message != preferred or middle is None:
             return
         at, mean = middle
-        if self._settled_from is not None and mean <= -STEADY_CLIMB:
+        if not self._said and self._settled_from is not None and mean <= -STEADY_CLIMB:
             self._settled_from = max(self._settled_from, at + SETTLING)
         if self._settled_from is None and self.now and at >= self._start + SETTLING and mean < STEADY_CLIMB:
             self._settled_from = at

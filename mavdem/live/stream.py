@@ -9,6 +9,7 @@ from math import inf, isnan
 import numpy as np
 
 from mavdem.align import MINIMUM_RATE, SLACK
+from mavdem.ingest.compose import Sender
 from mavdem.ingest.decode import enum_name
 from mavdem.ingest.framing import GOOD
 from mavdem.ingest.geometry import MULTIROTORS
@@ -32,6 +33,10 @@ MOST_EVENTS = 256
 """Events kept until they are fetched; older ones make room."""
 REVIEW = 0.5
 """Seconds of the boot clock after which messages, rates and layout are looked at again."""
+ANSWERS = ("MESSAGE_INTERVAL", "COMMAND_ACK")
+"""What a vehicle says when it is asked for rates."""
+MOST_ANSWERS = 64
+"""Of them kept until they are fetched."""
 RATE_CHECK = 8
 """Samples of a stream after which its rate is compared with what it was."""
 
@@ -73,6 +78,7 @@ class LiveStream:
         self._boot = 0
         self._verdict, self._enough = "No vehicle is heard yet.", True
         self._received = 0.0
+        self._answers: deque[Message] = deque(maxlen=MOST_ANSWERS)
         prepare()
 
     @property
@@ -97,6 +103,18 @@ class LiveStream:
         for frame in self._frames.feed(data):
             self._take(frame, rows)
         return rows
+
+    @property
+    def followed(self) -> Sender | None:
+        """The ids of the vehicle; None before it is known."""
+        followed = self._senders.followed
+        return None if followed is None else Sender(followed.system, followed.component)
+
+    def answers(self) -> list[Message]:
+        """The vehicle's messages of ``ANSWERS`` since the last call."""
+        told = list(self._answers)
+        self._answers.clear()
+        return told
 
     def events(self) -> list[Event]:
         """What happened since the last call."""
@@ -148,6 +166,9 @@ class LiveStream:
         self._tell(self._senders.sentences())
         followed = self._senders.followed
         if sender is not followed or message is None:
+            return
+        if message.name in ANSWERS:
+            self._answers.append(message)
             return
         for placed in self._clock.place(message):
             if placed.boot != self._boot:

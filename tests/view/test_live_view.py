@@ -56,6 +56,7 @@ def estimate(i: int, time: float) -> Estimate:
     sizes = {"expected": 2, "expected_band": 2, "ahead": (3, 2), "ahead_band": (3, 2), "disturbance": 3}
     return Estimate(
         time=time,
+        ahead_times=time + DT * np.array(HORIZONS),
         seen=time - LATE,
         free_energy=-100.0 - i,
         surprise=i % 50 / 10,

@@ -94,7 +94,10 @@ class Content:
             )
         )
         measured = np.array([row.outputs for row in rows])
-        later = time + self._channels.horizons[self._far] * self._channels.dt
+        # Of a row without an estimate nothing is drawn there but the break.
+        later = np.array(
+            [row.time if (of := row.estimate) is None else of.ahead_times[self._far] + row.shift for row in rows]
+        )
         for i, (name, unit) in enumerate(zip(self._channels.output_names, self._shown, strict=True)):
             now = [*_around(expected[:, i], band[:, i]), measured[:, i]]
             then = _around(ahead[:, self._far, i], ahead_band[:, self._far, i])

@@ -1,0 +1,207 @@
+"""``mavdem live``: attaches to a link, learns while the vehicle flies, and shows it."""
+
+from __future__ import annotations
+
+import gc
+import os
+import signal
+from contextlib import ExitStack
+from pathlib import Path
+from time import monotonic
+from types import FrameType
+from typing import Any
+
+import click
+
+from mavdem.attached import Attached, Standing
+from mavdem.cli.dashboard import Dashboard
+from mavdem.cli.output import print_json, say_aside
+from mavdem.cli.source import no_option
+from mavdem.dem import Settings
+from mavdem.dem.workers import pool
+from mavdem.errors import Unreadable
+from mavdem.ingest.link import Link
+from mavdem.ingest.raw_recording import RawRecording
+from mavdem.live import LiveStream
+from mavdem.whole_file import whole_file
+
+TELL_EVERY = 5.0
+"""Seconds from one line on standard error that says how things stand to the next."""
+
+
+@click.command()
+@click.argument("link")
+@click.option("--axis", type=click.Choice(["roll", "pitch"]), default="roll", show_default=True)
+@click.option(
+    "--vehicle",
+    metavar="SYSTEM[:COMPONENT]",
+    callback=no_option,
+    help="Which vehicle, where several speak on the link.",
+)
+@click.option(
+    "--inputs",
+    type=click.Choice(["motors", "demand"]),
+    help="What drives the axis. [default: motors, or the demand where only that comes fast enough]",
+)
+@click.option("--rrd", type=click.Path(path_type=Path), callback=no_option, help="Rerun recording to write.")
+@click.option("--serve", is_flag=True, help="Show it to browsers of this machine.")
+@click.option("--connect", metavar="URL", callback=no_option, help="Show it in a Rerun viewer that listens there.")
+@click.option(
+    "--record", type=click.Path(path_type=Path), callback=no_option, help="Keep the raw stream: FILE.tlog or FILE.mcap."
+)
+@click.option(
+    "--model",
+    type=click.Path(path_type=Path),
+    callback=no_option,
+    help="Where the model is kept at the end. [default: beside --rrd or --record, .model.json]",
+)
+@click.option(
+    "--request-rate",
+    type=click.FloatRange(1, 1000),
+    metavar="HZ",
+    help="Ask the vehicle for attitude and motor outputs at this rate. Without it nothing is ever sent.",
+)
+@click.option("--duration", type=click.FloatRange(0, min_open=True), help="Seconds after which to end.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document at the end and nothing else.")
+def live(
+    link: str,
+    axis: str,
+    vehicle: str | None,
+    inputs: str | None,
+    rrd: Path | None,
+    serve: bool,
+    connect: str | None,
+    record: Path | None,
+    model: Path | None,
+    request_rate: float | None,
+    duration: float | None,
+    as_json: bool,
+) -> None:
+    """Attaches to a link and learns while the vehicle flies.
+
+    LINK is a connection string of pymavlink's: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or a
+    serial port as /dev/ttyACM0,115200. Within seconds of take-off a dashboard shows roll as it is measured, expected
+    and predicted, the free energy, the model and the disturbance of the wind. Nothing is sent unless --request-rate is
+    given, and what was there before is then restored at the end. Ctrl-C ends it and keeps the model.
+
+    \b
+    Examples:
+      mavdem live udpin:127.0.0.1:14550
+      mavdem live udpin:127.0.0.1:14550 --request-rate 100 --record flight.tlog
+      mavdem live /dev/ttyUSB0,57600 --rrd flight.rrd
+    \b
+    Without a vehicle, in two terminals:
+      mavdem live udpin:127.0.0.1:14550 --rrd flight.rrd
+      mavdem fly iris_gusts --udp 127.0.0.1:14550
+    """
+    kept = _checked(rrd, record, model)
+    stream = LiveStream(axis, vehicle, inputs)
+    with ExitStack() as ends:
+        opened = Link(link)
+        ends.callback(opened.close)
+        dashboard = ends.enter_context(Dashboard(link, axis, rrd, serve, connect))
+        recording = None if record is None else RawRecording(record)
+        executor = ends.enter_context(pool(1))
+        attached = Attached(opened, stream, Settings(), dashboard.open, say_aside, executor, recording, request_rate)
+        ends.callback(attached.end)
+        say_aside(f"Listening on {link}; Ctrl-C ends it.")
+        took = _run(attached, duration)
+    told = _told(attached, link, took)
+    told["rrd"] = str(rrd) if rrd is not None and dashboard.opened else None
+    told["record"] = None if record is None or recording is None else {"file": str(record), "frames": recording.frames}
+    told["model"] = _keep_model(attached, kept)
+    if rrd is not None and not dashboard.opened:
+        say_aside(f"Nothing came that could be shown, so there is no {rrd}.")
+    if as_json:
+        print_json(told)
+
+
+def _checked(rrd: Path | None, record: Path | None, model: Path | None) -> Path | None:
+    """Refuses, before the flight, what could not be written after it; answers where the model goes."""
+    beside = rrd or record
+    kept = model or (None if beside is None else beside.with_suffix(".model.json"))
+    for option, path, endings in (
+        ("--rrd", rrd, (".rrd",)),
+        ("--record", record, (".tlog", ".mcap")),
+        ("--model", kept, (".json",)),
+    ):
+        if path is None:
+            continue
+        if path.suffix.lower() not in endings:
+            raise click.BadParameter(f"{path} must end in {' or '.join(endings)}.", param_hint=option)
+        if not path.parent.is_dir():
+            raise click.BadParameter(f"there is no folder {path.parent}.", param_hint=option)
+        if path.is_dir() or not os.access(path.parent, os.W_OK | os.X_OK):
+            raise Unreadable(f"{path} cannot be written: name another file.")
+    return kept
+
+
+def _keep_model(attached: Attached, path: Path | None) -> str | None:
+    """Writes the model of the last samples; where that cannot be, says why."""
+    if attached.learner is None:
+        say_aside("There is no model: no settled flight was heard.")
+        return None
+    if path is None:
+        say_aside("The model is not kept: name a file with --model.")
+        return None
+    try:
+        text = attached.learner.learn_now().to_json()
+        with whole_file(path) as file:
+            file.write(text.encode() + b"\n")
+    except ValueError as error:
+        say_aside(f"There is no model: {error}.")
+        return None
+    except OSError as error:
+        raise Unreadable(f"{path} cannot be written ({error.strerror or error}): name another file.") from None
+    say_aside(f"Kept the model in {path}.")
+    return str(path)
+
+
+def _told(attached: Attached, link: str, took: float) -> dict[str, Any]:
+    standing = attached.standing
+    learnt, shown = standing.samples
+    median, late = standing.latency
+    return {
+        "link": link,
+        "vehicle": standing.vehicle,
+        "seconds": round(took, 3),
+        "samples": {"learnt": learnt, "shown": shown},
+        "rates": standing.rates,
+        "lost": standing.lost,
+        "latency": {"median": median, "p99": late},
+        "obstacle": standing.obstacle,
+        "events": list(attached.said),
+    }
+
+
+def _run(attached: Attached, duration: float | None) -> float:
+    """Until the time is over, or Ctrl-C or SIGTERM; answers how many seconds that was."""
+    ended = False
+
+    def end(number: int, frame: FrameType | None) -> None:
+        nonlocal ended
+        ended = True
+
+    before = {number: signal.signal(number, end) for number in (signal.SIGINT, signal.SIGTERM)}
+    # What is there by now stays: looking at it again and again would hold samples up for tens of milliseconds.
+    gc.collect()
+    gc.freeze()
+    began = told = monotonic()
+    try:
+        while not ended and (duration is None or monotonic() - began < duration):
+            attached.step()
+            if monotonic() - told >= TELL_EVERY:
+                told = monotonic()
+                say_aside(_in_words(attached.standing))
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    return monotonic() - began
+
+
+def _in_words(standing: Standing) -> str:
+    rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(standing.rates.items()) if rate) or "no attitude"
+    learnt, shown = standing.samples
+    state = standing.obstacle or "learning"
+    late = f", {1e3 * standing.latency[1]:.1f} ms late" if learnt + shown else ""
+    return f"{standing.vehicle or 'no vehicle'}: {rates}; {learnt} samples learnt{late}; {state.rstrip('.')}."

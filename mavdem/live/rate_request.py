@@ -1,0 +1,122 @@
+"""Asking a vehicle for message rates and giving back what was there: the only thing in mavdem that transmits.
+
+Source: https://mavlink.io/en/services/command.html and MAV_CMD_GET_MESSAGE_INTERVAL, MAV_CMD_SET_MESSAGE_INTERVAL and
+MESSAGE_INTERVAL of https://mavlink.io/en/messages/common.html.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mavdem.ingest.compose import Sender, compose
+from mavdem.ingest.live_messages import Message
+from mavdem.ingest.mavlink_json import definition_named
+
+GROUND_STATION = Sender(255, 190)
+"""Who asks: MAV_COMP_ID_MISSIONPLANNER, the ids that ground stations have."""
+GET_INTERVAL, SET_INTERVAL = 510, 511
+"""MAV_CMD_GET_MESSAGE_INTERVAL and _SET_MESSAGE_INTERVAL."""
+DEFAULT, STOPPED = 0, -1
+"""Intervals with a meaning of their own. 0 is never sent: autopilots make different things of it."""
+ATTITUDE, SERVO_OUTPUT_RAW = 30, 36
+PATIENCE = 1.0
+"""Seconds until what was not answered is asked again."""
+TRIES = 3
+
+
+@dataclass
+class _Asked:
+    """One message's interval: what it ``was``, µs, once that is known, and how often it was asked for or set."""
+
+    message_id: int
+    was: int | None = None
+    inquiries: int = 0
+    settings: int = 0
+    last: float = -np.inf
+    done: bool = False
+
+
+class RateRequest:
+    """Sees to it that a vehicle sends attitude and motor outputs at a rate, and that at the end all is as it was.
+
+    First each message's interval is asked for and noted, then set, and set again until the vehicle says that it has.
+    One that never tells the interval it had gets, at the end, the one that was measured before.
+
+    Attributes:
+        events: sentences to tell, the oldest first; whoever tells them takes them out.
+    """
+
+    def __init__(self, vehicle: Sender, rate: float, messages: Sequence[int] = (ATTITUDE, SERVO_OUTPUT_RAW)) -> None:
+        """Takes the vehicle, the rate in Hz, and the ids of the messages."""
+        self.events: list[str] = []
+        self._vehicle, self._interval = vehicle, round(1e6 / rate)
+        self._asked = [_Asked(message_id) for message_id in messages]
+        self._sequence = 0
+
+    def due(self, now: float, measured: Mapping[int, float]) -> list[bytes]:
+        """Frames to send now.
+
+        Args:
+            now: seconds of any clock that only goes forward.
+            measured: rates, Hz, of messages that come, by id; what was not answered is restored to these.
+        """
+        frames = []
+        for one in self._asked:
+            if one.done or now - one.last < PATIENCE:
+                continue
+            if one.was is None and one.inquiries < TRIES:
+                one.inquiries += 1
+                frames.append(self._command(GET_INTERVAL, one.message_id))
+            elif one.settings < TRIES:
+                if one.was is None:
+                    rate = measured.get(one.message_id, 0.0)
+                    one.was = round(1e6 / rate) if rate > 0 else STOPPED
+                one.settings += 1
+                frames.append(self._command(SET_INTERVAL, one.message_id, self._interval))
+            else:
+                one.done = True
+                self.events.append(f"The vehicle does not answer whether it sends message {one.message_id} faster.")
+                continue
+            one.last = now
+        return frames
+
+    def heard(self, message: Message) -> None:
+        """Takes a MESSAGE_INTERVAL or a COMMAND_ACK of the vehicle."""
+        first, second = message.values
+        if message.name == "MESSAGE_INTERVAL":
+            self._told(first, second)
+        elif first == SET_INTERVAL:
+            # It does not say for which message: the one that has waited longest.
+            waiting = [one for one in self._asked if one.settings and not one.done]
+            if waiting:
+                self._answered(min(waiting, key=lambda one: one.last), second)
+
+    def restore(self) -> list[bytes]:
+        """Frames that give each message the interval it had; they may be sent more than once."""
+        changed = [one for one in self._asked if one.settings and one.was is not None]
+        return [self._command(SET_INTERVAL, one.message_id, one.was or STOPPED) for one in changed]
+
+    def _told(self, message_id: int, interval: int) -> None:
+        for one in self._asked:
+            # What it says after it was set is not what it had; 0 says that it does not know the message.
+            if one.message_id == message_id and one.was is None and not one.settings and interval != DEFAULT:
+                one.was, one.last = interval, -np.inf
+
+    def _answered(self, one: _Asked, result: int) -> None:
+        one.done = True
+        if result:
+            self.events.append(f"The vehicle refuses to send message {one.message_id} faster (MAV_RESULT {result}).")
+
+    def _command(self, command: int, first: float, second: float = 0.0) -> bytes:
+        definition = definition_named("COMMAND_LONG")
+        assert definition is not None
+        payload = np.zeros(1, dtype=definition.wire)
+        payload["target_system"], payload["target_component"] = self._vehicle.system, self._vehicle.component
+        payload["command"], payload["param1"], payload["param2"] = command, first, second
+        sequence = np.array([self._sequence % 256], dtype=np.uint8)
+        self._sequence += 1
+        data, _ = compose(payload, definition, GROUND_STATION, sequence, np.ones(1, dtype=np.bool_))
+        return data.tobytes()
