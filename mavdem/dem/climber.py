@@ -14,13 +14,13 @@ from mavdem.dem.free_energy import Belief, SampleEnergy
 from mavdem.dem.generative import GenerativeModel
 from mavdem.dem.memory import Memory
 from mavdem.dem.model import LinearModel, unpack
-from mavdem.dem.one_thread import one_thread
+from mavdem.dem.one_thread import one_thread_if_free
 from mavdem.dem.parts import Parts
 from mavdem.dem.prediction import Predictor
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
-from mavdem.dem.sliding import SlidingMoments
+from mavdem.dem.sliding import SlidingMoments, in_engine
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,8 @@ class Climber:
             record: the memory's samples, whose moments ``moments`` are now.
             until: time of the last of them, s.
         """
-        self._parts = self._climb(record, until)
+        counted = self.moments.total()
+        self._parts = self._climb(record, counted, until)
 
     @property
     def climbing(self) -> bool:
@@ -85,28 +86,31 @@ class Climber:
         return self._parts is not None
 
     def advance(self) -> Snapshot | None:
-        """Climbs a part further; answers where it has led, once it is the last.
+        """Climbs a part further, unless another thread has its turn; answers where it has led, once it is the last.
 
         Raises:
             ValueError: a channel that does not vary, or no whole window.
             numpy.linalg.LinAlgError: the fit broke down; the next climb begins at the priors' means again.
         """
-        parts, self._parts = self._parts, None
-        assert parts is not None
-        try:
-            with one_thread(), breaking_down():
-                next(parts)
-        except StopIteration as end:
-            snapshot: Snapshot = end.value
-            return snapshot
-        self._parts = parts
-        return None
+        with one_thread_if_free() as free:
+            if not free:
+                return None
+            parts, self._parts = self._parts, None
+            assert parts is not None
+            try:
+                with breaking_down():
+                    next(parts)
+            except StopIteration as end:
+                snapshot: Snapshot = end.value
+                return snapshot
+            self._parts = parts
+            return None
 
-    def _climb(self, record: Record, until: float) -> Parts[Snapshot]:
+    def _climb(self, record: Record, counted: tuple[int, Array], until: float) -> Parts[Snapshot]:
         stand, self._stand = self._stand, None
         scaling = Scaling.of(*record.spread, self.settings)
         to_engine = self.moments.to_engine(scaling)
-        samples = self.moments.samples(to_engine)
+        samples = in_engine(counted, to_engine)
         if not samples.number:
             raise ValueError(f"no segment has a window of {self.settings.window} samples")
         yield

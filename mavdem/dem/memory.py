@@ -45,6 +45,11 @@ class Memory:
         self._close()
         return True
 
+    def forget_half(self) -> None:
+        """Forgets the older half of the blocks."""
+        for _ in range(len(self.blocks) // 2):
+            self.blocks.popleft()
+
     def part(self) -> bool:
         """Says that a gap follows; answers whether that closed a block."""
         closed = bool(self._outputs)

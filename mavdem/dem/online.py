@@ -9,7 +9,7 @@ whole learnings in between.
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import CancelledError, Executor, Future
 from typing import NamedTuple
 
 import numpy as np
@@ -33,8 +33,8 @@ Array = NDArray[np.float64]
 BLOCK = 0.1
 """Seconds of samples after which the model climbs on."""
 FIRST_CHOICE = 2.0
-"""Seconds of samples after which what settings leave open is first chosen; then whenever there are twice as many, and
-with a full memory whenever all of it is new."""
+"""Seconds of samples after which what settings leave open is first chosen, and chosen again after a failure; otherwise
+whenever there are twice as many, and with a full memory whenever all of it is new."""
 HORIZONS = (1, 5, 10, 25, 50)
 """Steps ahead that are predicted unless others are asked for."""
 SETTLING = 1.0
@@ -112,7 +112,8 @@ class OnlineLearner:
             n_inputs, n_outputs: r and m.
             memory: seconds of samples that the model is learnt from; older ones are forgotten.
             horizons: steps ahead to predict, increasing.
-            executor: where whole learnings run; unless given, an update that comes upon one takes as long.
+            executor: of processes, where whole learnings run; unless given, an update that comes upon one takes as
+                long. With one of threads the model stands still meanwhile, and an update may still wait for them.
 
         Raises:
             ValueError: names the argument that does not fit.
@@ -136,7 +137,8 @@ class OnlineLearner:
         self._dt, self._sizes, self._executor = dt, (n_inputs, n_outputs), executor
         self._memory = Memory(dt, block, most)
         self._most = most * block
-        self._samples, self._next_choice = 0, max(round(FIRST_CHOICE / dt), 2 * FEWEST_SAMPLES)
+        self._samples = 0
+        self._next_choice = self._first_choice = max(round(FIRST_CHOICE / dt), 2 * FEWEST_SAMPLES)
         self._pending: Future[Learned] | None = None
         self._climber: Climber | None = None
         self._tracker: Tracker | None = None
@@ -204,8 +206,6 @@ class OnlineLearner:
             self._remember(self._last[0])
         self._errors.part()
         self._last = None
-        if self._tracker is not None:
-            self._tracker.state = None
 
     def _estimate(self, time: float, u: Array, y: Array) -> Estimate:
         tracker, (_, m) = self._tracker, self._sizes
@@ -272,29 +272,35 @@ class OnlineLearner:
         if self._pending is not None and self._pending.done():
             pending, self._pending = self._pending, None
             self._adopt(pending.result)
-        if self._samples < self._next_choice or not self._memory.blocks:
+        if self._samples < self._next_choice or self._pending is not None or not self._memory.blocks:
             return
-        self._next_choice = self._samples + min(self._samples, self._most)
         record = self._memory.record()
+        self._next_choice = self._samples + min(len(record), self._most)
         try:
             open_choices = candidates(self._settings, record)
-        except ValueError as error:
-            self.obstacle = str(error)
-            return
-        if len(open_choices) == 1 and self._settings.smoothness != "learn":
-            self._take(open_choices[0])
-        elif self._executor is None:
-            self._adopt(lambda: learn(record, self._settings))
-        elif self._pending is None:
-            self._pending = self._executor.submit(learn, record, self._settings)
+            if len(open_choices) == 1 and self._settings.smoothness != "learn":
+                self._take(open_choices[0])
+            elif self._executor is None:
+                self._adopt(lambda: learn(record, self._settings))
+            else:
+                self._pending = self._executor.submit(learn, record, self._settings)
+        except (ValueError, RuntimeError) as error:  # RuntimeError: the executor's processes are gone
+            self._put_off(error)
 
     def _adopt(self, result: Callable[[], Learned]) -> None:
         try:
             self.learned = result()
-        except ValueError as error:
-            self.obstacle = str(error)
+        except (ValueError, RuntimeError, CancelledError) as error:
+            self._put_off(error)
             return
         self._take(self.learned.settings)
+
+    def _put_off(self, error: BaseException) -> None:
+        """Tries again soon, with less of what was before: a vehicle that stood still may have taken off."""
+        self.obstacle = str(error) or "the whole learning was given up"
+        self._next_choice = self._samples + self._first_choice
+        if isinstance(error, ValueError) and self._climber is None:
+            self._memory.forget_half()
 
     def _take(self, settings: Settings) -> None:
         """Climbs with other complete settings from now on, or on with the same."""

@@ -62,10 +62,9 @@ class SlidingMoments:
         )
         return np.concatenate([y.ravel(), v.ravel(), [1.0]])
 
-    def samples(self, to_engine: Array) -> Samples:
-        """The moments of the engine's [ỹ; η̃], for its map ``to_engine`` from g."""
-        number = sum(count for count, _ in self._blocks)
-        return Samples(number, to_engine @ sum(gram for _, gram in self._blocks) @ to_engine.T)
+    def total(self) -> tuple[int, Array]:
+        """How many samples count, and Σ g gᵀ over them."""
+        return sum(count for count, _ in self._blocks), np.sum([gram for _, gram in self._blocks], axis=0)
 
     def to_engine(self, scaling: Scaling) -> Array:
         """T (dim [ỹ; η̃], dim g) with [ỹ; η̃] = T g in the engine's units."""
@@ -86,3 +85,9 @@ class SlidingMoments:
     @property
     def _size(self) -> int:
         return sum((order + 1) * len(first) for order, first in zip(self._orders, self._reference, strict=True)) + 1
+
+
+def in_engine(total: tuple[int, Array], to_engine: Array) -> Samples:
+    """The moments of the engine's [ỹ; η̃], of a ``SlidingMoments.total`` and the map ``to_engine`` from g."""
+    number, gram = total
+    return Samples(number, to_engine @ gram @ to_engine.T)

@@ -210,9 +210,9 @@ def test_the_blueprint_shows_what_is_there(recording: Path) -> None:
 
 def test_a_flight_is_shown_as_it_is_learnt_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log, path = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog", tmp_path / "flight.rrd"
-    monkeypatch.setattr(sys, "argv", ["live_dashboard.py", str(log), str(path), "--seconds", "3"])
+    monkeypatch.setattr(sys, "argv", ["live_dashboard.py", str(log), str(path), "--seconds", "4"])
     assert live_dashboard.main() == 0
-    flight = mavdem.read_flight(log)[:300]
+    flight = mavdem.read_flight(log)[:400]
     lines = drawn(path)
     np.testing.assert_allclose(lines["outputs/roll/now"][1][:, 3], np.degrees(flight.outputs[:, 0]))
     assert len(lines["free_energy_of_samples"][0]) > 80

@@ -94,9 +94,9 @@ class Content:
             )
         )
         measured = np.array([row.outputs for row in rows])
-        # Of a row without an estimate nothing is drawn there but the break.
+        far = self._channels.horizons[self._far] * self._channels.dt
         later = np.array(
-            [row.time if (of := row.estimate) is None else of.ahead_times[self._far] + row.shift for row in rows]
+            [row.time + far if (of := row.estimate) is None else of.ahead_times[self._far] + row.shift for row in rows]
         )
         for i, (name, unit) in enumerate(zip(self._channels.output_names, self._shown, strict=True)):
             now = [*_around(expected[:, i], band[:, i]), measured[:, i]]
