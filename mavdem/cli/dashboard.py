@@ -47,8 +47,9 @@ class Dashboard:
         self._troubles: list[str] = []
         self._sinks = []
         self.opened = False
+        self._where = ""
         if rrd is None and not serve and connect is None and not has_screen():
-            say_aside("There is no screen here: --rrd FILE records, --serve shows it in a browser of this machine.")
+            self._where = "There is no screen here: --rrd FILE records, --serve shows it in a browser of this machine."
             return
         try:
             self._sinks = sinks_for(rrd, serve, connect)
@@ -58,7 +59,12 @@ class Dashboard:
             raise Unreadable(f"It cannot be shown: {error}.") from None
         for sink in self._sinks:
             if isinstance(sink, WebServer):
-                say_aside(f"Open {sink.page} in a browser.")
+                self._where = f"Open {sink.page} in a browser."
+
+    def say_where(self) -> None:
+        """Says where to look, where that does not show."""
+        if self._where:
+            say_aside(self._where)
 
     def open(self, setup: Setup) -> Dashboard:
         """Begins to show rows of a setup."""

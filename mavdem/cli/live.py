@@ -104,6 +104,7 @@ def live(
         executor = ends.enter_context(pool(1))
         attached = Attached(opened, stream, Settings(), dashboard.open, say_aside, executor, recording, request_rate)
         ends.callback(attached.end)
+        dashboard.say_where()
         say_aside(f"Listening on {link}; Ctrl-C ends it.")
         took = _run(attached, duration)
     told = _told(attached, link, took)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import os
 import socket
+import subprocess
+import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 from urllib.parse import urlsplit
@@ -12,6 +15,10 @@ import rerun as rr
 
 REACHED_WITHIN = 0.3
 """Seconds in which a viewer must take a connection."""
+
+
+ORDERED_WITHIN = 120.0
+"""Seconds in which a file must get its table; an hour of flight takes two."""
 
 
 class Sink(Protocol):
@@ -51,8 +58,8 @@ class RecordingFile:
     last second. After a full disk it is cut to what is whole, since the viewer opens no other. Only a process that is
     killed in the very hundredth of a second of writing leaves a torn end, which ``rerun rrd optimize`` mends.
 
-    It has no table of its chunks at the end: that would keep a kilobyte a chunk in memory until then. The viewer does
-    without; ``rerun rrd optimize`` adds one.
+    While it grows it has no table of its chunks, which would keep a kilobyte a chunk in memory until it is written. The
+    viewer does without, other readers do not: at the end Rerun's own tool puts one in.
     """
 
     period = 1.0
@@ -62,7 +69,7 @@ class RecordingFile:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self.name = str(self.path)
-        self._whole = 0
+        self._whole, self._failed = 0, False
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Leads the recording into the file; see :class:`Sink`."""
@@ -76,9 +83,20 @@ class RecordingFile:
     def failed(self) -> None:
         """See :class:`Sink`."""
         os.truncate(self.path, self._whole)
+        self._failed = True
 
     def close(self) -> None:
-        """See :class:`Sink`."""
+        """See :class:`Sink`; where there is no room for a table the file stays as it is."""
+        if not self._whole or self._failed:
+            return
+        with_table = self.path.with_name(f".{self.path.name}.unfinished")
+        command = [sys.executable, "-m", "rerun", "rrd", "optimize", str(self.path), "-o", str(with_table)]
+        with suppress(OSError, subprocess.TimeoutExpired):
+            done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=ORDERED_WITHIN)
+            if done.returncode == 0:
+                os.replace(with_table, self.path)
+        with suppress(FileNotFoundError):
+            with_table.unlink()
 
 
 class Viewer:

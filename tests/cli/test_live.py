@@ -1,0 +1,148 @@
+"""``mavdem live``: what it refuses, what it keeps, and that it ends as it should, beside a simulated vehicle."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from rerun.chunk import RrdReader
+
+import mavdem
+from mavdem.cli.main import main
+
+MAVDEM = [sys.executable, "-c", "import sys; from mavdem.cli.entry import run; sys.exit(run())"]
+MAVPROXY = shutil.which("mavproxy.py") or shutil.which("mavproxy.py", path=Path(sys.executable).parent)
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@pytest.fixture
+def held() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as holder:
+        holder.bind(("127.0.0.1", 0))
+        yield int(holder.getsockname()[1])
+
+
+def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    assert main(["live", *words]) == 2
+    said = capsys.readouterr()
+    assert said.out == "" and said.err.count("\n") == 1 and "should not have happened" not in said.err
+    return said.err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nonsense:1:2:3"], "names no link"),
+        (["udpin:127.0.0.1:99999"], "ports go up to 65535"),
+        (["/dev/ttyNONE"], "no such serial port"),
+        (["tcp:127.0.0.1:1"], "nothing listens there"),
+        (["udpin:127.0.0.1:0", "--record", "x.bin"], "--record"),
+        (["udpin:127.0.0.1:0", "--rrd", "x.tlog"], "--rrd"),
+        (["udpin:127.0.0.1:0", "--rrd", "none/x.rrd"], "there is no folder none"),
+        (["udpin:127.0.0.1:0", "--model", "x.txt"], "--model"),
+        (["udpin:127.0.0.1:0", "--connect", "nowhere"], "--connect"),
+        (["udpin:127.0.0.1:0", "--request-rate", "0"], "--request-rate"),
+        (["udpin:127.0.0.1:0", "--axis", "yaw"], "--axis"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_sentence(words, said, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert said in refused(words, capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_port_in_use_is_said(held, capsys):
+    assert "in use" in refused([f"udpin:127.0.0.1:{held}"], capsys)
+
+
+def test_a_recording_replaces_nothing(tmp_path, capsys):
+    kept = tmp_path / "flight.tlog"
+    kept.write_bytes(b"dear")
+    assert "is there already" in refused([f"udpin:127.0.0.1:{free_port()}", "--record", str(kept)], capsys)
+    assert kept.read_bytes() == b"dear"
+
+
+class Live:
+    """``mavdem live`` in a process of its own, listening."""
+
+    def __init__(self, folder: Path, *words: str) -> None:
+        self.port, self.folder = free_port(), folder
+        self.error = (folder / "error").open("w+")
+        command = [*MAVDEM, "live", f"udpin:127.0.0.1:{self.port}", "--json", *words]
+        self.process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=self.error, text=True)
+        self.until("Listening")
+
+    def until(self, said: str, seconds: float = 60.0) -> None:
+        deadline = time.monotonic() + seconds
+        while said not in (self.folder / "error").read_text():
+            assert time.monotonic() < deadline, (self.folder / "error").read_text()
+            time.sleep(0.05)
+
+    def end(self, number: int = signal.SIGINT) -> dict:
+        self.process.send_signal(number)
+        out, _ = self.process.communicate(timeout=30)
+        error = (self.folder / "error").read_text()
+        assert self.process.returncode == 0, error
+        assert "Traceback" not in error and "should not have happened" not in error
+        return json.loads(out)
+
+
+def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path):
+    live = Live(tmp_path, "--rrd", "f.rrd", "--record", "f.tlog")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
+        stranger.bind(("127.0.0.1", 0))
+        stranger.sendto(b"\xfd" + bytes(200), ("127.0.0.1", live.port))
+        live.until("No vehicle")
+        told = live.end(signal.SIGTERM)
+        stranger.settimeout(0.2)
+        with pytest.raises(TimeoutError):
+            stranger.recv(100)  # not one byte is sent
+    assert told["vehicle"] is None and told["model"] is None and told["rrd"] is None
+    assert told["samples"] == {"learnt": 0, "shown": 0}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scenario", ["iris_multisine", "ardupilot_steps"])
+def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path, scenario):
+    live = Live(tmp_path, "--rrd", "f.rrd", "--record", "f.tlog", "--request-rate", "50")
+    fly = [*MAVDEM, "fly", scenario, "--udp", f"127.0.0.1:{live.port}", "--speed", "2", "--json"]
+    flying = subprocess.Popen(fly, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+    live.until("The model is learnt", 40)
+    time.sleep(3)
+    told = live.end()
+    flying.send_signal(signal.SIGINT)
+    flown = json.loads(flying.communicate(timeout=20)[0])
+    assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 200 and told["lost"] == 0
+    assert told["record"]["frames"] > 1000 and flown["commands"] >= 4
+    assert told["rates"]["ATTITUDE"] == pytest.approx(50, rel=0.1)
+    learned = mavdem.Learned.from_json((tmp_path / told["model"]).read_text())
+    assert len(learned.model.B.T) == 4 and len(learned.record) > 200
+    assert RrdReader(tmp_path / "f.rrd").store() is not None
+    assert mavdem.ingest.read_log(tmp_path / "f.tlog").vehicles[0].messages["ATTITUDE"]["time"].size > 300
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed")
+def test_mavproxy_forwards_a_vehicle_while_it_is_learnt_from(tmp_path):
+    live, inlet = Live(tmp_path), free_port()
+    proxy = [str(MAVPROXY), f"--master=udpin:127.0.0.1:{inlet}", f"--out=udpout:127.0.0.1:{live.port}", "--daemon"]
+    with subprocess.Popen([*proxy, "--streamrate=-1"], cwd=tmp_path, stdout=subprocess.DEVNULL) as forwarding:
+        fly = [*MAVDEM, "fly", "iris_multisine", "--udp", f"127.0.0.1:{inlet}", "--speed", "2"]
+        with subprocess.Popen(fly, stderr=subprocess.DEVNULL) as flying:
+            live.until("The model is learnt", 60)
+            flying.send_signal(signal.SIGINT)
+        forwarding.terminate()
+    told = live.end()
+    assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 100

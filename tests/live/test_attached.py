@@ -1,0 +1,211 @@
+"""A link, what learns from it and who is shown it, put together: with recorded flights and whatever may go wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import all as dialect
+
+import mavdem
+from mavdem.attached import SILENCE, Attached, Standing
+from mavdem.dem import Estimate, Settings
+from mavdem.errors import Unreadable
+from mavdem.ingest.link import LinkLost
+from mavdem.ingest.raw_recording import RawRecording
+from mavdem.ingest.streams import read_stream
+from mavdem.live import LiveStream, Setup
+
+LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
+COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=10.0)
+FRAMES = [(stamp / 1e6, frame) for stamp, frame in read_stream(LOG).stamped_frames()]
+FIRST = next(stamp for stamp, frame in FRAMES if frame[7:10] == bytes([30, 0, 0]))
+"""Of ATTITUDE; the parameters come before."""
+
+
+class ScriptedLink:
+    """Gives out what it is told, in place of a socket; an exception in the script is raised."""
+
+    datagrams = True
+
+    def __init__(self, script: list[Any]) -> None:
+        self.script, self.sent, self.reopened = script, b"", 0
+
+    def receive(self, timeout: float) -> list[tuple[float, bytes]]:
+        if not self.script:
+            return []
+        now = self.script.pop(0)
+        if isinstance(now, Exception):
+            raise now
+        return now
+
+    def send(self, frame: bytes) -> None:
+        self.sent += frame
+
+    def reopen(self) -> bool:
+        self.reopened += 1
+        return self.reopened > 1
+
+
+class Screen:
+    """Keeps what it is shown."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[float, int, Estimate | None]] = []
+        self.sentences: list[str] = []
+        self.standings: list[Standing] = []
+        self.setup: Setup | None = None
+
+    def open(self, setup: Setup) -> Screen:
+        self.setup = setup
+        return self
+
+    def put(self, time, segment, outputs, inputs, estimate=None, learned=None) -> None:
+        self.rows.append((time, segment, estimate))
+
+    def log(self, text: str) -> None:
+        self.sentences.append(text)
+
+    def standing(self, standing: Standing) -> None:
+        self.standings.append(standing)
+
+
+def batches(seconds: float, start: float = 0.0) -> list[list[tuple[float, bytes]]]:
+    """The recorded frames of so many seconds, those of each twentieth of a second together; all before them first."""
+    found: dict[int, list[tuple[float, bytes]]] = {}
+    if not start:
+        found[-1] = [(stamp, frame) for stamp, frame in FRAMES if stamp < FIRST]
+    for stamp, frame in FRAMES:
+        if start <= stamp - FIRST < start + seconds:
+            found.setdefault(int(20 * (stamp - FIRST)), []).append((stamp, frame))
+    return list(found.values())
+
+
+def attached(script: list[Any], **options: Any) -> tuple[Attached, Screen, list[str]]:
+    screen, said = Screen(), []
+    link = ScriptedLink(script)
+    made = Attached(link, LiveStream(), COMPLETE, screen.open, said.append, **options)  # type: ignore[arg-type]
+    return made, screen, said
+
+
+def run(one: Attached) -> None:
+    while one.link.script:  # type: ignore[attr-defined]
+        one.step(0.0)
+    one.end()
+
+
+def test_what_is_learnt_from_is_the_flight_that_offline_reads():
+    one, screen, _ = attached(batches(12.0))
+    run(one)
+    flight = mavdem.read_flight(LOG)
+    learnt = one.learner._memory.record()
+    (row,) = np.flatnonzero(np.all(flight.outputs == learnt.outputs[0], axis=1))
+    same = slice(row, row + len(learnt.outputs))
+    np.testing.assert_array_equal(learnt.outputs, flight.outputs[same])
+    np.testing.assert_allclose(learnt.inputs, flight.inputs[same], atol=0.01)
+    assert len(learnt.outputs) > 700
+    live, offline = one.learner.learn_now(), mavdem.learn(flight[same], COMPLETE)
+    np.testing.assert_allclose(live.model.A, offline.model.A, rtol=1e-3, atol=1e-3)
+    assert one.standing.samples[0] == len([1 for *_, estimate in screen.rows if estimate is not None])
+    assert screen.setup.layout.names == flight.input_names
+    assert screen.rows[-1][2].model is not None
+
+
+def test_nothing_is_sent_unless_asked_for():
+    one, _, _ = attached(batches(8.0))
+    run(one)
+    assert one.link.sent == b""
+
+
+def test_rates_are_asked_for_and_given_back(monkeypatch):
+    script = batches(8.0)
+    one, _, _ = attached(script, rate=100.0)
+    answers = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    now = [0.0]
+    monkeypatch.setattr("mavdem.attached.time.monotonic", lambda: now[0])
+    for number in range(len(script)):
+        now[0] += 0.05
+        if number == 120:
+            for each in (30, 36):
+                interval = answers.message_interval_encode(each, 250_000).pack(answers)
+                one.link.script[0].append((one.link.script[0][-1][0], interval))
+        one.step(0.0)
+    one.end()
+    sent = dialect.MAVLink(None).parse_buffer(bytearray(one.link.sent))
+    asked = [(each.command, int(each.param1), each.param2) for each in sent]
+    assert asked[:2] == [(510, 30, 0), (510, 36, 0)] and (511, 30, 10_000) in asked
+    assert asked[-2:] == [(511, 30, 250_000), (511, 36, 250_000)]
+    assert all((each.target_system, each.target_component) == (1, 1) for each in sent)
+
+
+def test_a_link_that_is_lost_comes_back_and_what_was_learnt_stays():
+    one, screen, said = attached([*batches(9.0), LinkLost("The link x was lost."), *batches(3.0, start=10.0)])
+    run(one)
+    assert any("was lost" in sentence for sentence in said) and "The link is back." in said
+    assert len({segment for _, segment, _ in screen.rows}) == 2
+    first_after = next(row for row in screen.rows if row[1] != screen.rows[0][1])
+    assert first_after[2] is None or first_after[2].model is not None
+    assert screen.rows[-1][2].model is not None
+
+
+def test_silence_is_told(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.attached.time.monotonic", lambda: now[0])
+    one, _, said = attached([*batches(1.0)])
+    run(one)
+    now[0] += SILENCE + 1
+    one.step(0.0)
+    one.step(0.0)
+    assert sum("Nothing has come" in sentence for sentence in said) == 1
+
+
+def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypatch):
+    recording = RawRecording(tmp_path / "flight.tlog")
+    one, _, said = attached(batches(7.0), recording=recording)
+
+    def fails(*_: Any) -> None:
+        raise ValueError("numbers beyond all bounds")
+
+    monkeypatch.setattr(mavdem.OnlineLearner, "update", fails)
+    run(one)
+    kept = [frame for _, frame in read_stream(tmp_path / "flight.tlog").stamped_frames()]
+    assert kept == [frame for stamp, frame in FRAMES if stamp - FIRST < 7.0]
+    assert any("left out" in sentence for sentence in said)
+
+
+def test_a_recording_that_fails_ends_alone(tmp_path, monkeypatch):
+    recording = RawRecording(tmp_path / "flight.tlog")
+    one, screen, said = attached(batches(9.0), recording=recording)
+
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(recording, "take", full)
+    run(one)
+    assert [sentence for sentence in said if "recording ends here (No space left" in sentence]
+    assert screen.rows[-1][2].model is not None
+
+
+def test_hostile_bytes_change_nothing_that_is_learnt():
+    rng = np.random.default_rng(0)
+    script = batches(9.0)
+    hostile = [[*batch, (batch[-1][0], rng.bytes(300))] for batch in script]
+    plain, disturbed = attached(script)[0], attached(hostile)[0]
+    run(plain)
+    run(disturbed)
+    ours, theirs = (one.learner._memory.record() for one in (disturbed, plain))
+    np.testing.assert_array_equal(ours.outputs, theirs.outputs)
+    np.testing.assert_array_equal(ours.inputs, theirs.inputs)
+
+
+def test_pictures_that_cannot_be_opened_end_it_with_a_sentence():
+    one, screen, _ = attached(batches(8.0))
+
+    def refuses(setup: Setup) -> Screen:
+        raise Unreadable("The pictures cannot be recorded.")
+
+    one.show = refuses
+    with pytest.raises(Unreadable):
+        run(one)
