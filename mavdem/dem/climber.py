@@ -17,7 +17,6 @@ from mavdem.dem.model import LinearModel, unpack
 from mavdem.dem.one_thread import one_thread_if_free
 from mavdem.dem.parts import Parts
 from mavdem.dem.prediction import Predictor
-from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
 from mavdem.dem.sliding import SlidingMoments, in_engine
@@ -65,20 +64,14 @@ class Climber:
 
     def __init__(self, settings: Settings, memory: Memory, dt: float) -> None:
         """Begins at the priors' means, with the blocks that a ``memory`` of sampling step ``dt`` holds."""
-        self.settings, self._dt = settings, dt
+        self.settings, self._memory, self._dt = settings, memory, dt
         self.moments = SlidingMoments(memory, settings, dt)
         self._stand: tuple[Scaling, Belief] | None = None
         self._parts: Parts[Snapshot] | None = None
 
-    def begin(self, record: Record, until: float) -> None:
-        """Begins to climb: all the way at first, then a few rounds and a Newton step.
-
-        Args:
-            record: the memory's samples, whose moments ``moments`` are now.
-            until: time of the last of them, s.
-        """
-        counted = self.moments.total()
-        self._parts = self._climb(record, counted, until)
+    def begin(self) -> None:
+        """Begins to climb over what the memory holds by then: all the way at first, then a few rounds at a time."""
+        self._parts = self._climb()
 
     @property
     def climbing(self) -> bool:
@@ -106,14 +99,17 @@ class Climber:
             self._parts = parts
             return None
 
-    def _climb(self, record: Record, counted: tuple[int, Array], until: float) -> Parts[Snapshot]:
+    def _climb(self) -> Parts[Snapshot]:
+        yield from self.moments.catch_up()
+        # Of one moment: the next block may come in the next pause.
+        counted, record, until = self.moments.total(), self._memory.record(), self._memory.blocks[-1].until
+        yield
         stand, self._stand = self._stand, None
         scaling = Scaling.of(*record.spread, self.settings)
         to_engine = self.moments.to_engine(scaling)
         samples = in_engine(counted, to_engine)
         if not samples.number:
             raise ValueError(f"no segment has a window of {self.settings.window} samples")
-        yield
         model = generative_model(self.settings, scaling, record)
         yield
         if stand is None:

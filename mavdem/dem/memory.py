@@ -14,11 +14,18 @@ Array = NDArray[np.float64]
 
 
 class Block(NamedTuple):
-    """Consecutive samples: ``inputs`` (b, r) and ``outputs`` (b, m), physical; a segment ``begins`` with it or not."""
+    """Consecutive samples.
+
+    Attributes:
+        inputs, outputs: (b, r), (b, m), physical.
+        begins: whether a segment begins with it.
+        until: time of its last sample, s.
+    """
 
     inputs: Array
     outputs: Array
     begins: bool
+    until: float
 
 
 class Memory:
@@ -28,35 +35,45 @@ class Memory:
         blocks: those that are closed, the oldest first.
     """
 
-    def __init__(self, dt: float, block: int, most: int) -> None:
-        """Takes the sampling step ``dt``, s, the samples in a ``block`` and how many blocks there are at ``most``."""
+    def __init__(self, dt: float, block: int, most: int, inputs: int, outputs: int) -> None:
+        """Begins empty.
+
+        Args:
+            dt: sampling step, s.
+            block: samples in a block.
+            most: blocks that are kept.
+            inputs, outputs: r and m.
+        """
         self.blocks: deque[Block] = deque(maxlen=most)
         self._dt, self._block = dt, block
-        self._inputs: list[Array] = []
-        self._outputs: list[Array] = []
-        self._begins = True
+        # A table of twice what is kept, so that rows need not be moved each time: the latest samples are one slice.
+        self._inputs, self._outputs = np.empty((2 * most * block, inputs)), np.empty((2 * most * block, outputs))
+        self._end = self._open = self._segment = 0
+        self._begins, self._time = True, np.nan
 
-    def add(self, inputs: Array, outputs: Array) -> bool:
-        """Takes the next sample, (r,) and (m,); answers whether it filled a block."""
-        self._inputs.append(inputs)
-        self._outputs.append(outputs)
-        if len(self._outputs) < self._block:
+    def add(self, inputs: Array, outputs: Array, time: float) -> bool:
+        """Takes the next sample, (r,) and (m,), of a ``time`` in s; answers whether it filled a block."""
+        if self._end == len(self._inputs):
+            self._move()
+        self._inputs[self._end], self._outputs[self._end] = inputs, outputs
+        self._end, self._time = self._end + 1, time
+        if self._end - self._open < self._block:
             return False
         self._close()
         return True
+
+    def part(self) -> bool:
+        """Says that a gap follows; answers whether that closed a block."""
+        closed = self._end > self._open
+        if closed:
+            self._close()
+        self._begins, self._segment = True, self._end
+        return closed
 
     def forget_half(self) -> None:
         """Forgets the older half of the blocks."""
         for _ in range(len(self.blocks) // 2):
             self.blocks.popleft()
-
-    def part(self) -> bool:
-        """Says that a gap follows; answers whether that closed a block."""
-        closed = bool(self._outputs)
-        if closed:
-            self._close()
-        self._begins = True
-        return closed
 
     def record(self) -> Record:
         """The samples of all blocks, of which there is one at least."""
@@ -70,19 +87,21 @@ class Memory:
         return Record(inputs, outputs, self._dt, tuple(lengths))
 
     def latest(self, number: int) -> tuple[Array, Array]:
-        """Inputs and outputs of so many of the latest samples since the last gap; fewer where there are fewer."""
-        inputs, outputs = [*self._inputs[::-1]], [*self._outputs[::-1]]
-        begun = self._begins
-        for block in reversed(self.blocks):
-            if begun or len(outputs) >= number:
-                break
-            inputs += [*block.inputs[::-1]]
-            outputs += [*block.outputs[::-1]]
-            begun = block.begins
-        return np.array(inputs[:number][::-1]), np.array(outputs[:number][::-1])
+        """Inputs and outputs of so many of the latest samples since the last gap; fewer where there are fewer.
+
+        They are good until the next sample is taken.
+        """
+        latest = slice(max(self._segment, self._end - number), self._end)
+        return self._inputs[latest], self._outputs[latest]
+
+    def _move(self) -> None:
+        kept = len(self._inputs) // 2
+        for table in (self._inputs, self._outputs):
+            table[:kept] = table[self._end - kept : self._end]
+        by = self._end - kept
+        self._end, self._open, self._segment = kept, self._open - by, max(self._segment - by, 0)
 
     def _close(self) -> None:
-        self.blocks.append(Block(np.array(self._inputs), np.array(self._outputs), self._begins))
-        self._inputs.clear()
-        self._outputs.clear()
-        self._begins = False
+        rows = slice(self._open, self._end)
+        self.blocks.append(Block(self._inputs[rows].copy(), self._outputs[rows].copy(), self._begins, self._time))
+        self._open, self._begins = self._end, False

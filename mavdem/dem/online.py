@@ -135,7 +135,7 @@ class OnlineLearner:
         self.obstacle = "there are not enough samples yet"
         self._settings = Settings() if settings is None else settings
         self._dt, self._sizes, self._executor = dt, (n_inputs, n_outputs), executor
-        self._memory = Memory(dt, block, most)
+        self._memory = Memory(dt, block, most, n_inputs, n_outputs)
         self._most = most * block
         self._samples = 0
         self._next_choice = self._first_choice = max(round(FIRST_CHOICE / dt), 2 * FEWEST_SAMPLES)
@@ -143,7 +143,6 @@ class OnlineLearner:
         self._climber: Climber | None = None
         self._tracker: Tracker | None = None
         self._last: tuple[float, Array] | None = None
-        self._until = np.nan
         self._one_step_errors, self._errors = RecentErrors(self._most), PastErrors(horizons, self._most)
         self._energies = Unusual(self._most)
 
@@ -167,13 +166,13 @@ class OnlineLearner:
         time, u, y = self._checked(time, inputs, outputs)
         if self._last is not None and abs(time - self._last[0] - self._dt) > 0.5 * self._dt:
             self._begin_segment()
-        closed = self._memory.add(u, y)
+        closed = self._memory.add(u, y, time)
         self._samples += 1
         estimate = self._estimate(time, u, y)
         self._last = time, u
         if closed:
             self._energies.settle()
-            self._remember(time)
+            self._remember()
         self._choose()
         self._climb()
         return estimate
@@ -201,9 +200,8 @@ class OnlineLearner:
         return float(now), u, y
 
     def _begin_segment(self) -> None:
-        assert self._last is not None
         if self._memory.part():
-            self._remember(self._last[0])
+            self._remember()
         self._errors.part()
         self._last = None
 
@@ -245,13 +243,12 @@ class OnlineLearner:
         one, several, none = np.full(m, nan), np.full((len(later), m), nan), np.empty(0)
         return Estimate(time, one, one, later, several, several, nan, nan, nan, none, nan, None, None, none, nan)
 
-    def _remember(self, until: float) -> None:
-        """Takes the block that was just closed, with a sample of that time, into the moments; begins to climb."""
-        self._until = until
+    def _remember(self) -> None:
+        """Takes the block that was just closed into the moments; begins to climb, unless that still goes on."""
         if self._climber is not None:
-            self._climber.moments.add(*self._memory.blocks[-1])
+            self._climber.moments.add(self._memory.blocks[-1])
             if not self._climber.climbing:
-                self._climber.begin(self._memory.record(), self._until)
+                self._climber.begin()
 
     def _climb(self) -> None:
         """A step further, where there is one to go."""
@@ -306,5 +303,5 @@ class OnlineLearner:
         """Climbs with other complete settings from now on, or on with the same."""
         if self._climber is None or self._climber.settings != settings:
             self._climber = Climber(settings, self._memory, self._dt)
-            self._climber.begin(self._memory.record(), self._until)
+            self._climber.begin()
             self._energies = Unusual(self._most)

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 
 from mavdem.dem.coordinates import embed, taylor_weights
 from mavdem.dem.generative import Samples
-from mavdem.dem.memory import Memory
+from mavdem.dem.memory import Block, Memory
+from mavdem.dem.parts import Parts
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
 
@@ -27,7 +28,7 @@ class SlidingMoments:
     """
 
     def __init__(self, memory: Memory, settings: Settings, dt: float) -> None:
-        """Takes complete ``settings`` and the blocks that a ``memory`` holds; further ones by :meth:`add`."""
+        """Takes complete ``settings``, and the blocks that a ``memory`` holds; further ones by :meth:`add`."""
         assert settings.window is not None and settings.d is not None
         self._orders, self._window, self._dt = (settings.p, settings.d), settings.window, dt
         self._weights = [taylor_weights(order, dt, self._window, self._window // 2) for order in self._orders]
@@ -35,13 +36,21 @@ class SlidingMoments:
         self._reference = (first.outputs[0], first.inputs[0])
         self._blocks: deque[tuple[int, Array]] = deque(maxlen=memory.blocks.maxlen)
         self._before = tuple(channel[:0] for channel in (first.outputs, first.inputs))
-        for block in memory.blocks:
-            self.add(*block)
+        self._waiting = deque(memory.blocks)
 
-    def add(self, inputs: Array, outputs: Array, begins: bool) -> None:
-        """Takes the next block of a memory."""
-        channels = (outputs, inputs)
-        if not begins:
+    def add(self, block: Block) -> None:
+        """Takes the next block of the memory; it counts once :meth:`catch_up` has come to it."""
+        self._waiting.append(block)
+
+    def catch_up(self) -> Parts[None]:
+        """Counts what waits, in parts."""
+        while self._waiting:
+            self._count(self._waiting.popleft())
+            yield
+
+    def _count(self, block: Block) -> None:
+        channels = (block.outputs, block.inputs)
+        if not block.begins:
             channels = tuple(np.concatenate(pair) for pair in zip(self._before, channels, strict=True))  # type: ignore[assignment]
         self._before = tuple(channel[max(len(channel) - self._window + 1, 0) :] for channel in channels)
         if len(channels[0]) < self._window:
@@ -63,7 +72,7 @@ class SlidingMoments:
         return np.concatenate([y.ravel(), v.ravel(), [1.0]])
 
     def total(self) -> tuple[int, Array]:
-        """How many samples count, and Σ g gᵀ over them."""
+        """How many samples count, and Σ g gᵀ over them, of the blocks that were counted."""
         return sum(count for count, _ in self._blocks), np.sum([gram for _, gram in self._blocks], axis=0)
 
     def to_engine(self, scaling: Scaling) -> Array:

@@ -20,6 +20,7 @@ from mavdem.dem.generative import Samples
 from mavdem.dem.memory import Memory
 from mavdem.dem.one_thread import one_thread, one_thread_if_free
 from mavdem.dem.online import FIRST_CHOICE, HORIZONS, Estimate
+from mavdem.dem.parts import at_once
 from mavdem.dem.past_errors import PastErrors, RecentErrors
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
@@ -45,26 +46,28 @@ def windy() -> list[Estimate]:
 def test_moments_of_a_memory_are_those_of_its_record(scaling):
     """Of segments with short blocks at their ends and oldest blocks forgotten."""
     rng = np.random.default_rng(0)
-    memory = Memory(0.01, block=10, most=12)
+    memory = Memory(0.01, block=10, most=12, inputs=4, outputs=2)
     settings = Settings(order=2, d=1, window=7, parameter_precision=1.0, scaling=scaling)
     moments = None
     for sample in range(171):
         closed = memory.part() if sample in (83, 105) else False
         if closed and moments is not None:
-            moments.add(*memory.blocks[-1])
-        if memory.add(1500 + 50 * rng.standard_normal(4), rng.standard_normal(2)):
+            moments.add(memory.blocks[-1])
+        if memory.add(1500 + 50 * rng.standard_normal(4), rng.standard_normal(2), 0.01 * sample):
             if moments is None:
                 moments = SlidingMoments(memory, settings, 0.01)
             else:
-                moments.add(*memory.blocks[-1])
+                moments.add(memory.blocks[-1])
     record = memory.record()
     assert record.lengths == (23, 22, 60)  # of 83 the oldest are forgotten; the last 6 are in no block yet
     scaling = Scaling.of(*record.spread, settings)
     whole = Samples.of(*generalized(settings, scaling, record))
+    at_once(moments.catch_up())
     ours = in_engine(moments.total(), moments.to_engine(scaling))
     # The first block that is left had six samples before it, which its first windows reach back to.
     assert ours.number == whole.number + 6
     again = SlidingMoments(memory, settings, 0.01)
+    at_once(again.catch_up())
     assert in_engine(again.total(), again.to_engine(scaling)).number == whole.number
     size = np.sqrt(np.outer(whole.gram.diagonal(), whole.gram.diagonal()))
     assert np.abs(in_engine(again.total(), again.to_engine(scaling)).gram - whole.gram).max() <= 1e-9 * size.max()
@@ -74,16 +77,18 @@ def test_moments_of_a_memory_are_those_of_its_record(scaling):
 
 
 def test_a_memory_knows_its_latest_samples():
-    memory = Memory(0.01, block=4, most=3)
-    for sample in range(10):
-        memory.add(np.array([sample]), np.array([-sample]))
-    inputs, outputs = memory.latest(7)
-    assert inputs.ravel().tolist() == [3, 4, 5, 6, 7, 8, 9] and (outputs == -inputs).all()
+    memory = Memory(0.01, block=4, most=3, inputs=1, outputs=1)
+    for sample in range(100):
+        memory.add(np.array([sample]), np.array([-sample]), 0.01 * sample)
+        inputs, outputs = memory.latest(7)
+        assert inputs.ravel().tolist() == list(range(max(sample - 6, 0), sample + 1)) and (outputs == -inputs).all()
+    assert memory.blocks[-1].until == pytest.approx(0.99)
     memory.part()
     assert len(memory.latest(7)[0]) == 0
-    memory.add(np.array([10]), np.array([-10]))
-    assert memory.latest(7)[0].ravel().tolist() == [10]
-    assert memory.record().lengths == (10,)
+    for sample in range(100, 140):
+        memory.add(np.array([sample]), np.array([-sample]), 0.01 * sample)
+        assert memory.latest(7)[0].ravel().tolist() == list(range(max(sample - 6, 100), sample + 1))
+    assert memory.record().lengths == (12,) and memory.record().inputs.ravel().tolist() == list(range(128, 140))
 
 
 @pytest.mark.parametrize("wind", [1.0, 2.0])
@@ -94,27 +99,27 @@ def test_it_arrives_where_learning_at_once_does(wind):
     estimate = flown(online, flight)[-1]
     learnt = round((estimate.until - flight.time[0]) / flight.dt) + 1
     assert len(flight) - learnt <= 50
-    at_once = mavdem.learn(flight[:learnt], COMPLETE)
-    assert at_once.settled
-    assert at_once.free_energy[-1] - estimate.free_energy_action < 5.0
+    whole = mavdem.learn(flight[:learnt], COMPLETE)
+    assert whole.settled
+    assert whole.free_energy[-1] - estimate.free_energy_action < 5.0
     # The last sample again and again would be new data; the climber is asked to stay at what it has.
-    climber, record = online._climber, online._memory.record()
-    for _ in range(8):
-        climber.begin(record, estimate.until)
+    climber = online._climber
+    for _ in range(20):
+        climber.begin()
         snapshot = None
         while snapshot is None:
             snapshot = climber.advance()
-    at_once = mavdem.learn(flight, COMPLETE)
-    assert abs(at_once.free_energy[-1] - snapshot.free_energy_action) < SETTLED
+    whole = mavdem.learn(flight, COMPLETE)
+    assert abs(whole.free_energy[-1] - snapshot.free_energy_action) < SETTLED
     energy, disturbance = Tracker(snapshot, climber, (1,), None).judge(online._memory)
-    assert energy + snapshot.energy.priors == pytest.approx(at_once.free_energy_of_samples[-1], abs=SETTLED)
-    places, noise = at_once.process_noise()
+    assert energy + snapshot.energy.priors == pytest.approx(whole.free_energy_of_samples[-1], abs=SETTLED)
+    places, noise = whole.process_noise()
     assert places[-1] == len(flight) - 5
     np.testing.assert_allclose(disturbance, noise[-1], atol=0.01 * noise.std(axis=0).max())
-    np.testing.assert_allclose(snapshot.model.A, at_once.model.A, atol=0.5 * at_once.model_sd.A.max())
-    np.testing.assert_allclose(snapshot.model.B, at_once.model.B, atol=0.5 * at_once.model_sd.B.max())
-    np.testing.assert_allclose(snapshot.model_sd.A, at_once.model_sd.A, rtol=0.05)
-    np.testing.assert_allclose(snapshot.model_sd.B, at_once.model_sd.B, rtol=0.05)
+    np.testing.assert_allclose(snapshot.model.A, whole.model.A, atol=0.5 * whole.model_sd.A.max())
+    np.testing.assert_allclose(snapshot.model.B, whole.model.B, atol=0.5 * whole.model_sd.B.max())
+    np.testing.assert_allclose(snapshot.model_sd.A, whole.model_sd.A, rtol=0.05)
+    np.testing.assert_allclose(snapshot.model_sd.B, whole.model_sd.B, rtol=0.05)
 
 
 @pytest.mark.slow
