@@ -40,6 +40,7 @@ _COLUMNS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4, "rates": 3} 
     "outputs": 4,
     "demands": 4,
     "rotor_speeds": 4,
+    "battery": 1,
     "wind": 3,
     "force": 3,
     "moment": 3,
@@ -141,6 +142,7 @@ class Simulation:
             self._armed = True
         if self._armed and flown >= self._flight and self._grounded:
             self._armed = False
+        battery = self._battery(flown)
         state, air = self._state, self._weather.at(flown + self._boot, self._state.position)
         known = self._sensing.known(state)
         wanted = self._plan.at(flown * self.cycle)
@@ -168,22 +170,26 @@ class Simulation:
             *outputs,
             *demands,
             *state.rotors,
+            battery,
             *air[:3],
             *acting[6:],
             float(self._armed),
             float(landed),
         )
-        self._move(self._targets(outputs, flown), air, wanted.landed_state)
+        self._move(self._targets(outputs, battery), air, wanted.landed_state)
         self._now += 1
         return row
 
-    def _targets(self, outputs: Four, flown: int) -> Four:
-        """Rotor speeds that the outputs settle at, rad/s, with what the battery has left."""
+    def _battery(self, flown: int) -> float:
+        """What is left of the battery, as in ``Motion``, so many cycles after arming: every flight begins with all."""
+        return 1.0 - self.scenario.vehicle.battery_sag * min(max(flown / self._flight, 0.0), 1.0)
+
+    def _targets(self, outputs: Four, battery: float) -> Four:
+        """Rotor speeds that the outputs settle at, rad/s, with what is left of the battery."""
         if not self._armed:
             return 0.0, 0.0, 0.0, 0.0
-        left = 1.0 - self.scenario.vehicle.battery_sag * min(max(flown / self._flight, 0.0), 1.0)
         slope, offset = self._airframe.speed
-        slope, offset = left * slope * self._airframe.full / 1000.0, left * offset
+        slope, offset = battery * slope * self._airframe.full / 1000.0, battery * offset
         a, b, c, d = outputs
         return (
             slope * (a - 1000.0) + offset,

@@ -47,6 +47,7 @@ def made_up_motion(seconds: float = 20.0, cycle: float = 0.004, begin: float = 0
         outputs=outputs,
         demands=np.column_stack([swing / 400, 0 * swing, 0 * swing, 0.5 * flying]),
         rotor_speeds=outputs,
+        battery=1.0 - 0.1 * since / seconds,
         wind=np.tile([0.0, -5.0, 0.0], (count, 1)),
         force=np.zeros((count, 3)),
         moment=np.zeros((count, 3)),

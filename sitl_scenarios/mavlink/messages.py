@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from mavdem.ingest.decode import Definition, definitions
 from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Autopilot
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.scenario import Scenario
 
 Array = NDArray[np.float64]
 Payloads = NDArray[Any]
@@ -50,9 +49,9 @@ def payload(name: str, **fields: Any) -> Payloads:
 class Speaker:
     """What one vehicle says of its motion."""
 
-    def __init__(self, scenario: Scenario, autopilot: Autopilot) -> None:
-        """Takes the flight's scenario and who speaks."""
-        self._scenario, self._autopilot = scenario, autopilot
+    def __init__(self, autopilot: Autopilot) -> None:
+        """Takes who speaks."""
+        self._autopilot = autopilot
         self._told: dict[str, Callable[[Motion, NDArray[np.int64]], dict[str, Any]]] = {
             "HEARTBEAT": self._heartbeat,
             "SYS_STATUS": self._sys_status,
@@ -90,14 +89,11 @@ class Speaker:
         return base + ARMED * motion.armed, custom
 
     def _sys_status(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        # The share of the rotors' speed that a battery loses is that of its voltage.
-        elapsed = np.clip(motion.time / self._scenario.duration, 0.0, 1.0)
-        volts = FULL * (1 - self._scenario.vehicle.battery_sag * elapsed)
         return {
             "onboard_control_sensors_present": SENSORS,
             "onboard_control_sensors_enabled": SENSORS,
             "onboard_control_sensors_health": SENSORS | FENCE,
-            "voltage_battery": np.round(1000 * volts),
+            "voltage_battery": np.round(1000 * FULL * motion.battery),
             "current_battery": -1,
             "battery_remaining": -1,
         }

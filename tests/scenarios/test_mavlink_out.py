@@ -90,6 +90,15 @@ def test_what_is_read_back_is_what_was_true(speaks, version, tmp_path):
         assert set(actuator[0, 4:16]) == {900} and set(actuator[0, 16:]) == {0}
 
 
+def test_the_battery_is_told_in_millivolts_as_it_sags(tmp_path):
+    """Of 12.6 V a tenth is lost over the 20 s of the motion, whenever the autopilot booted."""
+    for begin in (0.0, 500.0):
+        told = read(tmp_path, scenario(), made_up_motion(begin=begin)).vehicles[0].messages["SYS_STATUS"]
+        volts = 12.6 - 1.26 * (told["time"] - begin) / 20.0
+        assert told["voltage_battery"] == pytest.approx(1000 * volts, abs=3)  # its time is that of the message before
+        assert told["voltage_battery"][-1] < 11400
+
+
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
 def test_pymavlink_reads_every_frame(speaks, version, tmp_path):
