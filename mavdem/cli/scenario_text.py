@@ -73,10 +73,11 @@ def _listed(parts: list[str]) -> str:
 
 def in_toml(scenario: Scenario) -> str:
     """A scenario file with every value, which read again is the same scenario."""
-    values = scenario.model_dump(mode="json", exclude_none=True)
+    values = scenario.model_dump(mode="json")
     tables = {key: value for key, value in values.items() if isinstance(value, dict)}
     lists = {key: value for key, value in values.items() if isinstance(value, list)}
-    lines = [f"{key} = {_value(value)}" for key, value in values.items() if key not in tables and key not in lists]
+    single = {key: value for key, value in values.items() if isinstance(value, str | int | float)}
+    lines = _pairs(single)
     for key, rows in lists.items():
         for row in rows:
             lines += ["", f"[[{key}]]", *_pairs(row)]
@@ -92,5 +93,7 @@ def _pairs(table: dict[str, Any]) -> list[str]:
 def _value(value: Any) -> str:
     if isinstance(value, dict):
         return "{" + ", ".join(_pairs(value)) + "}"
+    if value is None:
+        return "inf"  # the time that never comes
     # Of text, numbers and truth values JSON's forms are TOML's too.
     return json.dumps(value, ensure_ascii=False)
