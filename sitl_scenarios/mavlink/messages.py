@@ -14,8 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.decode import Definition, definitions
+from sitl_scenarios.attitude import euler
 from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Autopilot
 from sitl_scenarios.motion import Motion
+from sitl_scenarios.pulses import HIGHEST, LOWEST
 
 Array = NDArray[np.float64]
 Payloads = NDArray[Any]
@@ -102,7 +104,7 @@ class Speaker:
         return {"landed_state": motion.landed_state}
 
     def _attitude(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        roll, pitch, yaw = euler(motion.known_attitude)
+        roll, pitch, yaw = np.array([euler(attitude) for attitude in motion.known_attitude.tolist()]).T
         return {"time_boot_ms": _milliseconds(boot), "roll": roll, "pitch": pitch, "yaw": yaw, **_rates(motion)}
 
     def _attitude_quaternion(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
@@ -129,25 +131,16 @@ class Speaker:
 
     def _hil_actuator_controls(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
         controls = np.zeros((len(boot), CHANNELS))
+        # A motor that is stopped has less than the lowest pulse, and no negative command.
         motors = motion.outputs.shape[1]
-        controls[:, :motors] = np.where(motion.armed[:, None], (motion.outputs - 1000) / 1000, 0.0)
+        controls[:, :motors] = np.maximum((motion.outputs - LOWEST) / (HIGHEST - LOWEST), 0.0)
         return {"time_usec": boot, "controls": controls, "mode": self._modes(motion)[0]}
 
     def _outputs(self, motion: Motion) -> Array:
         """(N, 16) PWM of every channel."""
-        outputs = np.full((len(motion), CHANNELS), float(self._autopilot.unused))
-        motors = motion.outputs.shape[1]
-        outputs[:, :motors] = np.where(motion.armed[:, None], motion.outputs, self._autopilot.disarmed)
+        outputs = np.full((len(motion), CHANNELS), self._autopilot.unused)
+        outputs[:, : motion.outputs.shape[1]] = motion.outputs
         return outputs
-
-
-def euler(attitude: Array) -> tuple[Array, Array, Array]:
-    """Roll, pitch and yaw (N,), rad, Z-Y-X, of unit quaternions (N, 4) from body to NED."""
-    w, x, y, z = attitude.T
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return roll, pitch, yaw
 
 
 def _rates(motion: Motion) -> dict[str, Array]:
