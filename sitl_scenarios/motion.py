@@ -26,6 +26,7 @@ class Motion:
         outputs: (N, 4) motor commands as the autopilot puts them out, PWM in µs, quantised as it does.
         demands: (N, 4) what it asked the mixer for: roll, pitch, yaw (−1 to 1) and thrust (0 to 1).
         rotor_speeds: (N, 4) rad/s.
+        battery: (N,) share of the voltage of a charged battery, and of the rotors' speed with it, that is left.
         wind: (N, 3) NED, m/s, at the vehicle, where the air moves *to*.
         force: (N, 3) NED, N, and moment: (N, 3) body, N m, of the wind and whatever else disturbs; without rotors'
             thrust and torque in still air, and without gravity. What the air does to a vehicle that moves is in them:
@@ -46,6 +47,7 @@ class Motion:
     outputs: Array
     demands: Array
     rotor_speeds: Array
+    battery: Array
     wind: Array
     force: Array
     moment: Array

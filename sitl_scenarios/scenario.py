@@ -6,9 +6,10 @@ are degrees clockwise from north: wind comes *from* its direction, as in weather
 
 from __future__ import annotations
 
+from math import inf
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -20,6 +21,9 @@ Speed = Annotated[float, Field(ge=0, le=60)]
 """Of wind, m/s: no hurricane's mean is greater."""
 
 Share = Annotated[float, Field(ge=0, le=1)]
+
+_OrInf = BeforeValidator(lambda given: None if given == inf else given)
+"""Beside None, the time that never comes: TOML has no word for None, JSON none for infinity."""
 
 
 class _Section(BaseModel):
@@ -97,7 +101,7 @@ class Gust(_Section):
         speed: its greatest, m/s.
         direction: it comes from, degrees.
         rise: seconds from its beginning to its greatest, where it stays.
-        hold: seconds it stays there before it falls as it rose; None: for good.
+        hold: seconds it stays there before it falls as it rose; None, or ``inf``: for good.
     """
 
     kind: Literal["gust"]
@@ -105,7 +109,7 @@ class Gust(_Section):
     speed: Speed
     direction: Finite = 90.0
     rise: Positive = 1.0
-    hold: NotNegative | None = 0.0
+    hold: Annotated[NotNegative | None, _OrInf] = 0.0
 
 
 class Jet(_Section):
@@ -224,15 +228,15 @@ class Faults(_Section):
         loss: share of the messages that are lost.
         delay: seconds that each is late; jitter: up to so many more.
         reordered: share of the messages that are overtaken by the one after.
-        reboot: seconds into the flight at which the autopilot begins anew, in the air, with a clock from zero; None:
-            never.
+        reboot: seconds into the flight at which the autopilot begins anew, in the air, with a clock from zero; None,
+            or ``inf``: never.
     """
 
     loss: Share = 0.0
     delay: NotNegative = 0.0
     jitter: NotNegative = 0.0
     reordered: Share = 0.0
-    reboot: Positive | None = None
+    reboot: Annotated[Positive | None, _OrInf] = None
 
 
 class Scenario(_Section):

@@ -7,13 +7,14 @@ from math import ceil, fsum, hypot, sqrt
 
 import numpy as np
 
-from sitl_scenarios.autopilot import Autopilot
 from sitl_scenarios.body import Body, State
+from sitl_scenarios.controller import Controller
 from sitl_scenarios.dynamics import Air, dynamics
 from sitl_scenarios.frames import Four
 from sitl_scenarios.mixer import IDLE
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import AFTER, BOOT, Plan
+from sitl_scenarios.pulses import HIGHEST, LOWEST, STOPPED, pulse
 from sitl_scenarios.randomness import SENSORS, generator
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.sensors import Sensing
@@ -26,9 +27,6 @@ CYCLES = {"px4": 1 / 250, "ardupilot": 1 / 400}
 SLOWEST_STEP = 1e-3
 """s: the physics take whole steps in a cycle, and none is longer than this."""
 
-DISARMED = {"px4": 900.0, "ardupilot": 1000.0}
-"""µs that a motor output has while disarmed."""
-
 TUMBLING = 200.0
 """rad/s: no vehicle turns faster, and a simulation of one that did would mean nothing."""
 
@@ -40,6 +38,7 @@ _COLUMNS = {"time": 1, "position": 3, "velocity": 3, "attitude": 4, "rates": 3} 
     "outputs": 4,
     "demands": 4,
     "rotor_speeds": 4,
+    "battery": 1,
     "wind": 3,
     "force": 3,
     "moment": 3,
@@ -72,7 +71,7 @@ class Simulation:
         self._dynamics = dynamics(scenario.vehicle)
         self._airframe = AIRFRAMES[scenario.vehicle.model]
         self._plan = Plan(scenario, self.cycle)
-        self._autopilot = Autopilot(scenario.vehicle, self.cycle, scenario.sensors.delay)
+        self._controller = Controller(scenario.vehicle, self.cycle, scenario.sensors.delay)
         self._sensing = Sensing(scenario.sensors, self.cycle, generator(scenario.seed, SENSORS))
         self._boot = round(BOOT / self.cycle)
         self._flight = round(scenario.duration / self.cycle)
@@ -118,7 +117,7 @@ class Simulation:
         if armed:
             self._arming = self._now
             self._down = False
-            self._autopilot.rest()
+            self._controller.rest()
         return True
 
     def advance(self, cycles: int) -> Motion:
@@ -141,17 +140,17 @@ class Simulation:
             self._armed = True
         if self._armed and flown >= self._flight and self._grounded:
             self._armed = False
+        battery = self._battery(flown)
         state, air = self._state, self._weather.at(flown + self._boot, self._state.position)
         known = self._sensing.known(state)
         wanted = self._plan.at(flown * self.cycle)
         landed = 1 if self._grounded and not (self._armed and wanted.landed_state == 3) else wanted.landed_state
         if not self._armed:
-            disarmed = DISARMED[self.scenario.stream.speaks]
-            outputs, demands = (disarmed,) * 4, (0.0,) * 4
+            outputs, demands = (STOPPED[self.scenario.stream.speaks],) * 4, (0.0,) * 4
         elif wanted.landed_state == 1 or self._down:
-            outputs, demands = (1000.0 + 1000.0 * IDLE,) * 4, (0.0, 0.0, 0.0, IDLE)
+            outputs, demands = (pulse(IDLE),) * 4, (0.0, 0.0, 0.0, IDLE)
         else:
-            outputs, demands = self._autopilot.outputs(known, wanted, not self._grounded)
+            outputs, demands = self._controller.outputs(known, wanted, not self._grounded)
         acting = _STILL
         if not self._grounded:
             acting = self._dynamics(state.attitude, state.velocity, state.rates, state.rotors, air)
@@ -168,28 +167,32 @@ class Simulation:
             *outputs,
             *demands,
             *state.rotors,
+            battery,
             *air[:3],
             *acting[6:],
             float(self._armed),
             float(landed),
         )
-        self._move(self._targets(outputs, flown), air, wanted.landed_state)
+        self._move(self._targets(outputs, battery), air, wanted.landed_state)
         self._now += 1
         return row
 
-    def _targets(self, outputs: Four, flown: int) -> Four:
-        """Rotor speeds that the outputs settle at, rad/s, with what the battery has left."""
+    def _battery(self, flown: int) -> float:
+        """What is left of the battery, as in ``Motion``, so many cycles after arming: every flight begins with all."""
+        return 1.0 - self.scenario.vehicle.battery_sag * min(max(flown / self._flight, 0.0), 1.0)
+
+    def _targets(self, outputs: Four, battery: float) -> Four:
+        """Rotor speeds that the outputs settle at, rad/s, with what is left of the battery."""
         if not self._armed:
             return 0.0, 0.0, 0.0, 0.0
-        left = 1.0 - self.scenario.vehicle.battery_sag * min(max(flown / self._flight, 0.0), 1.0)
         slope, offset = self._airframe.speed
-        slope, offset = left * slope * self._airframe.full / 1000.0, left * offset
+        slope, offset = battery * slope * self._airframe.full / (HIGHEST - LOWEST), battery * offset
         a, b, c, d = outputs
         return (
-            slope * (a - 1000.0) + offset,
-            slope * (b - 1000.0) + offset,
-            slope * (c - 1000.0) + offset,
-            slope * (d - 1000.0) + offset,
+            slope * (a - LOWEST) + offset,
+            slope * (b - LOWEST) + offset,
+            slope * (c - LOWEST) + offset,
+            slope * (d - LOWEST) + offset,
         )
 
     def _move(self, targets: Four, air: Air, phase: int) -> None:
@@ -216,7 +219,7 @@ class Simulation:
             state = State((north, east, 0.0), attitude=(w / size, 0.0, 0.0, z / size), rotors=state.rotors)
             self._grounded = True
             self._down = phase == 4 or not self._armed
-            self._autopilot.rest()
+            self._controller.rest()
         self._state = state
 
 

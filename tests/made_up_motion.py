@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sitl_scenarios.motion import Motion
+from sitl_scenarios.pulses import STOPPED
+from sitl_scenarios.simulation import CYCLES
 
 ARMED, UP, DOWN = 2.0, 4.0, 3.0
 """Seconds from boot to arming; from arming to the hover; from its end to the ground."""
@@ -12,8 +14,9 @@ ROLL = 0.2
 """rad, how far the roll swings, at 0.7 Hz."""
 
 
-def made_up_motion(seconds: float = 20.0, cycle: float = 0.004, begin: float = 0.0) -> Motion:
+def made_up_motion(seconds: float = 20.0, begin: float = 0.0, speaks: str = "px4") -> Motion:
     """A flight of so many seconds, on the ground at its ends; its boot clock begins at ``begin``."""
+    cycle = CYCLES[speaks]
     count = round(seconds / cycle)
     since = np.arange(count) * cycle
     time = begin + since
@@ -33,7 +36,7 @@ def made_up_motion(seconds: float = 20.0, cycle: float = 0.004, begin: float = 0
     velocity = np.column_stack([np.cos(angle), -np.sin(angle), 0 * angle])
     swing = 60 * flying * np.sin(angle + 1.0)
     signs = np.array([-1, 1, 1, -1])
-    outputs = np.round(np.where(armed, 1100 + 400 * flying, 1000)[:, None] + swing[:, None] * signs)
+    outputs = np.round(np.where(armed, 1100 + 400 * flying, STOPPED[speaks])[:, None] + swing[:, None] * signs)
     return Motion(
         time=time,
         position=position,
@@ -47,6 +50,7 @@ def made_up_motion(seconds: float = 20.0, cycle: float = 0.004, begin: float = 0
         outputs=outputs,
         demands=np.column_stack([swing / 400, 0 * swing, 0 * swing, 0.5 * flying]),
         rotor_speeds=outputs,
+        battery=1.0 - 0.1 * since / seconds,
         wind=np.tile([0.0, -5.0, 0.0], (count, 1)),
         force=np.zeros((count, 3)),
         moment=np.zeros((count, 3)),

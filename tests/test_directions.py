@@ -18,11 +18,13 @@ HOME = {
     "pymavlink": "ingest",
     "mcap": "ingest",
     "mcap_ros2": "ingest",
+    "zstandard": "ingest",
+    "lz4": "ingest",
     "pyulog": "ingest",
+    "pyarrow": "table.py",
     "click": "cli",
     "rich": "cli",
 }
-HOME |= {"mcap_ros2": "ingest", "zstandard": "ingest", "lz4": "ingest", "pyarrow": "table.py"}
 """The only room that may import a library."""
 
 

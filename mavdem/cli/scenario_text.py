@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.scenario import Gust, Scenario, Wind
 
 VEHICLES = {"ardrone2": "AR.Drone 2.0", "iris": "3DR Iris", "crazyflie": "Crazyflie 2"}
 FRAMES = {"x": "X", "plus": "+"}
@@ -15,19 +15,21 @@ WINDS = {
     "gaussian": "noise of {sd:g} m/s along each axis, its kernel {s:g} s",
     "dryden": "{speed:g} m/s from {direction:g}° with Dryden turbulence for {wind_at_20_feet:g} m/s at 20 feet",
     "von_karman": "{speed:g} m/s from {direction:g}° with von Kármán turbulence for {wind_at_20_feet:g} m/s at 20 feet",
-    "gust": "a gust of {speed:g} m/s from {direction:g}° that begins at {start:g} s and rises in {rise:g} s",
-    "jet": "a blower's jet of {speed:g} m/s from {direction:g}°, {distance:g} m away, turbulent by {turbulence:.0%}",
+    "gust": "a gust of {speed:g} m/s from {direction:g}° that begins at {start:g} s, rises in {rise:g} s and "
+    "stays {stays}",
+    "jet": "a blower's jet of {speed:g} m/s from {direction:g}°, its mouth {diameter:g} m wide and {distance:g} m "
+    "away, its axis {offset:g} m to the right, turbulent by {turbulence:.0%} with a kernel of {s:g} s",
 }
 EXCITATIONS = {
     "doublets": "the stick right and left by {amplitude:g}°, {width:g} s each, every {period:g} s",
     "chirp": "a sine of {amplitude:g}° from {lowest:g} to {highest:g} Hz every {period:g} s",
-    "multisine": "sines of {sd:g}° together from {lowest:g} to {highest:g} Hz",
+    "multisine": "sines of {sd:g}° together from {lowest:g} to {highest:g} Hz, again every {period:g} s",
     "steps": "{distance:g} m sideways and back every {period:g} s",
 }
 
 
 def in_words(scenario: Scenario) -> list[str]:
-    """One sentence for each thing that there is to say."""
+    """One sentence for each thing that there is to say, but for the sensors, which ``in_toml`` has."""
     vehicle, stream = scenario.vehicle, scenario.stream
     sentences = [scenario.description] if scenario.description else []
     sentences += [
@@ -36,7 +38,7 @@ def in_words(scenario: Scenario) -> list[str]:
         + ("." if vehicle.rotor_drag else ", without rotor drag."),
         f"Flight: {scenario.duration:g} s from arming to disarming, hovering at {scenario.height:g} m.",
         f"Seed: {scenario.seed}.",
-        f"Wind: {_listed([WINDS[one.kind].format(**one.model_dump()) for one in scenario.wind])}.",
+        f"Wind: {_listed([_wind(one) for one in scenario.wind])}.",
     ]
     if scenario.moments:
         moments = [f"{one.sd:g} N m about {one.axis}, its kernel {one.s:g} s" for one in scenario.moments]
@@ -51,6 +53,13 @@ def in_words(scenario: Scenario) -> list[str]:
         + "."
     )
     return sentences + _faults(scenario)
+
+
+def _wind(wind: Wind) -> str:
+    values = wind.model_dump()
+    if isinstance(wind, Gust):
+        values["stays"] = "for good" if wind.hold is None else f"for {wind.hold:g} s"
+    return WINDS[wind.kind].format(**values)
 
 
 def _faults(scenario: Scenario) -> list[str]:
@@ -73,10 +82,11 @@ def _listed(parts: list[str]) -> str:
 
 def in_toml(scenario: Scenario) -> str:
     """A scenario file with every value, which read again is the same scenario."""
-    values = scenario.model_dump(mode="json", exclude_none=True)
+    values = scenario.model_dump(mode="json")
     tables = {key: value for key, value in values.items() if isinstance(value, dict)}
     lists = {key: value for key, value in values.items() if isinstance(value, list)}
-    lines = [f"{key} = {_value(value)}" for key, value in values.items() if key not in tables and key not in lists]
+    single = {key: value for key, value in values.items() if isinstance(value, str | int | float)}
+    lines = _pairs(single)
     for key, rows in lists.items():
         for row in rows:
             lines += ["", f"[[{key}]]", *_pairs(row)]
@@ -92,5 +102,7 @@ def _pairs(table: dict[str, Any]) -> list[str]:
 def _value(value: Any) -> str:
     if isinstance(value, dict):
         return "{" + ", ".join(_pairs(value)) + "}"
+    if value is None:
+        return "inf"  # the time that never comes
     # Of text, numbers and truth values JSON's forms are TOML's too.
     return json.dumps(value, ensure_ascii=False)

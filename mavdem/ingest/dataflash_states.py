@@ -11,11 +11,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.ingest.meaning import ARMED
 from mavdem.ingest.rows import rows_by
 from mavdem.telemetry import Columns
 
-ARMED = 128
-"""MAV_MODE_FLAG_SAFETY_ARMED."""
 ON_GROUND, IN_AIR = 1, 2
 """MAV_LANDED_STATE."""
 ARMED_EVENTS = {10: (0, ARMED), 15: (ARMED, ARMED), 11: (ARMED, 0)}

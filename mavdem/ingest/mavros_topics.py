@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.ingest.meaning import ARMED, CUSTOM_MODE
 from mavdem.ingest.px4_topics import PX4
 
 Fields = Mapping[str, NDArray[np.float64]]
@@ -62,7 +63,6 @@ _ARDUPILOT_MODES = frozenset(
     | {"GUIDED_NOGPS", "SMART_RTL", "DRIFT", "SPORT", "FLIP", "THROW", "FLOWHOLD", "FOLLOW", "ZIGZAG", "SYSTEMID"}
 )
 """lib/uas_stringify.cpp, without MANUAL and ACRO, which both autopilots have."""
-_CUSTOM_MODE, _ARMED = 1, 128
 
 
 def autopilot(modes: Counter[str]) -> int:
@@ -120,7 +120,7 @@ def _heartbeat(fields: Fields, pilot: int) -> dict[str, NDArray[Any]]:
     return {
         "type": np.zeros(len(armed), dtype=np.uint8),
         "autopilot": np.full(len(armed), pilot, dtype=np.uint8),
-        "base_mode": np.where(armed, _CUSTOM_MODE | _ARMED, _CUSTOM_MODE).astype(np.uint8),
+        "base_mode": np.where(armed, CUSTOM_MODE | ARMED, CUSTOM_MODE).astype(np.uint8),
     }
 
 

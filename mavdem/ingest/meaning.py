@@ -29,8 +29,8 @@ MOTOR_MESSAGES = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CO
 """What motor outputs are read from, the preferred first."""
 UNUSED_CHANNEL = 65535
 """What SERVO_OUTPUT_RAW sends for a channel that has no output."""
-ARMED = 128
-"""MAV_MODE_FLAG_SAFETY_ARMED in HEARTBEAT.base_mode."""
+ARMED, CUSTOM_MODE = 128, 1
+"""MAV_MODE_FLAG_SAFETY_ARMED and _CUSTOM_MODE_ENABLED in HEARTBEAT.base_mode."""
 IN_AIR = 2
 """MAV_LANDED_STATE_IN_AIR in EXTENDED_SYS_STATE.landed_state; 3 and 4 are taking off and landing."""
 CLIMBS = {"LOCAL_POSITION_NED": ("vz", -1.0), "GLOBAL_POSITION_INT": ("vz", -0.01), "VFR_HUD": ("climb", 1.0)}

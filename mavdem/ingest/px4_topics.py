@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.geometry import layout
+from mavdem.ingest.meaning import ARMED, CUSTOM_MODE
 from mavdem.telemetry import Columns
 
 Topic = Mapping[str, NDArray[Any]]
@@ -42,7 +43,6 @@ PX4 = 12
 BRIDGED = 0.1
 """Longest step, s, of the attitude that a line may bridge: half a period of the 5 Hz at which roll dynamics live."""
 
-_CUSTOM_MODE, _ARMED = 1, 128
 _ARMING_STATE_ARMED = 2
 _FIXED_WING, _GROUND_ROVER, _GENERIC_MULTIROTOR = 1, 10, 43
 _OF_WINGS = {1: _GENERIC_MULTIROTOR, 2: _FIXED_WING, 3: _GROUND_ROVER}
@@ -230,7 +230,7 @@ def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]] | None:
         "time": status["time"],
         "type": np.full(count, kind, dtype=np.uint8),
         "autopilot": np.full(count, PX4, dtype=np.uint8),
-        "base_mode": np.where(armed, _CUSTOM_MODE | _ARMED, _CUSTOM_MODE).astype(np.uint8),
+        "base_mode": np.where(armed, CUSTOM_MODE | ARMED, CUSTOM_MODE).astype(np.uint8),
     }
 
 

@@ -22,8 +22,6 @@ PRIMITIVES = frozenset(
     {"bool", "byte", "char", "float32", "float64", "int8", "uint8", "int16", "uint16", "int32", "uint32"}
     | {"int64", "uint64", "string"}
 )
-BUILT_IN = {"builtin_interfaces/Time": 2, "builtin_interfaces/Duration": 2}
-"""Messages that texts refer to without defining them, and how many values they hold."""
 DEEPEST = 8
 """Messages within one another; PX4's and MAVROS's are 3 deep."""
 _LOWER = "[a-z](?:_?[a-z0-9])*"
@@ -50,6 +48,17 @@ class _Field(NamedTuple):
     name: str
 
 
+class _Size(NamedTuple):
+    """Of a message: how many ``values`` it holds, and in how many ``levels`` there are messages within it."""
+
+    values: int
+    levels: int
+
+
+BUILT_IN = {"builtin_interfaces/Time": _Size(2, 0), "builtin_interfaces/Duration": _Size(2, 0)}
+"""Messages that texts refer to without defining them."""
+
+
 def rewritten(name: str, text: str) -> str | None:
     """The definition as the decoder may be given it.
 
@@ -65,7 +74,7 @@ def rewritten(name: str, text: str) -> str | None:
     package, _, short = name.partition("/msg/")
     own = f"{package}/{short}"
     messages = _messages(own, text) if len(text) <= LONGEST else None
-    if messages is None or (held := _values(own, messages, {}, 0)) is None or held > MOST_VALUES:
+    if messages is None or (size := _size(own, messages, {}, 0)) is None or size.values > MOST_VALUES:
         return None
     written = {of: "\n".join(f"{field.of}{field.array} {field.name}" for field in messages[of]) for of in messages}
     first = written.pop(own)
@@ -102,8 +111,8 @@ def _field(line: str, package: str) -> _Field | None:
     return _Field(of, found["array"] or "", int(found["size"] or 0), found["name"])
 
 
-def _values(name: str, messages: dict[str, list[_Field]], known: dict[str, int], depth: int) -> int | None:
-    """How many values a message holds, a text or an array of any length as one; None where that has no bound.
+def _size(name: str, messages: dict[str, list[_Field]], known: dict[str, _Size], depth: int) -> _Size | None:
+    """What a message holds, a text or an array of any length as one value; None where that has no bound.
 
     Args:
         name: the message.
@@ -112,15 +121,18 @@ def _values(name: str, messages: dict[str, list[_Field]], known: dict[str, int],
         depth: how many messages contain this one.
     """
     if name in known or name not in messages:
-        return known.get(name, BUILT_IN.get(name))
-    total = 0 if messages[name] else 1  # ROS 2 puts a byte where there is no field
+        return known.get(name) or BUILT_IN.get(name)
+    values, levels = 0, 0
     for field in messages[name]:
-        each: int | None = 1
-        if field.of not in PRIMITIVES:
-            endless = depth >= DEEPEST or (field.array and not field.size)
-            each = None if endless else _values(field.of, messages, known, depth + 1)
-        if each is None:
+        if field.of in PRIMITIVES:
+            values += max(field.size, 1)
+            continue
+        # In a circle depth grows until here; where a message was counted before, at another depth, its levels tell.
+        endless = depth >= DEEPEST or (field.array and not field.size)
+        each = None if endless else _size(field.of, messages, known, depth + 1)
+        if each is None or depth + 1 + each.levels > DEEPEST:
             return None
-        total += each * max(field.size, 1)
-    known[name] = total
-    return total
+        values += each.values * max(field.size, 1)
+        levels = max(levels, 1 + each.levels)
+    known[name] = _Size(values or 1, levels)  # ROS 2 puts a byte where there is no field
+    return known[name]

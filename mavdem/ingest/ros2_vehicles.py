@@ -104,7 +104,7 @@ def _of_px4(namespace: str, tables: Mapping[str, Table]) -> Vehicle | None:
 
 
 def _px4_topic(columns: Numbers, on_clock: OnClock) -> Numbers:
-    """The topic's messages on the clock, both its stamps moved alike."""
+    """The topic's messages on the clock, both its stamps moved alike, also where they were of another clock."""
     topic = {name: values[on_clock.rows] for name, values in columns.items()} | {"time": on_clock.time}
     if PX4_SAMPLE in topic:
         topic[PX4_SAMPLE] = topic[PX4_SAMPLE] + np.rint(on_clock.time * 1e6 - topic[PX4_STAMP])

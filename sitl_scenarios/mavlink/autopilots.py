@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from sitl_scenarios.pulses import STOPPED
+
 DISARMED, ON_GROUND, IN_AIR, TAKING_OFF, LANDING = range(5)
 """States of the flight: disarmed, and when armed the MAV_LANDED_STATE."""
 ARMED = 128
@@ -36,7 +38,7 @@ class Autopilot:
         groups: messages by MAV_DATA_STREAM, where REQUEST_DATA_STREAM is obeyed.
         interval_step: s: intervals between messages are whole numbers of it.
         apart: whether each stream begins a cycle after the one before, so that they do not all come at once.
-        disarmed, unused: outputs of motors that are disarmed, and of channels without a motor, PWM in µs.
+        unused: output of channels without a motor, PWM in µs.
         modes: by MAV_LANDED_STATE.
         starting: MAV_STATE while it starts.
         active_when_armed: whether its MAV_STATE is ACTIVE from arming on, rather than from take-off.
@@ -56,8 +58,7 @@ class Autopilot:
     groups: Mapping[int, tuple[str, ...]]
     interval_step: float
     apart: bool
-    disarmed: int
-    unused: int
+    unused: float
     modes: Mapping[int, Mode]
     starting: int
     active_when_armed: bool
@@ -100,8 +101,7 @@ PX4 = Autopilot(
     groups={},
     interval_step=1e-6,
     apart=True,
-    disarmed=900,
-    unused=900,
+    unused=STOPPED["px4"],
     # Custom modes are the main mode << 16 | the sub-mode << 24: hold, off-board, take-off, land.
     modes={
         ON_GROUND: (29, 4 << 16 | 3 << 24),
@@ -138,7 +138,6 @@ ARDUPILOT = Autopilot(
     },
     interval_step=1e-3,
     apart=False,
-    disarmed=1000,
     unused=0,
     # Guided, and land.
     modes={ON_GROUND: (89, 4), IN_AIR: (89, 4), TAKING_OFF: (89, 4), LANDING: (89, 9)},

@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.decode import Definition, definitions
+from sitl_scenarios.attitude import euler
 from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Autopilot
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.pulses import HIGHEST, LOWEST
 
 Array = NDArray[np.float64]
 Payloads = NDArray[Any]
@@ -50,9 +51,9 @@ def payload(name: str, **fields: Any) -> Payloads:
 class Speaker:
     """What one vehicle says of its motion."""
 
-    def __init__(self, scenario: Scenario, autopilot: Autopilot) -> None:
-        """Takes the flight's scenario and who speaks."""
-        self._scenario, self._autopilot = scenario, autopilot
+    def __init__(self, autopilot: Autopilot) -> None:
+        """Takes who speaks."""
+        self._autopilot = autopilot
         self._told: dict[str, Callable[[Motion, NDArray[np.int64]], dict[str, Any]]] = {
             "HEARTBEAT": self._heartbeat,
             "SYS_STATUS": self._sys_status,
@@ -90,14 +91,11 @@ class Speaker:
         return base + ARMED * motion.armed, custom
 
     def _sys_status(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        # The share of the rotors' speed that a battery loses is that of its voltage.
-        elapsed = np.clip(motion.time / self._scenario.duration, 0.0, 1.0)
-        volts = FULL * (1 - self._scenario.vehicle.battery_sag * elapsed)
         return {
             "onboard_control_sensors_present": SENSORS,
             "onboard_control_sensors_enabled": SENSORS,
             "onboard_control_sensors_health": SENSORS | FENCE,
-            "voltage_battery": np.round(1000 * volts),
+            "voltage_battery": np.round(1000 * FULL * motion.battery),
             "current_battery": -1,
             "battery_remaining": -1,
         }
@@ -106,7 +104,7 @@ class Speaker:
         return {"landed_state": motion.landed_state}
 
     def _attitude(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
-        roll, pitch, yaw = euler(motion.known_attitude)
+        roll, pitch, yaw = np.array([euler(attitude) for attitude in motion.known_attitude.tolist()]).T
         return {"time_boot_ms": _milliseconds(boot), "roll": roll, "pitch": pitch, "yaw": yaw, **_rates(motion)}
 
     def _attitude_quaternion(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
@@ -133,25 +131,16 @@ class Speaker:
 
     def _hil_actuator_controls(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
         controls = np.zeros((len(boot), CHANNELS))
+        # A motor that is stopped has less than the lowest pulse, and no negative command.
         motors = motion.outputs.shape[1]
-        controls[:, :motors] = np.where(motion.armed[:, None], (motion.outputs - 1000) / 1000, 0.0)
+        controls[:, :motors] = np.maximum((motion.outputs - LOWEST) / (HIGHEST - LOWEST), 0.0)
         return {"time_usec": boot, "controls": controls, "mode": self._modes(motion)[0]}
 
     def _outputs(self, motion: Motion) -> Array:
         """(N, 16) PWM of every channel."""
-        outputs = np.full((len(motion), CHANNELS), float(self._autopilot.unused))
-        motors = motion.outputs.shape[1]
-        outputs[:, :motors] = np.where(motion.armed[:, None], motion.outputs, self._autopilot.disarmed)
+        outputs = np.full((len(motion), CHANNELS), self._autopilot.unused)
+        outputs[:, : motion.outputs.shape[1]] = motion.outputs
         return outputs
-
-
-def euler(attitude: Array) -> tuple[Array, Array, Array]:
-    """Roll, pitch and yaw (N,), rad, Z-Y-X, of unit quaternions (N, 4) from body to NED."""
-    w, x, y, z = attitude.T
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return roll, pitch, yaw
 
 
 def _rates(motion: Motion) -> dict[str, Array]:

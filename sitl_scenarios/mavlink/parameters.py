@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from sitl_scenarios.frames import SPINS, frame
 from sitl_scenarios.mavlink.autopilots import Autopilot
+from sitl_scenarios.pulses import HIGHEST, LOWEST, STOPPED
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.vehicles import AIRFRAMES
 
@@ -72,7 +73,7 @@ def _px4(scenario: Scenario) -> list[Parameter]:
         "SYS_AUTOSTART": {"x": 4001, "plus": 5001}[scenario.vehicle.frame],
     }
     whole |= {f"PWM_MAIN_FUNC{n}": 100 + n if n <= MOTORS else 0 for n in range(1, 9)}
-    for bound, value in (("DIS", 900), ("MIN", 1000), ("MAX", 2000)):
+    for bound, value in (("DIS", STOPPED["px4"]), ("MIN", LOWEST), ("MAX", HIGHEST)):
         whole |= {f"PWM_MAIN_{bound}{n}": value for n in range(1, MOTORS + 1)}
     real: dict[str, float] = {}
     rotors = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
@@ -88,13 +89,13 @@ def _ardupilot(scenario: Scenario, cycle: float) -> list[Parameter]:
     small: dict[str, float] = {"FRAME_CLASS": 1, "FRAME_TYPE": ARDUPILOT_FRAMES[scenario.vehicle.frame]}
     medium: dict[str, float] = {
         "MAV_SYSID": scenario.stream.system,
-        "MOT_PWM_MAX": 2000,
-        "MOT_PWM_MIN": 1000,
+        "MOT_PWM_MAX": HIGHEST,
+        "MOT_PWM_MIN": LOWEST,
         "SCHED_LOOP_RATE": round(1 / cycle),
     }
     for n in range(1, 9):
         medium |= {f"SERVO{n}_FUNCTION": 32 + n if n <= MOTORS else 0}
-        medium |= {f"SERVO{n}_MIN": 1000, f"SERVO{n}_MAX": 2000, f"SERVO{n}_TRIM": 1500}
+        medium |= {f"SERVO{n}_MIN": LOWEST, f"SERVO{n}_MAX": HIGHEST, f"SERVO{n}_TRIM": 1500}
         small |= {f"SERVO{n}_REVERSED": 0}
     return [Parameter(name, INT8, value) for name, value in small.items()] + [
         Parameter(name, INT16, value) for name, value in medium.items()

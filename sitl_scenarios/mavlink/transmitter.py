@@ -54,7 +54,7 @@ class Transmitter:
         self.system = scenario.stream.system
         self._rates = self.autopilot.rates(scenario.stream.rate, scenario.stream.rates)
         self._scenario, self._cycle = scenario, cycle
-        self._speaker = Speaker(scenario, self.autopilot)
+        self._speaker = Speaker(self.autopilot)
         self._asked: list[tuple[str, Payloads]] = []
         self._reboots_at = np.inf if scenario.faults.reboot is None else scenario.faults.reboot
         self._armed_at = np.inf

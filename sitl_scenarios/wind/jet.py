@@ -1,8 +1,10 @@
 """A blower's jet: a round turbulent jet of air, whose edge the vehicle enters and leaves.
 
 S. B. Pope, "Turbulent Flows", 2000, section 5.1: beyond its potential core the speed on the axis falls as
-U_c/U₀ = 6 d/x, and the profile is Gaussian with a half-width r_½ = 0.094 x; in the core, up to x = 6 d, both are taken
-as at its end, U₀ and about d/2. What is not axial in the mean is left out, and so are gradients across the vehicle.
+U_c/U₀ = 6 d/x, and the profile's half-width grows as r_½ = 0.094 x; in the core, up to x = 6 d, both are taken as at
+its end, U₀ and about d/2. The profile itself is Gaussian, a common approximation (J. Lee and V. Chu, "Turbulent Jets
+and Plumes", 2003) to Pope's (1 + (√2 − 1)(r/r_½)²)⁻²: they part by 0.08 U_c at most, at 2 r_½, where his has the longer
+tail. What is not axial in the mean is left out, and so are gradients across the vehicle.
 """
 
 from __future__ import annotations

@@ -19,7 +19,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from mavdem.cli.main import main
-from mavdem.cli.scenario_text import in_toml, in_words
+from mavdem.cli.scenario_text import EXCITATIONS, WINDS, in_toml, in_words
 from mavdem.ingest import read_log
 from sitl_scenarios.files import load, names, scenario_of
 
@@ -116,6 +116,46 @@ def test_a_description_is_a_file_that_is_the_same_scenario(name, tmp_path):
     scenario = load(name)
     text = "\n".join(f"# {sentence}" for sentence in in_words(scenario)) + "\n" + in_toml(scenario)
     assert scenario_of(tomllib.loads(text)) == scenario
+
+
+@pytest.mark.parametrize("hold", ["0", "2.5", "inf"])
+@pytest.mark.parametrize("reboot", ["7", "inf"])
+def test_what_lasts_for_good_or_never_comes_can_be_written(hold, reboot):
+    gust = f"[[wind]]\nkind = 'gust'\nstart = 1\nspeed = 2\nhold = {hold}\n"
+    scenario = scenario_of(tomllib.loads(f"{gust}[faults]\nreboot = {reboot}"))
+    assert scenario.wind[0].hold == (None if hold == "inf" else float(hold))
+    assert scenario.faults.reboot == (None if reboot == "inf" else float(reboot))
+    assert scenario_of(tomllib.loads(in_toml(scenario))) == scenario
+    assert f"hold = {hold}" in in_toml(scenario) and f"reboot = {reboot}" in in_toml(scenario)
+    # As --json and the truth of a flight have it.
+    assert scenario_of(json.loads(scenario.model_dump_json())) == scenario
+
+
+def test_words_leave_out_no_number_of_a_wind_or_an_excitation():
+    """Each section is given numbers that nothing else has, and each must be said."""
+    sections = {
+        "steady": {"speed": 3.01, "direction": 31.1},
+        "gaussian": {"sd": 3.02, "s": 0.321},
+        "dryden": {"speed": 3.03, "direction": 33.1, "wind_at_20_feet": 3.31},
+        "von_karman": {"speed": 3.04, "direction": 34.1, "wind_at_20_feet": 3.41},
+        "gust": {"start": 3.5, "speed": 3.05, "direction": 35.1, "rise": 3.51, "hold": 3.52},
+        "jet": {"speed": 3.06, "direction": 36.1, "distance": 3.61, "diameter": 3.62, "s": 3.63, "offset": 3.64},
+    }
+    excitations = {
+        "doublets": {"amplitude": 4.01, "width": 0.411, "period": 4.12},
+        "chirp": {"amplitude": 4.02, "lowest": 0.421, "highest": 4.22, "period": 4.23},
+        "multisine": {"sd": 4.03, "lowest": 0.431, "highest": 4.32, "period": 4.33},
+        "steps": {"distance": 4.04, "period": 4.41},
+    }
+    winds = [{"kind": kind, **values} for kind, values in sections.items()]
+    for kind, excitation in excitations.items():
+        scenario = scenario_of({"wind": winds, "excitation": {"kind": kind, **excitation}})
+        said = " ".join(in_words(scenario))
+        numbers = [number for values in (*sections.values(), excitation) for number in values.values()]
+        assert [number for number in numbers if f"{number:g} " not in said and f"{number:g}°" not in said] == []
+    assert {wind.kind for wind in scenario.wind} == set(WINDS) and set(excitations) == set(EXCITATIONS)
+    forever = scenario_of({"wind": [{"kind": "gust", "start": 1, "speed": 2, "hold": None}]})
+    assert "stays for good" in " ".join(in_words(forever))
 
 
 def test_describing_tells_every_value(capsys, tmp_path):

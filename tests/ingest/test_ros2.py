@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,8 @@ from mavdem.ingest import Log, meaning, read_log
 from mavdem.ingest.files import file_bytes
 from mavdem.ingest.mcap_log import mcap_stream
 from mavdem.ingest.px4_topics import NEEDED
+from mavdem.ingest.ros2_definition import rewritten
+from mavdem.ingest.ros2_messages import Ros2Topic
 from mavdem.telemetry import Telemetry
 from mavdem.verdict import judge
 
@@ -410,6 +413,38 @@ def test_a_reboot_is_another_boot(tmp_path: Path) -> None:
     assert any("rebooted once" in repair for repair in vehicle.repairs)
 
 
+@pytest.mark.parametrize("first", ["boot clock", "another"])
+def test_of_two_clocks_half_of_the_messages_each_one_is_taken(first: str, tmp_path: Path) -> None:
+    """2.1e9 s are twice the year 2001: the mean of the two middle stamps would pass for UNIX time, and be near none."""
+    stamps = [at + (2.1e9 if (row < 150) == (first == "another") else 0.0) for row, at in enumerate(TIMES.tolist())]
+
+    def write(recorder: Ros2Recorder) -> None:
+        for at in stamps:
+            recorder.px4("actuator_motors", at, control=[at % 1] * 12)
+
+    vehicle = vehicle_of(tmp_path, write)
+    times = vehicle.messages["HIL_ACTUATOR_CONTROLS"]["time"]
+    assert len(times) == 150 and np.allclose(np.diff(times), 0.01, rtol=0, atol=1e-6)
+    start = 2_100_000_019 if first == "another" else 2_100_000_020
+    assert any(f"count from {start} s" in repair for repair in vehicle.repairs)
+    assert any("150 messages without a time stamp, or one of another clock" in repair for repair in vehicle.repairs)
+
+
+def test_when_the_attitude_was_measured_is_moved_with_its_stamps_from_another_clock(tmp_path: Path) -> None:
+    def write(recorder: Ros2Recorder) -> None:
+        for at, angle, rate in np.column_stack([TIMES, *roll(TIMES)]).tolist():
+            recorder.px4("vehicle_angular_velocity", at, xyz=[rate, 0.0, 0.0])
+            recorder.px4("vehicle_attitude", at + 5000, q=[np.cos(angle / 2), np.sin(angle / 2), 0.0, 0.0])
+
+    vehicle = vehicle_of(tmp_path, write)
+    assert any("of another clock" in repair for repair in vehicle.repairs)
+    seen = meaning.attitude(vehicle, "roll")
+    assert seen is not None and len(seen.time) > 290
+    # The clocks are set by the order of receipt: within a message of 10 ms.
+    early, late = (roll(seen.time + by)[0] for by in (-0.01, 0.01))
+    assert ((seen.angle > np.minimum(early, late) - 2e-3) & (seen.angle < np.maximum(early, late) + 2e-3)).all()
+
+
 def test_stamps_that_are_missing_or_astray_are_left_out(tmp_path: Path) -> None:
     def write(recorder: Ros2Recorder) -> None:
         for row, at in enumerate(TIMES.tolist()):
@@ -599,6 +634,44 @@ ODD = {
     "doubles": "float64 timestamp\nfloat64[4] q\n",
 }
 """Definitions that are whole, of something else."""
+
+
+def within(levels: int, names: list[int]) -> str:
+    """A message with so many within one another, with further fields of those that are named, innermost last."""
+    fields = "".join(f"A{number} f{number}\n" for number in [*names, 0])
+    inner = "".join(f"===\nMSG: p/A{number}\nA{number + 1} a\n" for number in range(levels - 1))
+    return f"{fields}{inner}===\nMSG: p/A{levels - 1}\nuint8 a\n"
+
+
+@pytest.mark.parametrize(
+    ("just", "beyond"),
+    [
+        (within(8, []), within(9, [])),
+        # What was counted before, at a lesser depth, is no less deep further in.
+        (within(8, [4]), within(9, [4])),
+        (within(8, [6, 4, 2]), within(60, list(range(59, 0, -1)))),
+        ("uint8[1000] a\n", "uint8[1001] a\n"),
+        ("".join(f"uint8 f{n}\n" for n in range(1000)), "".join(f"uint8 f{n}\n" for n in range(1001))),
+        ("A[10] a\n===\nMSG: p/A\nuint8[100] a\n", "A[11] a\n===\nMSG: p/A\nuint8[91] a\n"),
+        ("builtin_interfaces/Time[500] a\n", "builtin_interfaces/Time[501] a\n"),
+        ("uint8 a #" + "x" * (65536 - 9), "uint8 a #" + "x" * (65536 - 8)),
+    ],
+)
+def test_definitions_are_bounded(just: str, beyond: str) -> None:
+    """8 messages within one another, 1000 values, 65536 characters."""
+    begun = time.perf_counter()
+    assert rewritten("p/msg/M", just) is not None
+    assert rewritten("p/msg/M", beyond) is None
+    assert time.perf_counter() - begun < 0.5
+
+
+def test_texts_that_never_repeat_are_not_all_remembered() -> None:
+    """100 of them; and those go on being counted."""
+    topic = Ros2Topic(("stamp",), (), ("mode",))
+    for row in range(10_000):
+        assert topic.add(row, b"\0\1\0\0", lambda _, row=row: SimpleNamespace(stamp=row, mode=f"mode {row % 5000}"))
+    texts = topic.table().texts
+    assert len(texts) == 100 and set(texts.values()) == {2} and "mode 99" in texts
 
 
 @pytest.mark.parametrize("name", [*HOSTILE, *ODD])

@@ -28,7 +28,7 @@ class Vehicle:
         self.commands = Commands(self.transmitter, self)
         self.asked: list[tuple[bool, bool]] = []
         self._armable = armable
-        self._motion, self._row = made_up_motion(cycle=cycle), 1
+        self._motion, self._row = made_up_motion(speaks=speaks), 1
         self.flown(1.0)
 
     def set_armed(self, armed: bool, force: bool = False) -> bool:

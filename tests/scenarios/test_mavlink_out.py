@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from made_up_motion import ROLL, made_up_motion
 from pymavlink import mavutil
+from scipy.spatial.transform import Rotation
 
 from mavdem.cli.main import main
 from mavdem.ingest import Log, meaning, read_log
 from mavdem.ingest.mcap_writer import write_mcap
 from mavdem.ingest.tlog_writer import write_tlog
 from sitl_scenarios.mavlink import recorded as recorded_module
-from sitl_scenarios.mavlink.messages import euler
 from sitl_scenarios.mavlink.recorded import EPOCH, recorded
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Faults, Scenario, Stream, Vehicle
@@ -43,7 +43,7 @@ def read(tmp_path, flown: Scenario, motion: Motion) -> Log:
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
 def test_what_is_read_back_is_what_was_true(speaks, version, tmp_path):
-    motion = made_up_motion(cycle=CYCLES[speaks])
+    motion = made_up_motion(speaks=speaks)
     log = read(tmp_path, scenario(speaks, version=version, system=7), motion)
     assert (log.unread, log.bytes_skipped) == ((), 0)
     (vehicle,) = log.vehicles
@@ -57,8 +57,10 @@ def test_what_is_read_back_is_what_was_true(speaks, version, tmp_path):
         if "time_boot_ms" in columns or "time_usec" in columns
     }
     attitude, at = sent["ATTITUDE"], rows["ATTITUDE"]
-    for name, values in zip(("roll", "pitch", "yaw"), euler(motion.attitude[at]), strict=True):
-        np.testing.assert_array_equal(attitude[name], values.astype(np.float32))
+    # scipy's quaternions have w last.
+    yaw_pitch_roll = Rotation.from_quat(motion.attitude[at][:, [1, 2, 3, 0]]).as_euler("ZYX")
+    for name, values in zip(("yaw", "pitch", "roll"), yaw_pitch_roll.T, strict=True):
+        np.testing.assert_allclose(attitude[name], values, rtol=0, atol=1e-7)
     assert attitude["roll"].max() == pytest.approx(ROLL, abs=1e-3)
     for i, name in enumerate(("rollspeed", "pitchspeed", "yawspeed")):
         np.testing.assert_array_equal(attitude[name], motion.rates[at, i].astype(np.float32))
@@ -68,9 +70,9 @@ def test_what_is_read_back_is_what_was_true(speaks, version, tmp_path):
         np.testing.assert_array_equal(place[f"v{name}"], motion.velocity[at, i].astype(np.float32))
     servos, at = sent["SERVO_OUTPUT_RAW"], rows["SERVO_OUTPUT_RAW"]
     disarmed, unused = {"px4": (900, 900), "ardupilot": (1000, 0)}[speaks]
-    outputs = np.where(motion.armed[at, None], motion.outputs[at], disarmed)
-    assert not motion.armed[at].all()
-    np.testing.assert_array_equal(np.column_stack([servos[f"servo{n}_raw"] for n in range(1, 5)]), outputs)
+    outputs = np.column_stack([servos[f"servo{n}_raw"] for n in range(1, 5)])
+    np.testing.assert_array_equal(outputs, motion.outputs[at])
+    assert not motion.armed[at].all() and (outputs[~motion.armed[at]] == disarmed).all()
     assert set(servos["servo5_raw"]) == {unused} and set(servos["servo16_raw"]) == {unused if version == 2 else 0}
     state = sent["EXTENDED_SYS_STATE"]["landed_state"]
     assert [int(one) for one in state[np.flatnonzero(np.diff(state, prepend=0))]] == [1, 3, 2, 4, 1]
@@ -86,8 +88,17 @@ def test_what_is_read_back_is_what_was_true(speaks, version, tmp_path):
     if "ACTUATOR_OUTPUT_STATUS" in sent:
         at = rows["ACTUATOR_OUTPUT_STATUS"]
         actuator = sent["ACTUATOR_OUTPUT_STATUS"]["actuator"]
-        np.testing.assert_array_equal(actuator[:, :4], np.where(motion.armed[at, None], motion.outputs[at], 900))
+        np.testing.assert_array_equal(actuator[:, :4], motion.outputs[at])
         assert set(actuator[0, 4:16]) == {900} and set(actuator[0, 16:]) == {0}
+
+
+def test_the_battery_is_told_in_millivolts_as_it_sags(tmp_path):
+    """Of 12.6 V a tenth is lost over the 20 s of the motion, whenever the autopilot booted."""
+    for begin in (0.0, 500.0):
+        told = read(tmp_path, scenario(), made_up_motion(begin=begin)).vehicles[0].messages["SYS_STATUS"]
+        volts = 12.6 - 1.26 * (told["time"] - begin) / 20.0
+        assert told["voltage_battery"] == pytest.approx(1000 * volts, abs=3)  # its time is that of the message before
+        assert told["voltage_battery"][-1] < 11400
 
 
 @pytest.mark.parametrize("version", [1, 2])
@@ -95,7 +106,10 @@ def test_what_is_read_back_is_what_was_true(speaks, version, tmp_path):
 def test_pymavlink_reads_every_frame(speaks, version, tmp_path):
     path = tmp_path / "flight.tlog"
     stream = recorded(
-        scenario(speaks, version=version), made_up_motion(cycle=CYCLES[speaks]), CYCLES[speaks], lambda _: None
+        scenario(speaks, version=version),
+        made_up_motion(speaks=speaks),
+        CYCLES[speaks],
+        lambda _: None,
     )
     with path.open("wb") as file:
         count = write_tlog(file, stream)
@@ -122,7 +136,7 @@ def test_pymavlink_reads_every_frame(speaks, version, tmp_path):
 
 @pytest.mark.parametrize(("speaks", "steps"), [("px4", {8, 12}), ("ardupilot", {10})])
 def test_the_loop_makes_the_steps_and_the_mean_is_the_rate(speaks, steps, tmp_path):
-    messages = read(tmp_path, scenario(speaks), made_up_motion(cycle=CYCLES[speaks])).vehicles[0].messages
+    messages = read(tmp_path, scenario(speaks), made_up_motion(speaks=speaks)).vehicles[0].messages
     for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
         time = messages[name]["time"]
         assert set(np.round(np.diff(time) * 1e3)) == steps
@@ -144,7 +158,7 @@ def test_rates_by_name(tmp_path):
 @pytest.mark.parametrize("frame", ["x", "plus"])
 @pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
 def test_the_parameters_say_where_the_motors_are(speaks, frame, tmp_path):
-    motion = made_up_motion(cycle=CYCLES[speaks])
+    motion = made_up_motion(speaks=speaks)
     vehicle = read(tmp_path, scenario(speaks, frame=frame), motion).vehicles[0]
     told = vehicle.messages["PARAM_VALUE"]
     assert len(vehicle.parameters) == len(told["time"]) == told["param_count"][0]
@@ -174,7 +188,7 @@ def test_heartbeats_and_words_follow_the_flight(tmp_path):
         ),
         ("ardupilot", [b"Arming motors", b"Disarming motors"]),
     ):
-        messages = read(tmp_path, scenario(speaks), made_up_motion(cycle=CYCLES[speaks])).vehicles[0].messages
+        messages = read(tmp_path, scenario(speaks), made_up_motion(speaks=speaks)).vehicles[0].messages
         assert messages["STATUSTEXT"]["text"].tolist() == [b"Simulated by mavdem, frame x", *said]
         beat = messages["HEARTBEAT"]
         armed = (beat["base_mode"] & 128) > 0
@@ -240,7 +254,7 @@ def test_a_reboot_in_the_air_is_a_new_boot(tmp_path):
 
 
 def test_an_mcap_holds_the_same(tmp_path, capsys):
-    stream = recorded(scenario("ardupilot"), made_up_motion(cycle=0.0025), 0.0025, lambda _: None)
+    stream = recorded(scenario("ardupilot"), made_up_motion(speaks="ardupilot"), 0.0025, lambda _: None)
     for kind, write in ((".tlog", write_tlog), (".mcap", write_mcap)):
         with (tmp_path / f"flight{kind}").open("wb") as file:
             write(file, stream)

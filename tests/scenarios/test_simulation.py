@@ -40,7 +40,7 @@ def test_a_row_is_a_cycle_and_columns_have_the_shapes_of_motion(flight):
     vectors += ("known_rates", "known_position", "known_velocity")
     assert all(shapes[name] == (3,) for name in vectors)
     assert all(shapes[name] == (4,) for name in ("attitude", "known_attitude", "outputs", "demands", "rotor_speeds"))
-    assert shapes["time"] == shapes["armed"] == shapes["landed_state"] == ()
+    assert shapes["time"] == shapes["battery"] == shapes["armed"] == shapes["landed_state"] == ()
     assert flight.armed.dtype == bool
     assert flight.landed_state.dtype == np.uint8
 
@@ -114,6 +114,9 @@ def test_battery_sag_asks_for_more_pwm_at_the_end():
     assert speeds[1] == pytest.approx(speeds[0], rel=2e-3)
     # Of speeds of 800 rad/s, 1000 rad/s and an offset of 100: (0.942 to 0.968 of the whole) in 23 s.
     assert late - early == pytest.approx(800 / (1 - 0.0825) - 800 / (1 - 0.025), rel=0.1)
+    # From arming, 2 s after boot, to disarming.
+    left = np.interp([1.0, 2.0, 22.0, 42.0, 43.0], motion.time, motion.battery)
+    assert left == pytest.approx([1.0, 1.0, 0.95, 0.9, 0.9], abs=1e-4)
 
 
 def test_progress_is_told_from_zero_to_one():
@@ -146,6 +149,20 @@ def test_disarming_is_refused_in_the_air_unless_forced():
     assert falling.velocity[:, 2].max() > 5
     assert falling.landed_state[-1] == 1
     assert simulation.finished
+
+
+def test_another_flight_begins_with_a_charged_battery():
+    simulation = Simulation(brief(wind=(), vehicle=Vehicle(battery_sag=0.1)))
+    first = simulation.advance(round(21.9 * 250))
+    assert first.battery[-1] == pytest.approx(0.9, abs=1e-3)
+    assert simulation.set_armed(False)
+    simulation.advance(100)
+    assert simulation.set_armed(True)
+    second = simulation.advance(10**6)
+    assert (second.battery[0], second.battery[-1]) == (1.0, pytest.approx(0.9))
+    # The motors have of it what is told: the same hover asks for the same outputs again.
+    hover = [motion.outputs[motion.landed_state == 2][500:1500].mean() for motion in (first, second)]
+    assert hover[1] == pytest.approx(hover[0], abs=1)
 
 
 def test_it_can_be_disarmed_on_the_ground_and_armed_again_for_another_flight():

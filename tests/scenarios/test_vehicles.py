@@ -1,10 +1,17 @@
 """Vehicles hover where their sources say, and their rotors are where both autopilots count them."""
 
+from math import exp, hypot
+
 import pytest
 
 from mavdem.ingest.geometry import layout
+from sitl_scenarios.body import Body
+from sitl_scenarios.dynamics import Air, dynamics
 from sitl_scenarios.frames import PAPER_ORDER, SPINS, frame
-from sitl_scenarios.vehicles import AIRFRAMES, ARDRONE2, GRAVITY
+from sitl_scenarios.mavlink.autopilots import PX4
+from sitl_scenarios.mavlink.parameters import parameters
+from sitl_scenarios.scenario import Scenario, Vehicle
+from sitl_scenarios.vehicles import AIRFRAMES, ARDRONE2, CRAZYFLIE, GRAVITY, IRIS
 
 
 @pytest.mark.parametrize("name", AIRFRAMES)
@@ -25,6 +32,69 @@ def test_the_ardrone_has_the_papers_motor_effect_at_the_published_pwm():
     (a, b), (slope, _) = ARDRONE2.thrust, ARDRONE2.speed
     per_pwm = (2 * a * ARDRONE2.rotor_speed(169.06) + b) * slope
     assert round(per_pwm * ARDRONE2.arm[1] / ARDRONE2.inertia[0], 4) == 0.3748
+
+
+PUBLISHED = [
+    # D. Benders, MSc thesis, TU Delft 2020: speed of 1.451 rad/s per PWM and 130.9 rad/s at none.
+    ("ardrone2", 0.481, (3.4e-3, 4.0e-3, 6.9e-3), 0.178, 500.0, 2.20065, 0.05505),
+    # PX4's iris.sdf: motorConstant 5.84e-06, momentConstant 0.06; hull 1.5 kg, four rotors 0.005 kg.
+    ("iris", 1.52, (0.029125, 0.029125, 0.055225), 0.255539, 800.0, 3.7376, 0.224256),
+    # RotorPy's crazyflie_params.py: k_eta 2.3e-08; Förster 2015: torque 0.005964552 of thrust.
+    ("crazyflie", 0.030, (1.43e-5, 1.43e-5, 2.89e-5), 0.043, 1800.0, 0.07452, 4.44478e-4),
+]
+"""Of each vehicle mass, kg, inertia, kg m², distance of a rotor from the middle, m, and at a speed in rad/s its thrust,
+N, and torque, N m, worked out by hand from the sources' figures."""
+
+
+@pytest.mark.parametrize("name, mass, inertia, arm, speed, thrust, torque", PUBLISHED)
+def test_a_vehicle_has_the_published_figures(name, mass, inertia, arm, speed, thrust, torque):
+    body = AIRFRAMES[name]
+    assert (body.mass, body.inertia) == (mass, inertia)
+    assert hypot(*body.arm) == pytest.approx(arm, rel=1e-5)
+    assert body.thrust_at(speed) == pytest.approx(thrust, rel=1e-5)
+    a, b = body.torque
+    assert a * speed**2 + b * speed == pytest.approx(torque, rel=1e-5)
+
+
+def test_commands_are_the_published_ones():
+    assert ARDRONE2.rotor_speed(0.0) == 130.9 and ARDRONE2.rotor_speed(100.0) == pytest.approx(
+        130.9 + 145.098, abs=1e-3
+    )
+    assert (IRIS.rotor_speed(0.0), IRIS.rotor_speed(1.0)) == (100.0, 1100.0)
+    assert (CRAZYFLIE.rotor_speed(0.0), CRAZYFLIE.rotor_speed(1.0)) == (0.0, 2500.0)
+
+
+@pytest.mark.parametrize(
+    "name, up, down", [("ardrone2", 0.02, 0.02), ("iris", 0.0125, 0.025), ("crazyflie", 0.072, 0.072)]
+)
+def test_rotors_lag_by_the_published_time_constants(name, up, down):
+    """iris.sdf has timeConstantUp 0.0125 and timeConstantDown 0.025; RotorPy's Crazyflie tau_m 0.072, either way."""
+    body, low, high = Body(Vehicle(model=name), 1e-3), (500.0,) * 4, (600.0,) * 4
+    assert body.spun(low, high, 10) == pytest.approx((600 - 100 * exp(-0.010 / up),) * 4)
+    assert body.spun(high, low, 10) == pytest.approx((500 + 100 * exp(-0.010 / down),) * 4)
+
+
+def test_air_acts_on_rotors_by_the_published_coefficients():
+    """RotorPy's k_d and k_z of the Hummingbird and the Crazyflie; iris.sdf: rotorDragCoefficient 0.000175."""
+    assert [body.rotor_drag for body in (ARDRONE2, IRIS, CRAZYFLIE)] == [1.19e-4, 1.75e-4, 10.2506e-7]
+    assert [body.inflow for body in (ARDRONE2, CRAZYFLIE)] == [2.32e-4, 7.553e-7]
+
+
+@pytest.mark.parametrize("kind", ["x", "plus"])
+def test_px4_is_told_the_turning_of_each_rotor_as_it_turns(kind):
+    """PX4's CA_ROTORn_KM: "Use a positive value for a rotor with CCW rotation"; in both frames 1 and 2 do.
+
+    What the rotor does to the air, the air does to the body: a faster one that turns counter-clockwise seen from above
+    yaws the vehicle clockwise, to the right.
+    """
+    told = parameters(Scenario(vehicle=Vehicle(frame=kind)), PX4, 0.004)
+    ratios = [told[f"CA_ROTOR{n}_KM"].value for n in range(4)]
+    assert ratios == [0.05, 0.05, -0.05, -0.05]
+    change = dynamics(Vehicle(frame=kind))
+    for rotor, ratio in enumerate(ratios):
+        speeds = tuple(900.0 if n == rotor else 800.0 for n in range(4))
+        yaw = change((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, speeds, Air())[5]
+        assert yaw * ratio > 0
 
 
 @pytest.mark.parametrize("kind, frame_type", [("x", 1), ("plus", 0)])

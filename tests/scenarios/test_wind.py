@@ -4,8 +4,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
-from sitl_scenarios.scenario import Dryden, Gaussian, Gust, Jet, Moment, Scenario, Steady
+from sitl_scenarios.scenario import Dryden, Gaussian, Gust, Jet, Moment, Scenario, Steady, VonKarman
 from sitl_scenarios.wind import Weather
 from sitl_scenarios.wind.direction import towards
 from sitl_scenarios.wind.gust import gust
@@ -51,11 +52,61 @@ def test_a_jet_blows_where_the_vehicle_hovers_and_not_beside():
     assert air.at(0, (0.4, 2.1, -3.0)).east == 0  # behind the blower
 
 
+def test_a_jet_is_turbulent_by_its_share_of_the_local_mean():
+    """Off the axis by a half-width at twice the core's length, 8 m/s at the mouth are 2: of that, 0.25 are 0.5 m/s."""
+    jet = Jet(kind="jet", speed=8.0, direction=0.0, distance=6.0, turbulence=0.25, s=0.01)
+    blown = weather(20000, wind=(jet,), height=5.0)
+    air = np.array([blown.at(cycle, (0.0, 0.564, -5.0))[:3] for cycle in range(20000)])
+    # By the noise's colour as good as 2300 independent values: 0.03 m/s are about three standard errors of a mean.
+    assert air.std(axis=0) == pytest.approx([0.5, 0.5, 0.5], abs=0.03)
+    assert air.mean(axis=0) == pytest.approx([-2.0, 0.0, 0.0], abs=0.03)
+
+
+@pytest.mark.parametrize(
+    "wind",
+    [
+        Steady(kind="steady", speed=3.0),
+        Dryden(kind="dryden", speed=5.0),
+        VonKarman(kind="von_karman", speed=5.0),
+        Gust(kind="gust", start=0.1, speed=3.0),
+        Jet(kind="jet", speed=6.0, turbulence=0.3, offset=0.1),
+    ],
+)
+def test_wind_from_another_direction_is_the_same_wind_turned(wind):
+    """By 30°, clockwise seen from above, with the place where it is felt: along and across change places in part."""
+    north, east = 0.3, 0.2
+    cos, sin = 3**0.5 / 2, 0.5
+    there = (north * cos - east * sin, north * sin + east * cos, -4.9)
+    from_north, turned = (weather(wind=(wind.model_copy(update={"direction": at}),)) for at in (0.0, 30.0))
+    for cycle in range(0, 500, 50):
+        one, other = from_north.at(cycle, (north, east, -4.9)), turned.at(cycle, there)
+        assert other.north == pytest.approx(one.north * cos - one.east * sin)
+        assert other.east == pytest.approx(one.north * sin + one.east * cos)
+        assert other[2:] == pytest.approx(one[2:])
+
+
 def test_low_altitude_turbulence_has_the_standards_figures():
     """MIL-F-8785C at 20 ft and 15 kt: σ_w = 1.5 kt, L_w = 20 ft, L_u = 20/0.19346^1.2 ft, σ_u = σ_w/0.19346^0.4."""
     found = turbulence(Dryden(kind="dryden", speed=10.0, wind_at_20_feet=7.7), 20 * 0.3048, 0.44)
     assert found.down == pytest.approx((20 * 0.3048 / 10, 0.77))
     assert found.along == found.across == pytest.approx((143.54 * 0.3048 / 10, 1.4859), rel=1e-3)
+
+
+def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
+    """The integral of MIL-F-8785C's Φ_p, and πV/4b, with σ_w = 0.77 m/s, L_w = 20 ft, b = 0.44 m and V = 10 m/s."""
+    of_wind = Dryden(kind="dryden", speed=10.0, wind_at_20_feet=7.7)
+    constant, sd = turbulence(of_wind, 20 * 0.3048, 0.44).rotation
+    low = 20 * 0.3048
+
+    def spectrum(frequency):
+        """Of p by spatial frequency in rad/m, rad²/s² per rad/m."""
+        at_zero = 0.77**2 / low * 0.8 * (np.pi * low / (4 * 0.44)) ** (1 / 3)
+        return at_zero / (1 + (4 * 0.44 * frequency / np.pi) ** 2)
+
+    assert sd**2 == pytest.approx(quad(spectrum, 0, np.inf)[0])
+    assert sd == pytest.approx(0.6953, abs=1e-4)
+    assert 1 / constant == pytest.approx(17.850, abs=1e-3)
+    assert spectrum(1 / constant / 10.0) == pytest.approx(spectrum(0) / 2)
 
 
 def test_turbulence_meets_a_hover_in_calm_air_at_one_metre_a_second():

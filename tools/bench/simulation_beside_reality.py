@@ -20,7 +20,7 @@ from scipy.signal import welch
 
 import mavdem
 from mavdem import evaluate
-from sitl_scenarios.autopilot import euler
+from sitl_scenarios.attitude import euler
 from sitl_scenarios.files import load, names
 from sitl_scenarios.frames import PAPER_ORDER
 from sitl_scenarios.scenario import Scenario

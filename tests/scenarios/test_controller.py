@@ -5,11 +5,11 @@ from math import radians
 import numpy as np
 import pytest
 
-from sitl_scenarios.autopilot import pulse
 from sitl_scenarios.body import State
 from sitl_scenarios.frames import frame
 from sitl_scenarios.mixer import IDLE, mixed
 from sitl_scenarios.plan import Plan
+from sitl_scenarios.pulses import pulse
 from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Steps
 from sitl_scenarios.sensors import Sensing
 

@@ -1,4 +1,4 @@
-"""Autopilot: position, velocity, attitude and rate control in cascade, as ArduPilot and PX4 have it.
+"""Controller: position, velocity, attitude and rate control in cascade, as ArduPilot and PX4 have it.
 
 Each loop is a first-order lag of known bandwidth: the rate loop as fast as rotors, delay and cycle allow, every outer
 one slower than the one within. So the gains follow from the vehicle's mass, inertia, rotors and sensors, and no vehicle
@@ -7,12 +7,13 @@ has gains of its own.
 
 from __future__ import annotations
 
-from math import asin, atan, atan2, cos, exp, fsum, hypot, radians, sin
+from math import atan, cos, exp, fsum, hypot, radians, sin
 
-from sitl_scenarios.dynamics import Quaternion
+from sitl_scenarios.attitude import euler
 from sitl_scenarios.frames import Four, frame
 from sitl_scenarios.mixer import mixed
 from sitl_scenarios.plan import Wanted
+from sitl_scenarios.pulses import pulse
 from sitl_scenarios.scenario import Vehicle
 from sitl_scenarios.sensors import Known
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY, Airframe
@@ -33,8 +34,8 @@ Outputs = tuple[Four, Four]
 """Motor commands (1000 to 2000 µs) and demands."""
 
 
-class Autopilot:
-    """One autopilot in flight.
+class Controller:
+    """That of one vehicle in flight.
 
     Args:
         vehicle: that it controls.
@@ -133,21 +134,6 @@ class Autopilot:
         """Normalised command for a rotor's thrust, N: the thrust curve undone, as both autopilots do."""
         slope, offset = self._body.speed
         return (self._body.speed_for(thrust) - offset) / slope / self._body.full
-
-
-def pulse(command: float) -> float:
-    """A normalised command as it is put out: whole µs."""
-    return float(round(1000.0 + 1000.0 * command))
-
-
-def euler(attitude: Quaternion) -> tuple[float, float, float]:
-    """Roll, pitch and yaw of an attitude, rad."""
-    w, x, y, z = attitude
-    return (
-        atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        asin(min(max(2 * (w * y - z * x), -1.0), 1.0)),
-        atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
-    )
 
 
 def _authority(body: Airframe, roll: Four, right: Four, pitch: Four, forward: Four) -> tuple[float, float, float]:
