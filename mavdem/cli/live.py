@@ -25,6 +25,8 @@ from mavdem.ingest.raw_recording import RawRecording
 from mavdem.live import LiveStream
 from mavdem.whole_file import whole_file
 
+LOW_PRIORITY = 10
+"""Of 0 to 19: how far whole learnings stand back."""
 TELL_EVERY = 5.0
 """Seconds from one line on standard error that says how things stand to the next."""
 
@@ -102,6 +104,9 @@ def live(
         dashboard = ends.enter_context(Dashboard(link, axis, rrd, serve, connect))
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(pool(1))
+        if hasattr(os, "nice"):
+            # Whole learnings may take their time; samples may not wait for a core.
+            executor.submit(os.nice, LOW_PRIORITY)
         attached = Attached(opened, stream, Settings(), dashboard.open, say_aside, executor, recording, request_rate)
         ends.callback(attached.end)
         dashboard.say_where()

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import multiprocessing
+import os
 import resource
 import socket
 import sys
@@ -76,6 +77,7 @@ def over_udp(rate: float) -> str:
     link = Link(f"udpin:127.0.0.1:{PORT}")
     sender = multiprocessing.get_context("spawn").Process(target=send, args=(rate,))
     with pool(1) as executor:
+        executor.submit(os.nice, 10)  # as mavdem live has it
         attached = Attached(link, LiveStream(), Settings(), nobody, lambda _: None, executor)
         sender.start()
         while attached.standing.vehicle is None:
