@@ -181,6 +181,18 @@ def test_streams_are_asked_of_ardupilot_as_ground_stations_do():
     assert len(vehicle.flown(1.0)["ATTITUDE"]) == 100
 
 
+def test_who_flies_is_told_of_rates_that_change_and_not_without_end():
+    told: list[str] = []
+    vehicle = Vehicle("ardupilot")
+    vehicle.commands = Commands(vehicle.transmitter, vehicle, told.append)
+    for _ in range(3):
+        vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 10, 4, 1))
+    assert told == ["A ground station asked for ATTITUDE 4 Hz instead of 100 Hz."]
+    for number in range(100):
+        vehicle.command(511, 30, -1 if number % 2 else 10_000, seconds=0.01)
+    assert len(told) == 20 and told[-1].endswith("is not told.")
+
+
 def test_there_is_no_mission():
     vehicle = Vehicle()
     vehicle.hears(dialect.MAVLink_mission_request_list_message(1, 1, 0))
