@@ -9,7 +9,6 @@ from math import isfinite
 from typing import Any
 
 from pydantic import BaseModel
-from pydantic_core import ErrorDetails
 
 from sitl_scenarios.places import place, shortened
 from sitl_scenarios.scenario import (
@@ -60,11 +59,11 @@ def too_much(value: Any, depth: int = 0) -> str:
     return next(filter(None, (too_much(one, depth + 1) for one in inside)), "")
 
 
-def told(errors: Iterable[ErrorDetails], table: Mapping[str, Any]) -> str:
+def told(errors: Iterable[Any], table: Mapping[str, Any]) -> str:
     """The first problems in one sentence, and how many more there are.
 
     Args:
-        errors: pydantic's.
+        errors: pydantic's, as ``ValidationError.errors`` tells them.
         table: what was to be a scenario.
     """
     wrong = list(dict.fromkeys(shortened(_sentence(detail, table), 300) for detail in errors))
@@ -78,7 +77,7 @@ def did_you_mean(given: str, known: Iterable[str]) -> str:
     return f" (did you mean {near[0]!r}?)" if near else ""
 
 
-def _sentence(detail: ErrorDetails, table: Mapping[str, Any]) -> str:
+def _sentence(detail: Any, table: Mapping[str, Any]) -> str:
     """What pydantic found in one place."""
     where, given, kind = detail["loc"], detail.get("input"), detail["type"]
     words = _words(where, table)

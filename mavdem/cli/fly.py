@@ -14,7 +14,8 @@ import click
 import numpy as np
 
 from mavdem.cli.output import print_json, printable, progress, say, say_aside
-from mavdem.cli.scenario_text import in_toml, in_words
+from mavdem.cli.scenario_file import in_toml
+from mavdem.cli.scenario_text import in_words
 from mavdem.cli.signals import ending_at_once
 from mavdem.cli.source import no_option
 from mavdem.convert import STREAMS
@@ -59,7 +60,9 @@ SLOWEST, FASTEST = 0.01, 1000.0
 )
 @click.option("--seed", type=int, help="Of everything random, instead of the scenario's.")
 @click.option("--duration", type=float, help="Seconds from arming to disarming, instead of the scenario's.")
-@click.option("--describe", is_flag=True, help="Say what the scenario is, every value, and fly nothing.")
+@click.option(
+    "--describe", is_flag=True, help="Say what the scenario is, every value and what it may be, and fly nothing."
+)
 @click.option("--list", "as_list", is_flag=True, help="List the scenarios, one a line, the name first.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 def fly(
@@ -167,7 +170,7 @@ def _describe(named: str, scenario: Scenario, as_json: bool) -> None:
         print_json({"scenario": named, "words": in_words(scenario), "values": scenario.model_dump(mode="json")})
         return
     for sentence in in_words(scenario):
-        say(f"# {sentence}")
+        say(f"# {printable(sentence)}")
     say()
     say(in_toml(scenario))
 

@@ -19,7 +19,8 @@ import pytest
 from rerun.chunk import RrdReader
 
 from mavdem.cli.main import main
-from mavdem.cli.scenario_text import in_toml, in_words
+from mavdem.cli.scenario_file import in_toml
+from mavdem.cli.scenario_text import in_words
 from mavdem.ingest import read_log
 from sitl_scenarios.files import load, names, scenario_of
 
@@ -127,6 +128,40 @@ def test_describing_tells_every_value(capsys, tmp_path):
     assert fly(capsys, "lossy_link", "--describe")["values"]["faults"]["loss"] == 0.02
 
 
+@pytest.mark.parametrize("text", ["two\nlines", "\x1b[31mred\x07", "\x7f\x80\x9b\u2028\u202e\U000e0001", '"\\', "\t\r"])
+def test_a_description_of_whatever_characters_reads_back_and_sends_none_to_the_terminal(text, tmp_path, capsys):
+    mine, again = tmp_path / "mine.toml", tmp_path / "again.toml"
+    escaped = "".join(f"\\U{ord(character):08x}" for character in text)
+    mine.write_text(f'description = "{escaped}"\n')
+    assert load(mine).description == text
+    assert main(["fly", str(mine), "--describe"]) == 0
+    said = capsys.readouterr().out
+    assert all(character.isprintable() or character == "\n" for character in said)
+    again.write_text(said)
+    assert load(again) == load(mine)
+
+
+def test_describing_says_of_each_key_what_it_means_and_may_be(capsys):
+    assert main(["fly", "iris_gusts", "--describe"]) == 0
+    said = capsys.readouterr().out
+    assert "duration = 90.0  # Seconds from arming to disarming; from 15 to 7200\n" in said
+    assert 'model = "iris"  # AR.Drone 2.0, 3DR Iris or Crazyflie 2; ardrone2 or iris or crazyflie\n' in said
+    assert "[[wind]]  # A 1-cosine gust (MIL-F-8785C)\n" in said
+    assert "#   gust: start, speed, direction, rise, hold\n" in said
+    assert "#   steps: distance, period\n" in said
+    assert "# reboot = ...  # Seconds into the flight" in said
+    for line in said.splitlines():
+        if " = " in line and "kind" not in line:
+            assert "  # " in line, line
+
+
+@pytest.mark.parametrize("text", ["", "duration = 60\n"])
+def test_a_file_that_says_nothing_is_told_to(text, tmp_path, capsys):
+    (tmp_path / "mine.toml").write_text(text)
+    assert main(["fly", str(tmp_path / "mine.toml"), "--describe"]) == 0
+    assert "every value is the default" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "named"),
     [
@@ -166,7 +201,9 @@ def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, caps
 
 def test_rates_of_what_is_not_sent(tmp_path, capsys):
     (tmp_path / "mine.toml").write_text("[stream]\nrates = {WIND = 1.0}\n")
-    assert "WIND" in refused(capsys, tmp_path / "mine.toml", "--out", tmp_path / "f.tlog")
+    assert "mine.toml: stream.rates: px4 sends no WIND" in refused(
+        capsys, tmp_path / "mine.toml", "--out", tmp_path / "f.tlog"
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
 
 
