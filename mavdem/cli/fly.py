@@ -102,7 +102,10 @@ def fly(
     """
     asked = {"--out": out, "--rrd": rrd, "--udp": udp, "--speed": speed}
     if as_list:
-        _refuse_beside("--list", asked | {"SCENARIO": scenario, "--seed": seed, "--duration": duration})
+        _refuse_beside(
+            "--list",
+            asked | {"SCENARIO": scenario, "--seed": seed, "--duration": duration, "--describe": describe or None},
+        )
         _list(as_json)
         return
     if scenario is None:
@@ -290,6 +293,6 @@ def _say_outcome(outcome: Outcome, speed: float) -> None:
 def _address(udp: str) -> tuple[str, int]:
     host, _, port = udp.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
-    if not host or not port.isascii() or not port.isdigit() or not 0 < int(port) < 1 << 16:
+    if not host or not port.isascii() or not port.isdigit() or len(port) > 5 or not 0 < int(port) < 1 << 16:
         raise click.BadParameter(f"{udp} must be HOST:PORT, as 127.0.0.1:14550.", param_hint="--udp")
     return host, int(port)

@@ -191,6 +191,8 @@ def test_a_file_that_says_nothing_is_told_to(text, tmp_path, capsys):
         (["hover_blower", "--out", "f.tlog", "--speed", "1"], "--speed is of a live flight"),
         (["hover_blower", "--out", "f.tlog", "--describe"], "leave out --out"),
         (["--out", "f.tlog", "--list"], "leave out --out"),
+        (["--describe", "--list"], "leave out --describe"),
+        (["hover_blower", "--udp", "127.0.0.1:" + "1" * 5000], "HOST:PORT"),
     ],
 )
 def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, capsys):
