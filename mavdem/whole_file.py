@@ -40,6 +40,9 @@ def whole_files(*paths: str | os.PathLike[str]) -> Iterator[tuple[Path, ...]]:
         OSError: one cannot be written there; then none is replaced.
     """
     places = [replaceable(path) for path in paths]
+    for number, place in enumerate(places):
+        if place in places[:number]:
+            raise FileExistsError(None, "it is the same file as another that is to be written", str(paths[number]))
     with ExitStack() as stack:
         unfinished = []
         for place in places:

@@ -65,3 +65,10 @@ def test_what_cannot_be_replaced_is_said_before_anything_is_made(obstacle, tmp_p
     with pytest.raises(OSError, match=obstacle), whole_files(tmp_path / "other", path):
         pass
     assert list(tmp_path.iterdir()) == before
+
+
+def test_two_names_of_one_file_are_refused(tmp_path):
+    (tmp_path / "link").symlink_to("f")
+    with pytest.raises(OSError, match="the same file"), whole_files(tmp_path / "f", tmp_path / "link"):
+        pass
+    assert [path.name for path in tmp_path.iterdir()] == ["link"]

@@ -185,6 +185,8 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     _check(rrd, "--rrd", (".rrd",))
     # The log appears last, when all that goes with it is there.
     files = [path for path in (truth, rrd, out) if path is not None]
+    if len({replaceable(path) for path in files}) < len(files):
+        raise Unreadable("--out and --rrd lead to the same file: name another.")
     began = perf_counter()
     with _in_a_sentence(), progress(f"Flying {name}") as done:
         motion = fly_through(scenario, done)

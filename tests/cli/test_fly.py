@@ -226,6 +226,12 @@ def test_no_file_is_replaced_unless_all_can_be(obstacle, tmp_path, capsys):
         assert name == obstacle or (tmp_path / name).read_bytes() == b"old"
 
 
+def test_two_names_of_one_file_are_refused_before_the_flight(tmp_path, capsys):
+    (tmp_path / "f.rrd").symlink_to("f.tlog")
+    words = ["hover_blower", "--out", tmp_path / "f.tlog", "--rrd", tmp_path / "f.rrd"]
+    assert "the same file" in refused(capsys, *words)
+
+
 def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, capsys, monkeypatch):
     def fails(*_: object) -> None:
         raise OSError(28, "No space left on device")
