@@ -1,10 +1,15 @@
-"""A file that appears whole or not at all."""
+"""Files that appear whole or not at all.
+
+A file that was there keeps its mode, and a symbolic link stays: what it leads to is replaced, as other programs that
+write to it would have it.
+"""
 
 from __future__ import annotations
 
 import os
+import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import BinaryIO
@@ -20,12 +25,58 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     Raises:
         OSError: it cannot be written there.
     """
-    path = Path(path)
-    if path.exists() and not path.is_file():
-        # A folder cannot be replaced, and a device must not be.
+    with whole_files(path) as (unfinished,), unfinished.open("wb") as file:
+        yield file
+
+
+@contextmanager
+def whole_files(*paths: str | os.PathLike[str]) -> Iterator[tuple[Path, ...]]:
+    """Gives for each file the path of one to write instead; when all are written they take their places together.
+
+    Args:
+        paths: the files, each in a folder that is there.
+
+    Raises:
+        OSError: one cannot be written there; then none is replaced.
+    """
+    places = [replaceable(path) for path in paths]
+    for number, place in enumerate(places):
+        if place in places[:number]:
+            raise FileExistsError(None, "it is the same file as another that is to be written", str(paths[number]))
+    with ExitStack() as stack:
+        unfinished = []
+        for place in places:
+            folder = stack.enter_context(TemporaryDirectory(dir=place.parent, prefix=".unfinished."))
+            unfinished.append(Path(folder) / place.name)
+        yield tuple(unfinished)
+        for new, place in zip(unfinished, places, strict=True):
+            if place.exists():
+                new.chmod(stat.S_IMODE(place.stat().st_mode))
+        for new, place in zip(unfinished, places, strict=True):
+            os.replace(new, place)
+
+
+def replaceable(path: str | os.PathLike[str]) -> Path:
+    """The file that writing to ``path`` makes or replaces: itself, or where a symbolic link leads.
+
+    Args:
+        path: of the file, in a folder that is there.
+
+    Raises:
+        OSError: something is there that cannot be replaced, or a name is too long, or a folder not writable.
+    """
+    place = Path(os.path.realpath(path))
+    try:
+        mode = os.stat(place).st_mode
+    except FileNotFoundError:
+        mode = stat.S_IFREG
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(None, "it is a folder", str(path))
+    if not stat.S_ISREG(mode):
+        # A device must not be replaced.
         raise FileExistsError(None, "it is there and no plain file", str(path))
-    with TemporaryDirectory(dir=path.parent, prefix=".unfinished.") as folder:
-        unfinished = Path(folder) / path.name
-        with unfinished.open("wb") as file:
-            yield file
-        os.replace(unfinished, path)
+    if not place.parent.is_dir():
+        raise FileNotFoundError(None, f"there is no folder {place.parent}", str(path))
+    if not os.access(place.parent, os.W_OK | os.X_OK):
+        raise PermissionError(None, f"the folder {place.parent} is not writable", str(path))
+    return place

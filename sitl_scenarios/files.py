@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import stat
 import tomllib
 from importlib.resources import files
 from pathlib import Path
@@ -10,8 +11,13 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from sitl_scenarios.places import shortened
 from sitl_scenarios.plan import times
+from sitl_scenarios.problems import did_you_mean, told, too_much
 from sitl_scenarios.scenario import Scenario
+
+LARGEST = 100_000
+"""Bytes of a scenario file: fifty times the longest that comes with the package."""
 
 _FOLDER = files("sitl_scenarios") / "scenarios"
 
@@ -34,68 +40,61 @@ def load(name_or_path: str | Path) -> Scenario:
     if given in names():
         label, source = f"{given}.toml", (_FOLDER / f"{given}.toml").read_bytes()
     elif isinstance(name_or_path, Path) or given.endswith(".toml") or "/" in given:
-        path = Path(name_or_path)
-        label = path.name
-        try:
-            source = path.read_bytes()
-        except OSError as error:
-            raise ValueError(f"{given} cannot be read: {error.strerror or error}") from None
+        label, source = Path(name_or_path).name, _content(Path(name_or_path))
     else:
-        raise ValueError(f"there is no scenario {given!r}; there are {', '.join(names())}, and paths of .toml files")
+        guess = did_you_mean(given, names())
+        known = ", ".join(names())
+        raise ValueError(
+            f"there is no scenario {shortened(given)!r}{guess}; there are {known}, and paths of .toml files"
+        )
     try:
-        # TOML is UTF-8 by its specification.
-        table = tomllib.loads(source.decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ValueError(f"{label} is no TOML: {error}") from None
-    except RecursionError:
-        raise ValueError(f"{label} is nested deeper than any scenario") from None
-    try:
-        return scenario_of(table)
+        return scenario_of(_table(source))
     except ValueError as error:
         raise ValueError(f"{label}: {error}") from None
+
+
+def _content(path: Path) -> bytes:
+    try:
+        kind = path.stat().st_mode
+        if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind):
+            # Reading a pipe or a device might never end.
+            raise ValueError(f"{path} cannot be read: it is no plain file")
+        with path.open("rb") as file:
+            source = file.read(LARGEST + 1)
+    except OSError as error:
+        raise ValueError(f"{path} cannot be read: {error.strerror or error}") from None
+    if len(source) > LARGEST:
+        raise ValueError(f"{path} cannot be read: it has more than {LARGEST} bytes, and no scenario is as long")
+    return source
+
+
+def _table(source: bytes) -> dict[str, Any]:
+    try:
+        # TOML is UTF-8 by its specification; some editors put a byte order mark before it.
+        table = tomllib.loads(source.decode("utf-8-sig"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise ValueError(f"it is no TOML: {shortened(str(error), 200)}") from None
+    except RecursionError:
+        raise ValueError("it is nested deeper than any scenario") from None
+    except ValueError:
+        # Python reads no number of more than some thousands of digits.
+        raise ValueError("it has a number of more digits than any scenario needs") from None
+    obstacle = too_much(table)
+    if obstacle:
+        raise ValueError(obstacle)
+    return table
 
 
 def scenario_of(table: dict[str, Any]) -> Scenario:
     """The scenario that a table of plain values says, as TOML and JSON have them.
 
     Raises:
-        ValueError: one sentence that names every key that is wrong.
+        ValueError: one sentence that names every key that is wrong, or the first of many.
     """
     try:
         # By way of JSON, in whose arrays pydantic takes the tuples that it would refuse to take in Python's lists.
         scenario = Scenario.model_validate_json(json.dumps(table, default=str))
     except ValidationError as error:
-        wrong = [_sentence(detail, table) for detail in error.errors()]
-        raise ValueError("; ".join(dict.fromkeys(wrong))) from None
+        raise ValueError(told(error.errors(), table)) from None
     times(scenario)
     return scenario
-
-
-def _sentence(detail: Any, table: dict[str, Any]) -> str:
-    """What pydantic found in one place."""
-    key, given = _key(detail["loc"], table), detail.get("input")
-    kind, message = detail["type"], detail["msg"]
-    if kind == "extra_forbidden":
-        return f"{key} is no key of a scenario"
-    if kind in ("missing", "union_tag_not_found"):
-        return f"{key + '.kind' if kind == 'union_tag_not_found' else key} is missing"
-    if kind == "union_tag_invalid":
-        context = detail["ctx"]
-        return f"{key}.kind must be one of {context['expected_tags']}, not {context['tag']!r}"
-    if kind == "value_error":
-        return str(detail["ctx"]["error"])
-    shown = "" if isinstance(given, dict | list) else f", not {json.dumps(given)}"
-    message = message.replace("Input should be", "must be").replace("an object", "a table")
-    return f"{key} {message}{shown}"
-
-
-def _key(place: tuple[int | str, ...], table: Any) -> str:
-    """Where in the file: pydantic's place without the names of the kinds that it went through."""
-    words = []
-    for position, word in enumerate(place):
-        inside = isinstance(table, dict) and word in table or isinstance(table, list) and isinstance(word, int)
-        if not inside and position < len(place) - 1:
-            continue
-        words.append(str(word))
-        table = table[word] if inside else None
-    return ".".join(words)

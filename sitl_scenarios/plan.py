@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from math import cos, fsum, pi, radians, sin, sqrt
+from math import cos, pi, radians, sin, sqrt
 from typing import NamedTuple
+
+import numpy as np
+from scipy.fft import ifft
 
 from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Steps
 
@@ -131,14 +134,14 @@ def _multisine(wanted: Multisine, cycle: float) -> list[float]:
     """
     first, last = max(1, round(wanted.lowest * wanted.period)), round(wanted.highest * wanted.period)
     lines = range(first, max(last, first) + 1)
-    amplitude = radians(wanted.sd) * sqrt(2 / len(lines))
     samples = round(wanted.period / cycle)
-    phases = [-pi * k * (k + 1) / len(lines) for k in range(len(lines))]
-    # fsum, since sum's last bits differ between versions of Python.
-    return [
-        amplitude * fsum(cos(2 * pi * line * i / samples + phase) for line, phase in zip(lines, phases, strict=True))
-        for i in range(samples)
-    ]
+    # −πk(k + 1)/N in whole numbers until the last: whole turns more would cost digits.
+    phases = [-pi * (k * (k + 1) % (2 * len(lines))) / len(lines) for k in range(len(lines))]
+    spectrum = np.zeros(samples, dtype=np.complex128)
+    # Lines above half the sampling rate are folded, as samples of their sines would be.
+    np.add.at(spectrum, np.array(lines) % samples, [complex(cos(phase), sin(phase)) for phase in phases])
+    table = radians(wanted.sd) * sqrt(2 / len(lines)) * samples * ifft(spectrum).real
+    return [float(roll) for roll in table]
 
 
 def _smooth(share: float) -> tuple[float, float]:

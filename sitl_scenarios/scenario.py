@@ -1,7 +1,8 @@
 """Scenario: what is flown, in what wind, and who tells of it how: everything that decides a simulated flight.
 
 A scenario file is the same in TOML, a table for each section; what it leaves out has the value given here. Directions
-are degrees clockwise from north: wind comes *from* its direction, as in weather reports.
+are degrees clockwise from north: wind comes *from* its direction, as in weather reports. What is said of each key here,
+``mavdem fly --describe`` says too: it is the description of the pydantic field.
 """
 
 from __future__ import annotations
@@ -11,14 +12,30 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+from sitl_scenarios.places import place
+
+LONGEST = 7200.0
+"""Seconds of a flight: an hour is much, and two are enough."""
+
+MOST = 16
+"""Winds, and moments, that are summed."""
+
+Positive = Annotated[float, Field(gt=0, le=LONGEST)]
+NotNegative = Annotated[float, Field(ge=0, le=LONGEST)]
+
+Kernel = Annotated[float, Field(ge=1e-3, le=60)]
+"""Seconds. What is shorter than the steps of the physics is white to them; what is longer changes in no flight."""
+
 Angle = Annotated[float, Field(gt=0, le=30)]
 """Degrees of roll that are asked for."""
 
+Frequency = Annotated[float, Field(gt=0, le=200)]
+"""Hz: half of the greatest rate of a stream."""
+
 Speed = Annotated[float, Field(ge=0, le=60)]
 """Of wind, m/s: no hurricane's mean is greater."""
+
+Direction = Annotated[float, Field(ge=-360, le=360)]
 
 Share = Annotated[float, Field(ge=0, le=1)]
 
@@ -29,235 +46,233 @@ _OrInf = BeforeValidator(lambda given: None if given == inf else given)
 class _Section(BaseModel):
     """A part of a scenario: immutable, without keys it does not know, and without text for numbers."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True)
 
 
 class Vehicle(_Section):
-    """Who flies.
-
-    Attributes:
-        model: one of the vehicles of ``sitl_scenarios.vehicles``.
-        frame: where the rotors are.
-        battery_sag: share of the rotors' speed that the battery loses from the beginning of the flight to its end.
-        rotor_drag: whether rotors in wind drag the vehicle along and tilt it; if not, its hull still does.
-    """
+    """Who flies."""
 
     model: Literal["ardrone2", "iris", "crazyflie"] = "iris"
+    """AR.Drone 2.0, 3DR Iris or Crazyflie 2."""
     frame: Literal["x", "plus"] = "x"
+    """Where the rotors are."""
     battery_sag: Annotated[float, Field(ge=0, lt=0.5)] = 0.0
+    """Share of the rotors' speed that the battery loses from the beginning of the flight to its end."""
     rotor_drag: bool = True
+    """Whether rotors in wind drag the vehicle along and tilt it; if not, its hull still does."""
 
 
 class Steady(_Section):
-    """Wind that never changes: ``speed`` m/s from ``direction`` degrees."""
+    """Wind that never changes."""
 
     kind: Literal["steady"]
     speed: Speed
-    direction: Finite = 90.0
+    """Of the wind, m/s."""
+    direction: Direction = 90.0
+    """It comes from, degrees clockwise from north."""
 
 
 class Gaussian(_Section):
-    """The paper's noise: white noise through a Gaussian kernel, standard deviation ``sd`` m/s along each axis.
-
-    Attributes:
-        s: standard deviation of the kernel, s; the autocorrelation is exp(−τ²/4s²).
-    """
+    """The paper's noise: white noise through a Gaussian kernel; the autocorrelation is exp(−τ²/4s²)."""
 
     kind: Literal["gaussian"]
     sd: Annotated[float, Field(ge=0, le=20)]
-    s: Positive
+    """Standard deviation along each axis, m/s."""
+    s: Kernel
+    """Standard deviation of the kernel, s."""
 
 
 class Dryden(_Section):
     """Turbulence of the Dryden spectra at low altitude (MIL-F-8785C) about a mean wind.
 
-    Attributes:
-        speed: of the mean wind, m/s, which counts as wind too.
-        direction: the mean wind comes from, degrees.
-        wind_at_20_feet: what the intensity follows from, m/s; the military grades are 7.7, 15.4 and 23.2 (15, 30 and
-            45 kt: light, moderate and severe).
+    The military grades of ``wind_at_20_feet`` are 7.7, 15.4 and 23.2 (15, 30 and 45 kt: light, moderate and severe).
     """
 
     kind: Literal["dryden"]
     speed: Speed
-    direction: Finite = 90.0
+    """Of the mean wind, m/s, which counts as wind too."""
+    direction: Direction = 90.0
+    """The mean wind comes from, degrees clockwise from north."""
     wind_at_20_feet: Speed = 7.7
+    """What the intensity follows from, m/s: 7.7 is light, 15.4 moderate, 23.2 severe."""
 
 
 class VonKarman(_Section):
-    """Turbulence of the von Kármán spectra; attributes as of ``Dryden``."""
+    """Turbulence of the von Kármán spectra; keys as of ``Dryden``."""
 
     kind: Literal["von_karman"]
     speed: Speed
-    direction: Finite = 90.0
+    """Of the mean wind, m/s, which counts as wind too."""
+    direction: Direction = 90.0
+    """The mean wind comes from, degrees clockwise from north."""
     wind_at_20_feet: Speed = 7.7
+    """What the intensity follows from, m/s: 7.7 is light, 15.4 moderate, 23.2 severe."""
 
 
 class Gust(_Section):
-    """A 1-cosine gust (MIL-F-8785C).
-
-    Attributes:
-        start: seconds into the flight.
-        speed: its greatest, m/s.
-        direction: it comes from, degrees.
-        rise: seconds from its beginning to its greatest, where it stays.
-        hold: seconds it stays there before it falls as it rose; None, or ``inf``: for good.
-    """
+    """A 1-cosine gust (MIL-F-8785C)."""
 
     kind: Literal["gust"]
     start: NotNegative
+    """Seconds into the flight."""
     speed: Speed
-    direction: Finite = 90.0
-    rise: Positive = 1.0
+    """Its greatest, m/s."""
+    direction: Direction = 90.0
+    """It comes from, degrees clockwise from north."""
+    rise: Annotated[float, Field(ge=1e-3, le=LONGEST)] = 1.0
+    """Seconds from its beginning to its greatest, where it stays."""
     hold: Annotated[NotNegative | None, _OrInf] = 0.0
+    """Seconds it stays there before it falls as it rose; inf: for good."""
 
 
 class Jet(_Section):
-    """A blower's jet through the place where the vehicle hovers; entering and leaving its edge makes the wind coloured.
-
-    Attributes:
-        speed: on the axis where it leaves the blower, m/s.
-        direction: it comes from, degrees.
-        distance: from the blower to where the vehicle hovers, m.
-        diameter: of the blower's mouth, m.
-        turbulence: standard deviation of the speed in the jet, as a share of the local mean.
-        s: of the kernel of that turbulence, s, as in ``Gaussian``.
-        offset: of the jet's axis to the right of where the vehicle hovers, seen along the jet, m.
-    """
+    """A blower's jet through the place where the vehicle hovers; entering and leaving its edge colours the wind."""
 
     kind: Literal["jet"]
     speed: Speed
-    direction: Finite = 90.0
-    distance: Positive = 2.0
-    diameter: Positive = 0.5
-    turbulence: Annotated[float, Field(ge=0, le=1)] = 0.2
-    s: Positive = 0.05
-    offset: Finite = 0.0
+    """On the axis where it leaves the blower, m/s."""
+    direction: Direction = 90.0
+    """It comes from, degrees clockwise from north."""
+    distance: Annotated[float, Field(ge=0.01, le=100)] = 2.0
+    """From the blower to where the vehicle hovers, m."""
+    diameter: Annotated[float, Field(ge=0.01, le=10)] = 0.5
+    """Of the blower's mouth, m."""
+    turbulence: Share = 0.2
+    """Standard deviation of the speed in the jet, as a share of the local mean."""
+    s: Kernel = 0.05
+    """Of the kernel of that turbulence, s, as of a gaussian wind."""
+    offset: Annotated[float, Field(ge=-100, le=100)] = 0.0
+    """Of the jet's axis to the right of where the vehicle hovers, seen along the jet, m."""
 
 
 Wind = Annotated[Steady | Gaussian | Dryden | VonKarman | Gust | Jet, Field(discriminator="kind")]
 
 
 class Moment(_Section):
-    """A coloured moment on the body, whatever the wind: ``sd`` N m about ``axis``, colour ``s`` as in ``Gaussian``."""
+    """A coloured moment on the body, whatever the wind."""
 
     axis: Literal["roll", "pitch", "yaw"] = "roll"
-    sd: NotNegative
-    s: Positive
+    """It turns the vehicle about."""
+    sd: Annotated[float, Field(ge=0, le=10)]
+    """Standard deviation, N m."""
+    s: Kernel
+    """Standard deviation of the kernel, s, as of a gaussian wind."""
 
 
 class Doublets(_Section):
-    """The stick to the right, then to the left: ``amplitude`` degrees for ``width`` s each, every ``period`` s."""
+    """The stick to the right, then to the left, again and again."""
 
     kind: Literal["doublets"]
     amplitude: Angle = 8.0
+    """Of roll, degrees."""
     width: Positive = 0.4
+    """Seconds to each side; at most half of the period."""
     period: Positive = 5.0
+    """Seconds from one to the next."""
 
 
 class Chirp(_Section):
-    """A sine of ``amplitude`` degrees whose frequency rises from ``lowest`` to ``highest`` Hz every ``period`` s."""
+    """A sine of roll whose frequency rises, again and again."""
 
     kind: Literal["chirp"]
     amplitude: Angle = 3.0
-    lowest: Positive = 0.2
-    highest: Positive = 5.0
+    """Of roll, degrees."""
+    lowest: Frequency = 0.2
+    """Hz, at the beginning."""
+    highest: Frequency = 5.0
+    """Hz, at the end; below half of the stream's rate."""
     period: Positive = 20.0
+    """Seconds from one to the next."""
 
 
 class Multisine(_Section):
-    """Sines of even power from ``lowest`` to ``highest`` Hz with Schroeder's phases, ``sd`` degrees together."""
+    """Sines of roll together, of even power, with Schroeder's phases."""
 
     kind: Literal["multisine"]
     sd: Angle = 2.0
-    lowest: Positive = 0.2
-    highest: Positive = 5.0
+    """Standard deviation of all together, degrees."""
+    lowest: Frequency = 0.2
+    """Hz; at least one turn in a period."""
+    highest: Frequency = 5.0
+    """Hz; below half of the stream's rate."""
     period: Positive = 20.0
+    """Seconds after which they repeat."""
 
 
 class Steps(_Section):
-    """Sideways steps of ``distance`` m, there and back, every ``period`` s."""
+    """Sideways steps, there and back, again and again."""
 
     kind: Literal["steps"]
     distance: Annotated[float, Field(gt=0, le=100)] = 2.0
+    """To the right, m."""
     period: Positive = 6.0
+    """Seconds from one to the next."""
 
 
 Excitation = Annotated[Doublets | Chirp | Multisine | Steps, Field(discriminator="kind")]
 
 
 class Sensors(_Section):
-    """Standard deviations of white noise on what the autopilot knows, and how late it knows it.
+    """White noise on what the autopilot knows, and how late it knows it."""
 
-    Attributes:
-        rate_sd: rad/s, of each body rate.
-        attitude_sd: rad, of roll, pitch and yaw.
-        position_sd: m, of each coordinate; velocity_sd: m/s.
-        delay: seconds from the motion to the motors' command.
-    """
-
-    rate_sd: NotNegative = 0.005
-    attitude_sd: NotNegative = 0.001
-    position_sd: NotNegative = 0.02
-    velocity_sd: NotNegative = 0.02
+    rate_sd: Annotated[float, Field(ge=0, le=10)] = 0.005
+    """Standard deviation of each body rate, rad/s."""
+    attitude_sd: Share = 0.001
+    """Standard deviation of roll, pitch and yaw, rad."""
+    position_sd: Annotated[float, Field(ge=0, le=100)] = 0.02
+    """Standard deviation of each coordinate, m."""
+    velocity_sd: Annotated[float, Field(ge=0, le=100)] = 0.02
+    """Standard deviation of each velocity, m/s."""
     delay: Annotated[float, Field(ge=0, le=0.05)] = 0.004
+    """Seconds from the motion to the motors' command."""
 
 
 class Stream(_Section):
-    """What the autopilot sends.
-
-    Attributes:
-        speaks: whose messages, units and parameters.
-        rate: Hz, of attitude and of motor outputs, and four times that of any other message that comes often.
-        rates: Hz by the name of a message, instead.
-        system: its MAVLink system id.
-        version: of MAVLink's frames.
-    """
+    """What the autopilot sends."""
 
     speaks: Literal["px4", "ardupilot"] = "px4"
-    rate: Annotated[float, Field(gt=0, le=400)] = 100.0
+    """Whose messages, units and parameters."""
+    rate: Annotated[float, Field(ge=0.1, le=400)] = 100.0
+    """Hz of attitude and of motor outputs; other messages that come often come at a quarter of it."""
     rates: dict[str, Annotated[float, Field(ge=0, le=400)]] = {}
+    """Hz by the name of a message, instead: {ATTITUDE = 50, SYS_STATUS = 1}."""
     system: Annotated[int, Field(ge=1, le=250)] = 1
+    """Its MAVLink system id."""
     version: Literal[1, 2] = 2
+    """Of MAVLink's frames."""
 
 
 class Faults(_Section):
-    """What the link does to the stream, by chance.
-
-    Attributes:
-        loss: share of the messages that are lost.
-        delay: seconds that each is late; jitter: up to so many more.
-        reordered: share of the messages that are overtaken by the one after.
-        reboot: seconds into the flight at which the autopilot begins anew, in the air, with a clock from zero; None,
-            or ``inf``: never.
-    """
+    """What the link does to the stream, by chance."""
 
     loss: Share = 0.0
-    delay: NotNegative = 0.0
-    jitter: NotNegative = 0.0
+    """Share of the messages that are lost."""
+    delay: Annotated[float, Field(ge=0, le=60)] = 0.0
+    """Seconds that each is late."""
+    jitter: Annotated[float, Field(ge=0, le=60)] = 0.0
+    """Up to so many seconds more."""
     reordered: Share = 0.0
+    """Share of the messages that are overtaken by the one after."""
     reboot: Annotated[Positive | None, _OrInf] = None
+    """Seconds into the flight at which the autopilot begins anew, in the air, with a clock from zero; inf: never."""
 
 
 class Scenario(_Section):
-    """A flight from arming to disarming: climb, hover as the sections say, land.
-
-    Attributes:
-        description: one sentence for ``mavdem fly --list``.
-        duration: seconds from arming to disarming.
-        height: of the hover, m.
-        seed: of everything random.
-        wind: summed.
-        moments: summed.
-    """
+    """A flight from arming to disarming: climb, hover as the sections say, land."""
 
     description: str = ""
-    duration: Annotated[float, Field(ge=15, le=7200)] = 60.0
+    """One sentence that says what it is."""
+    duration: Annotated[float, Field(ge=15, le=LONGEST)] = 60.0
+    """Seconds from arming to disarming."""
     height: Annotated[float, Field(gt=0.5, le=100)] = 5.0
+    """Of the hover, m."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    """Of everything random."""
     vehicle: Vehicle = Vehicle()
-    wind: tuple[Wind, ...] = ()
-    moments: tuple[Moment, ...] = ()
+    wind: Annotated[tuple[Wind, ...], Field(max_length=MOST)] = ()
+    """Summed."""
+    moments: Annotated[tuple[Moment, ...], Field(max_length=MOST)] = ()
+    """Summed."""
     excitation: Excitation | None = None
     sensors: Sensors = Sensors()
     stream: Stream = Stream()
@@ -266,14 +281,14 @@ class Scenario(_Section):
     @model_validator(mode="after")
     def _fits_together(self) -> Scenario:
         """What no key can be wrong in by itself."""
-        for place, wind in enumerate(self.wind):
+        for number, wind in enumerate(self.wind):
             if isinstance(wind, Gaussian | Jet) and wind.s >= self.duration:
-                raise ValueError(_too_long(f"wind.{place}.s", wind.s, self.duration))
+                raise ValueError(_too_long(place(["wind", number, "s"]), wind.s, self.duration))
             if isinstance(wind, Gust) and wind.start >= self.duration:
-                raise ValueError(_too_long(f"wind.{place}.start", wind.start, self.duration))
-        for place, moment in enumerate(self.moments):
+                raise ValueError(_too_long(place(["wind", number, "start"]), wind.start, self.duration))
+        for number, moment in enumerate(self.moments):
             if moment.s >= self.duration:
-                raise ValueError(_too_long(f"moments.{place}.s", moment.s, self.duration))
+                raise ValueError(_too_long(place(["moments", number, "s"]), moment.s, self.duration))
         excitation = self.excitation
         if excitation is not None and excitation.period >= self.duration:
             raise ValueError(_too_long("excitation.period", excitation.period, self.duration))

@@ -6,7 +6,7 @@ import os
 
 import click
 
-from mavdem.cli.output import print_json, progress, say
+from mavdem.cli.output import print_json, printable, progress, say
 from mavdem.cli.source import no_option, source_options
 from mavdem.convert import convert as convert_file
 
@@ -41,7 +41,7 @@ def convert(source: str, out: str, axis: str, vehicle: str | None, inputs: str |
         print_json(told)
         return
     what = f"{told['samples']} samples" if "samples" in told else f"{told['frames']} frames"
-    say(f"Wrote {what} to {out}.")
+    say(f"Wrote {what} to {printable(out)}.")
     if told.get("left_out"):
         say(f"Left out: {told['left_out']} messages that could not be made frames of.")
     if told.get("stamps_filled"):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-import os
-from contextlib import ExitStack, closing
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
 from dataclasses import fields
 from pathlib import Path
 from time import perf_counter
@@ -13,15 +13,17 @@ from typing import Any
 import click
 import numpy as np
 
-from mavdem.cli.output import print_json, progress, say, say_aside
-from mavdem.cli.scenario_text import in_toml, in_words
+from mavdem.cli.output import print_json, printable, progress, say, say_aside
+from mavdem.cli.scenario_file import in_toml
+from mavdem.cli.scenario_text import in_words
 from mavdem.cli.signals import ending_at_once
 from mavdem.cli.source import no_option
 from mavdem.convert import STREAMS
 from mavdem.errors import Unreadable
-from mavdem.whole_file import whole_file
+from mavdem.whole_file import replaceable, whole_files
 from sitl_scenarios.files import load, names, scenario_of
 from sitl_scenarios.frames import frame
+from sitl_scenarios.holding import Holding
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.live import Ground, Outcome, fly_live
 from sitl_scenarios.mavlink.recorded import recorded
@@ -34,6 +36,9 @@ from sitl_scenarios.vehicles import AIRFRAMES
 
 KEPT_UP = 0.95
 """Share of the speed asked for below which a live flight is said not to have kept up."""
+
+SLOWEST, FASTEST = 0.01, 1000.0
+"""Seconds that a live flight may fly in a second; no machine reaches the greater."""
 
 
 @click.command()
@@ -50,14 +55,14 @@ KEPT_UP = 0.95
 @click.option("--udp", metavar="HOST:PORT", callback=no_option, help="Fly live and speak MAVLink to HOST:PORT.")
 @click.option(
     "--speed",
-    type=click.FloatRange(0, min_open=True),
-    default=1.0,
-    show_default=True,
-    help="Of a live flight: seconds flown in a second.",
+    type=click.FloatRange(SLOWEST, FASTEST),
+    help="Of a live flight: seconds flown in a second.  [default: 1]",
 )
 @click.option("--seed", type=int, help="Of everything random, instead of the scenario's.")
 @click.option("--duration", type=float, help="Seconds from arming to disarming, instead of the scenario's.")
-@click.option("--describe", is_flag=True, help="Say what the scenario is, every value, and fly nothing.")
+@click.option(
+    "--describe", is_flag=True, help="Say what the scenario is, every value and what it may be, and fly nothing."
+)
 @click.option("--list", "as_list", is_flag=True, help="List the scenarios, one a line, the name first.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
 def fly(
@@ -65,7 +70,7 @@ def fly(
     out: Path | None,
     rrd: Path | None,
     udp: str | None,
-    speed: float,
+    speed: float | None,
     seed: int | None,
     duration: float | None,
     describe: bool,
@@ -90,28 +95,45 @@ def fly(
       mavdem fly mine.toml --seed 2 --duration 120 --out flight.mcap
     \b
     Live, for a ground station that listens on port 14550:
-      mavproxy.py --master=udpin:127.0.0.1:14550
+      mavproxy.py --master=udpin:127.0.0.1:14550 --streamrate=-1
       mavdem fly hover_blower --udp 127.0.0.1:14550
+
+    Without --streamrate=-1 MAVProxy asks ArduPilot for 4 Hz, from which nothing can be learnt.
     """
+    asked = {"--out": out, "--rrd": rrd, "--udp": udp, "--speed": speed}
     if as_list:
+        _refuse_beside(
+            "--list",
+            asked | {"SCENARIO": scenario, "--seed": seed, "--duration": duration, "--describe": describe or None},
+        )
         _list(as_json)
         return
     if scenario is None:
         raise click.UsageError("Missing argument 'SCENARIO': one of `mavdem fly --list`, or a .toml file.")
-    chosen = _chosen(scenario, seed, duration)
     if describe:
-        _describe(scenario, chosen, as_json)
+        _refuse_beside("--describe", asked)
+        _describe(scenario, _chosen(scenario, seed, duration), as_json)
         return
     if udp is not None and (out or rrd):
         raise click.UsageError("--udp flies live, --out and --rrd fly into files: choose one.")
+    if udp is None and speed is not None:
+        raise click.UsageError("--speed is of a live flight: leave it out, or fly live with --udp.")
+    chosen = _chosen(scenario, seed, duration)
     if udp is not None:
-        told = _live(Path(scenario).stem, chosen, udp, speed)
+        told = _live(Path(scenario).stem, chosen, udp, 1.0 if speed is None else speed)
     elif out or rrd:
         told = _to_files(Path(scenario).stem, chosen, out, rrd)
     else:
         raise click.UsageError("Nothing to fly for: name a file with --out or --rrd, or a ground station with --udp.")
     if as_json:
         print_json({"scenario": scenario, "seed": chosen.seed, "duration": chosen.duration, **told})
+
+
+def _refuse_beside(option: str, asked: dict[str, Any]) -> None:
+    """Refuses what ``option``, which flies nothing, would ignore."""
+    ignored = [name for name, value in asked.items() if value is not None]
+    if ignored:
+        raise click.UsageError(f"{option} flies nothing: leave out {' and '.join(ignored)}.")
 
 
 def _list(as_json: bool) -> None:
@@ -130,6 +152,8 @@ def _chosen(named: str, seed: int | None, duration: float | None) -> Scenario:
         scenario = load(named)
     except ValueError as error:
         raise click.BadParameter(f"{error}.", param_hint="SCENARIO") from error
+    if scenario == Scenario():
+        say_aside(f"{printable(Path(named).name)} says nothing of its own: every value is the default.")
     given = {"seed": seed, "duration": duration}
     instead = {key: value for key, value in given.items() if value is not None}
     try:
@@ -140,7 +164,7 @@ def _chosen(named: str, seed: int | None, duration: float | None) -> Scenario:
         AUTOPILOTS[chosen.stream.speaks].rates(chosen.stream.rate, chosen.stream.rates)
     except ValueError as error:
         # Not after a long flight.
-        raise click.BadParameter(f"{error}.", param_hint="SCENARIO") from error
+        raise click.BadParameter(f"{Path(named).name}: {error}.", param_hint="SCENARIO") from error
     return chosen
 
 
@@ -149,43 +173,70 @@ def _describe(named: str, scenario: Scenario, as_json: bool) -> None:
         print_json({"scenario": named, "words": in_words(scenario), "values": scenario.model_dump(mode="json")})
         return
     for sentence in in_words(scenario):
-        say(f"# {sentence}")
+        say(f"# {printable(sentence)}")
     say()
     say(in_toml(scenario))
 
 
 def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None) -> dict[str, Any]:
     _check(out, "--out", tuple(STREAMS))
+    truth = None if out is None else out.with_suffix(".truth.npz")
+    _check(truth, "--out", (".npz",))
     _check(rrd, "--rrd", (".rrd",))
+    # The log appears last, when all that goes with it is there.
+    files = [path for path in (truth, rrd, out) if path is not None]
+    if len({replaceable(path) for path in files}) < len(files):
+        raise Unreadable("--out and --rrd lead to the same file: name another.")
     began = perf_counter()
-    with progress(f"Flying {name}") as done:
+    with _in_a_sentence(), progress(f"Flying {name}") as done:
         motion = fly_through(scenario, done)
     told: dict[str, Any] = {}
-    try:
-        # The log appears last, when all that goes with it is there.
-        with ExitStack() as stack, progress("Writing", measured=False):
-            if out is not None:
-                writing = stack.enter_context(whole_file(out))
-                stream = recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None)
-                frames = STREAMS[out.suffix.lower()](writing, stream)
-                told |= {"out": str(out), "frames": frames}
-            if rrd is not None:
-                _write_rrd(rrd, name, scenario, motion)
-                told |= {"rrd": str(rrd)}
-            if out is not None:
-                truth = out.with_suffix(".truth.npz")
-                write_truth(truth, scenario, motion)
-                told |= {"truth": str(truth)}
-    except OSError as error:
-        files = " or ".join(str(path) for path in (out, rrd) if path is not None)
-        raise Unreadable(f"{files} cannot be written ({error.strerror or error}): name another file.") from None
+    with _telling(files), whole_files(*files) as unfinished, progress("Writing", measured=False):
+        place = dict(zip(files, unfinished, strict=True))
+        if out is not None and truth is not None:
+            stream = recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None)
+            with place[out].open("wb") as writing:
+                told |= {"out": str(out), "frames": STREAMS[out.suffix.lower()](writing, stream), "truth": str(truth)}
+            write_truth(place[truth], scenario, motion)
+        if rrd is not None:
+            _write_rrd(place[rrd], name, scenario, motion)
+            told |= {"rrd": str(rrd)}
     told["took"] = round(perf_counter() - began, 3)
     say_aside(f"Flew {motion.time[-1]:.1f} s in {told['took']:.1f} s.")
+    holding = Holding(scenario)
+    holding.add(motion)
+    told |= _say_cautions(holding)
     if out is not None:
-        say_aside(f"Wrote {told['frames']} frames to {out}, and the truth to {told['truth']}.")
+        say_aside(f"Wrote {told['frames']} frames to {printable(out)}, and the truth to {printable(truth)}.")
     if rrd is not None:
-        say_aside(f"Wrote {rrd}; open it with `rerun {rrd}`.")
+        say_aside(f"Wrote {printable(rrd)}; open it with `rerun {printable(rrd)}`.")
     return told
+
+
+@contextmanager
+def _in_a_sentence() -> Iterator[None]:
+    """What a flight is refused for, or ends with, is one sentence."""
+    try:
+        yield
+    except ValueError as error:
+        raise click.UsageError(f"{str(error)[:1].upper()}{str(error)[1:]}.") from error
+
+
+@contextmanager
+def _telling(files: list[Path]) -> Iterator[None]:
+    """What is in the way of files that are to be written."""
+    try:
+        yield
+    except OSError as error:
+        told = " or ".join(str(path) for path in files)
+        raise Unreadable(f"{told} cannot be written ({error.strerror or error}): name another file.") from None
+
+
+def _say_cautions(holding: Holding) -> dict[str, Any]:
+    cautions = holding.cautions()
+    for caution in cautions:
+        say_aside(f"Caution: {caution}.")
+    return {"cautions": cautions}
 
 
 def _write_rrd(path: Path, name: str, scenario: Scenario, motion: Motion) -> None:
@@ -204,11 +255,8 @@ def _check(path: Path | None, option: str, kinds: tuple[str, ...]) -> None:
         return
     if path.suffix.lower() not in kinds:
         raise click.BadParameter(f"{path} must end in {' or '.join(kinds)}.", param_hint=option)
-    folder = path.parent
-    if not folder.is_dir():
-        raise click.BadParameter(f"there is no folder {folder}.", param_hint=option)
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise Unreadable(f"{path} cannot be written: {folder} is not writable; name another file.")
+    with _telling([path]):
+        replaceable(path)
 
 
 def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, Any]:
@@ -216,23 +264,22 @@ def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, An
     if not math.isfinite(speed):
         raise click.BadParameter("it must be a number.", param_hint="--speed")
     whole = scenario.duration
-    try:
-        with closing(Ground(host, port)) as ground:
-            say_aside(f"Flying {name} for {whole:g} s, speaking to {udp}; Ctrl-C ends it.")
-            with progress(f"Flying {name}") as done:
-                outcome = fly_live(
-                    scenario, Simulation(scenario), ground, speed, lambda now: done(min(now / whole, 1.0))
-                )
-    except ValueError as error:
-        raise click.UsageError(f"{str(error)[:1].upper()}{str(error)[1:]}.") from error
+    with _in_a_sentence(), closing(Ground(host, port)) as ground:
+        say_aside(f"Flying {printable(name)} for {whole:g} s, speaking to {printable(udp)}; Ctrl-C ends it.")
+        with progress(f"Flying {name}") as done:
+            outcome = fly_live(
+                scenario, Simulation(scenario), ground, speed, lambda now: done(min(now / whole, 1.0)), say_aside
+            )
     _say_outcome(outcome, speed)
     return {
         "udp": udp,
         "frames": outcome.sent,
         "commands": outcome.commands,
+        "unheard": outcome.unheard,
         "flown": round(outcome.flown, 3),
         "took": round(outcome.took, 3),
         "stopped": outcome.stopped,
+        **_say_cautions(outcome.holding),
     }
 
 
@@ -241,11 +288,13 @@ def _say_outcome(outcome: Outcome, speed: float) -> None:
     say_aside(f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames.")
     if outcome.flown < KEPT_UP * speed * outcome.took:
         say_aside(f"This machine kept up with {outcome.flown / outcome.took:.2g} times real time, not {speed:g}.")
+    if outcome.unheard:
+        say_aside(f"More was said to it than it can answer: {outcome.unheard} datagrams were dropped, or part of them.")
 
 
 def _address(udp: str) -> tuple[str, int]:
     host, _, port = udp.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
-    if not host or not port.isascii() or not port.isdigit() or not 0 < int(port) < 1 << 16:
+    if not host or not port.isascii() or not port.isdigit() or len(port) > 5 or not 0 < int(port) < 1 << 16:
         raise click.BadParameter(f"{udp} must be HOST:PORT, as 127.0.0.1:14550.", param_hint="--udp")
     return host, int(port)

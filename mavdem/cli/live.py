@@ -15,7 +15,7 @@ import click
 
 from mavdem.attached import Attached, Standing
 from mavdem.cli.dashboard import Dashboard
-from mavdem.cli.output import print_json, say_aside
+from mavdem.cli.output import print_json, printable, say_aside
 from mavdem.cli.source import no_option
 from mavdem.dem import Settings
 from mavdem.dem.workers import pool
@@ -159,7 +159,7 @@ def _keep_model(attached: Attached, path: Path | None) -> str | None:
         return None
     except OSError as error:
         raise Unreadable(f"{path} cannot be written ({error.strerror or error}): name another file.") from None
-    say_aside(f"Kept the model in {path}.")
+    say_aside(f"Kept the model in {printable(path)}.")
     return str(path)
 
 

@@ -73,9 +73,23 @@ def say_aside(text: str) -> None:
         click.echo(text, file=sys.stderr)
 
 
+def printable(text: object) -> str:
+    r"""Text with every character that is none to look at as it is written in TOML and JSON, ``\n`` or ``\u001b``.
+
+    Names and files may hold line breaks and what a terminal obeys: escapes, and marks that turn text around.
+    """
+    return "".join(character if character.isprintable() else _escaped(character) for character in str(text))
+
+
+def _escaped(character: str) -> str:
+    short = {"\n": "\\n", "\t": "\\t", "\r": "\\r"}.get(character)
+    number = ord(character)
+    return short or (f"\\u{number:04x}" if number < 1 << 16 else f"\\U{number:08x}")
+
+
 def _one_line(text: str) -> str:
-    """A name may hold line breaks."""
-    return " ".join(text.splitlines())
+    """A name may hold line breaks, and worse."""
+    return printable(" ".join(text.splitlines()))
 
 
 def print_json(document: Any) -> None:
@@ -114,7 +128,7 @@ def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], No
     if not ASIDE.is_terminal:
         yield lambda _: None
         return
-    columns = TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn()
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn()
     with Progress(*columns, console=ASIDE, transient=True) as bar:
-        task = bar.add_task(title, total=1.0 if measured else None)
+        task = bar.add_task(printable(title), total=1.0 if measured else None)
         yield lambda fraction: bar.update(task, completed=fraction)

@@ -1,9 +1,6 @@
-"""A scenario as text: in words, and as the TOML file that says all its values."""
+"""A scenario in words."""
 
 from __future__ import annotations
-
-import json
-from typing import Any
 
 from sitl_scenarios.scenario import Gust, Scenario, Wind
 
@@ -78,31 +75,3 @@ def _faults(scenario: Scenario) -> list[str]:
 
 def _listed(parts: list[str]) -> str:
     return "; ".join(parts) or "none"
-
-
-def in_toml(scenario: Scenario) -> str:
-    """A scenario file with every value, which read again is the same scenario."""
-    values = scenario.model_dump(mode="json")
-    tables = {key: value for key, value in values.items() if isinstance(value, dict)}
-    lists = {key: value for key, value in values.items() if isinstance(value, list)}
-    single = {key: value for key, value in values.items() if isinstance(value, str | int | float)}
-    lines = _pairs(single)
-    for key, rows in lists.items():
-        for row in rows:
-            lines += ["", f"[[{key}]]", *_pairs(row)]
-    for key, table in tables.items():
-        lines += ["", f"[{key}]", *_pairs(table)]
-    return "\n".join(lines)
-
-
-def _pairs(table: dict[str, Any]) -> list[str]:
-    return [f"{key} = {_value(value)}" for key, value in table.items()]
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, dict):
-        return "{" + ", ".join(_pairs(value)) + "}"
-    if value is None:
-        return "inf"  # the time that never comes
-    # Of text, numbers and truth values JSON's forms are TOML's too.
-    return json.dumps(value, ensure_ascii=False)

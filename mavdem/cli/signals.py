@@ -1,4 +1,4 @@
-"""What Ctrl-C and SIGTERM do. Imports nothing that takes time."""
+"""What Ctrl-C, SIGTERM and SIGHUP do. Imports nothing that takes time."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-INTERRUPTED, TERMINATED = 130, 143
-"""Exit codes, as a shell reports SIGINT and SIGTERM."""
+INTERRUPTED, OF_SIGNAL = 130, 128
+"""Exit codes as a shell reports them: of SIGINT; of any signal, less its number."""
 
 
 @contextmanager
@@ -24,8 +24,13 @@ def ending_at_once() -> Iterator[None]:
 
 
 def unwind_when_terminated() -> None:
-    """Lets SIGTERM end the process as an exception does: what is temporary is removed."""
+    """Lets SIGTERM, and a closed terminal's SIGHUP, end the process as an exception does: what is temporary goes.
+
+    Who started the process with SIGHUP ignored, as nohup does, wants it to go on.
+    """
     signal.signal(signal.SIGTERM, _unwind)
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, _unwind)
 
 
 def _end(number: int, frame: FrameType | None) -> None:
@@ -37,5 +42,6 @@ def _end(number: int, frame: FrameType | None) -> None:
 
 def _unwind(number: int, frame: FrameType | None) -> None:
     # A second one must not end the removal that the first has begun.
-    signal.signal(number, signal.SIG_IGN)
-    sys.exit(TERMINATED)
+    for one in (signal.SIGTERM, number):
+        signal.signal(one, signal.SIG_IGN)
+    sys.exit(OF_SIGNAL + number)

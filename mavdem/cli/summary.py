@@ -7,7 +7,7 @@ from typing import Any
 from rich.table import Table as Grid
 
 from mavdem.account import Sentence, Table, account
-from mavdem.cli.output import print_table, say
+from mavdem.cli.output import print_table, printable, say
 from mavdem.dem import Learned
 from mavdem.flight import Flight
 
@@ -24,7 +24,7 @@ def print_summary(report: dict[str, Any], train: Flight, test: Flight, learned: 
             say(f"{f'{block.lead} {block.text}'.strip()}\n")
         else:
             print_table(_grid(block))
-    say(f"Took {report['seconds']:.1f} s. Written: {', '.join(report['files'].values())}")
+    say(f"Took {report['seconds']:.1f} s. Written: {', '.join(map(printable, report['files'].values()))}")
 
 
 def _grid(table: Table) -> Grid:

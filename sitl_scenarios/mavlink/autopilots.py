@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from sitl_scenarios.places import shortened
 from sitl_scenarios.pulses import STOPPED
 
 DISARMED, ON_GROUND, IN_AIR, TAKING_OFF, LANDING = range(5)
@@ -82,7 +83,9 @@ class Autopilot:
         usual = dict.fromkeys(self.fast, rate) | dict.fromkeys(self.quarter, rate / 4) | dict(self.slow)
         for name in instead:
             if name not in usual:
-                raise ValueError(f"stream.rates: {self.name} sends no {name} here: choose among {', '.join(usual)}")
+                raise ValueError(
+                    f"stream.rates: {self.name} sends no {shortened(name)} here: choose among {', '.join(usual)}"
+                )
         return usual | dict(instead)
 
 

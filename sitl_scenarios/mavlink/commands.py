@@ -6,7 +6,7 @@ https://mavlink.io/en/services/mission.html; where the autopilots differ, ``sitl
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from math import inf, isfinite
 from typing import Any, Protocol
 
@@ -24,6 +24,8 @@ FORCE = 21196
 """What MAV_CMD_COMPONENT_ARM_DISARM's second parameter must be to stop the motors in the air."""
 ALL_STREAMS = 0
 """MAV_DATA_STREAM."""
+MOST_TOLD = 20
+"""Changes of rates that are told: some ground stations ask again and again."""
 LONGEST_INTERVAL = 2**31 - 1
 """µs that MESSAGE_INTERVAL can tell."""
 
@@ -42,9 +44,12 @@ class Commands:
         accepted: how many commands were.
     """
 
-    def __init__(self, transmitter: Transmitter, simulation: Armable) -> None:
-        """Takes who answers, and what is armed and disarmed."""
-        self._transmitter, self._simulation = transmitter, simulation
+    def __init__(
+        self, transmitter: Transmitter, simulation: Armable, tell: Callable[[str], None] = lambda _: None
+    ) -> None:
+        """Takes who answers, what is armed and disarmed, and who is told a sentence when rates are changed."""
+        self._transmitter, self._simulation, self._tell = transmitter, simulation, tell
+        self._told = 0
         self.accepted = 0
 
     def answer(self, said: Heard) -> None:
@@ -106,8 +111,22 @@ class Commands:
             seconds = interval / 1e6
         else:
             seconds = 1 / schedule.usual[name] if schedule.usual[name] else inf
-        schedule.set(name, seconds, self._transmitter.clock)
+        self._set_intervals([name], seconds)
         return ACCEPTED
+
+    def _set_intervals(self, names: Iterable[str], seconds: float) -> None:
+        """Sets the interval of messages, and tells of those whose interval was another."""
+        schedule, changed = self._transmitter.schedule, []
+        for name in names:
+            before = schedule.interval(name)
+            schedule.set(name, seconds, self._transmitter.clock)
+            after = schedule.interval(name)
+            if after != before:
+                changed.append(f"{name} {_in_hertz(after)} instead of {_in_hertz(before)}")
+        if changed and self._told < MOST_TOLD:
+            self._told += 1
+            more = "; what it changes from now on is not told" if self._told == MOST_TOLD else ""
+            self._tell(f"A ground station asked for {', '.join(changed)}{more}.")
 
     def _request(self, name: str, argument: float) -> int:
         """Sends a message once; ``argument`` is the id of the message whose interval MESSAGE_INTERVAL tells."""
@@ -147,8 +166,11 @@ class Commands:
         groups, group = self._transmitter.autopilot.groups, int(asked["req_stream_id"])
         rate = int(asked["req_message_rate"]) if asked["start_stop"] else 0
         chosen = list(groups) if group == ALL_STREAMS else [group]
-        for name in (name for one in chosen for name in groups.get(one, ())):
-            self._transmitter.schedule.set(name, 1 / rate if rate else inf, self._transmitter.clock)
+        self._set_intervals((name for one in chosen for name in groups.get(one, ())), 1 / rate if rate else inf)
+
+
+def _in_hertz(interval: float) -> str:
+    return f"{1 / interval:.3g} Hz" if isfinite(interval) else "none"
 
 
 def _name(message: float) -> str:

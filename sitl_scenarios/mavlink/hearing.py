@@ -29,8 +29,14 @@ class Heard:
     component: int
 
 
-def heard(datagram: bytes, system: int, component: int) -> list[Heard]:
-    """The messages in a datagram that are understood and meant for this system and component, or for all."""
+def heard(datagram: bytes, system: int, component: int, most: int | None = None) -> list[Heard]:
+    """The messages in a datagram that are understood and meant for this system and component, or for all.
+
+    Args:
+        datagram: what came.
+        system, component: who hears it.
+        most: how many are looked for; all unless given.
+    """
     data = np.frombuffer(datagram, dtype=np.uint8)
     understood = []
     for frames in find_frames(data, seeds()):
@@ -46,4 +52,6 @@ def heard(datagram: bytes, system: int, component: int) -> list[Heard]:
             )
             if meant:
                 understood.append(Heard(definition.name, fields, int(frames.system[row]), int(frames.component[row])))
+            if len(understood) == most:
+                return understood
     return understood

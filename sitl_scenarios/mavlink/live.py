@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import Any, Protocol
 
+from sitl_scenarios.holding import Holding
 from sitl_scenarios.mavlink.batch import Batch
 from sitl_scenarios.mavlink.commands import Armable, Commands
-from sitl_scenarios.mavlink.hearing import heard
+from sitl_scenarios.mavlink.hearing import Heard, heard
 from sitl_scenarios.mavlink.link import Link
 from sitl_scenarios.mavlink.transmitter import COMPONENT, Transmitter
 from sitl_scenarios.motion import Motion
@@ -24,6 +25,11 @@ TICK = 0.004
 """Seconds of wall time in which what falls due is sent together, when the vehicle's loop is not slower."""
 LONGEST_TICK = 0.5
 """Seconds of the flight in one tick, however fast time is to pass."""
+MOST_ANSWERED, MOST_WAITING = 4, 64
+"""Messages of a ground station that are answered in a tick, a thousand a second, and that may wait for a later one. The
+rest is dropped: a flood must not slow the flight down."""
+MOST_READ = 16
+"""Datagrams that are looked at in a tick."""
 DATAGRAM = 2048
 """Bytes of a datagram that are looked at: no network carries a longer one in one piece."""
 
@@ -49,11 +55,15 @@ class Outcome:
     Attributes:
         sent: frames that were put on the network; ``commands`` that were accepted.
         flown: s of the flight, ``took``: s of wall time.
+        unheard: datagrams that were dropped, in whole or in part, because too many came at once.
         stopped: whether it was ended before it was over.
+        holding: how well the vehicle held its place.
     """
 
+    holding: Holding
     sent: int = 0
     commands: int = 0
+    unheard: int = 0
     flown: float = 0.0
     took: float = 0.0
     stopped: bool = False
@@ -81,9 +91,16 @@ class Ground:
             near = str(address[0])
             loopback = ipaddress.ip_address(near.split("%")[0]).is_loopback
             self._own.bind((near if loopback else "", 0))
-        except OSError as error:
-            reason = error.strerror or error
-            raise ValueError(f"nothing can be sent to {host}:{port} ({reason}): check the name") from None
+        except (OSError, UnicodeError) as error:
+            cure = "check the name"
+            if isinstance(error, PermissionError):
+                # What systems answer when a socket for one receiver is to speak to all.
+                reason, cure = "it is a broadcast address, which is not supported", "name one host"
+            elif isinstance(error, OSError):
+                reason = error.strerror or str(error)
+            else:
+                reason = "it is no name of a host"
+            raise ValueError(f"nothing can be sent to {host[:80]}:{port} ({reason}): {cure}") from None
         self._own.setblocking(False)
 
     def close(self) -> None:
@@ -114,7 +131,12 @@ class Ground:
 
 
 def fly_live(
-    scenario: Scenario, simulation: Flying, ground: Ground, speed: float, progress: Callable[[float], None]
+    scenario: Scenario,
+    simulation: Flying,
+    ground: Ground,
+    speed: float,
+    progress: Callable[[float], None],
+    tell: Callable[[str], None] = lambda _: None,
 ) -> Outcome:
     """Flies to the end, or until Ctrl-C, sending every frame in a datagram of its own, and obeying.
 
@@ -124,30 +146,45 @@ def fly_live(
         ground: whom it speaks to.
         speed: seconds of flight in a second.
         progress: called with the seconds flown.
+        tell: called with a sentence when a ground station changes how often something is sent.
 
     Raises:
-        ValueError: as ``Transmitter``.
+        ValueError: as ``Transmitter``; or the vehicle tumbles.
     """
     transmitter = Transmitter(scenario, simulation.cycle)
-    commands = Commands(transmitter, simulation)
-    outcome = Outcome()
+    commands = Commands(transmitter, simulation, tell)
+    outcome, waiting = Outcome(Holding(scenario)), deque[Heard]()
     began = monotonic()
     try:
-        for now, due in _ticks(scenario, simulation, transmitter, speed):
+        for now, due in _ticks(scenario, simulation, transmitter, speed, outcome.holding):
             outcome.flown = now
             progress(now)
             outcome.sent += sum(map(ground.send, due))
-            for datagram in ground.received(began + now / speed):
-                for message in heard(datagram, transmitter.system, COMPONENT):
-                    commands.answer(message)
+            outcome.unheard += _listen(ground.received(began + now / speed), transmitter.system, waiting)
+            for _ in range(min(MOST_ANSWERED, len(waiting))):
+                commands.answer(waiting.popleft())
     except KeyboardInterrupt:
         outcome.stopped = True
     outcome.took, outcome.commands = monotonic() - began, commands.accepted
     return outcome
 
 
+def _listen(datagrams: Iterator[bytes], system: int, waiting: deque[Heard]) -> int:
+    """Puts what is said in a tick behind what waits; answers how many datagrams were dropped, or part of them."""
+    dropped = 0
+    for number, datagram in enumerate(datagrams):
+        room = MOST_WAITING - len(waiting)
+        if number >= MOST_READ or not room:
+            dropped += 1
+            continue
+        said = heard(datagram, system, COMPONENT, room + 1)
+        dropped += len(said) > room
+        waiting.extend(said[:room])
+    return dropped
+
+
 def _ticks(
-    scenario: Scenario, simulation: Flying, transmitter: Transmitter, speed: float
+    scenario: Scenario, simulation: Flying, transmitter: Transmitter, speed: float, holding: Holding
 ) -> Iterator[tuple[float, list[bytes]]]:
     """Seconds flown, tick by tick, and the frames that arrive by then; after the flight, what is still on its way."""
     link, way = Link(scenario.faults, scenario.seed), deque[tuple[float, bytes]]()
@@ -157,6 +194,7 @@ def _ticks(
         motion = simulation.advance(cycles)
         start = float(motion.time[0]) if start is None else start
         now = float(motion.time[-1])
+        holding.add(motion)
         way.extend(_timed(link.pass_on(transmitter.send(motion))))
         yield now - start, _due(way, now)
     for batch in link.rest():

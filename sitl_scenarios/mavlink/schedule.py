@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-EARLY = 1e-6
-"""Seconds before it is due that a message may be sent: no more than what times are rounded to."""
+EARLY = 0.5e-6
+"""Seconds before it is due that a message may be sent: half of what times are rounded to, so that none is a tie."""
 
 
 @dataclass
@@ -37,18 +37,19 @@ class Schedule:
     def __init__(self, usual: Mapping[str, float], start: float, cycle: float, step: float, apart: bool) -> None:
         """Begins at the time ``start``, s, every stream a ``cycle``, s, after the one before if they are ``apart``.
 
-        Intervals are rounded down to whole numbers of ``step``, s.
+        Intervals are rounded down to whole numbers of ``step``, s, and none is shorter than a cycle.
         """
         self.usual = dict(usual)
-        self._step = step
+        self._step, self._cycle = step, cycle
         self._courses: dict[str, _Course] = {}
         for place, (name, rate) in enumerate(usual.items()):
             self.set(name, 1 / rate if rate else np.inf, start + place * cycle * apart)
 
     def set(self, name: str, interval: float, start: float) -> None:
         """From ``start`` on, s, sends a message every ``interval`` s; never, when that is infinite."""
-        if np.isfinite(interval):
-            interval = max(int(interval / self._step + 1e-6), 1) * self._step
+        if np.isfinite(interval / self._step):
+            # The loop looks once in a cycle: what is due more often is sent once.
+            interval = max(int(interval / self._step + 1e-6) * self._step, self._cycle)
         self._courses[name] = _Course(start, interval)
 
     def interval(self, name: str) -> float:
@@ -63,7 +64,10 @@ class Schedule:
         course = self._courses[name]
         if not np.isfinite(course.interval):
             return np.empty(0, dtype=np.intp)
-        until = int(np.floor((times[-1] + EARLY - course.first) / course.interval)) + 1
+        # One more than there can be: which of them are due is for one comparison to decide, since two might differ.
+        until = int(np.floor((times[-1] + EARLY - course.first) / course.interval)) + 2
         due = course.first + course.interval * np.arange(course.sent, until)
-        course.sent = max(course.sent, until)
-        return np.unique(np.searchsorted(times, due - EARLY))
+        rows = np.searchsorted(times, due - EARLY)
+        rows = rows[rows < len(times)]
+        course.sent += len(rows)
+        return np.unique(rows)

@@ -182,3 +182,9 @@ def test_in_prose_it_says_what_was_left_out(tmp_path, capsys):
     assert main(["convert", str(source), str(tmp_path / "out.mcap")]) == 0
     said = capsys.readouterr().out
     assert "Wrote 156" in said and "bytes that belong to no frame" in said
+
+
+def test_a_name_with_line_breaks_is_told_in_one_line(tmp_path, capsys):
+    assert main(["convert", str(LOGS / "ardupilot_default_rates.tlog"), str(tmp_path / "a\n\x1bb.mcap")]) == 0
+    wrote = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("Wrote"))
+    assert wrote.endswith("a\\n\\u001bb.mcap.")

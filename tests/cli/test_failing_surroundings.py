@@ -121,7 +121,8 @@ def test_the_help_says_of_each_command_what_it_says_itself():
         assert command.get_short_help_str(limit=200) == told.get_short_help_str(limit=200)
 
 
-def test_a_termination_while_writing_leaves_nothing(tmp_path):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_termination_while_writing_leaves_nothing(number, tmp_path):
     slow = (
         "import sys, time, mavdem.view; from mavdem.cli.entry import run;"
         "mavdem.view.write_recording = lambda *_: time.sleep(60);"
@@ -133,9 +134,9 @@ def test_a_termination_while_writing_leaves_nothing(tmp_path):
         while not list(tmp_path.glob("out/.unfinished.*/report.json")) and time.monotonic() < deadline:
             time.sleep(0.05)
         assert list(tmp_path.glob("out/.unfinished.*"))
-        running.terminate()
+        running.send_signal(number)
         _, said = running.communicate(timeout=30)
-    assert running.returncode == 143
+    assert running.returncode == 128 + number
     assert said == ""
     assert list(tmp_path.iterdir()) == []
 

@@ -19,7 +19,8 @@ import pytest
 from rerun.chunk import RrdReader
 
 from mavdem.cli.main import main
-from mavdem.cli.scenario_text import EXCITATIONS, WINDS, in_toml, in_words
+from mavdem.cli.scenario_file import in_toml
+from mavdem.cli.scenario_text import EXCITATIONS, WINDS, in_words
 from mavdem.ingest import read_log
 from sitl_scenarios.files import load, names, scenario_of
 
@@ -167,6 +168,40 @@ def test_describing_tells_every_value(capsys, tmp_path):
     assert fly(capsys, "lossy_link", "--describe")["values"]["faults"]["loss"] == 0.02
 
 
+@pytest.mark.parametrize("text", ["two\nlines", "\x1b[31mred\x07", "\x7f\x80\x9b\u2028\u202e\U000e0001", '"\\', "\t\r"])
+def test_a_description_of_whatever_characters_reads_back_and_sends_none_to_the_terminal(text, tmp_path, capsys):
+    mine, again = tmp_path / "mine.toml", tmp_path / "again.toml"
+    escaped = "".join(f"\\U{ord(character):08x}" for character in text)
+    mine.write_text(f'description = "{escaped}"\n')
+    assert load(mine).description == text
+    assert main(["fly", str(mine), "--describe"]) == 0
+    said = capsys.readouterr().out
+    assert all(character.isprintable() or character == "\n" for character in said)
+    again.write_text(said)
+    assert load(again) == load(mine)
+
+
+def test_describing_says_of_each_key_what_it_means_and_may_be(capsys):
+    assert main(["fly", "iris_gusts", "--describe"]) == 0
+    said = capsys.readouterr().out
+    assert "duration = 90.0  # Seconds from arming to disarming; from 15 to 7200\n" in said
+    assert 'model = "iris"  # AR.Drone 2.0, 3DR Iris or Crazyflie 2; ardrone2 or iris or crazyflie\n' in said
+    assert "[[wind]]  # A 1-cosine gust (MIL-F-8785C)\n" in said
+    assert "#   gust: start, speed, direction, rise, hold\n" in said
+    assert "#   steps: distance, period\n" in said
+    assert "reboot = inf  # Seconds into the flight" in said
+    for line in said.splitlines():
+        if " = " in line and "kind" not in line:
+            assert "  # " in line, line
+
+
+@pytest.mark.parametrize("text", ["", "duration = 60\n"])
+def test_a_file_that_says_nothing_is_told_to(text, tmp_path, capsys):
+    (tmp_path / "mine.toml").write_text(text)
+    assert main(["fly", str(tmp_path / "mine.toml"), "--describe"]) == 0
+    assert "every value is the default" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("words", "named"),
     [
@@ -176,7 +211,7 @@ def test_describing_tells_every_value(capsys, tmp_path):
         (["none.toml", "--out", "f.tlog"], "none.toml"),
         (["hover_blower", "--out", "f.csv"], ".tlog or .mcap"),
         (["hover_blower", "--rrd", "f.png"], ".rrd"),
-        (["hover_blower", "--out", "none/f.tlog"], "no folder none"),
+        (["hover_blower", "--out", "none/f.tlog"], "there is no folder"),
         (["hover_blower", "--out", "f.tlog", "--duration", "3"], "duration must be"),
         (["hover_blower", "--out", "f.tlog", "--duration", "nan"], "duration"),
         (["hover_blower", "--out", "f.tlog", "--seed", "-1"], "seed must be"),
@@ -188,6 +223,16 @@ def test_describing_tells_every_value(capsys, tmp_path):
         (["hover_blower", "--udp", "127.0.0.1:14550", "--speed", "nan"], "--speed"),
         (["hover_blower", "--udp", "127.0.0.1:14550", "--out", "f.tlog"], "choose one"),
         (["hover_blower", "--out", "--describe"], "--describe is an option"),
+        (["hover_blower", "--udp", "127.0.0.1:14550", "--speed", "1e-300"], "--speed"),
+        (["hover_blower", "--udp", "a..b:12"], "Nothing can be sent to a..b:12"),
+        (["hover_blower", "--udp", "h" * 300 + ":12"], "Nothing can be sent to hhh"),
+        (["hover_blower", "--udp", "h\udcff:12"], "Nothing can be sent to h"),
+        (["hover_blower", "--udp", "255.255.255.255:14550"], "broadcast"),
+        (["hover_blower", "--out", "f.tlog", "--speed", "1"], "--speed is of a live flight"),
+        (["hover_blower", "--out", "f.tlog", "--describe"], "leave out --out"),
+        (["--out", "f.tlog", "--list"], "leave out --out"),
+        (["--describe", "--list"], "leave out --describe"),
+        (["hover_blower", "--udp", "127.0.0.1:" + "1" * 5000], "HOST:PORT"),
     ],
 )
 def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, capsys):
@@ -198,7 +243,9 @@ def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, caps
 
 def test_rates_of_what_is_not_sent(tmp_path, capsys):
     (tmp_path / "mine.toml").write_text("[stream]\nrates = {WIND = 1.0}\n")
-    assert "WIND" in refused(capsys, tmp_path / "mine.toml", "--out", tmp_path / "f.tlog")
+    assert "mine.toml: stream.rates: px4 sends no WIND" in refused(
+        capsys, tmp_path / "mine.toml", "--out", tmp_path / "f.tlog"
+    )
     assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
 
 
@@ -206,6 +253,61 @@ def test_what_cannot_be_replaced_is_left_alone(tmp_path, capsys):
     os.mkfifo(tmp_path / "pipe.tlog")
     assert "pipe.tlog cannot be written" in refused(capsys, "hover_blower", "--out", tmp_path / "pipe.tlog", *SHORT)
     assert [path.name for path in tmp_path.iterdir()] == ["pipe.tlog"]
+
+
+@pytest.mark.parametrize("obstacle", ["f.tlog", "f.truth.npz", "f.rrd"])
+def test_no_file_is_replaced_unless_all_can_be(obstacle, tmp_path, capsys):
+    targets = ["f.tlog", "f.truth.npz", "f.rrd"]
+    for name in targets:
+        (tmp_path / name).mkdir() if name == obstacle else (tmp_path / name).write_bytes(b"old")
+    words = ["hover_blower", "--out", tmp_path / "f.tlog", "--rrd", tmp_path / "f.rrd", *SHORT]
+    assert f"{obstacle} cannot be written (it is a folder)" in refused(capsys, *words)
+    for name in targets:
+        assert name == obstacle or (tmp_path / name).read_bytes() == b"old"
+
+
+def test_two_names_of_one_file_are_refused_before_the_flight(tmp_path, capsys):
+    (tmp_path / "f.rrd").symlink_to("f.tlog")
+    words = ["hover_blower", "--out", tmp_path / "f.tlog", "--rrd", tmp_path / "f.rrd"]
+    assert "the same file" in refused(capsys, *words)
+
+
+def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, capsys, monkeypatch):
+    def fails(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("mavdem.cli.fly.write_truth", fails)
+    (tmp_path / "f.rrd").write_bytes(b"old")
+    words = ["hover_blower", "--out", tmp_path / "f.tlog", "--rrd", tmp_path / "f.rrd", *SHORT]
+    assert "No space left" in refused(capsys, *words)
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
+
+
+def test_a_name_that_is_too_long_with_the_truth_is_refused_before_the_flight(tmp_path, capsys):
+    long = tmp_path / ("f" * 248 + ".tlog")
+    assert ".truth.npz cannot be written (File name too long)" in refused(capsys, "hover_blower", "--out", long)
+
+
+@pytest.mark.parametrize("option", ["--out", "--rrd"])
+def test_a_vehicle_out_of_control_is_a_sentence_and_no_file(option, tmp_path, capsys):
+    (tmp_path / "mine.toml").write_text("[vehicle]\nmodel = 'crazyflie'\n[[moments]]\nsd = 1\ns = 0.5\n")
+    out = tmp_path / {"--out": "f.tlog", "--rrd": "f.rrd"}[option]
+    assert "The vehicle is out of control" in refused(capsys, tmp_path / "mine.toml", option, out)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
+
+
+def test_a_name_is_told_in_one_line(tmp_path, capsys):
+    assert main(["fly", "calm", "--out", str(tmp_path / "a\n\x1b[31mb.tlog"), *SHORT]) == 0
+    said = capsys.readouterr().err
+    assert "a\\n\\u001b[31mb.tlog" in said and "\x1b" not in said
+    assert all(line.startswith(("Flew", "Wrote")) for line in said.splitlines())
+
+
+def test_a_vehicle_that_is_blown_away_is_told(tmp_path, capsys):
+    (tmp_path / "mine.toml").write_text("[[wind]]\nkind = 'steady'\nspeed = 40\n")
+    assert main(["fly", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "f.tlog"), *SHORT]) == 0
+    assert "Caution: the vehicle could not hold its place" in capsys.readouterr().err
+    assert fly(capsys, "hover_blower", "--out", tmp_path / "f.tlog", *SHORT)["cautions"] == []
 
 
 @pytest.mark.slow

@@ -12,6 +12,8 @@ from pymavlink.dialects.v20 import all as dialect
 
 from sitl_scenarios.mavlink.commands import Commands
 from sitl_scenarios.mavlink.hearing import heard
+from sitl_scenarios.mavlink.messages import named
+from sitl_scenarios.mavlink.schedule import Schedule
 from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion
 from sitl_scenarios.scenario import Scenario, Stream
 
@@ -84,6 +86,28 @@ def test_intervals_are_set_at_once_told_and_restored(speaks):
     assert vehicle.command(510, 77)[1]["MESSAGE_INTERVAL"][0].interval_us == 0
 
 
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+@pytest.mark.parametrize("interval", [1, 3, 7, 3999, 4000, 4001])
+def test_no_interval_is_shorter_than_a_cycle(speaks, interval):
+    vehicle = Vehicle(speaks)
+    for name in vehicle.transmitter.schedule.usual:
+        given = (named(name).message_id, interval, 0, 0, 0, 0, 0)
+        vehicle.hears(dialect.MAVLink_command_long_message(1, 1, 511, 0, *given))
+    vehicle.flown(0.1)
+    for _ in range(60):
+        assert len(vehicle.flown(0.04)["ATTITUDE"]) <= round(0.04 / CYCLES[speaks])
+    least = max(CYCLES[speaks], interval // 1000 / 1e3 if speaks == "ardupilot" else interval / 1e6)
+    assert len(vehicle.flown(1.0)["ATTITUDE"]) == pytest.approx(1 / least, abs=2)
+
+
+def test_what_is_due_does_not_depend_on_the_blocks():
+    times = np.round(0.004 * np.arange(1000), 9)
+    for interval in (1e-6, 0.003999, 0.004, 0.004001, 0.0083333, 0.01):
+        whole, cut = (Schedule({"ATTITUDE": 1 / interval}, 0.0, 0.004, 1e-6, True) for _ in range(2))
+        pieces = [cut.due("ATTITUDE", times[row : row + 1]) + row for row in range(len(times))]
+        assert np.concatenate(pieces).tolist() == whole.due("ATTITUDE", times).tolist()
+
+
 def test_messages_on_request():
     vehicle = Vehicle("ardupilot")
     result, said = vehicle.command(512, 148)
@@ -146,6 +170,8 @@ def test_streams_are_asked_of_ardupilot_as_ground_stations_do():
     vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
     said = vehicle.flown(2.0)
     assert {len(said[name]) for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "LOCAL_POSITION_NED")} <= {7, 8, 9}
+    vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 0, 65535, 1))
+    assert len(vehicle.flown(1.0)["ATTITUDE"]) == pytest.approx(400, abs=1)
     vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 10, 50, 1))
     vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 3, 50, 0))
     said = vehicle.flown(1.0)
@@ -153,6 +179,18 @@ def test_streams_are_asked_of_ardupilot_as_ground_stations_do():
     vehicle = Vehicle("px4")
     vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 0, 4, 1))
     assert len(vehicle.flown(1.0)["ATTITUDE"]) == 100
+
+
+def test_who_flies_is_told_of_rates_that_change_and_not_without_end():
+    told: list[str] = []
+    vehicle = Vehicle("ardupilot")
+    vehicle.commands = Commands(vehicle.transmitter, vehicle, told.append)
+    for _ in range(3):
+        vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 10, 4, 1))
+    assert told == ["A ground station asked for ATTITUDE 4 Hz instead of 100 Hz."]
+    for number in range(100):
+        vehicle.command(511, 30, -1 if number % 2 else 10_000, seconds=0.01)
+    assert len(told) == 20 and told[-1].endswith("is not told.")
 
 
 def test_there_is_no_mission():

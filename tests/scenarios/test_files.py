@@ -1,5 +1,7 @@
 """Scenario files: those that come with the package load; what is wrong in another is said in one sentence."""
 
+import os
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -45,26 +47,35 @@ def test_every_section_can_be_written_and_read_back():
 @pytest.mark.parametrize(
     "text, sentence",
     [
-        ('[[wind]]\nkind = "gaussian"\nsd = 1\ns = -1', "wind.0.s must be greater than 0, not -1"),
+        (
+            '[[wind]]\nkind = "gaussian"\nsd = 1\ns = -1',
+            "the first wind's s must be greater than or equal to 0.001, not -1",
+        ),
         ("duration = 10", "duration must be greater than or equal to 15, not 10"),
         ('duration = "long"', 'duration must be a valid number, not "long"'),
         ("duration = nan", "duration must be"),
         ("seed = 1.5", "seed must be"),
-        ("durration = 60", "durration is no key of a scenario"),
-        ("[vehicle]\nmodle = 'iris'", "vehicle.modle is no key of a scenario"),
-        (GUST + "strength = 2", "wind.0.strength is no key of a scenario"),
+        ("durration = 60", "durration is no key of a scenario (did you mean 'duration'?): a scenario has description,"),
+        (
+            "[vehicle]\nmodle = 'iris'",
+            "vehicle.modle is no key of a scenario (did you mean 'model'?): [vehicle] has model,",
+        ),
+        (
+            GUST + "strength = 2",
+            "the first wind's strength is no key of a scenario (did you mean 'start'?): a gust wind has start, speed, ",
+        ),
         ("[vehicle]\nmodel = 'heron'", "vehicle.model must be 'ardrone2', 'iris' or 'crazyflie', not \"heron\""),
-        ('[[wind]]\nkind = "tornado"', "wind.0.kind must be one of 'steady', 'gaussian', 'dryden'"),
-        ("[[wind]]\nspeed = 3", "wind.0.kind is missing"),
-        (GUST + '[[wind]]\nkind = "gust"', "wind.1.start is missing; wind.1.speed is missing"),
+        ('[[wind]]\nkind = "tornado"', "the first wind's kind must be one of 'steady', 'gaussian', 'dryden'"),
+        ("[[wind]]\nspeed = 3", "the first wind's kind is missing: it is one of steady, gaussian, "),
+        (GUST + '[[wind]]\nkind = "gust"', "the second wind's start is missing: a gust wind has start, speed, "),
         ("wind = 3", "wind must be a valid array, not 3"),
         ('[excitation]\nkind = "doublets"\nwidth = 0', "excitation.width must be greater than 0, not 0"),
         (
-            '[[wind]]\nkind = "gaussian"\nsd = 1\ns = 60',
-            "wind.0.s must be less than the duration of the flight, 60 s, not 60",
+            'duration = 20\n[[wind]]\nkind = "gaussian"\nsd = 1\ns = 20',
+            "the first wind's s must be less than the duration of the flight, 20 s, not 20",
         ),
-        ("[[moments]]\nsd = 1\ns = 100", "moments.0.s must be less than the duration"),
-        (GUST.replace("5", "99"), "wind.0.start must be less than the duration of the flight, 60 s, not 99"),
+        ("duration = 20\n[[moments]]\nsd = 1\ns = 30", "the first moment's s must be less than the duration"),
+        (GUST.replace("5", "99"), "the first wind's start must be less than the duration of the flight, 60 s, not 99"),
         ('[excitation]\nkind = "chirp"\nperiod = 80', "excitation.period must be less than the duration"),
         (
             '[excitation]\nkind = "chirp"\nlowest = 6',
@@ -78,12 +89,34 @@ def test_every_section_can_be_written_and_read_back():
         ('[excitation]\nkind = "doublets"\nwidth = 3', "excitation.width must be at most half of excitation.period"),
         ("[faults]\nreboot = 60", "faults.reboot must be less than the duration of the flight, 60 s, not 60"),
         ("height = 60", "duration must be at least 87 s for a height of 60 m, not 60"),
-        ("duration = [", "own.toml is no TOML"),
-        ("duration = " + "[" * 5000 + "]" * 5000, "own.toml is nested deeper than any scenario"),
+        ("duration = [", "own.toml: it is no TOML"),
+        ("duration = " + "[" * 5000 + "]" * 5000, "own.toml: it is nested deeper than any scenario"),
+        ("duration = " + "[" * 20000 + "]" * 20000, "own.toml: it is nested deeper than any scenario"),
+        ("duration = " + "[" * 300 + "]" * 300, "own.toml: it is nested deeper than any scenario"),
+        ("a" + ".a" * 300 + " = 1", "own.toml: it is nested deeper than any scenario"),
+        ("seed = " + "9" * 5000, "own.toml: it has a number of more digits than any scenario needs"),
+        ("seed = 0x" + "f" * 5000, "own.toml: it has a number of more digits than any scenario needs"),
+        ("[wind]\nkind = 'steady'\nspeed = 1", "[wind] must be [[wind]], in double brackets"),
+        ("[[vehicle]]\nmodel = 'iris'", "[vehicle] and not [[vehicle]]"),
+        ("duration = nan", "duration must be a number, not nan"),
+        ("[sensors]\nrate_sd = inf", "sensors.rate_sd must be a number, not inf"),
+        ("[[wind]]\nkind = 'gaussian'\nsd = 1\ns = 1e-9", "the first wind's s must be greater than or equal to 0.001"),
+        ("duration = 7200\n[[moments]]\nsd = 1\ns = 7000", "the first moment's s must be less than or equal to 60"),
+        ("[[moments]]\nsd = 1e308\ns = 1", "the first moment's sd must be less than or equal to 10"),
+        ("[sensors]\nposition_sd = 1e308", "sensors.position_sd must be less than or equal to 100"),
+        ("[faults]\ndelay = 1e9", "faults.delay must be less than or equal to 60"),
+        ("[faults]\njitter = 1e9", "faults.jitter must be less than or equal to 60"),
+        ("[[wind]]\nkind = 'steady'\nspeed = 1\n" * 17, "wind must be at most 16, not 17"),
+        ("[[moments]]\nsd = 1\ns = 1\n" * 17, "moments must be at most 16, not 17"),
+        ("[[wind]]\nkind = 'steddy'\nspeed = 1", "not \"steddy\" (did you mean 'steady'"),
+        ("[excitation]\nkind = 'steps'\nlength = 1", "excitation of the kind steps has distance, period"),
+        ("".join(f"a{i} = 1\n" for i in range(2000)), "a0 is no key of a scenario"),
+        ("a" * 90_000 + " = 1", "aaa … is no key of a scenario"),
+        ("#" * 100_001, "it has more than 100000 bytes"),
         ("duration = 1979-05-27", 'duration must be a valid number, not "1979-05-27"'),
         ("excitation = 1", "excitation must be a table, not 1"),
-        ("seed = 99999999999999999999", "seed must be less than 4294967296"),
-        ("duration = 60\nduration = 70", "own.toml is no TOML"),
+        ("seed = 9999999999999999999", "seed must be less than 4294967296"),
+        ("duration = 60\nduration = 70", "own.toml: it is no TOML"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_sentence_that_names_file_and_key(tmp_path, text, sentence):
@@ -92,7 +125,8 @@ def test_what_is_wrong_is_said_in_a_sentence_that_names_file_and_key(tmp_path, t
     with pytest.raises(ValueError) as caught:
         load(file)
     message = str(caught.value)
-    assert message.startswith("own.toml")
+    assert message.startswith(("own.toml", f"{file} cannot be read"))
+    assert len(message) < 1500
     assert sentence in message
     assert "\n" not in message
     assert type(caught.value) is ValueError
@@ -100,14 +134,32 @@ def test_what_is_wrong_is_said_in_a_sentence_that_names_file_and_key(tmp_path, t
 
 def test_what_is_no_text_or_no_file_is_said_too(tmp_path):
     (tmp_path / "own.toml").write_bytes(b"\xff\xfe")
-    with pytest.raises(ValueError, match="own.toml is no TOML"):
+    with pytest.raises(ValueError, match="own.toml: it is no TOML"):
         load(tmp_path / "own.toml")
     with pytest.raises(ValueError, match="other.toml cannot be read: No such file"):
         load(str(tmp_path / "other.toml"))
     with pytest.raises(ValueError, match="cannot be read: Is a directory"):
         load(tmp_path)
-    with pytest.raises(ValueError, match="there is no scenario 'hover_blowr'; there are ardupilot_steps, calm"):
+    with pytest.raises(
+        ValueError, match="there is no scenario 'hover_blowr' .did you mean 'hover_blower'.*; there are ardu"
+    ):
         load("hover_blowr")
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device"])
+def test_what_might_never_end_is_not_read(kind, tmp_path):
+    path = tmp_path / "own.toml"
+    if kind == "pipe":
+        os.mkfifo(path)
+    else:
+        path.symlink_to("/dev/zero")
+    with pytest.raises(ValueError, match="own.toml cannot be read: it is no plain file"):
+        load(path)
+
+
+def test_a_byte_order_mark_is_none_of_the_text(tmp_path):
+    (tmp_path / "own.toml").write_bytes(b"\xef\xbb\xbfduration = 20\n")
+    assert load(tmp_path / "own.toml").duration == 20
 
 
 VALUES = st.one_of(st.integers(), st.floats(), st.text(max_size=5), st.booleans(), st.none())

@@ -147,6 +147,30 @@ def test_noise_and_floods_do_not_disturb():
     assert boots[-1] - boots[0] > 5900 and len(boots) > 590
 
 
+def test_a_flood_of_questions_is_dropped_and_counted():
+    question = bytes(dialect.MAVLink_param_request_read_message(1, 1, b"", 3).pack(GROUND))
+    stop = threading.Event()
+
+    def flood(receiver: Receiver) -> None:
+        def pour() -> None:
+            with suppress(OSError):  # the receiver has ended
+                while not stop.is_set():
+                    receiver.socket.sendto(question * 70, receiver.vehicle)
+                    time.sleep(0.001)
+
+        threading.Thread(target=pour, daemon=True).start()
+
+    receiver = Receiver(flood)
+    try:
+        outcome, _ = flown(receiver, 3.0, 1.0)
+    finally:
+        stop.set()
+    assert outcome.unheard > 100
+    # Ticks of 4 ms with no more than 4 answers in each, and the list that comes by itself.
+    assert 100 < len(receiver.of("PARAM_VALUE")) < 800 * 4 + 100
+    assert outcome.took < 6.0
+
+
 def test_a_slow_link_delivers_all_after_the_flight():
     receiver = Receiver()
     outcome, _ = flown(receiver, 2.0, 8.0, Scenario(faults=Faults(delay=0.5, reordered=0.2, loss=0.5)))

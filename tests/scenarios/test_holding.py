@@ -1,0 +1,63 @@
+"""Whether a vehicle held its place is told as it was."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up_motion import made_up_motion
+
+from sitl_scenarios.holding import Holding
+from sitl_scenarios.mavlink.transmitter import rows_of_motion
+from sitl_scenarios.motion import Motion
+from sitl_scenarios.scenario import Scenario, Steps
+
+
+def hovering(east: float, seconds: float, outputs: float = 1500.0, state: int = 2) -> Motion:
+    """Ten seconds in the air, of which the last few are spent ``east`` of where it should be."""
+    motion = made_up_motion(10.0)
+    away = motion.time > motion.time[-1] - seconds
+    position = np.column_stack([0 * motion.time, np.where(away, east, 0.0), np.full(len(motion), -5.0)])
+    return replace(
+        motion,
+        position=position,
+        armed=np.ones(len(motion), dtype=np.bool_),
+        landed_state=np.where(away, state, 2).astype(np.uint8),
+        outputs=np.where(away[:, None], outputs, np.full((len(motion), 4), 1500.0)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("motion", "told"),
+    [
+        (hovering(6.0, 2.0), True),
+        (hovering(6.0, 0.9), False),
+        (hovering(4.9, 5.0), False),
+        (hovering(-6.0, 2.0), True),
+        (hovering(6.0, 2.0, state=4), False),  # it lands
+        (hovering(6.0, 2.0, state=1), True),  # blown down to the ground
+    ],
+)
+@pytest.mark.parametrize("block", [10_000, 7])
+def test_a_second_too_far_away_is_told(motion, told, block):
+    holding = Holding(Scenario())
+    for begin in range(0, len(motion), block):
+        holding.add(rows_of_motion(motion, slice(begin, begin + block)))
+    assert bool(holding.farthest) == told
+    assert ["could not hold its place" in caution for caution in holding.cautions()] == [True] * told
+
+
+def test_a_sideways_step_is_no_drift():
+    holding = Holding(Scenario(excitation=Steps(kind="steps", distance=20.0)))
+    holding.add(hovering(12.0, 5.0))
+    assert holding.cautions() == []
+
+
+@pytest.mark.parametrize("outputs", [2000.0, 1100.0])
+def test_motors_at_their_limits_are_told(outputs):
+    holding = Holding(Scenario())
+    holding.add(hovering(0.0, 2.0, outputs))
+    assert holding.at_limit == pytest.approx(0.2, abs=0.01)
+    (caution,) = holding.cautions()
+    assert caution.startswith("motors were at their limits in 20% of the time")
