@@ -74,12 +74,9 @@ def test_the_verdict_comes_first_and_repeats_the_table(learned, dem, hold_last, 
     }
 
 
-def test_cautions_and_a_fit_that_has_not_settled_are_told_before_the_figures(learned):
-    blocks = told(replace(learned, cautions=("It is raining.",), settled=False))
+def test_cautions_are_told_before_the_figures(learned):
+    blocks = told(replace(learned, cautions=("It is raining.",)))
     assert blocks[1] == Sentence("It is raining.", "Caution:")
-    assert "have not settled" in blocks[2].text
-    assert f"{len(learned.free_energy) - 1} iterations" in blocks[2].text
-    assert "settled" not in words(told(replace(learned, settled=True)))
 
 
 def test_the_model_can_be_used_from_what_is_told(learned):

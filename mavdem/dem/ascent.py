@@ -38,6 +38,7 @@ class Ascent:
         theta, theta_sd: (I + 1, k).
         lambda_, lambda_sd: (I + 1, g).
         settled: whether next to nothing was left to climb before the iterations ran out.
+        left: nats that the curvature still promised where no step led higher; NaN where the climb ended otherwise.
         flowed: (I + 1,) whether the D step followed its flow at the finite rate asked for, which must be stable and
             must not lower F̄, or took the exact limit.
     """
@@ -50,6 +51,7 @@ class Ascent:
     lambda_: Array
     lambda_sd: Array
     settled: bool
+    left: float
     flowed: NDArray[np.bool_]
 
     @property
@@ -127,7 +129,7 @@ def ascend_by_parts(
     """The same, in parts."""
     climb = Climb(model, samples, rates)
     places = [climb.start() if start is None else climb.resumed(start)]
-    settled = False
+    settled, promised = False, np.nan
     while not settled and len(places) <= iterations:
         height = places[-1].height
         for place in islice(climb.rounds(places[-1]), iterations + 1 - len(places)):
@@ -142,9 +144,10 @@ def ascend_by_parts(
                 continue
             if len(places) <= iterations:
                 places.append(climb.towards(places[-1], left))
-            if places[-1].height - height < SETTLED:
-                break
-    return _ascent(places, settled)
+                if places[-1].height - height < SETTLED:
+                    promised = left.gain
+                    break
+    return _ascent(places, settled, promised)
 
 
 def plain_rounds(model: GenerativeModel, samples: Samples, number: int, rates: Rates = LIMIT) -> list[Belief]:
@@ -302,7 +305,7 @@ def _course(first: Belief, second: Belief, third: Belief) -> Belief | None:
     return third._replace(theta=theta, lambda_=lambda_)
 
 
-def _ascent(places: list[Place], settled: bool) -> Ascent:
+def _ascent(places: list[Place], settled: bool, left: float) -> Ascent:
     beliefs = [place.belief for place in places]
     return Ascent(
         belief=beliefs[-1],
@@ -313,5 +316,6 @@ def _ascent(places: list[Place], settled: bool) -> Ascent:
         lambda_=np.array([belief.lambda_ for belief in beliefs]),
         lambda_sd=np.sqrt([np.diag(belief.lambda_covariance) for belief in beliefs]),
         settled=settled,
+        left=left,
         flowed=np.array([place.flowed for place in places]),
     )

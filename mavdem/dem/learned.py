@@ -49,7 +49,7 @@ class Learned:
         free_energy: by iteration, with its named terms.
         free_energy_of_samples: (T′,) F(t) of the samples at ``places``: how well each agrees with the model.
         learning: parameters and hyperparameters by iteration.
-        settled: whether F̄ had stopped rising.
+        settled: whether F̄ had stopped rising; where not, a caution says how the climb ended.
         candidates: every choice that was tried.
         dt: sampling step, s.
         smoothness: kernel width s of the noise, s.

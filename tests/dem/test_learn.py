@@ -319,6 +319,23 @@ def test_default_fits_settle_where_no_step_leads_higher():
         assert free_energy_action(model, samples, other) - height < 0.1
 
 
+def test_a_climb_that_its_limit_ended_is_cautioned_against_with_what_to_do():
+    learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0, iterations=5))
+    (told,) = [caution for caution in learned.cautions if "iterations" in caution]
+    assert "limit of 5 iterations" in told and "Settings.iterations" in told and "more samples" in told
+    assert not any("iterations" in caution for caution in learn(simulated(wind=0.5)[:700]).cautions)
+
+
+def test_a_climb_that_broke_off_where_no_step_led_higher_is_not_said_to_rise(monkeypatch):
+    monkeypatch.setattr("mavdem.dem.ascent.SHARES", ())
+    learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0))
+    assert not learned.settled
+    (told,) = [caution for caution in learned.cautions if "iterations" in caution]
+    assert f"After {len(learned.free_energy) - 1} iterations no step led F̄ higher" in told
+    assert "promises" in told and "nan" not in told and "limit" not in told
+    assert learned.cautions == Learned.from_json(learned.to_json()).cautions
+
+
 @pytest.mark.slow
 def test_motors_that_have_nothing_to_do_with_the_motion_are_said_to_have_not():
     flights = [simulated(seed, wind=1.0) for seed in range(8)]
