@@ -105,7 +105,7 @@ def test_what_is_not_known_of_the_parameters_is_not_told(learned):
 def test_the_least_determined_combination_is_named(learned):
     weights = np.zeros(len(learned.known))
     weights[[9, 10]] = -0.8, 0.6  # B: roll from inputs 1 and 2
-    blocks = told(replace(learned, undetermined=(Direction(weights, 0.1), Direction(weights, 0.2))))
+    blocks = told(replace(learned, undetermined=tuple(Direction(weights, share, (3, 2, 2)) for share in (0.1, 0.2))))
     text = next(block.text for block in blocks if isinstance(block, Sentence) and block.lead == "Undetermined:")
     assert "about 2 combinations" in text
     assert "0.8 (B: roll from input 1) - 0.6 (B: roll from input 2)" in text

@@ -204,6 +204,17 @@ def test_a_gap_keeps_what_was_learnt_and_predicts_nothing_across():
     assert np.isnan(back.expected).all()
 
 
+@pytest.mark.parametrize(("step", "said"), [(0.02, "come every 0.02 s, where dt is 0.01 s"), (-0.01, "do not go on")])
+def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step, said):
+    online = OnlineLearner(COMPLETE, dt=0.01)
+    flown(online, WINDY[:300])
+    for row in range(300, 310):
+        online.update(WINDY.time[299] + step * (row - 299), WINDY.outputs[row], WINDY.inputs[row])
+        assert (said in online.obstacle) == (row >= 304)
+    flown(online, WINDY[310:330])
+    assert online.obstacle == ""
+
+
 def test_it_forgets_and_does_not_grow():
     online = OnlineLearner(COMPLETE, dt=0.01, memory=2.0)
     flown(online, WINDY[:500])
@@ -235,7 +246,15 @@ def test_it_says_why_there_is_no_model():
         ({"settings": 3}, "settings must"),
         ({"dt": 0.0}, "dt must"),
         ({"dt": np.nan}, "dt must"),
+        ({"dt": 1e-300}, "dt must"),
+        ({"dt": "x"}, "dt must"),
         ({"n_inputs": 0}, "n_inputs"),
+        ({"n_inputs": "4"}, "n_inputs"),
+        ({"n_inputs": 1.5}, "n_inputs"),
+        ({"n_outputs": None}, "n_outputs"),
+        ({"memory": "long"}, "memory must"),
+        ({"horizons": 5}, "horizons must"),
+        ({"horizons": (1.5,)}, "horizons must"),
         ({"memory": 0.5}, "memory must"),
         ({"memory": np.inf}, "memory must"),
         ({"horizons": ()}, "horizons must"),
@@ -257,6 +276,8 @@ def test_arguments_that_cannot_be_are_named(given, said):
         (0.0, [0, np.inf], [0] * 4, "outputs"),
         (0.0, [0, 0], [0] * 3, "inputs"),
         (0.0, [0, 0], ["a"] * 4, "inputs"),
+        (0.0, [0, 1e51], [0] * 4, "outputs must not be larger"),
+        (1e60, [0, 0], [0] * 4, "time must not be larger"),
     ],
 )
 def test_samples_that_cannot_be_are_refused_and_cost_nothing(time, outputs, inputs, said):
@@ -294,3 +315,8 @@ def test_surprise_is_in_units_of_the_lowest_twentieth():
 def test_a_record_is_taken_as_it_is():
     record = Record.of(WINDY)
     assert Record.of(record) is record
+
+
+def test_an_estimate_is_shown_in_a_line(windy):
+    assert repr(windy[0]) == "<Estimate: at 0 s, no model yet>"
+    assert repr(windy[-1]).startswith("<Estimate: at 19.99 s, expected [") and len(repr(windy[-1])) < 150

@@ -148,7 +148,7 @@ def test_what_is_undetermined_is_the_vehicle_s_and_of_unit_length():
 
 
 def test_much_information_on_one_parameter_hides_no_other():
-    directions = undetermined(np.diag([1e13, 500.0, 0.5]), np.eye(3), np.ones(3, bool))
+    directions = undetermined(np.diag([1e13, 500.0, 0.5]), np.eye(3), np.ones(3, bool), (1, 1, 1))
     (one,) = directions
     np.testing.assert_allclose(np.abs(one.weights), [0, 0, 1], atol=1e-6)
     assert one.share == pytest.approx(0.5)
