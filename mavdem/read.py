@@ -76,7 +76,8 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
     listed = ", ".join(f"{_name(vehicle)} ({vehicle.vehicle}, {vehicle.autopilot})" for vehicle in matching or vehicles)
     example = f"Choose one, for example with `--vehicle {_name((matching or vehicles)[0])}`."
     if not matching:
-        raise NotLearnable(f"There is no vehicle {wanted}; there are {listed}.", example)
+        there = "is" if len(vehicles) == 1 else "are"
+        raise NotLearnable(f"There is no vehicle {wanted}; there {there} {listed}.", example)
     raise NotLearnable(f"There are several vehicles: {listed}.", example)
 
 

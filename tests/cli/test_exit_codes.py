@@ -57,6 +57,12 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["learn", str(FLIGHT)], "--out"),
         (["learn", str(FLIGHT), "--out", "x", "--order", "0"], "--order"),
         (["learn", str(FLIGHT), "--out", "x", "--order", "1"], "--order"),
+        (["learn", str(FLIGHT), "--out", "x", "--order", "10"], "--order: 10 is not in 2 to 4"),
+        (["learn", str(FLIGHT), "--out", "x", "--order", "11", "--preset", "paper"], "11 is not in 1 to 10"),
+        (["learn", str(FLIGHT), "--out", ""], "--out"),
+        (["learn", str(FLIGHT), "--out", "x", "--vehicle", "foo"], "'foo' is no vehicle"),
+        (["info", str(FLIGHT), "--vehicle", ""], "'' is no vehicle"),
+        (["info", str(FLIGHT), "--vehicle", "1:1:1"], "system and component as in 1:1"),
         (["learn", str(FLIGHT), "--out", "x", "--start", "nan"], "--start"),
         (["learn", str(FLIGHT), "--out", "x", "--train", "many"], "--train"),
         (["info", str(FLIGHT), "--axis", "yaw"], "--axis"),
@@ -80,6 +86,15 @@ def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, caps
 def test_help_teaches_and_succeeds(words, capsys):
     assert main(words) == 0
     assert "mavdem" in capsys.readouterr().out
+
+
+def test_the_help_tells_what_an_option_takes_and_which_logs_are_read(capsys):
+    main(["learn", "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    for told in ("2 to 4; for paper 1 to 10", "700; 7 s of them", "150; 1.5 s likewise", ".ulg.xz", "ROS 2"):
+        assert told in said
+    main(["info", "--help"])
+    assert ".ulg.xz" in capsys.readouterr().out
 
 
 def test_the_example_of_the_help_keeps_its_lines(capsys):

@@ -326,6 +326,13 @@ def test_a_climb_that_its_limit_ended_is_cautioned_against_with_what_to_do():
     assert not any("iterations" in caution for caution in learn(simulated(wind=0.5)[:700]).cautions)
 
 
+def test_what_was_learnt_is_shown_in_a_line():
+    learned = learn(simulated()[:700], Settings(window=9, parameter_precision=1.0))
+    shown = repr(replace(learned, cautions=("It rained.",)))
+    assert shown.startswith("<Learned: 3 states, 4 inputs, 2 outputs from 700 samples at 100 Hz, F̄ ")
+    assert shown.endswith(", 1 caution>") and "\n" not in shown
+
+
 def test_a_climb_that_broke_off_where_no_step_led_higher_is_not_said_to_rise(monkeypatch):
     monkeypatch.setattr("mavdem.dem.ascent.SHARES", ())
     learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0))
