@@ -51,7 +51,7 @@ def learnable_flight(
         ValueError: an axis or inputs that are neither.
     """
     telemetry = choose_vehicle(log.vehicles, vehicle)
-    verdict = judge(telemetry, axis, inputs)
+    verdict = judge(telemetry, axis, inputs, log.speakers)
     if not verdict.learnable or verdict.segment is None:
         raise NotLearnable(verdict.reason, verdict.remedy)
     flight = align(telemetry, verdict.segment, axis, inputs)

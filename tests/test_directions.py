@@ -62,7 +62,7 @@ LAYERS = (
     {"ingest"},
     {"phases"},
     {"align"},
-    {"figures"},
+    {"figures", "faster"},
     {"verdict"},
     {"read"},
     {"live"},
