@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from mavdem import read_flight
+from mavdem.channels import write_channels
 from mavdem.cli import main as command_line
 from mavdem.cli.main import main
 
@@ -80,6 +82,24 @@ def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, caps
     assert named in said.err
     assert "should not have happened" not in said.err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_is_no_log_is_answered_by_what_can_be_read(tmp_path, capsys):
+    table, letter = tmp_path / "flight.csv", tmp_path / "letter.md"
+    table.write_text("time,motor 1 µs\n1.0,1500\n" * 50)
+    letter.write_text("This is a letter.\n" * 50)
+    for path in (table, letter):
+        assert main(["info", str(path)]) == 2
+        said = capsys.readouterr().err
+        assert all(told in said for told in (".tlog", "ROS 2 (.mcap)", ".bin, .log", ".ulg.xz"))
+
+
+def test_a_result_is_told_from_a_log(tmp_path, capsys):
+    flight = read_flight(FLIGHT)[:100]
+    write_channels(tmp_path / "flight.mcap", flight)
+    assert main(["info", str(tmp_path / "flight.mcap")]) == 2
+    said = capsys.readouterr().err
+    assert "is what `mavdem learn` wrote" in said and "name the log" in said
 
 
 @pytest.mark.parametrize("words", [["--help"], ["info", "-h"], ["learn", "--help"]])
