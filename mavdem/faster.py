@@ -26,12 +26,17 @@ def kept_from_asking(telemetry: Telemetry, speakers: Sequence[Speaker]) -> str:
         for speaker in speakers
         if REQUEST in speaker.messages and (speaker.system, speaker.component) != own
     ]
-    keep = "keep it from that (in MAVProxy with `set streamrate -1`)."
     if asking:
-        return f"A ground station ({', '.join(asking)}) asks for rates with {REQUEST}: {keep}"
+        return (
+            f"A ground station ({', '.join(asking)}) asks for rates with {REQUEST}: keep it from that (in MAVProxy "
+            "with `set streamrate -1`)."
+        )
     answers = telemetry.messages.get("COMMAND_ACK")
     if answers is not None and (np.asarray(answers["command"]) == SET_MESSAGE_INTERVAL).any():
-        return f"A ground station asks for rates with SET_MESSAGE_INTERVAL, which the vehicle acknowledged: {keep}"
+        return (
+            "Somebody asks for rates with SET_MESSAGE_INTERVAL, which the vehicle acknowledged: let them ask for more, "
+            "or for none."
+        )
     return ""
 
 
