@@ -44,7 +44,6 @@ def account(report: dict[str, Any], train: Flight, test: Flight, learned: Learne
     return [
         Sentence("", lead=_verdict(report["forecast_mspe"], test.duration)),
         *(Sentence(caution, "Caution:") for caution in learned.cautions),
-        *_unsettled(learned),
         Sentence(
             f"{Path(str(train.provenance.get('source', 'the arrays'))).name}, {len(train)} samples "
             f"({train.duration:.2f} s at {1 / train.dt:.0f} Hz), and tried on the {len(test)} after them.",
@@ -77,13 +76,6 @@ def _verdict(errors: dict[str, Any], seconds: float) -> str:
     if best != "DEM":
         return f"{told}, but “{best}”, which needs no model, errs less ({_ratio(errors[best]['relative'])})."
     return f"{told}."
-
-
-def _unsettled(learned: Learned) -> list[Sentence]:
-    if learned.settled:
-        return []
-    iterations = len(learned.free_energy) - 1
-    return [Sentence(f"stopped after {iterations} iterations while F̄ still rose: parameters have not settled.", "Fit:")]
 
 
 def _errors(title: str, errors: dict[str, Any], train: Flight) -> Table:

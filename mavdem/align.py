@@ -89,12 +89,12 @@ def segments(telemetry: Telemetry, axis: str = "roll", inputs: str | None = None
     other = meaning.attitude(telemetry, next(name for name in AXES if name != axis))
     if attitude is None or other is None or motors is None:
         return ()
-    collective = meaning.collective(telemetry)
+    told = phases.Told.by(telemetry)
     found: list[Segment] = []
     for heard in (_fast, _at_any_rate):
         for boot in np.intersect1d(attitude.boot, motors.boot):
             together = both(heard(attitude.time[attitude.boot == boot]), heard(motors.time[motors.boot == boot]))
-            for start, end in both(together, phases.settled(telemetry, attitude, other, collective, boot)):
+            for start, end in both(together, phases.settled(told, attitude, other, boot)):
                 segment = Segment(int(boot), start, end)
                 if segment.duration >= SHORTEST and _sampled(attitude, motors, segment):
                     found.append(segment)
@@ -252,8 +252,16 @@ def _fast(time: NDArray[np.float64]) -> Intervals:
     if len(time) < 2:
         return []
     steps = np.diff(time)
-    slow = median_filter(steps, size=USUAL, mode="mirror") > SLACK / MINIMUM_RATE
-    return unbroken(time, slow | (steps > GAP))
+    return unbroken(time, _usually_slow(steps) | (steps > GAP))
+
+
+def slow(time: NDArray[np.float64]) -> Intervals:
+    """Where the stamps (N,) of one boot usually come slower than ``MINIMUM_RATE``; outages are not slow."""
+    return unbroken(time, ~_usually_slow(np.diff(time))) if len(time) > 1 else []
+
+
+def _usually_slow(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.asarray(median_filter(steps, size=USUAL, mode="mirror") > SLACK / MINIMUM_RATE)
 
 
 def _at_any_rate(time: NDArray[np.float64]) -> Intervals:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +11,9 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import welch
 
 from mavdem import phases
-from mavdem.align import Segment, flight_of, mean_rate, sample, usual_rate, within
-from mavdem.ingest import meaning
+from mavdem.align import Segment, flight_of, mean_rate, sample, slow, usual_rate, within
 from mavdem.ingest.meaning import Attitude, Motors
-from mavdem.intervals import both
+from mavdem.intervals import Interval, Intervals, both, total
 from mavdem.telemetry import Telemetry
 
 CONSISTENCY_SPAN = 0.2
@@ -88,16 +88,61 @@ class Figures:
 def of_log(telemetry: Telemetry, attitude: Attitude, motors: Motors, found: int) -> Figures:
     """The figures of the whole log, which has ``found`` segments; its rates are those between outages."""
     armed = airborne = 0.0
-    collective = meaning.collective(telemetry)
+    told = phases.Told.by(telemetry)
     for boot in np.intersect1d(attitude.boot, motors.boot):
-        time = motors.time[motors.boot == boot]
-        recorded = [(float(time[0]), float(time[-1]))]
-        flown = both(recorded, phases.armed(telemetry, boot))
-        armed += sum(end - start for start, end in flown)
-        airborne += sum(end - start for start, end in both(flown, phases.airborne(telemetry, collective, boot)))
+        recorded = _recorded(motors, boot)
+        armed += total(both(recorded, phases.armed(told, boot)))
+        airborne += total(_flown(recorded, told, boot))
     return Figures(
         armed, airborne, found, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(motors) or None
     )
+
+
+class Slow(NamedTuple):
+    """Where a stream came too slowly in the air.
+
+    Attributes:
+        seconds: in all.
+        rate: messages a second in them.
+        boot, start: where it began, s.
+    """
+
+    seconds: float
+    rate: float
+    boot: int
+    start: float
+
+
+def slow_in_air(telemetry: Telemetry, stream: Attitude | Motors, motors: Motors) -> Slow | None:
+    """Where a stream usually came slower than ``MINIMUM_RATE`` in the air; None where it nowhere did.
+
+    Args:
+        telemetry: of one vehicle.
+        stream: its attitude or motors.
+        motors: of which ``airborne`` is measured too.
+    """
+    told = phases.Told.by(telemetry)
+    found: list[tuple[int, Interval]] = []
+    messages = 0
+    for boot in np.intersect1d(stream.boot, motors.boot):
+        time = stream.time[stream.boot == boot]
+        for start, end in both(slow(time), _flown(_recorded(motors, boot), told, boot)):
+            found.append((int(boot), (start, end)))
+            messages += int(np.count_nonzero((time > start) & (time <= end)))
+    if not found:
+        return None
+    seconds = total([interval for _, interval in found])
+    boot, (start, _) = found[0]
+    return Slow(seconds, messages / seconds, boot, start)
+
+
+def _recorded(motors: Motors, boot: int) -> Intervals:
+    time = motors.time[motors.boot == boot]
+    return [(float(time[0]), float(time[-1]))]
+
+
+def _flown(recorded: Intervals, told: phases.Told, boot: int) -> Intervals:
+    return both(both(recorded, phases.armed(told, boot)), phases.airborne(told, boot))
 
 
 def of_segment(

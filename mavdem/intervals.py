@@ -47,3 +47,8 @@ def both(a: Intervals, b: Intervals) -> Intervals:
         else:
             j += 1
     return overlaps
+
+
+def total(intervals: Intervals) -> float:
+    """Seconds in all of them."""
+    return sum(end - start for start, end in intervals)

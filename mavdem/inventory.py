@@ -39,7 +39,7 @@ def inventory(log: Log, axis: str = "roll", vehicle: str | None = None, inputs: 
     """
     vehicles = log.vehicles if vehicle is None else (choose_vehicle(log.vehicles, vehicle),)
     missing = {(one.system, one.component): _missing_share(one) for one in log.vehicles}
-    described = [_vehicle(telemetry, axis, inputs) for telemetry in vehicles]
+    described = [_vehicle(telemetry, axis, inputs, log) for telemetry in vehicles]
     return {
         "source": log.source,
         "frames": log.frames,
@@ -63,7 +63,7 @@ def inventory(log: Log, axis: str = "roll", vehicle: str | None = None, inputs: 
     }
 
 
-def _vehicle(telemetry: Telemetry, axis: str, inputs: str | None) -> dict[str, Any]:
+def _vehicle(telemetry: Telemetry, axis: str, inputs: str | None, log: Log) -> dict[str, Any]:
     return {
         "system": telemetry.system,
         "component": telemetry.component,
@@ -80,7 +80,7 @@ def _vehicle(telemetry: Telemetry, axis: str, inputs: str | None) -> dict[str, A
             {**asdict(segment), "duration": segment.duration} for segment in segments(telemetry, axis, inputs)
         ],
         "repairs": list(telemetry.repairs),
-        "verdict": asdict(judge(telemetry, axis, inputs)),
+        "verdict": asdict(judge(telemetry, axis, inputs, log.speakers)),
     }
 
 

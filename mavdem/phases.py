@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import isinf
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,36 +31,52 @@ AVERAGING = 2.0
 """Seconds over which vertical speed and collective are averaged, so that a gust does not end a climb."""
 
 
-def settled(
-    telemetry: Telemetry, attitude: Attitude, other: Attitude, collective: Signal | None, boot: int
-) -> Intervals:
+class Told(NamedTuple):
+    """What tells the phases of all boots; each is None where nothing tells it.
+
+    Found once for a log: to find it takes a pass over its messages, and a log may hold thousands of boots.
+
+    Attributes:
+        armed, in_air, climb_rate, collective: as in ``meaning``.
+    """
+
+    armed: Signal | None
+    in_air: Signal | None
+    climb_rate: Signal | None
+    collective: Signal | None
+
+    @classmethod
+    def by(cls, telemetry: Telemetry) -> Told:
+        """What a vehicle told."""
+        signals = (meaning.armed, meaning.in_air, meaning.climb_rate, meaning.collective)
+        return cls(*(signal(telemetry) for signal in signals))
+
+
+def settled(told: Told, attitude: Attitude, other: Attitude, boot: int) -> Intervals:
     """Intervals of ``boot`` in settled flight, by what the autopilot says and, where it says nothing, by the motors.
 
     Args:
+        told: of the whole log.
         attitude, other: the axis to learn and the other one: both must stay upright.
-        collective: as for :func:`airborne`.
+        boot: which.
     """
-    flying = both(armed(telemetry, boot), airborne(telemetry, collective, boot))
-    climb = _of(meaning.climb_rate(telemetry), boot)
+    flying = both(armed(told, boot), airborne(told, boot))
+    climb = _of(told.climb_rate, boot)
     level = [stretch for flight in flying if (stretch := _between_transients(flight, climb)) is not None]
     return both(both(level, _upright(attitude, boot)), _upright(other, boot))
 
 
-def armed(telemetry: Telemetry, boot: int) -> Intervals:
+def armed(told: Told, boot: int) -> Intervals:
     """Intervals of ``boot`` when armed; always, when no heartbeat says."""
-    return _true(_of(meaning.armed(telemetry), boot))
+    return _true(_of(told.armed, boot))
 
 
-def airborne(telemetry: Telemetry, collective: Signal | None, boot: int) -> Intervals:
-    """Intervals of ``boot`` off the ground: EXTENDED_SYS_STATE where it comes, otherwise by motors that carry.
-
-    Args:
-        collective: how hard the motors work together, of ``meaning.collective``.
-    """
-    said = _of(meaning.in_air(telemetry), boot)
+def airborne(told: Told, boot: int) -> Intervals:
+    """Intervals of ``boot`` off the ground: EXTENDED_SYS_STATE where it comes, otherwise by motors that carry."""
+    said = _of(told.in_air, boot)
     if said is not None:
         return _true(said)
-    working = _of(collective, boot)
+    working = _of(told.collective, boot)
     return [] if working is None else where(working.time, _average(working.time, working.values) > CARRYING)
 
 

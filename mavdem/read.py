@@ -51,7 +51,7 @@ def learnable_flight(
         ValueError: an axis or inputs that are neither.
     """
     telemetry = choose_vehicle(log.vehicles, vehicle)
-    verdict = judge(telemetry, axis, inputs)
+    verdict = judge(telemetry, axis, inputs, log.speakers)
     if not verdict.learnable or verdict.segment is None:
         raise NotLearnable(verdict.reason, verdict.remedy)
     flight = align(telemetry, verdict.segment, axis, inputs)
@@ -76,7 +76,8 @@ def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> 
     listed = ", ".join(f"{_name(vehicle)} ({vehicle.vehicle}, {vehicle.autopilot})" for vehicle in matching or vehicles)
     example = f"Choose one, for example with `--vehicle {_name((matching or vehicles)[0])}`."
     if not matching:
-        raise NotLearnable(f"There is no vehicle {wanted}; there are {listed}.", example)
+        there = "is" if len(vehicles) == 1 else "are"
+        raise NotLearnable(f"There is no vehicle {wanted}; there {there} {listed}.", example)
     raise NotLearnable(f"There are several vehicles: {listed}.", example)
 
 

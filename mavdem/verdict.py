@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from mavdem import figures as measured
 from mavdem.align import MINIMUM_RATE, Segment, drive, segments, usual_rate
+from mavdem.faster import ask_for_rate, kept_from_asking
 from mavdem.figures import CONSISTENCY_SPAN, Figures
-from mavdem.ingest import meaning
+from mavdem.ingest import Speaker, meaning
 from mavdem.ingest.geometry import MULTIROTORS
 from mavdem.ingest.meaning import FASTEST, Attitude, Motors
 from mavdem.telemetry import Telemetry
@@ -64,13 +65,16 @@ class Verdict:
     figures: Figures
 
 
-def judge(telemetry: Telemetry, axis: str = "roll", inputs: str | None = None) -> Verdict:
+def judge(
+    telemetry: Telemetry, axis: str = "roll", inputs: str | None = None, speakers: Sequence[Speaker] = ()
+) -> Verdict:
     """The verdict on ``telemetry``: yes on the longest settled segment that can be learnt from, or no on the longest.
 
     Args:
         telemetry: of one vehicle.
         axis: "roll" or "pitch".
         inputs: "motors" or "demand"; None for the motors, unless they come too slowly and the demand does not.
+        speakers: who was heard in the log, among them whoever asks the vehicle for other rates.
 
     Raises:
         ValueError: an axis or inputs that are neither.
@@ -87,7 +91,7 @@ def judge(telemetry: Telemetry, axis: str = "roll", inputs: str | None = None) -
             "Give a multirotor's log, or choose another vehicle of this one.",
         )
     if attitude is None:
-        return refused("There is no ATTITUDE or ATTITUDE_QUATERNION message.", _ask_for_rate(telemetry))
+        return refused("There is no ATTITUDE or ATTITUDE_QUATERNION message.", ask_for_rate(telemetry))
     if motors is None:
         return refused(*_undriven(telemetry, axis, inputs))
 
@@ -108,15 +112,15 @@ def judge(telemetry: Telemetry, axis: str = "roll", inputs: str | None = None) -
         return refused("The vehicle was never armed.", _FLY)
     if figures.airborne == 0:
         return refused(f"The vehicle was armed for {figures.armed:.0f} s and never left the ground.", _FLY)
-    names = (attitude.message, motors.message)
+    log = _Recorded(telemetry, attitude, motors, axis, inputs, speakers, figures)
     if not found:
-        return refused(*(_too_slow(telemetry, names, axis, figures) or _too_short(figures)))
+        return refused(*(_too_slow(log, figures) or _slowed_down(log) or _too_short(figures)))
     refusals: list[Verdict] = []
     for segment in found:
         if refusals and segment.duration < MINIMUM_DURATION:
             break
         of_segment = measured.of_segment(telemetry, attitude, motors, segment, axis, figures)
-        objection = _objection(telemetry, names, motors.scale.unit, axis, figures, of_segment)
+        objection = _objection(log, of_segment)
         if objection is None:
             cautions = _losses(attitude, motors) + _cautions(telemetry, motors, axis, of_segment)
             return Verdict(axis, True, _praise(motors, of_segment), "", cautions, segment, of_segment)
@@ -128,16 +132,33 @@ Objection = tuple[str, str]
 """Why not, and what to change."""
 
 
-def _objection(
-    telemetry: Telemetry, names: tuple[str, str], unit: str, axis: str, log: Figures, figures: Figures
-) -> Objection | None:
-    """What speaks against learning from the segment of ``figures``, in a log of figures ``log``."""
+@dataclass(frozen=True, eq=False)
+class _Recorded:
+    """What is judged: as in ``judge``, and what was found in it; ``figures`` are those of the whole log."""
+
+    telemetry: Telemetry
+    attitude: Attitude
+    motors: Motors
+    axis: str
+    inputs: str | None
+    speakers: Sequence[Speaker]
+    figures: Figures
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """The messages of attitude and of motors."""
+        return self.attitude.message, self.motors.message
+
+
+def _objection(log: _Recorded, figures: Figures) -> Objection | None:
+    """What speaks against learning from the segment of ``figures``."""
+    axis = log.axis
     short = (figures.duration or 0.0) < MINIMUM_DURATION
     # A short stretch of a slow stream may be fast; then it is still the rate of the stream that should change.
-    slow = _too_slow(telemetry, names, axis, log if short else figures)
+    slow = _too_slow(log, log.figures if short else figures)
     if slow or short:
-        return slow or _too_short(figures)
-    held = _held(telemetry, names, axis, figures)
+        return slow or _slowed_down(log) or _too_short(figures)
+    held = _held(log, figures)
     if held:
         return held
     if not figures.angle_sd or not figures.rate_sd:
@@ -153,12 +174,13 @@ def _objection(
             f"The {axis} rate and angle contradict each other: integrated, the rate explains "
             f"{figures.consistency:.3g} of the angle's changes over {CONSISTENCY_SPAN} s, so it is mostly an alias of "
             "something faster, or noise.",
-            _ask_for_rate(telemetry, rate=200),
+            ask_for_rate(log.telemetry, rate=200),
         )
     if figures.input_snr is not None and figures.input_snr < REFUSED_SNR:
+        command = f"{figures.input_sd:.2g} {log.motors.scale.unit}".rstrip()
         return (
-            f"The standard deviation of the motors' {axis} command, {figures.input_sd:.2g} {unit}".rstrip()
-            + f", is no more than rounding to steps of {figures.input_step:.2g} makes.",
+            f"The standard deviation of the motors' {axis} command, {command}, is no more than rounding to steps of "
+            f"{figures.input_step:.2g} makes.",
             f"Fly in wind, or excite {axis} with the stick.",
         )
     return None
@@ -166,15 +188,48 @@ def _objection(
 
 def _undriven(telemetry: Telemetry, axis: str, inputs: str | None) -> Objection:
     if inputs == "demand":
-        return f"The controller's {axis} demand is not in it, or never moves.", "Take the motors: `--inputs motors`."
-    return "There is no message with motor outputs that move.", _ask_for_rate(telemetry)
+        remedy = "Take the motors: `--inputs motors`."
+        if meaning.DEMAND in telemetry.messages:
+            return f"The controller's {axis} demand in {meaning.DEMAND} never moves.", remedy
+        return (
+            f"The controller's {axis} demand is not in it: that is in {meaning.DEMAND}, of which there is none "
+            "(ATTITUDE_TARGET is the attitude that is wanted, not what turns the vehicle there).",
+            remedy,
+        )
+    return "There is no message with motor outputs that move.", ask_for_rate(telemetry)
 
 
-def _too_slow(telemetry: Telemetry, names: tuple[str, str], axis: str, figures: Figures) -> Objection | None:
-    """``names``: the messages of attitude and of motors."""
-    rates = dict(zip(names, (figures.attitude_rate or 0.0, figures.motor_rate or 0.0), strict=True))
-    reason = too_slow(rates, axis)
-    return None if reason is None else (reason, _ask_for_rate(telemetry))
+def _too_slow(log: _Recorded, figures: Figures) -> Objection | None:
+    rates = dict(zip(log.names, (figures.attitude_rate or 0.0, figures.motor_rate or 0.0), strict=True))
+    reason = too_slow(rates, log.axis)
+    return None if reason is None else (reason, _for_faster(log, rates[log.attitude.message] >= MINIMUM_RATE))
+
+
+def _slowed_down(log: _Recorded) -> Objection | None:
+    """Whether a stream that comes fast elsewhere comes too slowly in most of the air: somebody asked for less."""
+    found = {
+        stream.message: slow
+        for stream in (log.attitude, log.motors)
+        if (slow := measured.slow_in_air(log.telemetry, stream, log.motors)) is not None
+        and slow.seconds > log.figures.airborne / 2
+    }
+    if not found:
+        return None
+    slowest, slow = min(found.items(), key=lambda named: named[1].rate)
+    boot = f" of boot {slow.boot + 1}" if slow.boot else " after boot"
+    reason = (
+        f"In the air {slowest} comes at {_below(slow.rate, MINIMUM_RATE)} Hz from {slow.start:.1f} s{boot} on, for "
+        f"{slow.seconds:.0f} of {log.figures.airborne:.0f} s, though faster elsewhere; {_needed(log.axis)}."
+    )
+    return reason, _for_faster(log, log.attitude.message not in found)
+
+
+def _for_faster(log: _Recorded, attitude_is_fast: bool) -> str:
+    """What makes streams come faster that come too slowly, or do without."""
+    demand = meaning.demand(log.telemetry, log.axis) if log.inputs == "motors" and attitude_is_fast else None
+    if demand is not None and (rate := usual_rate(demand)) >= MINIMUM_RATE:
+        return f"Leave out `--inputs motors`: the {log.axis} demand comes at {rate:.1f} Hz and is then the input."
+    return f"{kept_from_asking(log.telemetry, log.speakers)} {ask_for_rate(log.telemetry)}".lstrip()
 
 
 def too_slow(rates: Mapping[str, float], axis: str) -> str | None:
@@ -182,23 +237,27 @@ def too_slow(rates: Mapping[str, float], axis: str) -> str | None:
     slowest, rate = min(rates.items(), key=lambda named: named[1])
     if rate >= MINIMUM_RATE:
         return None
+    return f"{slowest} comes at {_below(rate, MINIMUM_RATE)} Hz; {_needed(axis)}."
+
+
+def _needed(axis: str) -> str:
     return (
-        f"{slowest} comes at {_below(rate, MINIMUM_RATE)} Hz; {axis} dynamics live at several Hz and need "
-        f"{MINIMUM_RATE:.0f} Hz of attitude and of motor outputs, better 100."
+        f"{axis} dynamics live at several Hz and need {MINIMUM_RATE:.0f} Hz of attitude and of motor outputs, better "
+        "100"
     )
 
 
-def _held(telemetry: Telemetry, names: tuple[str, str], axis: str, figures: Figures) -> Objection | None:
-    """Whether a stream repeats old values under new stamps. ``names``: as for ``_too_slow``."""
+def _held(log: _Recorded, figures: Figures) -> Objection | None:
+    """Whether a stream repeats old values under new stamps."""
     rates = (figures.attitude_rate or 0.0, figures.motor_rate or 0.0)
     fresh = (figures.attitude_fresh or 0.0, figures.motor_fresh or 0.0)
-    stalest, rate, new = min(zip(names, rates, fresh, strict=True), key=lambda stream: stream[2])
+    stalest, rate, new = min(zip(log.names, rates, fresh, strict=True), key=lambda stream: stream[2])
     if new >= MINIMUM_RATE:
         return None
     return (
-        f"{stalest} changes only at {_below(new, MINIMUM_RATE)} Hz, though it is sent at {rate:.3g} Hz; {axis} "
+        f"{stalest} changes only at {_below(new, MINIMUM_RATE)} Hz, though it is sent at {rate:.3g} Hz; {log.axis} "
         f"dynamics need {MINIMUM_RATE:.0f} Hz of new values.",
-        f"Find what repeats old values between the autopilot and the log. {_ask_for_rate(telemetry)}",
+        f"Find what repeats old values between the autopilot and the log. {ask_for_rate(log.telemetry)}",
     )
 
 
@@ -225,48 +284,6 @@ def _praise(motors: Motors, figures: Figures) -> str:
 
 
 _FLY = "Record a flight: half a minute in the air between take-off and landing is enough."
-
-
-def _ask_for_rate(telemetry: Telemetry, rate: int = 100) -> str:
-    """How to get attitude and motors at ``rate`` Hz out of this autopilot.
-
-    PX4: https://docs.px4.io/main/en/modules/modules_communication (``mavlink``). ArduPilot:
-    https://ardupilot.org/dev/docs/mavlink-requesting-data.html; its stream groups EXTRA1 and RC_CHAN send ATTITUDE and
-    SERVO_OUTPUT_RAW. ROS 2: https://docs.px4.io/main/en/middleware/uxrce_dds and MAVROS's ``plugins/sys_status.cpp``.
-    """
-    if telemetry.translated_from == "uXRCE-DDS":
-        return (
-            "In PX4's src/modules/uxrce_dds_client/dds_topics.yaml add vehicle_attitude, vehicle_angular_velocity and "
-            f"actuator_motors to the publications, no rate_limit below {rate}; build and flash PX4, and record anew."
-        )
-    if telemetry.translated_from == "MAVROS":
-        return (
-            "Call `ros2 service call /mavros/set_message_interval mavros_msgs/srv/MessageInterval "
-            f'"{{message_id: 31, message_rate: {rate}}}"` (attitude), then with 36 (motors), and record anew.'
-        )
-    if telemetry.translated_from == "DataFlash":
-        return (
-            "Set bit 0 of LOG_BITMASK (fast attitude), which logs attitude and the demand at the loop rate; fly anew."
-        )
-    if telemetry.translated_from == "ULog":
-        return "Set SDLOG_PROFILE to 17 (default and high rate), which logs attitude and the demand fast; fly anew."
-    if telemetry.autopilot == "PX4":
-        return (
-            f"In PX4's shell run `mavlink stream -d DEVICE -s ATTITUDE -r {rate}` and "
-            f"`mavlink stream -d DEVICE -s SERVO_OUTPUT_RAW_0 -r {rate}`, where DEVICE is the telemetry port "
-            "(`-u PORT` for UDP), and record anew."
-        )
-    interval = round(1e6 / rate)
-    if telemetry.autopilot == "ARDUPILOTMEGA":
-        return (
-            f"Set the telemetry port's SRn_EXTRA1 and SRn_RC_CHAN (MAVn_EXTRA1 and MAVn_RC_CHAN from ArduPilot 4.7) to "
-            f"{rate} and reboot, or in MAVProxy enter `set streamrate -1`, `long SET_MESSAGE_INTERVAL 30 {interval}` "
-            f"and `long SET_MESSAGE_INTERVAL 36 {interval}`; then record anew."
-        )
-    return (
-        f"Ask the autopilot for messages 30 (ATTITUDE) and 36 (SERVO_OUTPUT_RAW) every {interval} µs with "
-        "MAV_CMD_SET_MESSAGE_INTERVAL, and record anew."
-    )
 
 
 _IMPOSSIBLE = f"an angle beyond 2π or a rate beyond {FASTEST:.0f} rad/s"

@@ -11,7 +11,7 @@ import pytest
 from hover import X_QUAD, Hover, changed, columns
 
 from mavdem.align import GAP, MINIMUM_RATE, Segment, align, sample, segments
-from mavdem.ingest import read_log
+from mavdem.ingest import meaning, read_log
 from mavdem.phases import SETTLING
 from mavdem.verdict import judge
 
@@ -85,6 +85,19 @@ def test_boots_are_never_joined():
     assert sorted(segment.boot for segment in found) == [0, 1]
     flight = align(telemetry, found[1])
     np.testing.assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-9)
+
+
+def test_what_tells_the_phases_is_found_once_for_all_boots(monkeypatch):
+    """A log may hold thousands of boots, and finding it takes a pass over all messages."""
+    calls = []
+    found = meaning.armed
+    monkeypatch.setattr(meaning, "armed", lambda telemetry: calls.append(1) or found(telemetry))
+    telemetry = HOVER.telemetry()
+    for message, table in telemetry.messages.items():
+        boots = np.arange(len(table["time"])) * 20 // len(table["time"])
+        telemetry = changed(telemetry, message, boot=boots)
+    segments(telemetry)
+    assert len(calls) == 1
 
 
 def test_a_disarmed_vehicle_has_no_segment():
@@ -250,8 +263,12 @@ def test_the_inputs_that_are_asked_for_are_taken():
     assert flight.input_names == ("roll demand",) and flight.dt == pytest.approx(0.02)
     slow_motors = judge(with_roll_demand(10.0, 100.0), inputs="motors")
     assert not slow_motors.learnable and slow_motors.reason.startswith("SERVO_OUTPUT_RAW comes at 10.0 Hz")
+    assert slow_motors.remedy.startswith("Leave out `--inputs motors`: the roll demand comes at 100.0 Hz")
+    neither = judge(with_roll_demand(10.0, 10.0), inputs="motors")
+    assert "--inputs" not in neither.remedy and "RC_CHAN" in neither.remedy
     without = judge(Hover().telemetry(), inputs="demand")
     assert not without.learnable and "demand is not in it" in without.reason and "motors" in without.remedy
+    assert "ACTUATOR_CONTROL_TARGET" in without.reason and "ATTITUDE_TARGET" in without.reason
     with pytest.raises(ValueError, match="'torque'"):
         judge(both, inputs="torque")
 

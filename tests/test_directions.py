@@ -64,7 +64,7 @@ LAYERS = (
     {"ingest"},
     {"phases"},
     {"align"},
-    {"figures"},
+    {"figures", "faster"},
     {"verdict"},
     {"read"},
     {"live"},

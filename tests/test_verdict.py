@@ -8,13 +8,13 @@ import re
 
 import numpy as np
 import pytest
-from hover import X_QUAD, Hover, changed
+from hover import X_QUAD, Hover, changed, columns
 
 from mavdem import align as aligning
 from mavdem import figures as measured
 from mavdem.align import Segment, align, segments
 from mavdem.cli.main import mavdem
-from mavdem.ingest import meaning
+from mavdem.ingest import Speaker, meaning
 from mavdem.telemetry import Telemetry
 from mavdem.verdict import judge
 
@@ -100,6 +100,42 @@ def test_a_fast_part_too_short_to_learn_from_is_refused_for_the_rate_of_the_rest
     stamps = np.concatenate([np.arange(0, 100, 1 / 15), np.arange(100, 103, 0.01), np.arange(103, LONG.end, 1 / 15)])
     reason = refused_for(LONG.telemetry(stamps, stamps))
     assert re.search(r"comes at 1\d\.\d Hz", reason)
+
+
+def slowed(change: float, rate: float = 4.0) -> Telemetry:
+    """100 Hz until ``change``, ``rate`` Hz from then on."""
+    stamps = np.concatenate([np.arange(0, change, 0.01), np.arange(change, LONG.end, 1 / rate)])
+    return LONG.telemetry(stamps, stamps)
+
+
+STATION = Speaker(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60, "REQUEST_DATA_STREAM": 4}, 0)
+
+
+@pytest.mark.parametrize("change", [8.0, 15.0])
+def test_rates_that_drop_in_the_air_are_no_link_that_drops_out(change):
+    verdict = judge(slowed(change), speakers=(STATION,))
+    assert not verdict.learnable
+    assert re.search(
+        rf"In the air (ATTITUDE|SERVO_OUTPUT_RAW) comes at [34]\.\d Hz from {change:.0f}\.\d s after boot on",
+        verdict.reason,
+    )
+    assert "need 40 Hz" in verdict.reason and "drop out" not in verdict.remedy
+    assert verdict.remedy.startswith("A ground station (255:190) asks for rates with REQUEST_DATA_STREAM: ")
+    assert "streamrate -1" in verdict.remedy and "SRn_EXTRA1" in verdict.remedy
+
+
+def test_who_asks_for_rates_is_named_only_where_somebody_does():
+    telemetry = slowed(15.0)
+    own = Speaker(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {"REQUEST_DATA_STREAM": 1}, 0)
+    assert judge(telemetry, speakers=(own,)).remedy.startswith("Set the telemetry port's")
+    answered = changed(telemetry, "COMMAND_ACK", **columns(np.array([14.0]), command=np.array([511])))
+    assert "SET_MESSAGE_INTERVAL, which the vehicle acknowledged" in judge(answered).remedy
+
+
+def test_a_link_that_drops_out_is_still_told_as_that():
+    stamps = HOVER.stamps(100.0)
+    stamps = stamps[stamps % 3.0 < 2.5]
+    assert "without gaps lasts 2.5 s" in refused_for(HOVER.telemetry(stamps, stamps))
 
 
 def with_contradiction(telemetry: Telemetry, start: float, end: float) -> Telemetry:

@@ -28,9 +28,9 @@ def info(
 ) -> None:
     """Says what a log holds, and whether a model can be learnt from it.
 
-    SOURCE is a log: .tlog, .mcap, .bin, .log or .ulg. For each vehicle: the verdict (learnable or not, why, and what to
-    change), the stretches of settled flight, and its messages with their rates. --json tells everything, for example
-    the counts.
+    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. For each vehicle: the verdict
+    (learnable or not, why, and what to change), the stretches of settled flight, and its messages with their rates.
+    --json tells everything, for example the counts; why not is then also said on standard error.
 
     Ends with 0 when a model can be learnt from at least one vehicle, otherwise with 1.
     """
@@ -44,8 +44,9 @@ def info(
             say("There is no vehicle in it: check that the autopilot's own messages are recorded.\n")
         _print_stream(held)
     if not held["learnable"]:
-        # The document is printed already, with all the reasons.
-        complain(f"No {axis} model can be learnt from {source}{_first_reason(held)}", "", as_json=False)
+        if as_json:
+            # The document is printed already, with all the reasons.
+            complain(f"No {axis} model can be learnt from {source}{_first_reason(held)}", "", as_json=False)
         context.exit(1)
 
 
@@ -79,6 +80,8 @@ def _print_vehicle(one: dict[str, Any]) -> None:
     streams = _by_rate(one["messages"])
     if streams and one["translated_from"]:
         say(f"Of the motion, brought from {one['translated_from']} to the MAVLink messages that say the same:")
+    if streams:
+        say("Messages, at their mean rates over the whole log (the verdict's are those of its stretch of flight):")
     for rate, names in streams.items():
         say(click.wrap_text(f"{rate}: {', '.join(names)}", WIDTH, "  ", "    "))
     say()

@@ -26,12 +26,33 @@ from mavdem.read import learnable_flight
 MOST_STATES = 10
 """A roll model has a few states; the memory a fit takes grows with the fourth power of their number."""
 
+OUTPUTS = 2
+"""Of an axis: its angle and its rate."""
+
+ORDERS = {"real": range(OUTPUTS, OUTPUTS + Settings().p + 1), "paper": range(1, MOST_STATES + 1)}
+"""The real prior has a state for each output, and of more hidden ones than p it would see nothing."""
+
+TRAIN, TEST = 700, 150
+"""Samples learnt from and forecast unless told otherwise, those of the paper, in which a vehicle swings a few times."""
+
+USUAL_RATE, FAST = 100.0, 125.0
+"""Hz: what they are made for; and beyond what so few samples last too short, so that as many seconds are taken."""
+
+
+def _spoken(orders: range) -> str:
+    return f"{orders[0]} to {orders[-1]}"
+
+
+def _folder(context: click.Context, parameter: click.Parameter, value: str) -> Path:
+    """Refuses no name, which a path would take for the current folder."""
+    if not no_option(context, parameter, value):
+        raise click.BadParameter("it names no folder; for this one name `.`.", context, parameter)
+    return Path(value)
+
 
 @click.command()
 @source_options
-@click.option(
-    "--out", type=click.Path(path_type=Path), required=True, callback=no_option, help="Folder for the results."
-)
+@click.option("--out", type=click.Path(), required=True, callback=_folder, help="Folder for the results.")
 @click.option(
     "--preset",
     type=click.Choice(["real", "paper"]),
@@ -41,13 +62,21 @@ MOST_STATES = 10
 )
 @click.option(
     "--order",
-    type=click.IntRange(1, MOST_STATES),
-    help="Number of states. [default: the outputs and one hidden, for the motors' lag; for paper: 2]",
+    type=int,
+    help=f"Number of states, {_spoken(ORDERS['real'])}; for paper {_spoken(ORDERS['paper'])}. "
+    "[default: 3: angle, rate and one hidden, for the motors' lag; for paper 2]",
 )
 @click.option(
-    "--train", type=click.IntRange(FEWEST_SAMPLES), default=700, show_default=True, help="Samples to learn from."
+    "--train",
+    type=click.IntRange(FEWEST_SAMPLES),
+    help=f"Samples to learn from. [default: {TRAIN}; {TRAIN / USUAL_RATE:g} s of them where they come faster than "
+    f"{FAST:.0f} Hz]",
 )
-@click.option("--test", type=click.IntRange(1), default=150, show_default=True, help="Samples after them to forecast.")
+@click.option(
+    "--test",
+    type=click.IntRange(1),
+    help=f"Samples after them to forecast. [default: {TEST}; {TEST / USUAL_RATE:g} s likewise]",
+)
 @click.option(
     "--start", type=click.FloatRange(0), default=0.0, show_default=True, help="Seconds into the settled flight."
 )
@@ -60,26 +89,28 @@ def learn(
     out: Path,
     preset: str,
     order: int | None,
-    train: int,
-    test: int,
+    train: int | None,
+    test: int | None,
     start: float,
 ) -> None:
     """Learns a linear model from a log and forecasts with it.
 
-    SOURCE is a log: .tlog, .mcap, .bin, .log or .ulg. Of the longest stretch of settled flight, --train samples are
-    learnt from and the --test samples after them forecast. The folder --out receives model.json (the model with all it
-    needs to forecast), report.json (the figures), flight.rrd (pictures, to be opened with `rerun flight.rrd`) and
-    flight.mcap (the same series of numbers, for Foxglove or PlotJuggler).
+    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. Of the longest stretch of settled
+    flight, --train samples are learnt from and the --test samples after them forecast. The folder --out receives
+    model.json (the model with all it needs to forecast), report.json (the figures), flight.rrd (pictures, to be opened
+    with `rerun flight.rrd`) and flight.mcap (the same series of numbers, for Foxglove or PlotJuggler).
 
     \b
     Examples:
       mavdem learn flight.tlog --out result
       mavdem learn flight.tlog --out result --preset paper --order 2
     """
+    _check_order(preset, order)
     check_folder(out)
     began = perf_counter()
     flight, verdict = learnable_flight(read_source(source), axis, vehicle, inputs)
-    training, following = _cut(flight, start, train, test)
+    samples = (given or usual_samples(usual, flight.dt) for given, usual in ((train, TRAIN), (test, TEST)))
+    training, following = _cut(flight, start, *samples)
     learned = _learn(training, preset, order)
     learned = replace(learned, cautions=(*verdict.cautions, *learned.cautions))
     report = {
@@ -94,6 +125,19 @@ def learn(
         print_json(report)
     else:
         print_summary(report, training, following, learned)
+
+
+def usual_samples(usual: int, dt: float) -> int:
+    """The default number of samples ``dt`` s apart, which is ``usual`` up to ``FAST`` Hz, and then lasts as long."""
+    return usual if dt >= 1 / FAST else round(usual / USUAL_RATE / dt)
+
+
+def _check_order(preset: str, order: int | None) -> None:
+    if order is not None and order not in ORDERS[preset]:
+        raise click.BadParameter(
+            f"{order} is not in {_spoken(ORDERS[preset])}, the numbers of states that --preset {preset} can have.",
+            param_hint="--order",
+        )
 
 
 def _settings(preset: str, order: int | None) -> Settings:
@@ -138,8 +182,6 @@ def _learn(training: Flight, preset: str, order: int | None) -> Learned:
         with progress("Learning", measured=False):
             return learn_model(training, settings)
     except ValueError as error:
-        if str(error).startswith("order must be"):
-            raise click.BadParameter(f"{error}.", param_hint="--order") from error
         raise NotLearnable(
             f"No model could be learnt: {error}.", "Choose another part of the flight with --start, or more of it."
         ) from error

@@ -65,7 +65,8 @@ def mavdem() -> None:
       mavdem fly hover_blower --out flight.tlog
 
     Every command ends with 0 when done, 1 when the data cannot support the request, and 2 on bad usage or input that
-    cannot be read.
+    cannot be read; then --json prints a document too. Ended from outside, by Ctrl-C (130), SIGTERM (143) or a reader
+    that has had enough (141), it may print none.
     """
 
 

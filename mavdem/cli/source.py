@@ -18,6 +18,8 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 LINK = re.compile(r"(udp|tcp|mcast|ws)\w*:|/dev/(tty|cu|serial)|COM\d", re.IGNORECASE)
 """How pymavlink's connection strings begin (``mavutil.mavlink_connection``)."""
 
+VEHICLE = re.compile(r"\d{1,3}(:\d{1,3})?", re.ASCII)
+"""MAVLink's ids."""
 
 Value = TypeVar("Value")
 
@@ -26,6 +28,17 @@ def no_option(context: click.Context, parameter: click.Parameter, value: Value) 
     """Refuses an option in the place of another's value, which was then forgotten: ``--out --json``."""
     if str(value).startswith("--"):
         raise click.BadParameter(f"{value} is an option, and no value was given.", context, parameter)
+    return value
+
+
+def _vehicle(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    no_option(context, parameter, value)
+    if value is not None and not VEHICLE.fullmatch(value):
+        raise click.BadParameter(
+            f"{value!r} is no vehicle: give its MAVLink system id, or system and component as in 1:1.",
+            context,
+            parameter,
+        )
     return value
 
 
@@ -42,7 +55,7 @@ def source_options(command: Command) -> Command:
         click.option(
             "--vehicle",
             metavar="SYSTEM[:COMPONENT]",
-            callback=no_option,
+            callback=_vehicle,
             help="Which vehicle, where the log holds several.",
         ),
         click.option("--axis", type=click.Choice(["roll", "pitch"]), default="roll", show_default=True),

@@ -52,6 +52,8 @@ def cautions(
             "F̄ has no maximum at these parameters: how far they are off is not known. More iterations, or a firmer "
             "prior, may find one."
         )
+    if not fitted.ascent.settled:
+        told.append(_unsettled(fitted))
     if colour is not None and not np.isfinite(colour.log_sd):
         told.append(
             f"F̄ tells no smoothness of the noise from others: {colour.smoothness:.2g} s, which was taken, is at an end "
@@ -64,3 +66,23 @@ def cautions(
             "down, and its exact limit was taken instead."
         )
     return tuple(told)
+
+
+def _unsettled(fitted: Fit) -> str:
+    """How the climb ended, if not at a maximum."""
+    ascent, rounds = fitted.ascent, len(fitted.ascent.free_energy) - 1
+    if rounds >= fitted.settings.iterations:
+        return (
+            f"F̄ had not settled at the limit of {rounds} iterations, nor have the parameters: learn from more samples, "
+            "ask for fewer states, or set a higher limit (Settings.iterations)."
+        )
+    if np.isnan(ascent.left):
+        return (
+            f"The climb of F̄ broke down after {rounds} iterations, before parameters had settled: learn from more "
+            "samples, or ask for fewer states."
+        )
+    return (
+        f"After {rounds} iterations no step led F̄ higher, though its curvature promises {ascent.left:.2g} nats more: a "
+        "flat ridge, or rounding. Forecasts are determined, parameters along the ridge are not: read none of them off "
+        "the model, learn from more samples, or ask for fewer states."
+    )

@@ -43,7 +43,9 @@ def values_of(learned: Learned) -> dict[str, Any]:
         "smoothness": learned.smoothness,
         "colour": None if learned.colour is None else _colour_values(learned.colour),
         "scatter": None if learned.scatter is None else _lists(learned.scatter._asdict()),
-        "undetermined": [_lists(direction._asdict()) for direction in learned.undetermined],
+        "undetermined": [
+            {"weights": direction.weights.tolist(), "share": direction.share} for direction in learned.undetermined
+        ],
         "cautions": list(learned.cautions),
         "inputs": learned.record.inputs.tolist(),
         "outputs": learned.record.outputs.tolist(),
@@ -73,10 +75,11 @@ def fields_of(values: Any) -> dict[str, Any]:
 
 
 def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
-    predictor, scaling = values["predictor"], values["scaling"]
+    predictor, scaling, model = values["predictor"], values["scaling"], LinearModel(**_arrays(values["model"]))
+    sizes = len(model.A), model.B.shape[1], len(model.C)
     return {
         "settings": Settings.from_dict(values["settings"]),
-        "model": LinearModel(**_arrays(values["model"])),
+        "model": model,
         "known": np.array(values["known"], np.bool_),
         "free_energy": FreeEnergy(_arrays(values["free_energy"])),
         "learning": Learning(**_arrays(values["learning"])),
@@ -91,7 +94,7 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
         "colour": None if values["colour"] is None else _colour(values["colour"]),
         "scatter": None if values["scatter"] is None else _scatter(values["scatter"]),
         "undetermined": tuple(
-            Direction(np.array(direction["weights"], np.float64), float(direction["share"]))
+            Direction(np.array(direction["weights"], np.float64), float(direction["share"]), sizes)
             for direction in values["undetermined"]
         ),
         "cautions": tuple(values["cautions"]),

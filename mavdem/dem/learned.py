@@ -31,7 +31,7 @@ from mavdem.dem.trials import Unseen
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Learned:
     """A learnt model with its posterior, its climb and its forecasts, in physical units.
 
@@ -49,7 +49,7 @@ class Learned:
         free_energy: by iteration, with its named terms.
         free_energy_of_samples: (T′,) F(t) of the samples at ``places``: how well each agrees with the model.
         learning: parameters and hyperparameters by iteration.
-        settled: whether F̄ had stopped rising.
+        settled: whether F̄ had stopped rising; where not, a caution says how the climb ended.
         candidates: every choice that was tried.
         dt: sampling step, s.
         smoothness: kernel width s of the noise, s.
@@ -121,7 +121,9 @@ class Learned:
             model=scaling.physical_model(ascent.belief.theta, order),
             theta_covariance=covariance[of_motors],
             scatter=scatter and scatter._replace(covariance=(scatter.covariance * np.outer(scale, scale))[of_motors]),
-            undetermined=undetermined(information, precision[of_motors], ~held),
+            undetermined=undetermined(
+                information, precision[of_motors], ~held, (order, record.inputs.shape[1], fit.model.m)
+            ),
             prior_sd=np.sqrt(np.diag(prior_covariance))[motors],
             known=held,
             free_energy=FreeEnergy(dict(ascent.terms)),
@@ -144,6 +146,14 @@ class Learned:
             predictor=fit.predictor,
             state_map=ascent.state_map,
             theta=ascent.belief.theta,
+        )
+
+    def __repr__(self) -> str:
+        (n, r), m, told = self.model.B.shape, len(self.model.C), len(self.cautions)
+        return (
+            f"<Learned: {n} states, {r} inputs, {m} outputs from {len(self.record)} samples at {1 / self.dt:.6g} Hz, "
+            f"F̄ {self.free_energy[-1]:,.0f}{'' if self.settled else ' (not settled)'}, "
+            f"{told} caution{'' if told == 1 else 's'}>"
         )
 
     @property

@@ -24,6 +24,7 @@ from mavdem.dem.memory import Memory
 from mavdem.dem.model import LinearModel
 from mavdem.dem.past_errors import PastErrors, RecentErrors
 from mavdem.dem.real import real_numbers
+from mavdem.dem.record import LARGEST, SHORTEST_STEP
 from mavdem.dem.settings import Settings
 from mavdem.dem.tracker import Tracker
 from mavdem.dem.unusual import Unusual
@@ -39,6 +40,9 @@ HORIZONS = (1, 5, 10, 25, 50)
 """Steps ahead that are predicted unless others are asked for."""
 SETTLING = 1.0
 """Seconds of samples over which a new model's filter finds the state."""
+GAPS = 5
+"""In a row, after which it is the step that is wrong, and not samples that are missing."""
+TOO_FEW = "there are not enough samples yet"
 HALF_WIDTH = float(norm.ppf(0.95))
 """Standard deviations from the middle to the edge of a band of 90 %."""
 
@@ -84,6 +88,15 @@ class Estimate(NamedTuple):
     log_precisions: Array
     until: float
 
+    def __repr__(self) -> str:
+        if self.model is None:
+            return f"<Estimate: at {self.time:.6g} s, no model yet>"
+        expected, band = (np.array2string(values, precision=3) for values in (self.expected, self.expected_band))
+        return (
+            f"<Estimate: at {self.time:.6g} s, expected {expected} ± {band}, surprise {self.surprise:.3g}, by a model "
+            f"learnt until {self.until:.6g} s>"
+        )
+
 
 class OnlineLearner:
     """Learns from samples as they come; knows nothing of where they come from.
@@ -120,21 +133,23 @@ class OnlineLearner:
         """
         if not (settings is None or isinstance(settings, Settings)):
             raise ValueError(f"settings must be a Settings, or None for the default ones, not {settings!r}")
-        if not (np.isfinite(dt) and dt > 0):
-            raise ValueError(f"dt must be positive seconds, not {dt!r}")
-        if n_inputs < 1 or n_outputs < 1:
-            raise ValueError(f"n_inputs and n_outputs must be at least 1, not {n_inputs} and {n_outputs}")
-        if not horizons or horizons[0] < 1 or list(horizons) != sorted(set(horizons)):
-            raise ValueError(f"horizons must be steps of at least 1, increasing, not {horizons!r}")
+        if not (_number(dt) and SHORTEST_STEP <= dt <= 1 / SHORTEST_STEP):
+            raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {dt!r}")
+        for name, number in (("n_inputs", n_inputs), ("n_outputs", n_outputs)):
+            if not (_whole(number) and number >= 1):
+                raise ValueError(f"{name} must be a whole number of at least 1, not {number!r}")
+        steps = isinstance(horizons, tuple | list) and len(horizons) > 0 and all(map(_whole, horizons))
+        if not steps or horizons[0] < 1 or list(horizons) != sorted(set(horizons)):
+            raise ValueError(f"horizons must be whole steps of at least 1, increasing, not {horizons!r}")
         block = max(1, round(BLOCK / dt))
-        most = round(memory / dt / block) if np.isfinite(memory) else 0
+        most = round(memory / dt / block) if _number(memory) and np.isfinite(memory / dt) else 0
         if most * block < 2 * FEWEST_SAMPLES:
             raise ValueError(f"memory must be at least {2 * FEWEST_SAMPLES * dt:g} s at this dt, not {memory!r}")
-        self.horizons = horizons
+        self.horizons = tuple(horizons)
         self.learned: Learned | None = None
-        self.obstacle = "there are not enough samples yet"
+        self.obstacle = TOO_FEW
         self._settings = Settings() if settings is None else settings
-        self._dt, self._sizes, self._executor = dt, (n_inputs, n_outputs), executor
+        self._dt, self._sizes, self._executor = float(dt), (n_inputs, n_outputs), executor
         self._memory = Memory(dt, block, most, n_inputs, n_outputs)
         self._most = most * block
         self._samples = 0
@@ -143,14 +158,16 @@ class OnlineLearner:
         self._climber: Climber | None = None
         self._tracker: Tracker | None = None
         self._last: tuple[float, Array] | None = None
+        self._gaps = 0
         self._one_step_errors, self._errors = RecentErrors(self._most), PastErrors(horizons, self._most)
         self._energies = Unusual(self._most)
 
     def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike) -> Estimate:
         """Takes the next sample.
 
-        A time other than one step after the last parts a new segment from the old: what was learnt is kept, and nothing
-        is predicted or differentiated across the gap.
+        A time other than one step after the last, also one that goes back, begins a new segment: what was learnt is
+        kept, and nothing is predicted or differentiated across the gap. After ``GAPS`` of them in a row, ``obstacle``
+        says that samples do not come every ``dt``.
 
         Args:
             time: s.
@@ -161,11 +178,17 @@ class OnlineLearner:
             what is known as of this sample, by the model that was learnt before it.
 
         Raises:
-            ValueError: values that are not finite, or of another number.
+            ValueError: values that are not finite, larger than ``mavdem.learn`` takes, or of another number.
         """
         time, u, y = self._checked(time, inputs, outputs)
-        if self._last is not None and abs(time - self._last[0] - self._dt) > 0.5 * self._dt:
+        step = self._dt if self._last is None else time - self._last[0]
+        if abs(step - self._dt) > 0.5 * self._dt:
             self._begin_segment()
+            self._gaps += 1
+        elif self._gaps:
+            if self._gaps >= GAPS:
+                self.obstacle = TOO_FEW if self._tracker is None else ""
+            self._gaps = 0
         closed = self._memory.add(u, y, time)
         self._samples += 1
         estimate = self._estimate(time, u, y)
@@ -175,6 +198,9 @@ class OnlineLearner:
             self._remember()
         self._choose()
         self._climb()
+        if self._gaps >= GAPS:
+            coming = f"come every {step:.3g} s" if step > 0 else "do not go on in time"
+            self.obstacle = f"samples {coming}, where dt is {self._dt:g} s: each begins a segment of its own"
         return estimate
 
     def learn_now(self) -> Learned:
@@ -197,6 +223,8 @@ class OnlineLearner:
         ):
             if numbers.shape != shape or not np.isfinite(numbers).all():
                 raise ValueError(f"{name} must be finite and of shape {shape}, not {numbers}")
+            if np.abs(numbers).max() > LARGEST:
+                raise ValueError(f"{name} must not be larger than {LARGEST:g}")
         return float(now), u, y
 
     def _begin_segment(self) -> None:
@@ -305,3 +333,11 @@ class OnlineLearner:
             self._climber = Climber(settings, self._memory, self._dt)
             self._climber.begin()
             self._energies = Unusual(self._most)
+
+
+def _number(value: object) -> bool:
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
+def _whole(value: object) -> bool:
+    return isinstance(value, int | np.integer) and not isinstance(value, bool)

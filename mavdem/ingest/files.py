@@ -15,6 +15,11 @@ from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
 
+READ = (
+    "this version reads telemetry logs (.tlog), MCAP recordings of MAVLink or ROS 2 (.mcap), ArduPilot DataFlash logs "
+    "(.bin, .log) and PX4 ULogs (.ulg, .ulg.xz) only"
+)
+"""What is said of files that are none of these."""
 LARGE = 64 << 20
 """Bytes of a file from which on it is mapped instead of read: it takes no memory of its own, but must stay as it is."""
 XZ = b"\xfd7zXZ\x00"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mavdem.errors import Unreadable
 from mavdem.ingest.dataflash_text import is_text as is_dataflash_text
-from mavdem.ingest.files import file_beginning
+from mavdem.ingest.files import READ, file_beginning
 from mavdem.ingest.framing import MARKER_1, MARKER_2, Progress
 from mavdem.ingest.log import Log
 from mavdem.ingest.receipt import STAMP
@@ -25,7 +25,6 @@ OTHERS = {
     b"PK\x03\x04": "a zip archive",
 }
 """First bytes of the files that are often at hand where a log is meant."""
-READ = "telemetry logs (.tlog), MCAP recordings (.mcap), ArduPilot DataFlash logs (.bin, .log) and PX4 ULogs (.ulg)"
 SAMPLE = 4096
 
 
@@ -48,7 +47,7 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = N
     reader = _reader(_kind(name, beginning))
     if reader is None:
         other = next((other for first, other in OTHERS.items() if beginning.startswith(first)), "text")
-        raise Unreadable(f"{name} is {other}: this version reads {READ} only.")
+        raise Unreadable(f"{name} is {other}: {READ}.")
     return reader(name, progress)
 
 

@@ -44,6 +44,8 @@ FRAMES = "mavlink"
 """The message encoding of frames."""
 NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
 """Message encodings (https://mcap.dev/spec/registry) of something else, whatever the first byte."""
+OF_A_FLIGHT = frozenset({"flight/inputs", "flight/outputs"})
+"""Topics of ``mavdem.channels``, whose recordings lie where a log may be meant."""
 MARKERS = (bytes([MARKER_1]), bytes([MARKER_2]))
 
 
@@ -236,6 +238,11 @@ def _nothing_in(path: str | os.PathLike[str], recording: Recording, messages: in
             "table (.csv), but no stream of MAVLink."
         )
     names = {channel.topic for channel in recording.channels.values()}
+    if names >= OF_A_FLIGHT:
+        return (
+            f"{os.fspath(path)} is what `mavdem learn` wrote of a flight, for viewers: name the log that was learnt "
+            "from instead."
+        )
     held = f"its topics are {listed(names)}" if names else "nothing in it can be read"
     return (
         f"{os.fspath(path)} holds no MAVLink, as an MCAP recording, and no topics of PX4 or MAVROS ({held}): record "

@@ -16,7 +16,7 @@ from mavdem.errors import Unreadable
 from mavdem.ingest.census import Census
 from mavdem.ingest.checksum import Bytes
 from mavdem.ingest.decode import seeds
-from mavdem.ingest.files import mapped_bytes, require_whole
+from mavdem.ingest.files import READ, mapped_bytes, require_whole
 from mavdem.ingest.framing import GOOD, Frames, Progress, concatenated, find_frames
 from mavdem.ingest.log import Log
 from mavdem.ingest.receipt import STAMP, Receipts
@@ -116,4 +116,4 @@ def _nothing_in(source: str, frames: int) -> str:
             f"{source} holds {frames} frames that look like MAVLink, but none agrees with a dialect that "
             "pymavlink knows: it is of another dialect or damaged throughout."
         )
-    return f"{source} holds no MAVLink: name a telemetry log (.tlog)."
+    return f"{source} holds no MAVLink: {READ}."

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from mavdem import read_flight
+from mavdem.channels import write_channels
 from mavdem.cli import main as command_line
 from mavdem.cli.main import main
 
@@ -57,6 +59,12 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["learn", str(FLIGHT)], "--out"),
         (["learn", str(FLIGHT), "--out", "x", "--order", "0"], "--order"),
         (["learn", str(FLIGHT), "--out", "x", "--order", "1"], "--order"),
+        (["learn", str(FLIGHT), "--out", "x", "--order", "10"], "--order: 10 is not in 2 to 4"),
+        (["learn", str(FLIGHT), "--out", "x", "--order", "11", "--preset", "paper"], "11 is not in 1 to 10"),
+        (["learn", str(FLIGHT), "--out", ""], "--out"),
+        (["learn", str(FLIGHT), "--out", "x", "--vehicle", "foo"], "'foo' is no vehicle"),
+        (["info", str(FLIGHT), "--vehicle", ""], "'' is no vehicle"),
+        (["info", str(FLIGHT), "--vehicle", "1:1:1"], "system and component as in 1:1"),
         (["learn", str(FLIGHT), "--out", "x", "--start", "nan"], "--start"),
         (["learn", str(FLIGHT), "--out", "x", "--train", "many"], "--train"),
         (["info", str(FLIGHT), "--axis", "yaw"], "--axis"),
@@ -76,10 +84,37 @@ def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, caps
     assert list(tmp_path.iterdir()) == []
 
 
+def test_what_is_no_log_is_answered_by_what_can_be_read(tmp_path, capsys):
+    table, letter = tmp_path / "flight.csv", tmp_path / "letter.md"
+    table.write_text("time,motor 1 µs\n1.0,1500\n" * 50)
+    letter.write_text("This is a letter.\n" * 50)
+    for path in (table, letter):
+        assert main(["info", str(path)]) == 2
+        said = capsys.readouterr().err
+        assert all(told in said for told in (".tlog", "ROS 2 (.mcap)", ".bin, .log", ".ulg.xz"))
+
+
+def test_a_result_is_told_from_a_log(tmp_path, capsys):
+    flight = read_flight(FLIGHT)[:100]
+    write_channels(tmp_path / "flight.mcap", flight)
+    assert main(["info", str(tmp_path / "flight.mcap")]) == 2
+    said = capsys.readouterr().err
+    assert "is what `mavdem learn` wrote" in said and "name the log" in said
+
+
 @pytest.mark.parametrize("words", [["--help"], ["info", "-h"], ["learn", "--help"]])
 def test_help_teaches_and_succeeds(words, capsys):
     assert main(words) == 0
     assert "mavdem" in capsys.readouterr().out
+
+
+def test_the_help_tells_what_an_option_takes_and_which_logs_are_read(capsys):
+    main(["learn", "--help"])
+    said = " ".join(capsys.readouterr().out.split())
+    for told in ("2 to 4; for paper 1 to 10", "700; 7 s of them", "150; 1.5 s likewise", ".ulg.xz", "ROS 2"):
+        assert told in said
+    main(["info", "--help"])
+    assert ".ulg.xz" in capsys.readouterr().out
 
 
 def test_the_example_of_the_help_keeps_its_lines(capsys):

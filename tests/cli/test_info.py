@@ -53,12 +53,20 @@ def test_the_rates_a_ground_station_asks_for_are_too_slow(capsys):
     assert vehicle["verdict"]["remedy"]
 
 
-def test_why_not_is_told_on_standard_error_too(capsys):
+def test_why_not_is_told_once_and_beside_a_document_on_standard_error(capsys):
     path = recorded("ardupilot_default_rates.tlog")
     assert main(["info", path]) == 1
     said = capsys.readouterr()
-    assert said.err.startswith(f"mavdem: No roll model can be learnt from {path}; ")
-    assert said.err.rstrip().split(": ", 2)[2][-40:] in said.out
+    assert said.err == "" and said.out.count("ATTITUDE comes at 4.0 Hz") == 1
+    assert main(["info", path, "--json"]) == 1
+    said = capsys.readouterr()
+    assert said.err.startswith(f"mavdem: No roll model can be learnt from {path}; 1:1: ATTITUDE comes at 4.0 Hz")
+
+
+def test_rates_of_the_whole_log_are_said_to_be_that(capsys):
+    main(["info", recorded("ardupilot_default_rates.tlog")])
+    head, rates = capsys.readouterr().out.split("Messages, at their mean rates over the whole log")
+    assert "4.0 Hz" in head and "(the verdict's are those of its stretch of flight):\n  4.0 Hz: " in rates
 
 
 def test_nothing_heard_is_left_out(capsys):

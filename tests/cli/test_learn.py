@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mavdem import Learned, Settings, evaluate
+from mavdem import Flight, Learned, Settings, evaluate
 from mavdem import learn as learn_model
 from mavdem.cli import results
+from mavdem.cli.learn import TEST, TRAIN, usual_samples
 from mavdem.cli.main import main
 from mavdem.cli.output import json_text
 from mavdem.read import read_flight
@@ -76,6 +77,28 @@ def test_a_flight_too_short_names_the_command_that_fits(tmp_path, capsys):
     command = shlex.split(said.err.split("`")[1])
     assert command[:2] == ["mavdem", "learn"]
     assert main(command[1:]) == 0
+
+
+@pytest.mark.parametrize(
+    ("rate", "train", "test"), [(50, 700, 150), (100, 700, 150), (120, 700, 150), (250, 1750, 375), (400, 2800, 600)]
+)
+def test_a_fast_log_is_learnt_from_for_as_long_as_a_usual_one(rate, train, test):
+    assert (usual_samples(TRAIN, 1 / rate), usual_samples(TEST, 1 / rate)) == (train, test)
+
+
+def test_defaults_are_of_the_flights_rate(tmp_path, monkeypatch, capsys):
+    fast = read_flight(FLIGHT)
+    fast = Flight(fast.time / 4, fast.inputs, fast.outputs)
+    judged = type("Judged", (), {"cautions": ()})()
+    monkeypatch.setattr("mavdem.cli.learn.learnable_flight", lambda *_: (fast, judged))
+    monkeypatch.setattr("mavdem.cli.learn.asdict", lambda _: {})
+    words = ["learn", FLIGHT, "--out", str(tmp_path), "--json"]
+    assert main(words) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["training_samples"], report["forecast_samples"]) == (2800, 600)
+    assert main([*words, "--train", "700"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert (report["training_samples"], report["forecast_samples"]) == (700, 600)
 
 
 @pytest.mark.parametrize("start", ["1e9", "1e307"])

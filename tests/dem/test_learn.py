@@ -1,12 +1,13 @@
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 from simulated import DT, GAIN, RATE, simulated
 
-from mavdem import Flight, Learned, Settings, evaluate, learn
+from mavdem import Flight, Learned, Settings, evaluate, learn, read_flight
 from mavdem.dem.fit import fit, generalized
 from mavdem.dem.free_energy import free_energy_action
 from mavdem.dem.generative import Moments, Samples
@@ -317,6 +318,37 @@ def test_default_fits_settle_where_no_step_leads_higher():
         belief._replace(moments=Moments.of(model, samples, state_map)),
     ):
         assert free_energy_action(model, samples, other) - height < 0.1
+
+
+def test_a_climb_that_its_limit_ended_is_cautioned_against_with_what_to_do():
+    learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0, iterations=5))
+    (told,) = [caution for caution in learned.cautions if "iterations" in caution]
+    assert "limit of 5 iterations" in told and "Settings.iterations" in told and "more samples" in told
+    assert not any("iterations" in caution for caution in learn(simulated(wind=0.5)[:700]).cautions)
+
+
+def test_a_climb_along_a_ridge_that_bends_settles_and_does_not_creep():
+    """Pitch of a calm hover in wind, of which steps in turn find the maximum in no 200 rounds."""
+    flight = read_flight(Path(__file__).parents[2] / "logs" / "px4_wind5_steps.tlog", axis="pitch")
+    learned = learn(flight[4000:4700], Settings(window=25, parameter_precision=0.01))
+    assert learned.settled and len(learned.free_energy) < 100
+
+
+def test_what_was_learnt_is_shown_in_a_line():
+    learned = learn(simulated()[:700], Settings(window=9, parameter_precision=1.0))
+    shown = repr(replace(learned, cautions=("It rained.",)))
+    assert shown.startswith("<Learned: 3 states, 4 inputs, 2 outputs from 700 samples at 100 Hz, F̄ ")
+    assert shown.endswith(", 1 caution>") and "\n" not in shown
+
+
+def test_a_climb_that_broke_off_where_no_step_led_higher_is_not_said_to_rise(monkeypatch):
+    monkeypatch.setattr("mavdem.dem.ascent.DAMPINGS", ())
+    learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0))
+    assert not learned.settled
+    (told,) = [caution for caution in learned.cautions if "iterations" in caution]
+    assert f"After {len(learned.free_energy) - 1} iterations no step led F̄ higher" in told
+    assert "promises" in told and "nan" not in told and "limit" not in told
+    assert learned.cautions == Learned.from_json(learned.to_json()).cautions
 
 
 @pytest.mark.slow

@@ -117,8 +117,9 @@ def test_it_arrives_where_learning_at_once_does(wind):
     places, noise = whole.process_noise()
     assert places[-1] == len(flight) - 5
     np.testing.assert_allclose(disturbance, noise[-1], atol=0.01 * noise.std(axis=0).max())
-    np.testing.assert_allclose(snapshot.model.A, whole.model.A, atol=0.5 * whole.model_sd.A.max())
-    np.testing.assert_allclose(snapshot.model.B, whole.model.B, atol=0.5 * whole.model_sd.B.max())
+    # The posterior holds X fixed; with X following, F̄ is flatter than it says (docs/engine.md).
+    np.testing.assert_allclose(snapshot.model.A, whole.model.A, atol=3 * whole.model_sd.A.max())
+    np.testing.assert_allclose(snapshot.model.B, whole.model.B, atol=3 * whole.model_sd.B.max())
     np.testing.assert_allclose(snapshot.model_sd.A, whole.model_sd.A, rtol=0.05)
     np.testing.assert_allclose(snapshot.model_sd.B, whole.model_sd.B, rtol=0.05)
 
@@ -316,6 +317,17 @@ def test_a_process_forked_while_another_thread_learns_can_learn():
         assert os.waitpid(child, 0)[1] == 0
 
 
+@pytest.mark.parametrize(("step", "said"), [(0.02, "come every 0.02 s, where dt is 0.01 s"), (-0.01, "do not go on")])
+def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step, said):
+    online = OnlineLearner(COMPLETE, dt=0.01)
+    flown(online, WINDY[:300])
+    for row in range(300, 310):
+        online.update(WINDY.time[299] + step * (row - 299), WINDY.outputs[row], WINDY.inputs[row])
+        assert (said in online.obstacle) == (row >= 304)
+    flown(online, WINDY[310:330])
+    assert online.obstacle == ""
+
+
 def test_it_forgets_and_does_not_grow():
     online = OnlineLearner(COMPLETE, dt=0.01, memory=2.0)
     flown(online, WINDY[:500])
@@ -347,7 +359,15 @@ def test_it_says_why_there_is_no_model():
         ({"settings": 3}, "settings must"),
         ({"dt": 0.0}, "dt must"),
         ({"dt": np.nan}, "dt must"),
+        ({"dt": 1e-300}, "dt must"),
+        ({"dt": "x"}, "dt must"),
         ({"n_inputs": 0}, "n_inputs"),
+        ({"n_inputs": "4"}, "n_inputs"),
+        ({"n_inputs": 1.5}, "n_inputs"),
+        ({"n_outputs": None}, "n_outputs"),
+        ({"memory": "long"}, "memory must"),
+        ({"horizons": 5}, "horizons must"),
+        ({"horizons": (1.5,)}, "horizons must"),
         ({"memory": 0.5}, "memory must"),
         ({"memory": np.inf}, "memory must"),
         ({"horizons": ()}, "horizons must"),
@@ -369,6 +389,8 @@ def test_arguments_that_cannot_be_are_named(given, said):
         (0.0, [0, np.inf], [0] * 4, "outputs"),
         (0.0, [0, 0], [0] * 3, "inputs"),
         (0.0, [0, 0], ["a"] * 4, "inputs"),
+        (0.0, [0, 1e51], [0] * 4, "outputs must not be larger"),
+        (1e60, [0, 0], [0] * 4, "time must not be larger"),
     ],
 )
 def test_samples_that_cannot_be_are_refused_and_cost_nothing(time, outputs, inputs, said):
@@ -409,3 +431,8 @@ def test_surprise_is_in_units_of_the_lowest_twentieth():
 def test_a_record_is_taken_as_it_is():
     record = Record.of(WINDY)
     assert Record.of(record) is record
+
+
+def test_an_estimate_is_shown_in_a_line(windy):
+    assert repr(windy[0]) == "<Estimate: at 0 s, no model yet>"
+    assert repr(windy[-1]).startswith("<Estimate: at 19.99 s, expected [") and len(repr(windy[-1])) < 150

@@ -11,7 +11,7 @@ from simulated import simulated
 
 from mavdem import Flight, Learned, Settings, learn
 from mavdem.dem.ascent import ascend
-from mavdem.dem.determined import undetermined, without
+from mavdem.dem.determined import Direction, undetermined, without
 from mavdem.dem.free_energy import free_energy
 from mavdem.dem.generative import Samples
 from mavdem.dem.scatter import _lagged, certainty_of, long_run_covariance, sample_slopes
@@ -148,7 +148,7 @@ def test_what_is_undetermined_is_the_vehicle_s_and_of_unit_length():
 
 
 def test_much_information_on_one_parameter_hides_no_other():
-    directions = undetermined(np.diag([1e13, 500.0, 0.5]), np.eye(3), np.ones(3, bool))
+    directions = undetermined(np.diag([1e13, 500.0, 0.5]), np.eye(3), np.ones(3, bool), (1, 1, 1))
     (one,) = directions
     np.testing.assert_allclose(np.abs(one.weights), [0, 0, 1], atol=1e-6)
     assert one.share == pytest.approx(0.5)
@@ -166,3 +166,12 @@ def test_a_level_that_is_no_probability_is_named(level):
     for interval in (learned.model_interval, lambda level: learned.forecast_band(np.full((3, 4), 1500.0), level)):
         with pytest.raises(ValueError, match="^level must"):
             interval(level)
+
+
+def test_a_direction_is_shown_by_its_heaviest_entries():
+    direction = Direction(np.array([0, 0.6, 0, 0, -0.8, 0, 0, 0]), 0.25, (2, 1, 1))
+    assert repr(direction) == "<Direction: -0.8 B[0,0] +0.6 A[0,1], data tell 0.25 of what the prior does>"
+    many = Direction(np.full(8, 8**-0.5), 0.1, (2, 1, 1))
+    assert repr(many) == (
+        "<Direction: +0.35 A[0,0] +0.35 A[0,1] +0.35 A[1,0] +0.35 A[1,1] …, data tell 0.1 of what the prior does>"
+    )
