@@ -103,13 +103,12 @@ def test_it_arrives_where_learning_at_once_does(wind):
     at_once = mavdem.learn(flight, COMPLETE)
     assert abs(at_once.free_energy[-1] - snapshot.free_energy_action) < SETTLED
     energy, disturbance = Tracker(snapshot, climber, (1,), None).judge(online._memory)
-    # Where F̄ is as good as level, a single sample's energy and the parameters still move.
-    assert energy + snapshot.energy.priors == pytest.approx(at_once.free_energy_of_samples[-1], abs=3 * SETTLED)
+    assert energy + snapshot.energy.priors == pytest.approx(at_once.free_energy_of_samples[-1], abs=SETTLED)
     places, noise = at_once.process_noise()
     assert places[-1] == len(flight) - 5
     np.testing.assert_allclose(disturbance, noise[-1], atol=0.01 * noise.std(axis=0).max())
-    np.testing.assert_allclose(snapshot.model.A, at_once.model.A, atol=at_once.model_sd.A.max())
-    np.testing.assert_allclose(snapshot.model.B, at_once.model.B, atol=at_once.model_sd.B.max())
+    np.testing.assert_allclose(snapshot.model.A, at_once.model.A, atol=0.5 * at_once.model_sd.A.max())
+    np.testing.assert_allclose(snapshot.model.B, at_once.model.B, atol=0.5 * at_once.model_sd.B.max())
 
 
 @pytest.mark.slow
