@@ -26,12 +26,6 @@ SETTLED = 0.1
 SHARES = (1.0, 0.25, 0.0625)
 """Of a Newton step, that are tried in turn."""
 
-CREEPING = 10.0
-"""Nats gained by two rounds and their extrapolation: if fewer, the Newton step may well lead further."""
-
-DAMPINGS = (0.0, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1.0)
-"""Of a Newton step, all of which are tried: along a ridge that bends, less damping leads off it and more not far."""
-
 
 @dataclass(frozen=True, eq=False)
 class Ascent:
@@ -44,7 +38,7 @@ class Ascent:
         theta, theta_sd: (I + 1, k).
         lambda_, lambda_sd: (I + 1, g).
         settled: whether next to nothing was left to climb before the iterations ran out.
-        left: nats that the curvature promised at the end, where that was the end because no step led higher; else NaN.
+        left: nats that the curvature still promised where no step led higher; NaN where the climb ended otherwise.
         flowed: (I + 1,) whether the D step followed its flow at the finite rate asked for, which must be stable and
             must not lower F̄, or took the exact limit.
     """
@@ -103,10 +97,10 @@ def ascend(
 
     After each round the covariances are set to their optimum, which also raises F̄; so F̄ᵒ is what rises. Steps in turn
     are slow where one part of the belief holds the others (X and θ, when noise is small), but steadily so: after every
-    two rounds a third starts from where their course would lead, and is kept if it ends higher. Where these creep, the
-    Newton step of θ and λ with X following says what is left: next to nothing, and the climb has settled; or more, and
-    the next round starts from where that step, damped as much as leads highest, would go. With finite rates, where the
-    gradient's own course is what was asked for, no round starts elsewhere.
+    two rounds a third starts from where their course would lead, and is kept if it ends higher. Where these no longer
+    gain anything to speak of, the Newton step of θ and λ with X following says what is left: next to nothing, and the
+    climb has settled; or more, and the next round starts from there. With finite rates, where the gradient's own course
+    is what was asked for, no round starts elsewhere.
 
     A flow of X that is unstable, or that would lower F̄, gives way to its exact limit in that round.
 
@@ -115,8 +109,7 @@ def ascend(
         samples: the data.
         iterations: rounds at most.
         rates: learning rates.
-        finish: whether what is left is looked for; else the climb ends, unsettled, where rounds no longer gain anything
-            to speak of.
+        finish: whether what is left is looked for; else the climb ends where rounds no longer gain, unsettled, sooner.
         start: where to start, if not at the priors' means: a belief about this model of other samples, say.
 
     Raises:
@@ -142,19 +135,17 @@ def ascend_by_parts(
         for place in islice(climb.rounds(places[-1]), iterations + 1 - len(places)):
             places.append(place)
             yield
-        gained = places[-1].height - height
-        if gained < SETTLED and not finish:
-            break
-        if gained < (CREEPING if finish and rates.exact else SETTLED):
+        if places[-1].height - height < SETTLED:
+            if not finish:
+                break
             left = yield from climb.left(places[-1])
             settled = left is not None and left.gain < SETTLED
             if left is None or settled or not rates.exact:
                 continue
             if len(places) <= iterations:
-                places.append((yield from climb.highest(places[-1], left)))
+                places.append(climb.towards(places[-1], left))
                 if places[-1].height - height < SETTLED:
-                    left = (yield from climb.left(places[-1])) or left
-                    settled, promised = left.gain < SETTLED, left.gain
+                    promised = left.gain
                     break
     return _ascent(places, settled, promised)
 
@@ -265,18 +256,6 @@ class Climb:
             if then is not now:
                 return then
         return now
-
-    def highest(self, now: Place, left: Newton) -> Parts[Place]:
-        """The highest round from the Newton step under one of ``DAMPINGS``, in parts; ``now`` if none leads higher."""
-        best = now
-        for damping in DAMPINGS:
-            yield
-            theta, lambda_ = left.damped(damping)
-            ahead = now.belief._replace(theta=now.belief.theta + theta, lambda_=now.belief.lambda_ + lambda_)
-            then = self.round(now, ahead)
-            if then.height > best.height:
-                best = then
-        return best
 
     def _steps(self, start: Belief, flowed: bool, known: bool) -> Place:
         """A D step, by the flow or in its exact limit, and E and M steps after it.

@@ -37,29 +37,11 @@ class Newton(NamedTuple):
     Attributes:
         theta, lambda_: (k,) and (g,), from the belief to the maximum of the quadratic that F̄ looks like there.
         gain: nats that it promises.
-        unit: (k + g,) posterior standard deviations, the units of the next three.
-        slope: (k + g,) along each mode.
-        curvature: (k + g,) along each mode, downwards or upwards alike.
-        modes: (k + g, k + g) of the curvature, one a column.
     """
 
     theta: Array
     lambda_: Array
     gain: float
-    unit: Array
-    slope: Array
-    curvature: Array
-    modes: Array
-
-    def damped(self, damping: float) -> tuple[Array, Array]:
-        """θ and λ of a step that is the shorter the flatter F̄ is along a mode (Levenberg 1944, Marquardt 1963).
-
-        Args:
-            damping: curvature that is added along every mode, in units of the posterior's own.
-        """
-        steps = self.slope / (self.curvature + damping)
-        theta, lambda_ = np.split(self.unit * (self.modes @ steps), [len(self.theta)])
-        return theta, lambda_
 
 
 def newton_step(model: GenerativeModel, samples: Samples, belief: Belief) -> Newton:
@@ -84,10 +66,9 @@ def newton_by_parts(model: GenerativeModel, samples: Samples, belief: Belief) ->
     values, modes = np.linalg.eigh((curvature + curvature.T) / 2)
     along = modes.T @ (unit * here)
     # Along a direction in which F̄ curves upwards, the same distance up as if it curved downwards.
-    curvatures = np.maximum(np.abs(values), FLATTEST)
-    steps = along / curvatures
+    steps = along / np.maximum(np.abs(values), FLATTEST)
     theta, lambda_ = np.split(unit * (modes @ steps), [len(belief.theta)])
-    return Newton(theta, lambda_, 0.5 * float(along @ steps), unit, along, curvatures, modes)
+    return Newton(theta, lambda_, 0.5 * float(along @ steps))
 
 
 def theta_curvature_of_profile(model: GenerativeModel, samples: Samples, belief: Belief) -> Array:

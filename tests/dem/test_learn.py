@@ -1,13 +1,12 @@
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 from simulated import DT, GAIN, RATE, simulated
 
-from mavdem import Flight, Learned, Settings, evaluate, learn, read_flight
+from mavdem import Flight, Learned, Settings, evaluate, learn
 from mavdem.dem.fit import fit, generalized
 from mavdem.dem.free_energy import free_energy_action
 from mavdem.dem.generative import Moments, Samples
@@ -327,13 +326,6 @@ def test_a_climb_that_its_limit_ended_is_cautioned_against_with_what_to_do():
     assert not any("iterations" in caution for caution in learn(simulated(wind=0.5)[:700]).cautions)
 
 
-def test_a_climb_along_a_ridge_that_bends_settles_and_does_not_creep():
-    """Pitch of a calm hover in wind, of which steps in turn find the maximum in no 200 rounds."""
-    flight = read_flight(Path(__file__).parents[2] / "logs" / "px4_wind5_steps.tlog", axis="pitch")
-    learned = learn(flight[4000:4700], Settings(window=25, parameter_precision=0.01))
-    assert learned.settled and len(learned.free_energy) < 100
-
-
 def test_what_was_learnt_is_shown_in_a_line():
     learned = learn(simulated()[:700], Settings(window=9, parameter_precision=1.0))
     shown = repr(replace(learned, cautions=("It rained.",)))
@@ -342,7 +334,7 @@ def test_what_was_learnt_is_shown_in_a_line():
 
 
 def test_a_climb_that_broke_off_where_no_step_led_higher_is_not_said_to_rise(monkeypatch):
-    monkeypatch.setattr("mavdem.dem.ascent.DAMPINGS", ())
+    monkeypatch.setattr("mavdem.dem.ascent.SHARES", ())
     learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0))
     assert not learned.settled
     (told,) = [caution for caution in learned.cautions if "iterations" in caution]
