@@ -37,7 +37,7 @@ class _Commands(click.Group):
     commands=[
         click.Command("info", help="Says what a log holds, and whether a model can be learnt from it."),
         click.Command("learn", help="Learns a linear model from a log and forecasts with it."),
-        click.Command("live", help="Attaches to a link, learns while the vehicle flies, and shows it."),
+        click.Command("live", help="Attaches to a link and learns while the vehicle flies."),
         click.Command("convert", help="Converts a log to another file format."),
         click.Command("fly", help="Flies a simulated quadrotor in wind."),
     ],
