@@ -69,6 +69,7 @@ def test_the_same_command_writes_the_same_bytes(tmp_path, capsys):
     assert set(read_log(flights[0]).vehicles[0].messages["ATTITUDE"]["boot"]) == {0, 1}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
 @pytest.mark.parametrize("frame", ["x", "plus"])
 def test_it_can_be_learnt_from_and_motors_are_where_they_are(speaks, frame, tmp_path, capsys):

@@ -86,6 +86,7 @@ def test_a_fast_log_is_learnt_from_for_as_long_as_a_usual_one(rate, train, test)
     assert (usual_samples(TRAIN, 1 / rate), usual_samples(TEST, 1 / rate)) == (train, test)
 
 
+@pytest.mark.slow
 def test_defaults_are_of_the_flights_rate(tmp_path, monkeypatch, capsys):
     fast = read_flight(FLIGHT)
     fast = Flight(fast.time / 4, fast.inputs, fast.outputs)

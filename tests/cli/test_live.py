@@ -99,6 +99,7 @@ class Live:
         return json.loads(out)
 
 
+@pytest.mark.slow
 def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path):
     live = Live(tmp_path, "--rrd", "f.rrd", "--record", "f.tlog")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:

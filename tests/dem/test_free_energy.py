@@ -139,6 +139,7 @@ def test_gradients_are_those_of_the_free_energy(model, seed):
     close(-precision, np.array(columns))
 
 
+@pytest.mark.slow
 @given(model=models, seed=seeds)
 @settings(max_examples=15, deadline=None)
 def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, seed):

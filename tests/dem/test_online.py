@@ -433,6 +433,7 @@ def test_a_record_is_taken_as_it_is():
     assert Record.of(record) is record
 
 
+@pytest.mark.slow
 def test_an_estimate_is_shown_in_a_line(windy):
     assert repr(windy[0]) == "<Estimate: at 0 s, no model yet>"
     assert repr(windy[-1]).startswith("<Estimate: at 19.99 s, expected [") and len(repr(windy[-1])) < 150

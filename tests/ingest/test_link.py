@@ -136,6 +136,7 @@ def test_a_server_that_goes_away_is_told_and_comes_back():
         link.close()
 
 
+@pytest.mark.slow
 def test_pauses_between_tries_become_longer():
     with socket.create_server(("127.0.0.1", 0)) as server:
         link = Link(f"tcp:127.0.0.1:{server.getsockname()[1]}")

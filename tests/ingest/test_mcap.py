@@ -533,6 +533,7 @@ def test_what_chunks_unpack_to_is_bounded(tmp_path: Path, monkeypatch: pytest.Mo
     assert sum(given) < 50 << 23
 
 
+@pytest.mark.slow
 def test_a_small_file_of_very_many_messages_is_read_as_far_as_is_sane(tmp_path: Path) -> None:
     """Each takes ten times its bytes: read whole, a file of 20 kB could take a gigabyte."""
     body = struct.pack("<HIQQ", 1, 0, NOW * 1000, NOW * 1000) + b'{"roll":1}'

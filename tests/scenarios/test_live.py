@@ -90,6 +90,7 @@ def flown(receiver: Receiver, seconds: float, speed: float, scenario: Scenario |
     return outcome, simulation
 
 
+@pytest.mark.slow
 def test_rate_and_clock():
     receiver = Receiver()
     outcome, _ = flown(receiver, 8.0, 4.0)
@@ -120,6 +121,7 @@ def test_what_is_asked_for_over_the_network():
     assert len(receiver.of("ATTITUDE")) == pytest.approx(150, abs=15)
 
 
+@pytest.mark.slow
 def test_noise_and_floods_do_not_disturb():
     random = np.random.default_rng(1)
     noise = [random.bytes(1400), bytes([0xFD]) * 2000, b"", b"\xfe"]
@@ -147,6 +149,7 @@ def test_noise_and_floods_do_not_disturb():
     assert boots[-1] - boots[0] > 5900 and len(boots) > 590
 
 
+@pytest.mark.slow
 def test_a_flood_of_questions_is_dropped_and_counted():
     question = bytes(dialect.MAVLink_param_request_read_message(1, 1, b"", 3).pack(GROUND))
     stop = threading.Event()

@@ -278,6 +278,7 @@ def test_what_is_not_known_is_left_out(tmp_path: Path) -> None:
     assert "No model yet: there are not enough samples yet." in texts(path, "TextDocument:text")[-1]
 
 
+@pytest.mark.slow
 def test_a_row_that_cannot_be_drawn_is_told_of_and_ends_nothing(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
     with LiveView(CHANNELS, [RecordingFile(path)]) as view:
@@ -312,6 +313,7 @@ class Stalled(RecordingFile):
         return super().open(recording)
 
 
+@pytest.mark.slow
 def test_a_stalled_sink_holds_up_nobody(tmp_path: Path) -> None:
     stalled, other = Stalled(tmp_path / "stalled.rrd"), RecordingFile(tmp_path / "other.rrd")
     known = estimate(20, 50.0)
@@ -406,6 +408,7 @@ class Flying:
         return sum(line.isdecimal() for line in self.printed)
 
 
+@pytest.mark.slow
 def test_a_flight_that_is_ended_or_fails_leaves_all_its_rows(tmp_path: Path) -> None:
     # All at once, since each takes a second to begin.
     signals = [signal.SIGINT, signal.SIGTERM]
@@ -445,6 +448,7 @@ def free_port() -> int:
         return int(probe.getsockname()[1])
 
 
+@pytest.mark.slow
 def test_a_viewer_that_is_not_there_delays_nothing(tmp_path: Path) -> None:
     flight = Flying(tmp_path, f"rerun+http://127.0.0.1:{free_port()}/proxy", 500)
     until(lambda: flight.rows == 500)
@@ -493,6 +497,7 @@ def until(happens, seconds: float = 10.0):
     return answer
 
 
+@pytest.mark.slow
 def test_the_server_is_reached_from_this_machine_only() -> None:
     port, page_port = free_port(), free_port()
     server = WebServer(port, page_port)
