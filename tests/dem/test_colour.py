@@ -65,6 +65,7 @@ def test_noise_that_is_white_to_the_samples_is_said_to_be():
     assert colour.smoothness < 1.0 * DT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [

@@ -383,6 +383,7 @@ def test_a_forecast_begins_from_the_last_training_input():
     np.testing.assert_allclose(pushed.forecast(ahead)[0] - learned.forecast(ahead)[0], expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_hidden_state_has_the_unit_of_the_last_output():
     learned = learn(simulated(wind=0.5)[:400], Settings(order=4, window=5, parameter_precision=1.0))
     scale = learned.scaling.output_scale

@@ -91,6 +91,7 @@ def test_a_memory_knows_its_latest_samples():
     assert memory.record().lengths == (12,) and memory.record().inputs.ravel().tolist() == list(range(128, 140))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wind", [1.0, 2.0])
 def test_it_arrives_where_learning_at_once_does(wind):
     """Where the samples stay, at the maximum; while they come, where that was a moment ago, to a few nats."""

@@ -329,6 +329,7 @@ def test_the_bridge_before(tmp_path: Path) -> None:
     assert len(vehicle_of(tmp_path, write).messages["ATTITUDE_QUATERNION"]["time"]) == len(TIMES)
 
 
+@pytest.mark.slow
 def test_several_vehicles_are_listed_and_chosen(tmp_path: Path) -> None:
     times = 20 + 0.01 * np.arange(1500)
 

@@ -83,6 +83,7 @@ def test_padding_may_be_there_or_not(tmp_path: Path) -> None:
     assert len(vehicle.messages["ATTITUDE_QUATERNION"]["time"]) == 4 and vehicle.repairs == ()
 
 
+@pytest.mark.slow
 def test_a_log_cut_off_anywhere_gives_what_came_before(tmp_path: Path) -> None:
     content = log(*flight(TIMES[:30]))
     begin = len(log())

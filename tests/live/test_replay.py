@@ -72,6 +72,7 @@ def test_only_what_is_settled_is_called_so():
     assert len(settled) == round((settled[-1] - settled[0]) / 0.01) + 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_what_comes_of_it_does_not_depend_on_how_the_bytes_are_cut(seed):
     frames = Flight().frames(end=18.0)

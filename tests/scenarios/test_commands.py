@@ -209,6 +209,7 @@ def test_what_is_meant_for_others_is_not_heard():
         assert len(heard(bytes(message.pack(GROUND)) * 3, 1, 1)) == 3
 
 
+@pytest.mark.slow
 def test_nothing_that_arrives_does_harm():
     random = np.random.default_rng(5)
     vehicle = Vehicle()
