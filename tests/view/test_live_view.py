@@ -437,8 +437,9 @@ def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path: Path
     killed.process.wait(timeout=20)
     assert killed.rows - 700 < len(drawn(tmp_path / "killed.rrd")["inputs"][0]) <= killed.rows + 1
     full.process.wait(timeout=20)
-    # On a busy machine it may be given up before it is known why.
-    assert "full.rrd takes no more" in full.printed[-1] or "full.rrd does not answer" in full.printed[-1]
+    if "full.rrd does not answer" in full.printed[-1]:
+        pytest.skip("the machine is too busy: the file was given up before it was known to be full, and not cut")
+    assert "full.rrd takes no more" in full.printed[-1]
     assert len(drawn(tmp_path / "full.rrd")["inputs"][0]) == 501
 
 
