@@ -45,6 +45,8 @@ class Sender:
         lost: messages missing by the gaps in its sequence numbers.
         parameters: the last PARAM_VALUE of each by name.
         kind, autopilot: what most of its HEARTBEATs say it is, as of ``Speaker``.
+        held: whether that stays as it is, once it is known: of a vehicle that is followed no flood of forged HEARTBEATs
+            shall make another.
     """
 
     system: int
@@ -55,6 +57,7 @@ class Sender:
     parameters: dict[bytes, Message] = field(default_factory=dict, repr=False)
     kind: str = UNNAMED
     autopilot: str = UNNAMED
+    held: bool = False
     _beats: list[tuple[int, int]] = field(default_factory=list, repr=False)
     _last: Frame | None = field(default=None, repr=False)
 
@@ -103,6 +106,8 @@ class Sender:
 
     def take_heartbeat(self, message: Message) -> None:
         """Counts what one of its HEARTBEATs says it is."""
+        if self.held and self.kind != UNNAMED:
+            return
         kind, autopilot, _ = message.values
         if len(self._beats) < ELECTORATE:
             self._beats.append((kind, autopilot))
@@ -170,7 +175,7 @@ class Senders:
                 )
 
     def _follow(self, sender: Sender) -> None:
-        self.followed = sender
+        self.followed, sender.held = sender, True
         known = f" ({sender.kind}, {sender.autopilot})" if sender.kind != UNNAMED else ""
         self._sentences.append(f"Following vehicle {sender.name}{known}.")
 

@@ -153,3 +153,15 @@ def test_ports_beyond_those_that_are_kept_are_left_out():
 def test_what_is_no_axis_and_no_input_is_refused(arguments):
     with pytest.raises(ValueError, match="must be one of"):
         LiveStream(**arguments)
+
+
+def test_a_flood_of_heartbeats_forged_under_its_own_ids_makes_the_vehicle_no_other():
+    frames = Flight().frames()
+    early = len(frames) // 5
+    forged = [message("HEARTBEAT", 1, sequence=n % 256, type=GCS, autopilot=8) for n in range(5000)]
+    made = replay([*frames[:early], *[(frames[early][0], each) for each in forged], *frames[early:]])
+    assert (
+        made.stream.status().vehicle == "1:1" and made.stream.status().verdict == replay(frames).stream.status().verdict
+    )
+    assert not any("GCS" in sentence for sentence in made.sentences)
+    np.testing.assert_array_equal(made.table(), replay(frames).table())
