@@ -86,12 +86,7 @@ LARGEST_LAMBDA = 150.0
 
 
 def ascend(
-    model: GenerativeModel,
-    samples: Samples,
-    iterations: int,
-    rates: Rates = LIMIT,
-    finish: bool = True,
-    start: Belief | None = None,
+    model: GenerativeModel, samples: Samples, iterations: int, rates: Rates = LIMIT, finish: bool = True
 ) -> Ascent:
     """Climbs F̄ for at most so many rounds of D, E and M steps.
 
@@ -110,25 +105,19 @@ def ascend(
         iterations: rounds at most.
         rates: learning rates.
         finish: whether what is left is looked for; else the climb ends where rounds no longer gain, unsettled, sooner.
-        start: where to start, if not at the priors' means: a belief about this model of other samples, say.
 
     Raises:
         numpy.linalg.LinAlgError: at the start a curvature is not negative definite.
     """
-    return at_once(ascend_by_parts(model, samples, iterations, rates, finish, start))
+    return at_once(ascend_by_parts(model, samples, iterations, rates, finish))
 
 
 def ascend_by_parts(
-    model: GenerativeModel,
-    samples: Samples,
-    iterations: int,
-    rates: Rates = LIMIT,
-    finish: bool = True,
-    start: Belief | None = None,
+    model: GenerativeModel, samples: Samples, iterations: int, rates: Rates = LIMIT, finish: bool = True
 ) -> Parts[Ascent]:
     """The same, in parts."""
     climb = Climb(model, samples, rates)
-    places = [climb.start() if start is None else climb.resumed(start)]
+    places = [climb.start()]
     settled, promised = False, np.nan
     while not settled and len(places) <= iterations:
         height = places[-1].height
