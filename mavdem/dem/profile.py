@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mavdem.dem.free_energy import Belief, state_curvature
 from mavdem.dem.generative import GenerativeModel, Moments, Samples
-from mavdem.dem.parts import Parts, at_once
+from mavdem.dem.parts import Parts
 from mavdem.dem.positive import inverse
 from mavdem.dem.steps import d_step, lambda_slope, theta_slope
 
@@ -44,17 +44,12 @@ class Newton(NamedTuple):
     gain: float
 
 
-def newton_step(model: GenerativeModel, samples: Samples, belief: Belief) -> Newton:
+def newton_by_parts(model: GenerativeModel, samples: Samples, belief: Belief) -> Parts[Newton]:
     """The step from where a climb stands; upwards also where F̄ is not concave.
 
     Raises:
         numpy.linalg.LinAlgError: F̄ cannot be had beside the belief.
     """
-    return at_once(newton_by_parts(model, samples, belief))
-
-
-def newton_by_parts(model: GenerativeModel, samples: Samples, belief: Belief) -> Parts[Newton]:
-    """The same, in parts."""
     unit = np.sqrt(np.concatenate([belief.theta_covariance.diagonal(), belief.lambda_covariance.diagonal()]))
     here = _slope(model, samples, belief, np.zeros(len(unit)))
     columns = []

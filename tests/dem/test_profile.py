@@ -9,7 +9,8 @@ from mavdem.dem.ascent import Rates, ascend, plain_rounds
 from mavdem.dem.fit import generalized, generative_model
 from mavdem.dem.free_energy import optimal_terms
 from mavdem.dem.generative import Moments, Samples
-from mavdem.dem.profile import newton_step, theta_curvature_of_profile
+from mavdem.dem.parts import at_once
+from mavdem.dem.profile import newton_by_parts, theta_curvature_of_profile
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.steps import d_step, with_optimal_precisions
@@ -54,12 +55,12 @@ def test_the_step_leads_back_and_promises_what_it_brings():
     rng = np.random.default_rng(0)
     away = 3 * np.sqrt(belief.theta_covariance.diagonal()) * rng.standard_normal(len(belief.theta))
     displaced = following(model, samples, belief, belief.theta + away)
-    step = newton_step(model, samples, with_optimal_precisions(model, displaced))
+    step = at_once(newton_by_parts(model, samples, with_optimal_precisions(model, displaced)))
     back = following(model, samples, belief, displaced.theta + step.theta)
     gained = height(model, samples, back) - height(model, samples, displaced)
     assert gained > 1
     assert step.gain == pytest.approx(gained, rel=0.1)
-    assert newton_step(model, samples, belief).gain < 0.1
+    assert at_once(newton_by_parts(model, samples, belief)).gain < 0.1
 
 
 @pytest.mark.parametrize("settings", [{}, {"order": 2, "window": 3, "output_groups": (0, 1), "state_groups": (0, 1)}])
@@ -69,7 +70,7 @@ def test_a_climb_that_says_it_has_settled_has_nothing_left(settings):
     assert finished.settled and not given_up.settled
     # Rounds that gain nothing to speak of proved little: there was more.
     assert finished.free_energy[-1] > given_up.free_energy[-1] + 0.5
-    assert newton_step(model, samples, finished.belief).gain < 0.1
+    assert at_once(newton_by_parts(model, samples, finished.belief)).gain < 0.1
 
 
 def test_a_course_that_is_extrapolated_leads_further():
