@@ -23,7 +23,7 @@ from mavdem.dem.learned import Learned
 from mavdem.dem.memory import Memory
 from mavdem.dem.model import LinearModel
 from mavdem.dem.past_errors import PastErrors, RecentErrors
-from mavdem.dem.real import real_numbers
+from mavdem.dem.real import is_number, is_whole, real_numbers
 from mavdem.dem.record import LARGEST, SHORTEST_STEP
 from mavdem.dem.settings import Settings
 from mavdem.dem.tracker import Tracker
@@ -56,7 +56,7 @@ class Estimate(NamedTuple):
         time: of the sample, s.
         expected: (m,) the sample, predicted from those before it and from its own inputs.
         expected_band: (m,) half width about it in which 90 % of the samples should lie, by past errors.
-        ahead_times: (H,) what they are about, s: the learner's horizons from here.
+        ahead_times: (H,) what the next two are about, s: the learner's horizons from here.
         ahead: (H, m) predictions of the samples then, if the inputs stay as they are.
         ahead_band: (H, m) likewise.
         seen: time to which the next three belong, s: the centre of the latest embedding window.
@@ -67,9 +67,9 @@ class Estimate(NamedTuple):
         disturbance: (n,) w, what pushes each state beside the model, in its unit per second; of a rate, rad/s².
         free_energy_action: F̄ᵒ of the memory.
         model: as it is now.
-        until: time of the last sample it was learnt from, s.
         model_sd: DEM's own posterior standard deviations of A, B and C; too small, see ``Learned.model_sd``.
         log_precisions: (g,) λ of the noises.
+        until: time of the last sample the model was learnt from, s.
     """
 
     time: float
@@ -133,16 +133,16 @@ class OnlineLearner:
         """
         if not (settings is None or isinstance(settings, Settings)):
             raise ValueError(f"settings must be a Settings, or None for the default ones, not {settings!r}")
-        if not (_number(dt) and SHORTEST_STEP <= dt <= 1 / SHORTEST_STEP):
+        if not (is_number(dt) and SHORTEST_STEP <= dt <= 1 / SHORTEST_STEP):
             raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {dt!r}")
         for name, number in (("n_inputs", n_inputs), ("n_outputs", n_outputs)):
-            if not (_whole(number) and number >= 1):
+            if not (is_whole(number) and number >= 1):
                 raise ValueError(f"{name} must be a whole number of at least 1, not {number!r}")
-        steps = isinstance(horizons, tuple | list) and len(horizons) > 0 and all(map(_whole, horizons))
+        steps = isinstance(horizons, tuple | list) and len(horizons) > 0 and all(map(is_whole, horizons))
         if not steps or horizons[0] < 1 or list(horizons) != sorted(set(horizons)):
             raise ValueError(f"horizons must be whole steps of at least 1, increasing, not {horizons!r}")
         block = max(1, round(BLOCK / dt))
-        most = round(memory / dt / block) if _number(memory) and np.isfinite(memory / dt) else 0
+        most = round(memory / dt / block) if is_number(memory) and np.isfinite(memory / dt) else 0
         if most * block < 2 * FEWEST_SAMPLES:
             raise ValueError(f"memory must be at least {2 * FEWEST_SAMPLES * dt:g} s at this dt, not {memory!r}")
         self.horizons = tuple(horizons)
@@ -210,7 +210,7 @@ class OnlineLearner:
             ValueError: they do not support one, or there is no full block of samples yet.
         """
         if not self._memory.blocks:
-            raise ValueError("there are not enough samples yet")
+            raise ValueError(TOO_FEW)
         return learn(self._memory.record(), self._settings if self._climber is None else self._climber.settings)
 
     def _checked(self, time: float, inputs: ArrayLike, outputs: ArrayLike) -> tuple[float, Array, Array]:
@@ -333,11 +333,3 @@ class OnlineLearner:
             self._climber = Climber(settings, self._memory, self._dt)
             self._climber.begin()
             self._energies = Unusual(self._most)
-
-
-def _number(value: object) -> bool:
-    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
-
-
-def _whole(value: object) -> bool:
-    return isinstance(value, int | np.integer) and not isinstance(value, bool)

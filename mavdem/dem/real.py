@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeGuard
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -20,3 +22,13 @@ def real_numbers(values: ArrayLike, name: str) -> NDArray[np.float64]:
         return np.array(array, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} must be real numbers: {error}") from None
+
+
+def is_number(value: object) -> TypeGuard[float]:
+    """Whether it is one real number, of Python's or of numpy's; ``True`` is none."""
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
+def is_whole(value: object) -> TypeGuard[int]:
+    """Whether it is one whole number, likewise, of 64 bits."""
+    return isinstance(value, int | np.integer) and not isinstance(value, bool) and abs(int(value)) < 2**63

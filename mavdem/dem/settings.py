@@ -13,6 +13,7 @@ import numpy as np
 from mavdem.dem.gaussian import Gaussian
 from mavdem.dem.json_text import json_values
 from mavdem.dem.positive import require_positive_definite
+from mavdem.dem.real import is_number, is_whole
 
 LARGEST_LOG = 100.0
 """Of a log precision: e^±100 is beyond anything measured, and far within what numbers hold."""
@@ -113,7 +114,7 @@ class Settings:
         for name in ("order", "p", "d", "window", "iterations", "seed"):
             value = getattr(self, name)
             optional = name in ("order", "d", "window")
-            _require(_whole(value) or optional and value is None, name, "a whole number", value)
+            _require(is_whole(value) or optional and value is None, name, "a whole number", value)
         for name in ("smoothness", "scaling", "prior", "correlation"):
             _require(not isinstance(getattr(self, name), np.ndarray), name, "no array", getattr(self, name))
         for name in ("last_derivative_zero", "shrink_forecasts"):
@@ -164,7 +165,7 @@ class Settings:
         numbered = groups is None or (
             isinstance(groups, tuple)
             and groups != ()
-            and all(map(_whole, groups))
+            and all(map(is_whole, groups))
             and sorted(set(groups)) == list(range(len(set(groups))))
         )
         _require(numbered, name, "group numbers that start at 0 and leave none out, or None", groups)
@@ -254,17 +255,13 @@ class Settings:
         return cls(**{**values, **gaussians})
 
 
-def _whole(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**63
-
-
 def _finite(value: object) -> bool:
     """Whether it is a log precision that arithmetic can bear."""
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_LOG
+    return is_number(value) and abs(value) <= LARGEST_LOG
 
 
 def _positive(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and SMALLEST <= value <= 1 / SMALLEST
+    return is_number(value) and SMALLEST <= value <= 1 / SMALLEST
 
 
 _LIKE: dict[Callable[[object], bool], str] = {

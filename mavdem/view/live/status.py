@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from math import isfinite
 
+from mavdem.dem.online import TOO_FEW
 from mavdem.view.live.row import Channels, Row, Status
 
 
@@ -41,7 +42,7 @@ READING = (
 
 def _learning(status: Status, row: Row | None) -> str:
     if row is None or row.estimate is None or row.estimate.model is None:
-        return f"No model yet: {status.obstacle or 'there are not enough samples yet'}."
+        return f"No model yet: {status.obstacle or TOO_FEW}."
     age = max(0.0, row.estimate.time - row.estimate.until)
     learnt = f"The model was learnt up to {age:.1f} s ago"
     return f"{learnt}; {status.obstacle}." if status.obstacle else f"{learnt}."
