@@ -72,9 +72,6 @@ class Shown(Protocol):
     def log(self, text: str) -> None:
         """Shows a sentence."""
 
-    def standing(self, standing: Standing) -> None:
-        """Shows how things stand."""
-
 
 @dataclass
 class Attached:
@@ -85,6 +82,7 @@ class Attached:
         stream: of one vehicle.
         settings: of the learner.
         show: makes who is shown it, once it is known what the rows are.
+        tell: is told once a second how things stand.
         say: is told every sentence.
         executor: of whole learnings.
         recording: of the raw stream; ``None`` for none.
@@ -97,6 +95,7 @@ class Attached:
     stream: LiveStream
     settings: Settings
     show: Callable[[Setup], Shown]
+    tell: Callable[[Standing], None]
     say: Callable[[str], None]
     executor: Executor | None = None
     recording: RawRecording | None = None
@@ -229,8 +228,7 @@ class Attached:
 
     def _tell(self) -> None:
         standing = self.standing
-        if self._shown is not None:
-            self._shown.standing(standing)
+        self.tell(standing)
         if standing.obstacle != self._obstacle:
             self._obstacle = standing.obstacle
             self._log(

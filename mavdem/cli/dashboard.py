@@ -7,13 +7,10 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 import click
-import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.attached import Standing
 from mavdem.cli.output import say_aside
 from mavdem.cli.signals import ending_at_once
-from mavdem.dem import Estimate, Learned
 from mavdem.dem.online import HORIZONS
 from mavdem.errors import Unreadable
 from mavdem.live import Setup
@@ -21,15 +18,9 @@ from mavdem.live import Setup
 if TYPE_CHECKING:
     from mavdem.view.live import LiveView
 
-Array = NDArray[np.float64]
-
 
 class Dashboard:
-    """Where a live flight is shown, and recorded as pictures; without a screen and anywhere else, nowhere.
-
-    Attributes:
-        opened: whether there was something to show.
-    """
+    """Where a live flight is shown, and recorded as pictures; without a screen and anywhere else, nowhere."""
 
     def __init__(self, link: str, axis: str, rrd: Path | None, serve: bool, connect: str | None) -> None:
         """Takes the link's name, the axis, and where to show it.
@@ -46,7 +37,6 @@ class Dashboard:
         self._view: LiveView | None = None
         self._troubles: list[str] = []
         self._sinks = []
-        self.opened = False
         self._where = ""
         if rrd is None and not serve and connect is None and not has_screen():
             self._where = "There is no screen here: --rrd FILE records, --serve shows it in a browser of this machine."
@@ -61,12 +51,17 @@ class Dashboard:
             if isinstance(sink, WebServer):
                 self._where = f"Open {sink.page} in a browser."
 
+    @property
+    def opened(self) -> bool:
+        """Whether there was something to show."""
+        return self._view is not None
+
     def say_where(self) -> None:
         """Says where to look, where that does not show."""
         if self._where:
             say_aside(self._where)
 
-    def open(self, setup: Setup) -> Dashboard:
+    def open(self, setup: Setup) -> LiveView:
         """Begins to show rows of a setup."""
         from mavdem.view.live import Channels, LiveView
 
@@ -86,32 +81,14 @@ class Dashboard:
             raise Unreadable(
                 f"The pictures cannot be recorded ({error.strerror or error}): name another file."
             ) from None
-        self.opened = True
-        return self
+        return self._view
 
-    def put(
-        self,
-        time: float,
-        segment: int,
-        outputs: Array,
-        inputs: Array,
-        estimate: Estimate | None = None,
-        learned: Learned | None = None,
-    ) -> None:
-        """Shows a row."""
-        assert self._view is not None
-        self._view.put(time, segment, outputs, inputs, estimate, learned)
-
-    def log(self, text: str) -> None:
-        """Shows a sentence."""
-        assert self._view is not None
-        self._view.log(text)
-
-    def standing(self, standing: Standing) -> None:
+    def tell(self, standing: Standing) -> None:
         """Shows how things stand, and says what is wrong with the showing."""
         from mavdem.view.live import Status
 
-        assert self._view is not None
+        if self._view is None:
+            return
         rates, (median, _) = standing.rates, standing.latency
         self._view.status(Status(rates, standing.lost, median, sum(standing.samples), standing.obstacle))
         for trouble in self._view.troubles:

@@ -107,7 +107,8 @@ def live(
         if hasattr(os, "nice"):
             # Whole learnings may take their time; samples may not wait for a core.
             executor.submit(os.nice, LOW_PRIORITY)
-        attached = Attached(opened, stream, Settings(), dashboard.open, say_aside, executor, recording, request_rate)
+        show, tell = dashboard.open, dashboard.tell
+        attached = Attached(opened, stream, Settings(), show, tell, say_aside, executor, recording, request_rate)
         ends.callback(attached.end)
         dashboard.say_where()
         say_aside(f"Listening on {link}; Ctrl-C ends it.")

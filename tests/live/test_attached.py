@@ -68,9 +68,6 @@ class Screen:
     def log(self, text: str) -> None:
         self.sentences.append(text)
 
-    def standing(self, standing: Standing) -> None:
-        self.standings.append(standing)
-
 
 def batches(seconds: float, start: float = 0.0) -> list[list[tuple[float, bytes]]]:
     """The recorded frames of so many seconds, those of each twentieth of a second together; all before them first."""
@@ -86,7 +83,8 @@ def batches(seconds: float, start: float = 0.0) -> list[list[tuple[float, bytes]
 def attached(script: list[Any], **options: Any) -> tuple[Attached, Screen, list[str]]:
     screen, said = Screen(), []
     link = ScriptedLink(script)
-    made = Attached(link, LiveStream(), COMPLETE, screen.open, said.append, **options)  # type: ignore[arg-type]
+    shown = screen.open, screen.standings.append
+    made = Attached(link, LiveStream(), COMPLETE, *shown, said.append, **options)  # type: ignore[arg-type]
     return made, screen, said
 
 

@@ -66,11 +66,12 @@ class Nobody:
 
     def log(self, text: str) -> None: ...
 
-    def standing(self, standing: object) -> None: ...
-
 
 def nobody(setup: Setup) -> Nobody:
     return Nobody()
+
+
+def silence(_: object) -> None: ...
 
 
 def over_udp(rate: float) -> str:
@@ -78,7 +79,7 @@ def over_udp(rate: float) -> str:
     sender = multiprocessing.get_context("spawn").Process(target=send, args=(rate,))
     with pool(1) as executor:
         executor.submit(os.nice, 10)  # as mavdem live has it
-        attached = Attached(link, LiveStream(), Settings(), nobody, lambda _: None, executor)
+        attached = Attached(link, LiveStream(), Settings(), nobody, silence, silence, executor)
         sender.start()
         while attached.standing.vehicle is None:
             attached.step()
@@ -110,7 +111,7 @@ class Recorded:
 
 def for_long(minutes: float) -> str:
     link = Recorded(minutes)
-    attached = Attached(link, LiveStream(), Settings(), nobody, lambda _: None)  # type: ignore[arg-type]
+    attached = Attached(link, LiveStream(), Settings(), nobody, silence, silence)  # type: ignore[arg-type]
     marks, began = [], time.monotonic()
     while not link.done:
         attached.step(0.0)
