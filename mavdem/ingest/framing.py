@@ -108,6 +108,18 @@ def find_frames(
             progress(end / max(size, 1))
 
 
+def find_in_pieces(data: Bytes, ends: Places, seeds: NDArray[np.int32]) -> tuple[Frames, Places]:
+    """Every frame in a stream that came in pieces, and the number of the piece that each begins in.
+
+    Args:
+        data: (size,) the pieces, one behind the other.
+        ends: (P,) where each piece ends in them.
+        seeds: as of ``find_frames``.
+    """
+    frames = concatenated(list(find_frames(data, seeds)))
+    return frames, np.searchsorted(ends, frames.start, side="right")
+
+
 class _Block:
     """The candidates that begin in one block of the bytes: markers with incompatibility flags this reader knows.
 

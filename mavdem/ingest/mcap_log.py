@@ -26,7 +26,7 @@ from mavdem.ingest.census import Census
 from mavdem.ingest.compose import Sender
 from mavdem.ingest.decode import seeds
 from mavdem.ingest.files import file_bytes
-from mavdem.ingest.framing import GOOD, MARKER_1, MARKER_2, Frames, Progress, concatenated, find_frames
+from mavdem.ingest.framing import GOOD, MARKER_1, MARKER_2, Frames, Progress, find_in_pieces
 from mavdem.ingest.json_topics import JsonTopics, Kind
 from mavdem.ingest.log import Log
 from mavdem.ingest.mcap_records import Channel, Message, Recording, listed
@@ -159,8 +159,7 @@ class _Carried:
     def found(self) -> tuple[Part, int]:
         """The frames, and the number of bytes that belong to none."""
         data = np.frombuffer(self.content, dtype=np.uint8)
-        frames = concatenated(list(find_frames(data, seeds())))
-        holding = np.searchsorted(np.array(self.ends), frames.start, side="right")
+        frames, holding = find_in_pieces(data, np.array(self.ends), seeds())
         places, times = np.array(self.places), np.array(self.log_times)
         skipped = len(data) - int((frames.end - frames.start).sum())
         return Part(data, frames, places[holding], times[holding]), skipped

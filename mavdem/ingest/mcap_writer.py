@@ -22,6 +22,8 @@ from mavdem.ingest.framing import GOOD
 from mavdem.ingest.stream import Stream
 
 RAW_TOPIC, RAW_ENCODING = "mavlink/raw", "mavlink"
+CHUNK = 1 << 20
+"""Bytes that are compressed together unless told otherwise."""
 BATCH = 1 << 13
 """Frames whose JSON is held at a time."""
 LATEST = 2**64 // 1000 - 1
@@ -39,8 +41,8 @@ def write_mcap(file: BinaryIO, stream: Stream) -> int:
         file: open for writing.
         stream: what to write; messages that could not be made a frame of are left out.
     """
-    writer = _started(file)
-    raw = writer.register_channel(RAW_TOPIC, RAW_ENCODING, schema_id=0)
+    writer = started(file)
+    raw = raw_channel(writer)
     channels: dict[str, int] = {}
     frames = stream.stamped_frames()
     rows = np.flatnonzero(stream.frames.end > stream.frames.start)
@@ -51,11 +53,11 @@ def write_mcap(file: BinaryIO, stream: Stream) -> int:
         for row, (topic, body) in zip(batch.tolist(), _bodies(stream, batch), strict=True):
             stamp, frame = next(frames)
             last = stamp if stamp <= LATEST else last
-            _write(writer, raw, last * 1000, frame)
+            write_message(writer, raw, last * 1000, frame)
             if topic is not None:
                 if topic not in channels:
                     channels[topic] = _registered(writer, topic, _schema(stream, row))
-                _write(writer, channels[topic], last * 1000, json.dumps(body).encode())
+                write_message(writer, channels[topic], last * 1000, json.dumps(body).encode())
     writer.finish()  # type: ignore[no-untyped-call]
     return len(rows)
 
@@ -67,7 +69,7 @@ def write_series(file: BinaryIO, series: Mapping[str, Series]) -> None:
         file: open for writing.
         series: by topic, the times (T,), s from 0 on, and the columns (T,) by name; what is not finite becomes null.
     """
-    writer = _started(file)
+    writer = started(file)
     queue: list[tuple[float, int, dict[str, Any]]] = []
     for topic, (time, named) in series.items():
         channel = _registered(writer, topic, _object({name: {"type": "number"} for name in named}))
@@ -77,24 +79,31 @@ def write_series(file: BinaryIO, series: Mapping[str, Series]) -> None:
             for at, row in zip(time.tolist(), zip(*values, strict=True), strict=True)
         ]
     for at, channel, body in sorted(queue, key=lambda entry: entry[0]):
-        _write(writer, channel, round(at * 1e9), json.dumps(body).encode())
+        write_message(writer, channel, round(at * 1e9), json.dumps(body).encode())
     writer.finish()  # type: ignore[no-untyped-call]
 
 
-def _started(file: BinaryIO) -> Writer:
-    writer = Writer(file)
+def started(file: BinaryIO, chunk: int = CHUNK) -> Writer:
+    """A writer of messages, which it hands to the file in chunks of so many bytes; ``finish`` ends it."""
+    writer = Writer(file, chunk_size=chunk)
     writer.start(library="mavdem")
     return writer
+
+
+def raw_channel(writer: Writer) -> int:
+    """A new channel of frames."""
+    return writer.register_channel(RAW_TOPIC, RAW_ENCODING, schema_id=0)
+
+
+def write_message(writer: Writer, channel: int, time: int, data: bytes) -> None:
+    """Writes a message of a channel, at a time in ns."""
+    writer.add_message(channel, log_time=time, data=data, publish_time=time)
 
 
 def _registered(writer: Writer, topic: str, schema: Mapping[str, Any]) -> int:
     """A new JSON channel; a viewer plots what its schema names."""
     number = writer.register_schema(topic.replace("/", "."), "jsonschema", json.dumps(schema).encode())
     return writer.register_channel(topic, "json", number)
-
-
-def _write(writer: Writer, channel: int, time: int, data: bytes) -> None:
-    writer.add_message(channel, log_time=time, data=data, publish_time=time)
 
 
 def _bodies(stream: Stream, rows: NDArray[np.int64]) -> list[tuple[str | None, dict[str, Any]]]:

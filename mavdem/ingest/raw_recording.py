@@ -7,18 +7,17 @@ be kept whatever happens next. A telemetry log may be cut off anywhere; of an MC
 from __future__ import annotations
 
 import os
-import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import BinaryIO, Protocol
 
 import numpy as np
-from mcap.writer import Writer
 
 from mavdem.errors import Unreadable
 from mavdem.ingest.decode import seeds
-from mavdem.ingest.framing import LONGEST_FRAME, find_frames
-from mavdem.ingest.mcap_writer import RAW_ENCODING, RAW_TOPIC
+from mavdem.ingest.framing import LONGEST_FRAME, find_in_pieces
+from mavdem.ingest.mcap_writer import raw_channel, started, write_message
+from mavdem.ingest.tlog_writer import write_stamped
 
 EVERY = 0.5
 """Seconds of received bytes that are written together: looking for frames has a cost for each time."""
@@ -30,7 +29,7 @@ Frame = tuple[int, bytes]
 
 
 class _Form(Protocol):
-    def write(self, frames: Sequence[Frame]) -> None: ...
+    def write(self, frames: Iterable[Frame]) -> None: ...
 
     def close(self) -> None: ...
 
@@ -99,20 +98,14 @@ class RawRecording:
     def _write(self, last: bool) -> None:
         content = b"".join(data for _, data in self._pieces)
         ends = np.cumsum([len(data) for _, data in self._pieces])
-        tables = list(find_frames(np.frombuffer(content, dtype=np.uint8), seeds())) if content else []
-        starts, stops = (
-            np.concatenate([getattr(table, name) for table in tables] or [np.zeros(0, dtype=np.int64)])
-            for name in ("start", "end")
-        )
+        frames, pieces = find_in_pieces(np.frombuffer(content, dtype=np.uint8), ends, seeds())
         settled = len(content)
         if not last:
-            # A frame may still be on its way; one that was found may turn out to be the inside of it.
-            settled = max(int(stops.max(initial=0)), len(content) - LONGEST_FRAME)
-        taken = stops <= settled
-        holding = np.searchsorted(ends, starts[taken], side="right")
-        stamps = [round(self._pieces[piece][0] * 1e6) for piece in holding.tolist()]
-        found = [content[a:b] for a, b in zip(starts[taken].tolist(), stops[taken].tolist(), strict=True)]
-        self._form.write(list(zip(stamps, found, strict=True)))
+            # A frame may still be on its way.
+            settled = max(int(frames.end.max(initial=0)), len(content) - LONGEST_FRAME)
+        stamps = (round(self._pieces[piece][0] * 1e6) for piece in pieces.tolist())
+        found = [content[a:b] for a, b in zip(frames.start.tolist(), frames.end.tolist(), strict=True)]
+        self._form.write(zip(stamps, found, strict=True))
         self._file.flush()
         self.frames += len(found)
         self.bytes_skipped += settled - sum(map(len, found))
@@ -124,21 +117,20 @@ class _Tlog:
     def __init__(self, file: BinaryIO) -> None:
         self._file = file
 
-    def write(self, frames: Sequence[Frame]) -> None:
-        self._file.write(b"".join(struct.pack(">Q", stamp) + frame for stamp, frame in frames))
+    def write(self, frames: Iterable[Frame]) -> None:
+        write_stamped(self._file, frames)
 
     def close(self) -> None: ...
 
 
 class _Mcap:
     def __init__(self, file: BinaryIO) -> None:
-        self._writer = Writer(file, chunk_size=CHUNK)
-        self._writer.start(library="mavdem")
-        self._channel = self._writer.register_channel(RAW_TOPIC, RAW_ENCODING, schema_id=0)
+        self._writer = started(file, CHUNK)
+        self._channel = raw_channel(self._writer)
 
-    def write(self, frames: Sequence[Frame]) -> None:
+    def write(self, frames: Iterable[Frame]) -> None:
         for stamp, frame in frames:
-            self._writer.add_message(self._channel, log_time=stamp * 1000, data=frame, publish_time=stamp * 1000)
+            write_message(self._writer, self._channel, stamp * 1000, frame)
 
     def close(self) -> None:
         self._writer.finish()  # type: ignore[no-untyped-call]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterable
 from typing import BinaryIO
 
 from mavdem.ingest.stream import Stream
@@ -15,8 +16,13 @@ def write_tlog(file: BinaryIO, stream: Stream) -> int:
         file: open for writing.
         stream: what to write; messages that could not be made a frame of are left out.
     """
+    return write_stamped(file, stream.stamped_frames())
+
+
+def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
+    """Writes frames, each with its UNIX microseconds, and answers how many there were."""
     count = 0
-    for stamp, frame in stream.stamped_frames():
+    for stamp, frame in frames:
         file.write(struct.pack(">Q", stamp) + frame)
         count += 1
     return count
