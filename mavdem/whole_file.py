@@ -75,8 +75,9 @@ def replaceable(path: str | os.PathLike[str]) -> Path:
     if not stat.S_ISREG(mode):
         # A device must not be replaced.
         raise FileExistsError(None, "it is there and no plain file", str(path))
-    if not place.parent.is_dir():
-        raise FileNotFoundError(None, f"there is no folder {place.parent}", str(path))
+    for folder in (Path(path).parent, place.parent):
+        if not folder.is_dir():
+            raise FileNotFoundError(None, f"there is no folder {folder}", str(path))
     if not os.access(place.parent, os.W_OK | os.X_OK):
         raise PermissionError(None, f"the folder {place.parent} is not writable", str(path))
     return place

@@ -13,6 +13,7 @@ from typing import Any
 import click
 import numpy as np
 
+from mavdem.cli.new_file import check_file, writing
 from mavdem.cli.output import print_json, printable, progress, say, say_aside
 from mavdem.cli.scenario_file import in_toml
 from mavdem.cli.scenario_text import in_words
@@ -179,10 +180,10 @@ def _describe(named: str, scenario: Scenario, as_json: bool) -> None:
 
 
 def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None) -> dict[str, Any]:
-    _check(out, "--out", tuple(STREAMS))
+    check_file(out, "--out", tuple(STREAMS))
     truth = None if out is None else out.with_suffix(".truth.npz")
-    _check(truth, "--out", (".npz",))
-    _check(rrd, "--rrd", (".rrd",))
+    check_file(truth, "--out", (".npz",))
+    check_file(rrd, "--rrd", (".rrd",))
     # The log appears last, when all that goes with it is there.
     files = [path for path in (truth, rrd, out) if path is not None]
     if len({replaceable(path) for path in files}) < len(files):
@@ -191,12 +192,12 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     with _in_a_sentence(), progress(f"Flying {name}") as done:
         motion = fly_through(scenario, done)
     told: dict[str, Any] = {}
-    with _telling(files), whole_files(*files) as unfinished, progress("Writing", measured=False):
+    with writing(*files), whole_files(*files) as unfinished, progress("Writing", measured=False):
         place = dict(zip(files, unfinished, strict=True))
         if out is not None and truth is not None:
             stream = recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None)
-            with place[out].open("wb") as writing:
-                told |= {"out": str(out), "frames": STREAMS[out.suffix.lower()](writing, stream), "truth": str(truth)}
+            with place[out].open("wb") as file:
+                told |= {"out": str(out), "frames": STREAMS[out.suffix.lower()](file, stream), "truth": str(truth)}
             write_truth(place[truth], scenario, motion)
         if rrd is not None:
             _write_rrd(place[rrd], name, scenario, motion)
@@ -222,16 +223,6 @@ def _in_a_sentence() -> Iterator[None]:
         raise click.UsageError(f"{str(error)[:1].upper()}{str(error)[1:]}.") from error
 
 
-@contextmanager
-def _telling(files: list[Path]) -> Iterator[None]:
-    """What is in the way of files that are to be written."""
-    try:
-        yield
-    except OSError as error:
-        told = " or ".join(str(path) for path in files)
-        raise Unreadable(f"{told} cannot be written ({error.strerror or error}): name another file.") from None
-
-
 def _say_cautions(holding: Holding) -> dict[str, Any]:
     cautions = holding.cautions()
     for caution in cautions:
@@ -247,16 +238,6 @@ def _write_rrd(path: Path, name: str, scenario: Scenario, motion: Motion) -> Non
     rotors = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
     shown = {field.name: getattr(motion, field.name) for field in fields(Pose) if field.name != "rotors"}
     write_pose(path, name, Pose(**shown, rotors=np.column_stack([rotors.forward, rotors.right])))
-
-
-def _check(path: Path | None, option: str, kinds: tuple[str, ...]) -> None:
-    """Refuses, before the flight, what could not be written after it."""
-    if path is None:
-        return
-    if path.suffix.lower() not in kinds:
-        raise click.BadParameter(f"{path} must end in {' or '.join(kinds)}.", param_hint=option)
-    with _telling([path]):
-        replaceable(path)
 
 
 def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, Any]:

@@ -15,11 +15,12 @@ import click
 
 from mavdem.attached import Attached, Standing
 from mavdem.cli.dashboard import Dashboard
+from mavdem.cli.new_file import check_file, writing
 from mavdem.cli.output import print_json, printable, say_aside
-from mavdem.cli.source import no_option
+from mavdem.cli.source import motion_options, no_option
+from mavdem.convert import STREAMS
 from mavdem.dem import Settings
 from mavdem.dem.workers import pool
-from mavdem.errors import Unreadable
 from mavdem.ingest.link import Link
 from mavdem.ingest.raw_recording import RawRecording
 from mavdem.live import LiveStream
@@ -33,18 +34,7 @@ TELL_EVERY = 5.0
 
 @click.command()
 @click.argument("link")
-@click.option("--axis", type=click.Choice(["roll", "pitch"]), default="roll", show_default=True)
-@click.option(
-    "--vehicle",
-    metavar="SYSTEM[:COMPONENT]",
-    callback=no_option,
-    help="Which vehicle, where several speak on the link.",
-)
-@click.option(
-    "--inputs",
-    type=click.Choice(["motors", "demand"]),
-    help="What drives the axis. [default: motors, or the demand where only that comes fast enough]",
-)
+@motion_options
 @click.option("--rrd", type=click.Path(path_type=Path), callback=no_option, help="Rerun recording to write.")
 @click.option("--serve", is_flag=True, help="Show it to browsers of this machine.")
 @click.option("--connect", metavar="URL", callback=no_option, help="Show it in a Rerun viewer that listens there.")
@@ -64,12 +54,12 @@ TELL_EVERY = 5.0
     help="Ask the vehicle for attitude and motor outputs at this rate. Without it nothing is ever sent.",
 )
 @click.option("--duration", type=click.FloatRange(0, min_open=True), help="Seconds after which to end.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON document at the end and nothing else.")
 def live(
     link: str,
     axis: str,
     vehicle: str | None,
     inputs: str | None,
+    as_json: bool,
     rrd: Path | None,
     serve: bool,
     connect: str | None,
@@ -77,7 +67,6 @@ def live(
     model: Path | None,
     request_rate: float | None,
     duration: float | None,
-    as_json: bool,
 ) -> None:
     """Attaches to a link and learns while the vehicle flies.
 
@@ -125,21 +114,11 @@ def live(
 
 def _checked(rrd: Path | None, record: Path | None, model: Path | None) -> Path | None:
     """Refuses, before the flight, what could not be written after it; answers where the model goes."""
+    check_file(rrd, "--rrd", (".rrd",))
+    check_file(record, "--record", tuple(STREAMS))
     beside = rrd or record
     kept = model or (None if beside is None else beside.with_suffix(".model.json"))
-    for option, path, endings in (
-        ("--rrd", rrd, (".rrd",)),
-        ("--record", record, (".tlog", ".mcap")),
-        ("--model", kept, (".json",)),
-    ):
-        if path is None:
-            continue
-        if path.suffix.lower() not in endings:
-            raise click.BadParameter(f"{path} must end in {' or '.join(endings)}.", param_hint=option)
-        if not path.parent.is_dir():
-            raise click.BadParameter(f"there is no folder {path.parent}.", param_hint=option)
-        if path.is_dir() or not os.access(path.parent, os.W_OK | os.X_OK):
-            raise Unreadable(f"{path} cannot be written: name another file.")
+    check_file(kept, "--model", (".json",))
     return kept
 
 
@@ -153,13 +132,11 @@ def _keep_model(attached: Attached, path: Path | None) -> str | None:
         return None
     try:
         text = attached.learner.learn_now().to_json()
-        with whole_file(path) as file:
-            file.write(text.encode() + b"\n")
     except ValueError as error:
         say_aside(f"There is no model: {error}.")
         return None
-    except OSError as error:
-        raise Unreadable(f"{path} cannot be written ({error.strerror or error}): name another file.") from None
+    with writing(path), whole_file(path) as file:
+        file.write(text.encode() + b"\n")
     say_aside(f"Kept the model in {printable(path)}.")
     return str(path)
 

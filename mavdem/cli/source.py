@@ -1,4 +1,4 @@
-"""SOURCE and the options that choose what is looked at in it, the same for every command."""
+"""SOURCE, and the options that choose what is looked at in it or in what a link brings: the same for every command."""
 
 from __future__ import annotations
 
@@ -42,27 +42,31 @@ def _vehicle(context: click.Context, parameter: click.Parameter, value: str | No
     return value
 
 
-def source_options(command: Command) -> Command:
-    """Adds SOURCE, --axis, --vehicle, --inputs and --json to a command."""
+def motion_options(command: Command) -> Command:
+    """Adds --axis, --vehicle, --inputs and --json to a command: what is looked at, and how it is told."""
     for decorate in (
         click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."),
         click.option(
             "--inputs",
             type=click.Choice(["motors", "demand"]),
             help="What drives the axis: the motors' outputs, or what the controller asked of it before the mixer. "
-            "[default: motors, or the demand where only that is recorded fast enough]",
+            "[default: motors, or the demand where only that comes fast enough]",
         ),
         click.option(
             "--vehicle",
             metavar="SYSTEM[:COMPONENT]",
             callback=_vehicle,
-            help="Which vehicle, where the log holds several.",
+            help="Which vehicle, where there are several.",
         ),
         click.option("--axis", type=click.Choice(["roll", "pitch"]), default="roll", show_default=True),
-        click.argument("source", type=click.Path()),
     ):
         command = decorate(command)
     return command
+
+
+def source_options(command: Command) -> Command:
+    """Adds SOURCE and the same options to a command."""
+    return click.argument("source", type=click.Path())(motion_options(command))
 
 
 def read_source(source: str) -> Log:

@@ -55,6 +55,9 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["udpin:127.0.0.1:0", "--connect", "nowhere"], "--connect"),
         (["udpin:127.0.0.1:0", "--request-rate", "0"], "--request-rate"),
         (["udpin:127.0.0.1:0", "--axis", "yaw"], "--axis"),
+        (["udpin:127.0.0.1:0", "--vehicle", "one"], "'one' is no vehicle"),
+        (["udpin:127.0.0.1:0", "--vehicle", "1:1:1"], "system and component as in 1:1"),
+        (["udpin:127.0.0.1:0", "--rrd", ""], "must end in .rrd"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(words, said, capsys, tmp_path, monkeypatch):
