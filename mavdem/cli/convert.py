@@ -7,7 +7,7 @@ import os
 import click
 
 from mavdem.cli.output import print_json, printable, progress, say
-from mavdem.cli.source import no_option, source_options
+from mavdem.cli.source import no_option, refuse_link, source_options
 from mavdem.convert import convert as convert_file
 
 
@@ -27,6 +27,7 @@ def convert(source: str, out: str, axis: str, vehicle: str | None, inputs: str |
       mavdem convert flight.tlog flight.mcap
       mavdem convert flight.mcap roll.csv --axis roll
     """
+    refuse_link(source)
     if not os.path.isdir(os.path.dirname(out) or "."):
         raise click.BadParameter(f"there is no folder {os.path.dirname(out)}.", param_hint="OUT")
     try:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 from collections.abc import Callable
 from typing import Any, TypeVar
 
@@ -69,13 +70,23 @@ def source_options(command: Command) -> Command:
     return click.argument("source", type=click.Path())(motion_options(command))
 
 
+def refuse_link(source: str) -> None:
+    """Refuses a link in the place of a log.
+
+    Raises:
+        Unreadable: SOURCE is a link.
+    """
+    if LINK.match(source) and not os.path.isfile(source):
+        attach = shlex.join(["mavdem", "live", source])
+        raise Unreadable(f"{source} is a MAVLink link, and only logs are read here: attach to it with `{attach}`.")
+
+
 def read_source(source: str) -> Log:
     """The log that SOURCE names.
 
     Raises:
         Unreadable: it is a link, or ``mavdem.ingest.read_log`` says so.
     """
-    if LINK.match(source) and not os.path.isfile(source):
-        raise Unreadable(f"{source} is a MAVLink link, and this version reads files only: record a log and name that.")
+    refuse_link(source)
     with progress(f"Reading {source}") as done:
         return read_log(source, done)

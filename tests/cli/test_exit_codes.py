@@ -71,7 +71,12 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["info"], "SOURCE"),
         (["infos"], "infos"),
         (["--colour"], "--colour"),
-        (["info", "udpin:127.0.0.1:14550"], "link"),
+        (
+            ["info", "udpin:127.0.0.1:14550"],
+            "a MAVLink link, and only logs are read here: attach to it with `mavdem live udpin:",
+        ),
+        (["learn", "/dev/ttyACM0,115200", "--out", "x"], "`mavdem live /dev/ttyACM0,115200`"),
+        (["convert", "tcp:127.0.0.1:5760", "x.mcap"], "`mavdem live tcp:127.0.0.1:5760`"),
     ],
 )
 def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, capsys):
