@@ -60,7 +60,7 @@ def test_the_engine_knows_arrays_and_itself_only(path):
 
 
 LAYERS = (
-    {"errors", "telemetry", "flight", "intervals", "whole_file"},
+    {"errors", "telemetry", "flight", "intervals", "euler", "whole_file"},
     {"ingest"},
     {"phases"},
     {"align"},

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.euler import roll_and_pitch
 from mavdem.ingest.decode import enum_name
 from mavdem.ingest.geometry import Layout, layout, of_demand
 from mavdem.ingest.scale import Scale, recognise
@@ -112,7 +113,10 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
     if message is None:
         return None
     columns = telemetry.messages[message]
-    roll, pitch = _euler(columns) if message == "ATTITUDE_QUATERNION" else _columns(columns, "roll", "pitch")
+    if message == "ATTITUDE_QUATERNION":
+        roll, pitch = roll_and_pitch(np.column_stack(_columns(columns, "q1", "q2", "q3", "q4")))
+    else:
+        roll, pitch = _columns(columns, "roll", "pitch")
     p, q, r = _columns(columns, "rollspeed", "pitchspeed", "yawspeed")
     most = zip((roll, pitch, p, q, r), (TURN, TURN, FASTEST, FASTEST, FASTEST), strict=True)
     impossible = np.any([np.isfinite(values) & (np.abs(values) > limit) for values, limit in most], axis=0)
@@ -285,15 +289,6 @@ def _onto(main: _Bank, bank: _Bank, values: NDArray[np.float64]) -> NDArray[np.f
         if there.any():
             moved[here] = np.interp(main.time[here], bank.time[there], values[there])
     return moved
-
-
-def _euler(columns: Columns) -> list[NDArray[np.float64]]:
-    """Roll and pitch of the quaternion q1 + q2 i + q3 j + q4 k (body to north-east-down, Z-Y-X order)."""
-    w, x, y, z = _columns(columns, "q1", "q2", "q3", "q4")
-    return [
-        np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
-        np.arcsin(np.clip(2 * (w * y - z * x), -1, 1)),
-    ]
 
 
 def _fastest(telemetry: Telemetry, preferred: tuple[str, ...]) -> str | None:

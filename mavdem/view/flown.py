@@ -10,6 +10,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from mavdem.euler import roll_and_pitch
 from mavdem.view import lines
 from mavdem.view.lines import FLIGHT_TIME, Line
 from mavdem.view.pose import Array, Pose
@@ -96,8 +97,7 @@ def _several(names: str, table: Array) -> list[tuple[str, lines.Colour, float, A
 
 def _roll(attitude: Array) -> Array:
     """(N,) degrees, of unit quaternions (N, 4)."""
-    w, x, y, z = attitude.T
-    return np.asarray(np.degrees(np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))))
+    return np.degrees(roll_and_pitch(attitude)[0])
 
 
 def _blueprint(pose: Pose, plots: list[_Plot]) -> rrb.Blueprint:
