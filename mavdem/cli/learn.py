@@ -12,6 +12,7 @@ import click
 from click.core import ParameterSource
 
 from mavdem import evaluate
+from mavdem.cli.model_options import chosen_settings, model_options
 from mavdem.cli.output import print_json, progress
 from mavdem.cli.results import NAMES, check_folder, write_results
 from mavdem.cli.source import no_option, read_source, source_options
@@ -23,24 +24,11 @@ from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
 from mavdem.read import learnable_flight
 
-MOST_STATES = 10
-"""A roll model has a few states; the memory a fit takes grows with the fourth power of their number."""
-
-OUTPUTS = 2
-"""Of an axis: its angle and its rate."""
-
-ORDERS = {"real": range(OUTPUTS, OUTPUTS + Settings().p + 1), "paper": range(1, MOST_STATES + 1)}
-"""The real prior has a state for each output, and of more hidden ones than p it would see nothing."""
-
 TRAIN, TEST = 700, 150
 """Samples learnt from and forecast unless told otherwise, those of the paper, in which a vehicle swings a few times."""
 
 USUAL_RATE, FAST = 100.0, 125.0
 """Hz: what they are made for; and beyond what so few samples last too short, so that as many seconds are taken."""
-
-
-def _spoken(orders: range) -> str:
-    return f"{orders[0]} to {orders[-1]}"
 
 
 def _folder(context: click.Context, parameter: click.Parameter, value: str) -> Path:
@@ -53,19 +41,7 @@ def _folder(context: click.Context, parameter: click.Parameter, value: str) -> P
 @click.command()
 @source_options
 @click.option("--out", type=click.Path(), required=True, callback=_folder, help="Folder for the results.")
-@click.option(
-    "--preset",
-    type=click.Choice(["real", "paper"]),
-    default="real",
-    show_default=True,
-    help="real: scaling and priors for real flights; paper: those of the paper, section V.D, to compare with.",
-)
-@click.option(
-    "--order",
-    type=int,
-    help=f"Number of states, {_spoken(ORDERS['real'])}; for paper {_spoken(ORDERS['paper'])}. "
-    "[default: 3: angle, rate and one hidden, for the motors' lag; for paper 2]",
-)
+@model_options
 @click.option(
     "--train",
     type=click.IntRange(FEWEST_SAMPLES),
@@ -105,13 +81,13 @@ def learn(
       mavdem learn flight.tlog --out result
       mavdem learn flight.tlog --out result --preset paper --order 2
     """
-    _check_order(preset, order)
+    settings = chosen_settings(preset, order)
     check_folder(out)
     began = perf_counter()
     flight, verdict = learnable_flight(read_source(source), axis, vehicle, inputs)
     samples = (given or usual_samples(usual, flight.dt) for given, usual in ((train, TRAIN), (test, TEST)))
     training, following = _cut(flight, start, *samples)
-    learned = _learn(training, preset, order)
+    learned = _learn(training, settings)
     learned = replace(learned, cautions=(*verdict.cautions, *learned.cautions))
     report = {
         **evaluate.report(training, following, learned),
@@ -130,19 +106,6 @@ def learn(
 def usual_samples(usual: int, dt: float) -> int:
     """The default number of samples ``dt`` s apart, which is ``usual`` up to ``FAST`` Hz, and then lasts as long."""
     return usual if dt >= 1 / FAST else round(usual / USUAL_RATE / dt)
-
-
-def _check_order(preset: str, order: int | None) -> None:
-    if order is not None and order not in ORDERS[preset]:
-        raise click.BadParameter(
-            f"{order} is not in {_spoken(ORDERS[preset])}, the numbers of states that --preset {preset} can have.",
-            param_hint="--order",
-        )
-
-
-def _settings(preset: str, order: int | None) -> Settings:
-    settings = Settings.paper() if preset == "paper" else Settings()
-    return settings if order is None else replace(settings, order=order)
 
 
 def _cut(flight: Flight, start: float, train: int, test: int) -> tuple[Flight, Flight]:
@@ -176,9 +139,8 @@ def _again(train: int, test: int) -> str:
     return shlex.join(["mavdem", "learn", context.params["source"], *kept, "--train", str(train), "--test", str(test)])
 
 
-def _learn(training: Flight, preset: str, order: int | None) -> Learned:
+def _learn(training: Flight, settings: Settings) -> Learned:
     try:
-        settings = _settings(preset, order)
         with progress("Learning", measured=False):
             return learn_model(training, settings)
     except ValueError as error:

@@ -15,11 +15,11 @@ import click
 
 from mavdem.attached import Attached, Standing
 from mavdem.cli.dashboard import Dashboard
+from mavdem.cli.model_options import chosen_settings, model_options
 from mavdem.cli.new_file import check_file, writing
 from mavdem.cli.output import print_json, printable, say_aside
 from mavdem.cli.source import motion_options, no_option
 from mavdem.convert import STREAMS
-from mavdem.dem import Settings
 from mavdem.dem.workers import pool
 from mavdem.ingest.link import Link
 from mavdem.ingest.raw_recording import RawRecording
@@ -35,6 +35,7 @@ TELL_EVERY = 5.0
 @click.command()
 @click.argument("link")
 @motion_options
+@model_options
 @click.option("--rrd", type=click.Path(path_type=Path), callback=no_option, help="Rerun recording to write.")
 @click.option("--serve", is_flag=True, help="Show it to browsers of this machine.")
 @click.option("--connect", metavar="URL", callback=no_option, help="Show it in a Rerun viewer that listens there.")
@@ -60,6 +61,8 @@ def live(
     vehicle: str | None,
     inputs: str | None,
     as_json: bool,
+    preset: str,
+    order: int | None,
     rrd: Path | None,
     serve: bool,
     connect: str | None,
@@ -85,6 +88,7 @@ def live(
       mavdem live udpin:127.0.0.1:14550 --rrd flight.rrd
       mavdem fly iris_gusts --udp 127.0.0.1:14550
     """
+    settings = chosen_settings(preset, order)
     kept = _checked(rrd, record, model)
     stream = LiveStream(axis, vehicle, inputs)
     with ExitStack() as ends:
@@ -97,7 +101,7 @@ def live(
             # Whole learnings may take their time; samples may not wait for a core.
             executor.submit(os.nice, LOW_PRIORITY)
         show, tell = dashboard.open, dashboard.tell
-        attached = Attached(opened, stream, Settings(), show, tell, say_aside, executor, recording, request_rate)
+        attached = Attached(opened, stream, settings, show, tell, say_aside, executor, recording, request_rate)
         ends.callback(attached.end)
         dashboard.say_where()
         say_aside(f"Listening on {link}; Ctrl-C ends it.")

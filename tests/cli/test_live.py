@@ -16,6 +16,7 @@ from rerun.chunk import RrdReader
 
 import mavdem
 from mavdem.cli.main import main
+from mavdem.ingest import read_log
 
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.cli.entry import run; sys.exit(run())"]
 MAVPROXY = shutil.which("mavproxy.py") or shutil.which("mavproxy.py", path=Path(sys.executable).parent)
@@ -58,6 +59,9 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["udpin:127.0.0.1:0", "--vehicle", "one"], "'one' is no vehicle"),
         (["udpin:127.0.0.1:0", "--vehicle", "1:1:1"], "system and component as in 1:1"),
         (["udpin:127.0.0.1:0", "--rrd", ""], "must end in .rrd"),
+        (["udpin:127.0.0.1:0", "--order", "10"], "--order: 10 is not in 2 to 4"),
+        (["udpin:127.0.0.1:0", "--order", "11", "--preset", "paper"], "11 is not in 1 to 10"),
+        (["udpin:127.0.0.1:0", "--preset", "gauss"], "--preset"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_sentence(words, said, capsys, tmp_path, monkeypatch):
@@ -118,9 +122,15 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scenario", ["iris_multisine", "ardupilot_steps"])
-def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path, scenario):
-    live = Live(tmp_path, "--rrd", "f.rrd", "--record", "f.tlog", "--request-rate", "50")
+@pytest.mark.parametrize(
+    ("scenario", "chosen", "prior", "order"),
+    [
+        ("iris_multisine", [], "regulated", 3),
+        ("ardupilot_steps", ["--preset", "paper", "--order", "4"], "uniform", 4),
+    ],
+)
+def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path, scenario, chosen, prior, order):
+    live = Live(tmp_path, "--rrd", "f.rrd", "--record", "f.tlog", "--request-rate", "50", *chosen)
     fly = [*MAVDEM, "fly", scenario, "--udp", f"127.0.0.1:{live.port}", "--speed", "2", "--json"]
     flying = subprocess.Popen(fly, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     live.until("The model is learnt", 40)
@@ -132,9 +142,10 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path, sce
     assert told["record"]["frames"] > 1000 and flown["commands"] >= 4
     assert told["rates"]["ATTITUDE"] == pytest.approx(50, rel=0.1)
     learned = mavdem.Learned.from_json((tmp_path / told["model"]).read_text())
+    assert (learned.settings.prior, learned.settings.order) == (prior, order)
     assert len(learned.model.B.T) == 4 and len(learned.record) > 200
     assert RrdReader(tmp_path / "f.rrd").store() is not None
-    assert mavdem.ingest.read_log(tmp_path / "f.tlog").vehicles[0].messages["ATTITUDE"]["time"].size > 300
+    assert read_log(tmp_path / "f.tlog").vehicles[0].messages["ATTITUDE"]["time"].size > 300
 
 
 @pytest.mark.slow
