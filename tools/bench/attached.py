@@ -8,18 +8,13 @@ minutes (10) of 100 Hz as fast as they are taken, and what memory that took.
 
 from __future__ import annotations
 
-import math
-import multiprocessing
 import os
 import resource
-import socket
 import sys
 import time
-from collections.abc import Iterator
 from itertools import islice
 
-import numpy as np
-from pymavlink.dialects.v20 import all as dialect
+from made_up_hover import hover, sender
 
 from mavdem.attached import Attached
 from mavdem.dem import Settings
@@ -29,34 +24,6 @@ from mavdem.live import LiveStream, Setup
 
 SECONDS = 30.0
 PORT = 14598
-
-
-def hover(rate: float, seconds: float) -> Iterator[tuple[float, bytes]]:
-    """Datagrams with the second at which each is sent: in the air, armed, from the start."""
-    vehicle, rng = dialect.MAVLink(None, srcSystem=1, srcComponent=1), np.random.default_rng(0)
-    roll = speed = wind = 0.0
-    for tick in range(round(seconds * rate)):
-        now = tick / rate
-        if tick % round(rate) == 0:
-            yield now, vehicle.heartbeat_encode(2, 3, 128, 0, 4).pack(vehicle)
-        push = round(20 * math.sin(5 * now) + 10 * math.sin(11.3 * now))
-        wind += (-wind / 0.2) / rate + 2.0 * math.sqrt(2 / 0.2 / rate) * rng.standard_normal()
-        speed += (0.3 * push + wind - 4.0 * speed - 9.0 * roll) / rate
-        roll += speed / rate
-        stamp = 10_000 + now * 1e3
-        yield now, vehicle.attitude_encode(round(stamp), roll, 0.01, 0.2, speed, 0.0, 0.0).pack(vehicle)
-        outputs = (1600 - push, 1600 + push, 1600 + push, 1600 - push, 0, 0, 0, 0)
-        yield now, vehicle.servo_output_raw_encode(round(stamp * 1e3) % 2**32, 0, *outputs).pack(vehicle)
-
-
-def send(rate: float) -> None:
-    """The hover at its own pace."""
-    datagrams = list(hover(rate, SECONDS))
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-        begin = time.monotonic()
-        for at, datagram in datagrams:
-            time.sleep(max(begin + at - time.monotonic(), 0.0))
-            sender.sendto(datagram, ("127.0.0.1", PORT))
 
 
 class Nobody:
@@ -76,15 +43,15 @@ def silence(_: object) -> None: ...
 
 def over_udp(rate: float) -> str:
     link = Link(f"udpin:127.0.0.1:{PORT}")
-    sender = multiprocessing.get_context("spawn").Process(target=send, args=(rate,))
+    vehicle = sender(rate, SECONDS, PORT)
     with pool(1) as executor:
         executor.submit(os.nice, 10)  # as mavdem live has it
         attached = Attached(link, LiveStream(), Settings(), nobody, silence, silence, executor)
-        sender.start()
+        vehicle.start()
         while attached.standing.vehicle is None:
             attached.step()
         used, began = time.process_time(), time.monotonic()
-        while sender.is_alive():
+        while vehicle.is_alive():
             attached.step()
         share = (time.process_time() - used) / (time.monotonic() - began)
     link.close()
