@@ -31,3 +31,13 @@ def test_every_file_that_is_named_is_there(page):
     named |= {str((ROOT / page).parent.relative_to(ROOT) / link) for link in re.findall(r"\]\(([\w./]+)\)", text)}
     missing = [name for name in named if not (ROOT / name).exists()]
     assert named and not missing
+
+
+SCRIPTS = [path for path in sorted((ROOT / "tools").glob("*/*.py")) if '__name__ == "__main__"' in path.read_text()]
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_every_script_says_by_help_what_its_docstring_says(script):
+    # Those of the fuzzers, which leave their words to libFuzzer, is in ``whole.run``.
+    answers = ("@click.command(help=__doc__)", "ArgumentParser(description=__doc__", "print(__doc__)", "whole.run(")
+    assert any(answer in script.read_text() for answer in answers)

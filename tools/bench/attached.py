@@ -1,19 +1,21 @@
 #!/usr/bin/env python
 """What `mavdem live` costs: from a datagram to the estimate of its sample, over UDP on this machine; prints a table.
 
-``tools/bench/attached.py [MINUTES]``: a made-up hover whose attitude and motor outputs come at 100, 400 and 1000 Hz
+A made-up hover whose attitude and motor outputs come at 100, 400 and 1000 Hz
 each, sent at their own pace by a process of its own for half a minute, learnt from with default settings. Then so many
 minutes (10) of 100 Hz as fast as they are taken, and what memory that took.
+
+Usage: tools/bench/attached.py [MINUTES]
 """
 
 from __future__ import annotations
 
 import os
 import resource
-import sys
 import time
 from itertools import islice
 
+import click
 from made_up_hover import hover, sender
 
 from mavdem.attached import Attached
@@ -89,16 +91,16 @@ def for_long(minutes: float) -> str:
     return f"{minutes:g} minutes at 100 Hz, {speed:.0f} times as fast: most memory by quarters {told} MB"
 
 
-def main(words: list[str]) -> None:
-    if words and not words[0].replace(".", "").isdigit():
-        sys.exit(__doc__)
+@click.command(help=__doc__)
+@click.argument("minutes", default=10.0, type=click.FloatRange(0, min_open=True))
+def main(minutes: float) -> None:
     print("| Hz | rows | lost | median, ms | 99th percentile, ms | share of a core |")
     print("|---|---|---|---|---|---|")
     for rate in (100.0, 400.0, 1000.0):
         print(over_udp(rate), flush=True)
     print()
-    print(for_long(float(words[0]) if words else 10.0))
+    print(for_long(minutes))
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

@@ -14,6 +14,7 @@ from statistics import median
 from time import perf_counter
 from typing import NamedTuple
 
+import click
 import numpy as np
 from threadpoolctl import threadpool_limits
 
@@ -96,6 +97,7 @@ def memory_of(function: Callable[[], object]) -> float:
     return peak / 1e6
 
 
+@click.command(help=__doc__)
 def main() -> None:
     # Nothing settles, so that all iterations are taken.
     ascent.SETTLED = -np.inf

@@ -1,16 +1,18 @@
 #!/usr/bin/env python
 """What the live path costs: CPU time of a datagram, and the time from its receipt to the row it completes.
 
-``python tools/bench/live.py``: attitude and motor outputs of a made-up hover at 400 Hz each, first fed as fast as they
-are taken, then sent over UDP on this machine at their own pace by a process of its own.
+Attitude and motor outputs of a made-up hover at 400 Hz each, first fed as fast as they are taken, then sent over UDP on
+this machine at their own pace by a process of its own.
+
+Usage: tools/bench/live.py
 """
 
 from __future__ import annotations
 
 import gc
-import sys
 import time
 
+import click
 import numpy as np
 from made_up_hover import hover, sender
 
@@ -28,7 +30,8 @@ def told(name: str, seconds: list[float]) -> None:
     print(f"{name}: mean {values.mean():.3f} ms, median {median:.3f}, 99 % {late:.3f}, most {values.max():.3f}")
 
 
-def main() -> int:
+@click.command(help=__doc__)
+def main() -> None:
     datagrams = list(hover(RATE, SECONDS))
     gc.freeze()
     stream, costs, rows = LiveStream(), [], 0
@@ -55,8 +58,7 @@ def main() -> int:
     link.close()
     told("from receipt to row", waits)
     print(f"{received} of {len(datagrams)} datagrams received, {spent / SECONDS:.1%} of a core")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

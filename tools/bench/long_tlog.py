@@ -1,15 +1,17 @@
 #!/usr/bin/env python
-"""Writes a long telemetry log to read: ``python tools/bench/long_tlog.py 1000 LONG.tlog`` for one of 1000 MB.
+"""Writes a long telemetry log to read.
 
 What an ArduPilot quadrotor sends at 100 Hz, in about the shares of such a flight: attitude, motor outputs and inertial
 units at the full rate, the rest at 1 to 10 Hz; random fields, running clocks, MAVLink 2 without truncated zeros.
+
+Usage: tools/bench/long_tlog.py MEGABYTES LONG.tlog
 """
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 
@@ -84,18 +86,17 @@ def cycle(first: int, chance: np.random.Generator) -> bytes:
     return content[:-LONGEST].tobytes()
 
 
-def main(arguments: list[str]) -> int:
-    if len(arguments) != 2 or not arguments[0].isdigit():
-        print("usage: python tools/bench/long_tlog.py MEGABYTES LONG.tlog", file=sys.stderr)
-        return 2
-    chance, first, left = np.random.default_rng(0), 0, int(arguments[0]) * 1_000_000
-    with Path(arguments[1]).open("wb") as file:
+@click.command(help=__doc__)
+@click.argument("megabytes", type=click.IntRange(1))
+@click.argument("to", metavar="LONG.tlog", type=click.Path(dir_okay=False, path_type=Path))
+def main(megabytes: int, to: Path) -> None:
+    chance, first, left = np.random.default_rng(0), 0, megabytes * 1_000_000
+    with to.open("wb") as file:
         while left > 0:
             content = cycle(first, chance)
             file.write(content)
             first, left = first + STEPS, left - len(content)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()

@@ -9,10 +9,10 @@ Usage: tools/bench/online.py [LOG]
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from time import perf_counter, process_time
 
+import click
 import numpy as np
 
 import mavdem
@@ -44,10 +44,10 @@ def row(flight: mavdem.Flight) -> str:
     return f"| {1 / flight.dt:.0f} | {len(took)} | {middle:.2f} | {late:.2f} | {last:.1f} | {share:.0%} |"
 
 
-def main(names: list[str]) -> None:
-    if names and names[0].startswith("-"):
-        sys.exit(__doc__)
-    flight = mavdem.read_flight(names[0] if names else LOG)
+@click.command(help=__doc__)
+@click.argument("log", default=LOG, type=click.Path(exists=True, dir_okay=False, path_type=Path))
+def main(log: Path) -> None:
+    flight = mavdem.read_flight(log)
     print("| Hz | updates | median, ms | 99th percentile, ms | longest, ms | share of a core, at that rate |")
     print("|---|---|---|---|---|---|")
     for rate in (100.0, 400.0):
@@ -55,4 +55,4 @@ def main(names: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

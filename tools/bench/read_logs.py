@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import json
 import lzma
-import sys
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
 
+import click
 from mcap.reader import make_reader
 from pymavlink.DFReader import DFReader_binary
 from pyulog import ULog
@@ -68,13 +68,13 @@ def seconds(read: Callable[[Path], None], path: Path) -> float:
     return min(times)
 
 
-def main(names: list[str]) -> None:
-    if not names:
-        sys.exit(__doc__)
+@click.command(help=__doc__)
+@click.argument("files", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False, path_type=Path))
+def main(files: tuple[Path, ...]) -> None:
     print("| file | MB | ours, s | library | its, s | times as fast |")
     print("|---|---|---|---|---|---|")
     with tempfile.TemporaryDirectory() as folder:
-        for path in map(Path, names):
+        for path in files:
             plain = path
             if path.suffix == ".xz":
                 # The library takes no archives; so that both read the same, neither gets one.
@@ -87,4 +87,4 @@ def main(names: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    main()

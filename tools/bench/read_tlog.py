@@ -1,13 +1,14 @@
 #!/usr/bin/env python
 """How fast a telemetry log is read and in how much memory, beside pymavlink and fasttlogparser.
 
-``python tools/bench/read_tlog.py FLIGHT.tlog…``; ``tools/bench/long_tlog.py`` writes a long one. fasttlogparser (PyPI)
-is left out where it is not installed.
+``tools/bench/long_tlog.py`` writes a long one. fasttlogparser (PyPI) is left out where it is not installed.
 
 Each reader has a process of its own, and they take turns. Ours counts every message, takes the rate of each and the
 columns of the messages a roll model needs; fasttlogparser makes the columns of those same messages (it has no frames
 without columns); pymavlink's recv_match hands out message by message and is stopped after the first of them. The
 memory is the most that was resident beyond what lies in files, so beyond the page cache.
+
+Usage: tools/bench/read_tlog.py FLIGHT.tlog ...
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+
+import click
 
 NEEDED = ("ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT", "PARAM_VALUE")
 REPEATS = 3
@@ -88,23 +91,21 @@ def one(reader: str, path: str) -> None:
     print(f"\n{count} {time.perf_counter() - begin}")
 
 
-def main(arguments: list[str]) -> int:
-    if arguments[:1] == ["--one"]:
-        one(*arguments[1:])
-        return 0
-    if not arguments:
-        print("usage: python tools/bench/read_tlog.py FLIGHT.tlog…", file=sys.stderr)
-        return 2
+@click.command(help=__doc__)
+@click.argument("logs", nargs=-1, required=True, type=click.Path(exists=True, dir_okay=False))
+@click.option("--one", "reader", hidden=True, type=click.Choice(list(READERS)))
+def main(logs: tuple[str, ...], reader: str | None) -> None:
+    if reader is not None:
+        return one(reader, *logs)
     readers = [reader for reader in READERS if reader == "mavdem" or importlib.util.find_spec(reader)]
     print(f"{'log':36} {'reader':14} {'messages':>11} {'messages/s':>12} {'memory MB':>10} {'of the file':>11}")
-    for path in arguments:
+    for path in logs:
         runs = [(reader, measured(reader, path)) for _ in range(REPEATS) for reader in readers]
         for reader in readers:
             count, seconds, most = min((run for name, run in runs if name == reader), key=lambda run: run[1])
             share = most * 1e6 / os.path.getsize(path)
             print(f"{Path(path).name:36} {reader:14} {count:11,} {count / seconds:12,.0f} {most:10,.0f} {share:11.2f}")
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()

@@ -8,10 +8,10 @@ Writes FOLDER/circle.png (default: docs) and prints where the climbs end, and ho
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
+import click
 import matplotlib.pyplot as plt
 import numpy as np
 from manifold import AXIS_A, AXIS_B, FLOOR, MILLION, SOLID, height_at, surface, view_from_above
@@ -92,5 +92,11 @@ def _ends(axes: Axes, paths: list[list[Belief]], color: str, label: str) -> None
     axes.plot(*ends.T, "o", color=color, markersize=4, label=label)
 
 
+@click.command(help=__doc__)
+@click.argument("folder", default="docs", type=click.Path(file_okay=False, path_type=Path))
+def main(folder: Path) -> None:
+    draw(folder / "circle.png")
+
+
 if __name__ == "__main__":
-    draw(Path(sys.argv[1] if len(sys.argv) > 1 else "docs") / "circle.png")
+    main()

@@ -10,10 +10,10 @@ states x̃ and λ as that round left them.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 
+import click
 import matplotlib.pyplot as plt
 import numpy as np
 from manifold import height_at
@@ -76,5 +76,11 @@ def cross_sections(axes: Axes, model: GenerativeModel, samples: Samples, beliefs
     axes.set(xlabel="AB"[place], ylabel=r"$\bar F^o$, thousand nats", ylim=(min(tops) - room, max(tops) + 0.15 * room))
 
 
+@click.command(help=__doc__)
+@click.argument("folder", default="docs", type=click.Path(file_okay=False, path_type=Path))
+def main(folder: Path) -> None:
+    draw(folder / "cross_sections.png")
+
+
 if __name__ == "__main__":
-    draw(Path(sys.argv[1] if len(sys.argv) > 1 else "docs") / "cross_sections.png")
+    main()

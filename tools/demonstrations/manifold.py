@@ -9,10 +9,10 @@ F̄ᵒ is curved there, as a Markdown table. At each round the states x̃ and λ
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
+import click
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
@@ -104,6 +104,11 @@ def curvature(belief: Belief) -> float:
     return float(np.linalg.inv(belief.theta_covariance[:2, :2])[0, 0])
 
 
-if __name__ == "__main__":
-    folder = Path(sys.argv[1] if len(sys.argv) > 1 else "docs")
+@click.command(help=__doc__)
+@click.argument("folder", default="docs", type=click.Path(file_okay=False, path_type=Path))
+def main(folder: Path) -> None:
     draw(Settings(), Settings().samples(World(), seed=0), folder / "manifold.png")
+
+
+if __name__ == "__main__":
+    main()

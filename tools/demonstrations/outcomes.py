@@ -13,6 +13,7 @@ from dataclasses import replace
 from math import e
 from typing import NamedTuple
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 from scalar_system import CERTAIN, PAPER, PAPER_WORLD, Settings, World, truth_within
@@ -254,6 +255,7 @@ def outcome(case: Case, rounds: int = ROUNDS) -> Outcome:
     )
 
 
+@click.command(help=__doc__)
 def main() -> None:
     print("| settings | A, scatter | B, scatter | posterior sd of A, B | truth within | rounds | why |")
     print("|---|---|---|---|---|---|---|")

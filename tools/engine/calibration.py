@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import click
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
@@ -176,6 +177,7 @@ def coloured(smoothness: float, step: float, number: int, rng: np.random.Generat
     return np.asarray(np.fft.irfft(harmonics, total, norm="forward")[:number])
 
 
+@click.command(help=__doc__)
 def main() -> None:
     print("| samples | noise | own | corrected |")
     print("|---|---|---|---|")

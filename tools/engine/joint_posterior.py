@@ -14,6 +14,7 @@ Usage: tools/engine/joint_posterior.py
 
 from __future__ import annotations
 
+import click
 import numpy as np
 from dem_posterior import Embedding, parameters_of, states_of
 from joint_gaussian import ParameterPrior, System, parameters_given
@@ -88,6 +89,7 @@ def parameters_against(
     return np.sqrt(np.mean(squares, axis=0)), np.mean(ratios, axis=0)
 
 
+@click.command(help=__doc__)
 def main() -> None:
     print("| system | s/dt | noise of y | p | last derivative | states off | their sd | parameters off | their sd |")
     print("|---|---|---|---|---|---|---|---|---|")

@@ -9,6 +9,7 @@ Usage: tools/engine/smoothness.py
 
 from __future__ import annotations
 
+import click
 import numpy as np
 from calibration import VEHICLE, flight, theta_of
 from threadpoolctl import threadpool_limits
@@ -48,6 +49,7 @@ def row(name: str, ratio: float, flights: list[Record], correlation: str, window
     )
 
 
+@click.command(help=__doc__)
 def main() -> None:
     print("| s/dt | S | window | s over the true one: mean, worst | scatter | claimed |")
     print("|---|---|---|---|---|---|")

@@ -68,6 +68,9 @@ def check(data: bytes) -> None:
 
 
 def main(arguments: list[str]) -> None:
+    if "--help" in arguments:
+        print(__doc__)
+        return
     warnings.simplefilter("ignore")
     folders = [argument for argument in arguments[1:] if not argument.startswith("-")]
     if folders and not Path(folders[0]).is_file():

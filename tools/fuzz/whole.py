@@ -10,6 +10,7 @@ from __future__ import annotations
 import contextlib
 import io
 import struct
+import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Iterable
@@ -85,6 +86,9 @@ def run(arguments: list[str], test: Callable[[bytes], None], seeds: dict[str, by
     up to 0.3 MB a run, and ``-max_total_time=100`` again and again with one corpus does more than one long run. Read
     without atheris, the same inputs take no more memory the second time.
     """
+    if "--help" in arguments:
+        print(sys.modules["__main__"].__doc__)
+        return
     warnings.simplefilter("ignore")
     folders = [argument for argument in arguments[1:] if not argument.startswith("-")]
     if folders and not Path(folders[0]).is_file():
