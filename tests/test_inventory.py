@@ -30,8 +30,9 @@ def stamps_of_8_and_12() -> np.ndarray:
     return np.cumsum(np.resize([0.008, 0.012], round(HOVER.end * 100)))
 
 
-def test_a_link_that_loses_messages_loses_them_of_every_kind():
-    random, telemetry = np.random.default_rng(3), HOVER.telemetry()
+@pytest.mark.parametrize("stamps", [(), (stamps_of_8_and_12(), stamps_of_8_and_12())])
+def test_a_link_that_loses_messages_loses_them_of_every_kind(stamps):
+    random, telemetry = np.random.default_rng(3), HOVER.telemetry(*stamps)
     for message, table in telemetry.messages.items():
         kept = random.random(len(table["time"])) > 0.1
         telemetry = changed(telemetry, message, **{name: column[kept] for name, column in table.items()})

@@ -117,7 +117,7 @@ def _print_stream(held: dict[str, Any]) -> None:
 def _why(speaker: dict[str, Any]) -> str:
     if speaker["missing_share"] is None:
         return "as when a link loses messages or a log keeps only some"
-    if speaker["missing_share"] < WORTH_TELLING:
+    if speaker["missing_share"] < min(WORTH_TELLING, speaker["lost_share"] / 2):
         return "but its streams have no gaps: the log keeps only some kinds of messages"
     return f"and about {speaker['missing_share']:.0%} of its streams' messages are missing: the link lost some"
 

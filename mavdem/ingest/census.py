@@ -30,7 +30,7 @@ class Census:
     Attributes:
         frames: whole frames so far, unread ones included.
         good: those whose checksum agrees.
-        lost: (SOURCES,) messages missing by the gaps in each source's sequence numbers.
+        lost: (SOURCES,) messages missing by the gaps in each source's sequence numbers; negative where many came twice.
     """
 
     def __init__(self, size: int, seeds: NDArray[np.int32]) -> None:

@@ -58,7 +58,7 @@ def assemble(
     heard = []
     for ids, starts in sent.items():
         messages = Messages(data, starts, received, source)
-        heard.append((_speaker(ids, messages, int(census.lost[ids])), messages))
+        heard.append((_speaker(ids, messages, max(int(census.lost[ids]), 0)), messages))
     stores = {speaker.system: messages for speaker, messages in heard if speaker.component == PARAMETER_STORE}
     vehicles = tuple(
         _telemetry(speaker, messages, _stored_parameters(speaker, stores), source, repairs)

@@ -42,7 +42,6 @@ class Sender:
         system, component: MAVLink ids.
         messages: number of messages by name.
         frames: all of them, those that could not be read included.
-        lost: messages missing by the gaps in its sequence numbers.
         parameters: the last PARAM_VALUE of each by name.
         kind, autopilot: what most of its HEARTBEATs say it is, as of ``Speaker``.
         held: whether that stays as it is, once it is known: of a vehicle that is followed no flood of forged HEARTBEATs
@@ -53,18 +52,23 @@ class Sender:
     component: int
     messages: dict[str, int] = field(default_factory=dict)
     frames: int = 0
-    lost: int = 0
     parameters: dict[bytes, Message] = field(default_factory=dict, repr=False)
     kind: str = UNNAMED
     autopilot: str = UNNAMED
     held: bool = False
     _beats: list[tuple[int, int]] = field(default_factory=list, repr=False)
     _last: Frame | None = field(default=None, repr=False)
+    _missing: int = field(default=0, repr=False)
 
     @property
     def name(self) -> str:
         """system:component."""
         return f"{self.system}:{self.component}"
+
+    @property
+    def lost(self) -> int:
+        """Messages missing by the gaps in its sequence numbers."""
+        return max(self._missing, 0)
 
     @property
     def known(self) -> bool:
@@ -87,7 +91,7 @@ class Sender:
         if frame == self._last:
             return False
         if self._last is not None:
-            self.lost += missing_between(self._last.sequence, frame.sequence)
+            self._missing += missing_between(self._last.sequence, frame.sequence)
         self._last = frame
         if frame.verdict == GOOD:
             name = definitions()[frame.message_id].name

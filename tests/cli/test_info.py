@@ -111,3 +111,20 @@ def test_damage_is_counted(tmp_path, capsys):
 def test_the_vehicle_asked_for_must_be_there(capsys):
     assert main(["info", recorded("px4_wind5_steps.tlog"), "--vehicle", "7"]) == 1
     assert "5:1" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("faults", "said"),
+    [
+        ("loss = 0.02\nreordered = 0.03", "; 2% of its sequence numbers do not occur, and about 2% of its streams'"),
+        ("reordered = 0.05", " messages."),
+    ],
+)
+def test_a_link_that_swaps_messages_loses_none_by_it(faults, said, tmp_path, capsys):
+    mine = tmp_path / "mine.toml"
+    mine.write_text(f"duration = 30\n[faults]\n{faults}\n")
+    assert main(["fly", str(mine), "--out", str(tmp_path / "f.tlog")]) == 0
+    capsys.readouterr()
+    assert main(["info", str(tmp_path / "f.tlog")]) in (0, 1)
+    (heard,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Heard 1:1")]
+    assert said in heard and "only some kinds" not in heard

@@ -161,6 +161,20 @@ def test_sequence_gaps_count_as_lost(tmp_path: Path) -> None:
     assert log_of(tlog(frames), tmp_path).speakers[0].lost == 7
 
 
+def test_what_is_overtaken_or_comes_twice_is_not_lost(tmp_path: Path) -> None:
+    frames = [heartbeat(), *flight(TIMES, sequence=1)]
+    for row in range(10, 500, 7):
+        frames[row : row + 2] = frames[row + 1], frames[row]
+    frames[520:530] = frames[525:530] + frames[520:525]
+    assert log_of(tlog(frames), tmp_path).speakers[0].lost == 0
+    del frames[541:551]
+    assert log_of(tlog(frames), tmp_path).speakers[0].lost == 10
+    twice = [frame for each in frames for frame in (each, each)]
+    assert log_of(tlog(twice), tmp_path).speakers[0].lost == 10
+    again = [heartbeat(), *flight(TIMES, sequence=1)] + frames
+    assert log_of(tlog(again), tmp_path).speakers[0].lost <= 10 + 127
+
+
 def test_receive_span_is_not_taken_in_by_a_wrong_stamp(tmp_path: Path) -> None:
     content = bytearray(tlog([heartbeat(), *flight(TIMES)]))
     content[:8] = struct.pack(">Q", 2**58)

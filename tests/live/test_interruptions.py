@@ -58,6 +58,15 @@ def test_a_message_that_is_lost_is_bridged():
     assert made.stream.status().lost == 1
 
 
+def test_a_message_that_is_overtaken_is_not_lost():
+    frames = FLIGHT.frames(end=16.0)
+    for row in range(2000, 2400, 9):
+        frames[row : row + 2] = frames[row + 1], frames[row]
+    made = replay(frames)
+    assert made.stream.status().lost == 0
+    settled_uniform(made)
+
+
 def test_a_fifth_lost_changes_no_segment():
     chance = random.Random(3)
     frames = [entry for entry in FLIGHT.frames(end=30.0) if chance.random() > 0.2]
