@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from made_up_motion import made_up_motion
 from rerun.chunk import RrdReader
+from rerun_file import chunks
 
 from mavdem.view import Pose, write_pose
 
@@ -28,13 +29,12 @@ def columns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, np.
     write_pose(path, "made up", pose())
     assert len(RrdReader(path).blueprints()) == 1
     found: dict[str, dict[str, np.ndarray]] = {}
-    for chunk in RrdReader(path).stream():
-        if chunk.is_static or "flight time" not in chunk.timeline_names:
+    for name, chunk, batch in chunks(path):
+        if "flight time" not in chunk.timeline_names:
             continue
-        batch = chunk.to_record_batch()
-        own = {name.split(":")[-1]: batch.column(name).to_pylist() for name in batch.schema.names if ":" in name}
+        own = {part.split(":")[-1]: batch.column(part).to_pylist() for part in batch.schema.names if ":" in part}
         own["time"] = np.array(batch.column("flight time").cast("int64")) / 1e9
-        found.setdefault(str(chunk.entity_path).replace("\\", ""), {}).update(own)
+        found.setdefault(f"/{name}", {}).update(own)
     return found
 
 

@@ -9,7 +9,6 @@ import subprocess
 import sys
 import time
 import urllib.request
-import warnings
 from pathlib import Path
 from threading import Event
 
@@ -19,7 +18,7 @@ import psutil
 import pytest
 import rerun as rr
 from numpy.typing import NDArray
-from rerun.chunk import RrdReader
+from rerun_file import chunks, views
 from scipy.stats import norm
 
 import mavdem
@@ -81,7 +80,7 @@ def drawn(path: Path) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64
     """Times, s, and values of every entity of lines, by path without its slash, in the order of their times."""
     times: dict[str, list[float]] = {}
     values: dict[str, list[list[float]]] = {}
-    for name, batch in chunks(path):
+    for name, _, batch in chunks(path):
         if "Scalars:scalars" in batch.schema.names:
             times.setdefault(name, []).extend(np.array(batch.column("boot clock").cast("int64")) / 1e9)
             values.setdefault(name, []).extend(batch.column("Scalars:scalars").to_pylist())
@@ -91,20 +90,10 @@ def drawn(path: Path) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64
 def texts(path: Path, column: str) -> list[str]:
     return [
         text[0]
-        for _, batch in chunks(path)
+        for *_, batch in chunks(path)
         if column in batch.schema.names
         for text in batch.column(column).to_pylist()
     ]
-
-
-def chunks(path: Path):
-    with warnings.catch_warnings():
-        # Of a flight under way there is no table of chunks at the end of the file.
-        warnings.simplefilter("ignore")
-        reader = RrdReader(path)
-    for chunk in reader.stream():
-        if not (chunk.is_static or str(chunk.entity_path).startswith("/__")):
-            yield str(chunk.entity_path).replace("\\", "").lstrip("/"), chunk.to_record_batch()
 
 
 @pytest.fixture(scope="module")
@@ -186,24 +175,14 @@ def test_log_and_status_tell_what_they_were_told(recording: Path) -> None:
 
 
 def test_batches_are_not_tiny(recording: Path) -> None:
-    sizes = [batch.num_rows for name, batch in chunks(recording) if name.startswith(("outputs", "inputs"))]
+    sizes = [batch.num_rows for name, _, batch in chunks(recording) if name.startswith(("outputs", "inputs"))]
     assert np.mean(sizes) >= 100
 
 
 def test_the_blueprint_shows_what_is_there(recording: Path) -> None:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        reader = RrdReader(recording)
-    (blueprint,) = reader.blueprints()
-    shown = [
-        str(chunk.to_record_batch().column("ViewBlueprint:space_origin").to_pylist()[0][0])
-        .replace("\\", "")
-        .lstrip("/")
-        for chunk in reader.stream(store=blueprint)
-        if "ViewBlueprint:space_origin" in chunk.to_record_batch().schema.names
-    ]
+    shown = views(recording)
     assert len(shown) == 12
-    entities = {name for name, _ in chunks(recording)}
+    entities = {name for name, *_ in chunks(recording)}
     for origin in shown:
         assert any(f"{entity}/".startswith(f"{origin}/") for entity in entities), f"the view of {origin} is empty"
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import ArrayLike, NDArray
 from rerun.chunk import RrdReader
+from rerun_file import chunks, views
 from scipy.linalg import expm
 from scipy.stats import norm
 
@@ -68,15 +69,14 @@ def recording(learned: mavdem.Learned, tmp_path_factory: pytest.TempPathFactory)
 def lines(path: Path) -> dict[str, tuple[dict[str, np.ndarray], np.ndarray]]:
     """Times by timeline, in s or iterations, and values of every line in a recording, by entity path."""
     found = {}
-    for chunk in RrdReader(path).stream():
-        batch = chunk.to_record_batch()
-        if chunk.is_static or "Scalars:scalars" not in batch.schema.names:
+    for name, chunk, batch in chunks(path):
+        if "Scalars:scalars" not in batch.schema.names:
             continue
-        assert str(chunk.entity_path) not in found, "one chunk a line"
-        times = {name: np.array(batch.column(name).cast("int64")) for name in chunk.timeline_names}
+        assert f"/{name}" not in found, "one chunk a line"
+        times = {timeline: np.array(batch.column(timeline).cast("int64")) for timeline in chunk.timeline_names}
         if "flight time" in times:
             times["flight time"] = times["flight time"] / 1e9
-        found[str(chunk.entity_path).replace("\\", "")] = times, np.array(batch.column("Scalars:scalars").to_pylist())
+        found[f"/{name}"] = times, np.array(batch.column("Scalars:scalars").to_pylist())
     return found
 
 
@@ -232,15 +232,7 @@ def test_the_result_in_words_holds_cautions_first_and_the_figures(recording: Pat
 
 
 def test_the_one_blueprint_in_the_file_shows_lines_that_are_there(recording: Path) -> None:
-    reader = RrdReader(recording)
-    (blueprint,) = reader.blueprints()
-    shown = [
-        str(chunk.to_record_batch().column("ViewBlueprint:space_origin").to_pylist()[0][0])
-        .replace("\\", "")
-        .lstrip("/")
-        for chunk in reader.stream(store=blueprint)
-        if "ViewBlueprint:space_origin" in chunk.to_record_batch().schema.names
-    ]
+    shown = views(recording)
     assert len(shown) == 13
     entities = [*lines(recording), "/result"]
     for origin in shown:

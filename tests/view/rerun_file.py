@@ -1,0 +1,37 @@
+"""What is in a Rerun file, for tests of what was drawn."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import pyarrow as pa
+from rerun.chunk import Chunk, RrdReader
+
+
+def chunks(path: Path) -> Iterator[tuple[str, Chunk, pa.RecordBatch]]:
+    """Everything over time: the entity's path, without the slash before it, the chunk and its rows."""
+    for chunk in _reader(path).stream():
+        if not (chunk.is_static or str(chunk.entity_path).startswith("/__")):
+            yield _plain(chunk.entity_path), chunk, chunk.to_record_batch()
+
+
+def views(path: Path) -> list[str]:
+    """The origins, without the slash, of the views of the one blueprint."""
+    reader = _reader(path)
+    (blueprint,) = reader.blueprints()
+    batches = [chunk.to_record_batch() for chunk in reader.stream(store=blueprint)]
+    column = "ViewBlueprint:space_origin"
+    return [_plain(batch.column(column).to_pylist()[0][0]) for batch in batches if column in batch.schema.names]
+
+
+def _reader(path: Path) -> RrdReader:
+    with warnings.catch_warnings():
+        # Of a flight under way there is no table of chunks at the end of the file.
+        warnings.simplefilter("ignore")
+        return RrdReader(path)
+
+
+def _plain(path: object) -> str:
+    return str(path).replace("\\", "").lstrip("/")
