@@ -44,8 +44,8 @@ class Sender:
         frames: all of them, those that could not be read included.
         parameters: the last PARAM_VALUE of each by name.
         kind, autopilot: what most of its HEARTBEATs say it is, as of ``Speaker``.
-        held: whether that stays as it is, once it is known: of a vehicle that is followed no flood of forged HEARTBEATs
-            shall make another.
+        held: whether that stays as it is once ``CONVINCING`` of them have come: of a vehicle that is followed no flood
+            of forged HEARTBEATs shall make another.
     """
 
     system: int
@@ -110,10 +110,8 @@ class Sender:
 
     def take_heartbeat(self, message: Message) -> None:
         """Counts what one of its HEARTBEATs says it is."""
-        if self.held and self.kind != UNNAMED:
-            return
         kind, autopilot, _ = message.values
-        if len(self._beats) < ELECTORATE:
+        if len(self._beats) < (CONVINCING if self.held else ELECTORATE):
             self._beats.append((kind, autopilot))
             kinds, autopilots = np.array(self._beats).T
             self.kind, self.autopilot = identity({"type": kinds, "autopilot": autopilots})
