@@ -32,6 +32,9 @@ MOST_LISTED = 8
 """Vehicles named in one sentence."""
 SILENT = 500
 """Messages of attitude without a HEARTBEAT after which none is waited for."""
+MUTE = 5
+"""HEARTBEATs of a multirotor without a message of attitude after which none is waited for: many an autopilot sends
+nothing else before it is asked."""
 
 
 @dataclass(eq=False)
@@ -81,6 +84,12 @@ class Sender:
         return self.kind in (*MULTIROTORS, UNNAMED) and self.attitudes >= CONVINCING
 
     @property
+    def told(self) -> bool:
+        """Whether enough came of it to follow it: what it is, and attitude, or no attitude for long."""
+        mute = self.kind in MULTIROTORS and len(self._beats) >= MUTE and not self.attitudes
+        return mute or (self.known and self.flies)
+
+    @property
     def attitudes(self) -> int:
         """Messages of attitude it sent."""
         return sum(self.messages.get(name, 0) for name in ATTITUDE_MESSAGES)
@@ -123,12 +132,14 @@ class Senders:
     Attributes:
         followed: None before it is known which.
         others: frames of senders of which nothing is kept any more.
+        obstacle: why none is followed, one sentence; empty when one is.
     """
 
     def __init__(self, wanted: str | None) -> None:
         """Takes which vehicle to follow, "system" or "system:component"; None for the only one."""
         self.followed: Sender | None = None
         self.others = 0
+        self.obstacle = "No vehicle is heard yet." if wanted is None else f"Vehicle {wanted} is not heard yet."
         self._wanted = wanted
         self._senders: dict[int, Sender] = {}
         self._rivals: set[int] = set()
@@ -162,22 +173,22 @@ class Senders:
         if self.followed is not None:
             self._notice(sender)
         elif self._wanted is not None:
-            if self._wanted == sender.name or (self._wanted == str(sender.system) and sender.known and sender.flies):
+            if self._wanted == sender.name or (self._wanted == str(sender.system) and sender.told):
                 self._follow(sender)
-        elif sender.known and sender.flies:
-            flying = [one for one in self if one.flies]
-            if len(flying) == 1:
+        elif sender.told:
+            flying = [one for one in self if one.flies] or [one for one in self if one.kind in MULTIROTORS]
+            if flying == [sender]:
                 self._follow(sender)
-            elif self._rivals != (rivals := {one.system << 8 | one.component for one in flying}):
+            elif len(flying) > 1 and self._rivals != (rivals := {one.system << 8 | one.component for one in flying}):
                 self._rivals = rivals
+                choose = f"choose one, for example with `--vehicle {flying[0].name}`."
+                self.obstacle = f"Several vehicles are heard: {choose}"
                 listed = ", ".join(f"{one.name} ({one.kind}, {one.autopilot})" for one in flying[:MOST_LISTED])
                 listed += " and more" * (len(flying) > MOST_LISTED)
-                self._sentences.append(
-                    f"There are several vehicles: {listed}. Choose one, for example with `--vehicle {flying[0].name}`."
-                )
+                self._sentences.append(f"There are several vehicles: {listed}. {choose.capitalize()}")
 
     def _follow(self, sender: Sender) -> None:
-        self.followed, sender.held = sender, True
+        self.followed, sender.held, self.obstacle = sender, True, ""
         known = f" ({sender.kind}, {sender.autopilot})" if sender.kind != UNNAMED else ""
         self._sentences.append(f"Following vehicle {sender.name}{known}.")
 

@@ -39,6 +39,8 @@ MOST_ANSWERS = 64
 """Of them kept until they are fetched."""
 RATE_CHECK = 8
 """Samples of a stream after which its rate is compared with what it was."""
+NO_ATTITUDE = "There is no ATTITUDE or ATTITUDE_QUATERNION message."
+ASK = " Ask for more with `--request-rate 100`."
 
 
 class LiveStream:
@@ -76,7 +78,7 @@ class LiveStream:
         self._reviewed, self._known = -inf, -1
         self._heard_from = inf
         self._boot = 0
-        self._verdict, self._enough = "No vehicle is heard yet.", True
+        self._verdict, self._enough = "How fast the vehicle sends is not known yet.", True
         self._received = 0.0
         self._answers: deque[Message] = deque(maxlen=MOST_ANSWERS)
         prepare()
@@ -125,6 +127,7 @@ class LiveStream:
     def status(self) -> Status:
         """How things stand."""
         followed, now = self._senders.followed, self._clock.now
+        verdict = self._senders.obstacle or (NO_ATTITUDE + ASK if isnan(now) else self._verdict)
         rates = {name: samples.rate(now, DECIDING) for name, samples in self._attitudes.items() if samples.time}
         streams = [*self._attitudes.values(), *(bank.samples for bank in (self._drive.banks if self._drive else ()))]
         return Status(
@@ -149,7 +152,7 @@ class LiveStream:
             lost=followed.lost if followed else 0,
             late=sum(stream.late for stream in streams),
             strays=self._clock.left_out,
-            verdict=self._verdict,
+            verdict=verdict,
             armed_and_airborne=self._flying.now,
         )
 
@@ -326,7 +329,7 @@ class LiveStream:
             )
             return
         if self._attitude is None:
-            self._say_verdict("There is no ATTITUDE or ATTITUDE_QUATERNION message.", False)
+            self._say_verdict(NO_ATTITUDE, False)
             return
         rates = {self._attitude: self._attitudes[self._attitude].rate(now, DECIDING)}
         heard = self._outputs.rates(now, DECIDING)
@@ -339,7 +342,7 @@ class LiveStream:
         least = MINIMUM_RATE / SLACK if self._enough else MINIMUM_RATE
         sentence = too_slow(rates, self._axis) if min(rates.values()) < least else None
         if sentence is not None:
-            self._say_verdict(f"{sentence} Ask for more with `--request-rate 100`.", False)
+            self._say_verdict(sentence + ASK, False)
         elif not self._flying.now:
             self._say_verdict("The vehicle does not fly.", True)
         else:

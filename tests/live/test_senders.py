@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from live_hover import Flight, replay
+from live_hover import Flight, Timed, replay
 from mavlink_streams import heartbeat, message
 
 TWO = sorted(Flight(system=1).frames(end=14.0) + Flight(system=4).frames(end=14.0), key=lambda entry: entry[0])
@@ -59,6 +59,40 @@ def test_one_without_heartbeats_is_followed_as_what_it_is_unknown():
     made = replay(frames)
     assert made.sentences[0] == "Following vehicle 1:1."
     assert all(row.settled for row in made.rows if row.time > 13.0)
+
+
+def only_heartbeats(system: int = 1) -> Timed:
+    """A vehicle on a link that nobody has asked for anything yet."""
+    return [(time, data) for time, data in Flight(system=system).frames(end=10.0) if data[7] == 0]
+
+
+def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_asked_for_more():
+    others = [(time + 0.5, heartbeat(255, 190, kind=6, autopilot=8)) for time, _ in only_heartbeats()]
+    made = replay(sorted(only_heartbeats() + others, key=lambda entry: entry[0]))
+    assert made.sentences == ["Following vehicle 1:1 (QUADROTOR, ARDUPILOTMEGA)."]
+    assert made.stream.status().vehicle == "1:1"
+    assert replay(only_heartbeats(), vehicle="1").stream.status().vehicle == "1:1"
+    assert made.stream.status().verdict == (
+        "There is no ATTITUDE or ATTITUDE_QUATERNION message. Ask for more with `--request-rate 100`."
+    )
+
+
+def test_of_several_that_send_nothing_but_heartbeats_none_is_guessed():
+    made = replay(sorted(only_heartbeats() + only_heartbeats(system=4), key=lambda entry: entry[0]))
+    assert made.stream.status().vehicle is None
+    (sentence,) = made.sentences
+    assert sentence.startswith("There are several vehicles: 1:1 (QUADROTOR, ARDUPILOTMEGA), 4:1")
+    assert made.stream.status().verdict == "Several vehicles are heard: choose one, for example with `--vehicle 1:1`."
+
+
+def test_one_that_sends_attitude_is_preferred_to_one_that_has_sent_nothing_but_heartbeats():
+    later = [(time + 1.0, data) for time, data in Flight(system=4).frames(end=10.0)]
+    made = replay(sorted(only_heartbeats() + later, key=lambda entry: entry[0]))
+    assert made.stream.status().vehicle == "4:1"
+
+
+def test_one_that_is_named_and_not_heard_is_said():
+    assert replay(only_heartbeats(), vehicle="7").stream.status().verdict == "Vehicle 7 is not heard yet."
 
 
 def test_a_plane_that_is_named_is_told_to_be_none():
