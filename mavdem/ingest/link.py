@@ -185,10 +185,12 @@ class Link:
         if self._kind == "serial":
             self._serial = _serial(self.name)
             return
-        family, _, _, _, address = socket.getaddrinfo(
-            *self._address, type=socket.SOCK_DGRAM if self.datagrams else socket.SOCK_STREAM
-        )[0]
-        opened = socket.socket(family, socket.SOCK_DGRAM if self.datagrams else socket.SOCK_STREAM)
+        kind = socket.SOCK_DGRAM if self.datagrams else socket.SOCK_STREAM
+        try:
+            family, _, _, _, address = socket.getaddrinfo(*self._address, type=kind)[0]
+        except UnicodeError as error:  # no name that could be looked up
+            raise socket.gaierror(str(error)) from error
+        opened = socket.socket(family, kind)
         if self._kind == "tcpin":
             self._server = opened
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
