@@ -63,7 +63,7 @@ class Samples:
             drop = max(bisect_left(self.time, self.time[-1] - KEPT), len(self.time) - MOST // 2, 0)
             del self.time[:drop], self.values[:drop]
         if len(self._recent) > MOST or self._recent[0] < self._recent[-1] - 2 * KEPT:
-            del self._recent[: bisect_left(self._recent, self._recent[-1] - KEPT)]
+            del self._recent[: max(bisect_left(self._recent, self._recent[-1] - KEPT), len(self._recent) - MOST)]
         return True
 
     def told(self, until: float) -> None:

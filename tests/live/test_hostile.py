@@ -15,6 +15,7 @@ from mavlink_streams import frame, message
 from mavdem.ingest.decode import definitions
 from mavdem.ingest.live_messages import FIELDS
 from mavdem.live import LiveStream
+from mavdem.live.samples import MOST, Samples
 from mavdem.live.senders import MOST_SENDERS
 from mavdem.live.stream import MOST_EVENTS
 
@@ -138,6 +139,14 @@ def test_parameters_and_events_are_bounded():
         stream.feed(0.0, message("ATTITUDE", time_boot_ms=500_000_000 - 100_000 * (number // 6) + number % 6))
     assert len(stream.events()) == MOST_EVENTS
     assert stream.events() == []
+
+
+def test_stamps_however_close_together_take_no_more_memory_than_so_many_samples():
+    samples = Samples()
+    for number in range(3 * MOST):
+        samples.add(100.0 + 1e-6 * number, (0.5,))
+    assert len(samples.time) <= MOST + 64
+    assert samples.count(samples.time[-1], 2.0) <= MOST + 64
 
 
 def test_ports_beyond_those_that_are_kept_are_left_out():
