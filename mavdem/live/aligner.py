@@ -85,6 +85,7 @@ class Aligner:
         self._next = 0
         self._told = -np.inf
         self._try_from = -np.inf
+        self._steps: list[float] = []
 
     def end(self) -> None:
         """Ends the segment; the step stays."""
@@ -92,12 +93,12 @@ class Aligner:
         self._try_from = -np.inf
 
     def forget(self) -> None:
-        """Ends the segment, and the step is to be decided anew."""
+        """Ends the segment, and the step is to be decided anew, among those there were if one fits."""
         self.end()
         self.dt = None
 
     def begin_anew(self) -> None:
-        """Forgets all but the number of the segment, after a reboot."""
+        """Forgets all but the number of the segment and the steps there were, after a reboot."""
         self.forget()
         self._told = -np.inf
 
@@ -117,7 +118,7 @@ class Aligner:
             if min(rates) < MINIMUM_RATE:
                 self._try_from = last + DECIDING / 4
                 return False
-            self.dt, self.rates = step(rates), rates
+            self.dt, self.rates = self._step(rates), rates
             self._usual = tuple(stream.usual_step() for stream in streams)
         grid = grid_of(times[0], times[1], self.dt)
         self._ways = tuple(self._way(time, grid) for time in times)
@@ -157,6 +158,18 @@ class Aligner:
         if before is None or now is None or 1 / ANOTHER_RATE < now / before < ANOTHER_RATE:
             return None
         return 1 / before
+
+    def _step(self, rates: tuple[float, ...]) -> float:
+        """The step for these rates: one there was before, where they are no other rates than then.
+
+        Samples lost while it is decided make it a little longer, and what was learnt is of the step there was.
+        """
+        new = step(rates)
+        for before in self._steps:
+            if 1 / ANOTHER_RATE < new / before < ANOTHER_RATE:
+                return before
+        self._steps.append(new)
+        return new
 
     def _way(self, time: NDArray[np.float64], grid: NDArray[np.float64]) -> _Way:
         assert self.dt is not None

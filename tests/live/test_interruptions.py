@@ -134,6 +134,23 @@ def test_stamps_of_unix_time_are_moved_to_the_boot_clock():
     assert made.rows[-1].time == pytest.approx(17.99, abs=0.02)
 
 
+def test_a_reboot_over_a_link_that_loses_some_keeps_the_step():
+    chance = random.Random(0)
+    again = [each for each in shifted(FLIGHT.frames(end=18.0), 20.0) if chance.random() > 0.03]
+    made = replay(FLIGHT.frames(end=18.0) + again)
+    assert {setup.boot for setup in made.setups.values()} == {0, 1}
+    assert {setup.dt for setup in made.setups.values()} == {0.01}
+
+
+def test_a_rate_that_comes_back_has_the_step_it_had():
+    chance = random.Random(0)
+    slow = Flight(hover=FLIGHT.hover, attitude=50.0, motors=50.0).frames(start=18.0, end=23.0)
+    back = [each for each in FLIGHT.frames(start=23.0, end=28.0) if chance.random() > 0.03]
+    made = replay(FLIGHT.frames(end=18.0) + slow + back)
+    steps = [setup.dt for setup in made.setups.values()]
+    assert steps[0] == steps[-1] == 0.01 and 0.02 in steps
+
+
 @pytest.mark.parametrize(("before", "after"), [(100.0, 50.0), (50.0, 100.0), (200.0, 80.0)])
 def test_another_rate_in_flight_decides_the_step_anew(before, after):
     slow = Flight(hover=FLIGHT.hover, attitude=before, motors=before).frames(end=18.0)
