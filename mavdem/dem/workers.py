@@ -37,17 +37,31 @@ def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     ear, mouth = context.Pipe(duplex=False)
     executor = ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(ear,))
     # The mouth is closed first, which the workers hear, and then waited for them.
-    with ear, executor, mouth:
-        with _ctrl_c_held_back():
+    with ear, _waited_for(executor), mouth:
+        # Ctrl-C reaches every process of a terminal, but not those begun in here: the parent decides what it means.
+        with _held_back(signal.SIGINT):
             for _ in range(workers):
                 executor.submit(os.getpid)
         yield executor
 
 
 @contextmanager
-def _ctrl_c_held_back() -> Iterator[None]:
-    """It reaches every process of a terminal, but not those begun in here: the parent decides what it means."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+def _waited_for(executor: ProcessPoolExecutor) -> Iterator[None]:
+    """Ends an executor; what a signal means comes after that.
+
+    A wait for a thread that is broken off by an exception takes the thread for ended (bpo-45274): of the executor's
+    own, that leaves the workers without a word, and Python waits for them for ever.
+    """
+    try:
+        yield
+    finally:
+        with _held_back(signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            executor.shutdown()
+
+
+@contextmanager
+def _held_back(*numbers: signal.Signals) -> Iterator[None]:
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
         yield
     finally:

@@ -234,6 +234,20 @@ def test_workers_end_with_a_killed_parent(tmp_path):
     assert ended.returncode == -signal.SIGKILL and ended.stdout == "0\n"
 
 
+@pytest.mark.slow
+def test_ctrl_c_while_workers_are_waited_for_ends_once_they_have(tmp_path):
+    ended = run_script(
+        tmp_path,
+        "import os, signal, threading, time\nfrom mavdem.dem.workers import pool\nif __name__ == '__main__':\n"
+        "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "    with pool(1) as executor:\n        executor.submit(int).result()\n"
+        "        executor.submit(time.sleep, 1.0)\n"
+        "        threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()\n",
+    )
+    assert ended.stderr.splitlines()[-1] == "KeyboardInterrupt"
+    assert ended.returncode == -signal.SIGINT
+
+
 def test_threads_that_learn_take_turns(monkeypatch):
     def slowly(*arguments):
         assert turn.acquire(blocking=False)
