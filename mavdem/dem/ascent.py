@@ -81,6 +81,9 @@ class Rates(NamedTuple):
 
 LIMIT = Rates()
 
+ROUNDS_AROUND = 3
+"""Of D and M steps about a θ that is held: with it known, λ and X hardly hold each other."""
+
 LARGEST_LAMBDA = 150.0
 """No noise is so small, or so large: beyond e^±150 there is only rounding."""
 
@@ -202,6 +205,14 @@ class Climb:
         state_map = d_step(self.model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
         moments = Moments.of(self.model, self.samples, state_map)
         return self._place(belief._replace(moments=moments), state_map, flowed=False)
+
+    def around(self, theta: Array, belief: Belief) -> Place:
+        """D and M steps in turn with θ held elsewhere, from a belief: what its noise is there, and X."""
+        place = self.resumed(belief._replace(theta=theta))
+        for _ in range(ROUNDS_AROUND):
+            place = self.resumed(place.belief._replace(lambda_=m_step(self.model, self.samples, place.belief)))
+            _require_sane(place.belief.lambda_)
+        return place
 
     def rounds(self, now: Place) -> Iterator[Place]:
         """Two rounds in turn and, with exact rates, one that starts where their course would lead."""

@@ -9,19 +9,25 @@ from numpy.typing import NDArray
 
 from mavdem.dem.ascent import SETTLED, Climb, Place, ascend_by_parts
 from mavdem.dem.breakdown import breaking_down
-from mavdem.dem.fit import generative_model, predictor_of, smoothness_of
+from mavdem.dem.fit import generative_model, predictor_of, smoothness_of, trajectory_by_parts
 from mavdem.dem.free_energy import Belief, SampleEnergy
 from mavdem.dem.generative import GenerativeModel
 from mavdem.dem.memory import Memory
 from mavdem.dem.model import LinearModel, unpack
 from mavdem.dem.one_thread import one_thread_if_free
 from mavdem.dem.parts import Parts
+from mavdem.dem.positive import inverse
 from mavdem.dem.prediction import Predictor
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
 from mavdem.dem.sliding import SlidingMoments, in_engine
+from mavdem.dem.trajectory import ROUNDS, Trajectory
 
 Array = NDArray[np.float64]
+
+
+FEW_ROUNDS = 2
+"""Along trajectories, once there: the next samples are about to come."""
 
 
 class Snapshot(NamedTuple):
@@ -66,7 +72,7 @@ class Climber:
         """Begins at the priors' means, with the blocks that a ``memory`` of sampling step ``dt`` holds."""
         self.settings, self._memory, self._dt = settings, memory, dt
         self.moments = SlidingMoments(memory, settings, dt)
-        self._stand: tuple[Scaling, Belief] | None = None
+        self._stand: tuple[Scaling, Belief, Trajectory | None] | None = None
         self._parts: Parts[Snapshot] | None = None
 
     def begin(self) -> None:
@@ -121,8 +127,20 @@ class Climber:
             belief, state_map, height = place.belief, place.state_map, place.height
         predictor = predictor_of(model, belief, smoothness_of(self.settings, self._dt), self._dt)
         yield
-        self._stand = scaling, belief
-        return _snapshot(model, scaling, predictor, belief, state_map, to_engine, height, until)
+        theta = belief.theta
+        if stand is not None and stand[2] is not None:
+            theta = stand[2].theta * _ratio(stand[0], scaling, model.n)
+        rounds = ROUNDS if stand is None else FEW_ROUNDS
+        onward = yield from trajectory_by_parts(model, self.settings, scaling, theta, predictor.gain, record, rounds)
+        self._stand = scaling, belief, onward
+        covariance = belief.theta_covariance
+        if onward is not None:
+            place = Climb(model, samples).around(onward.theta, belief)
+            belief, state_map = place.belief, place.state_map
+            predictor = predictor.of_theta(onward.theta, model.sizes, self._dt)
+            covariance = onward.theta_covariance(inverse(model.prior.theta_precision))
+            yield
+        return _snapshot(model, scaling, predictor, belief, covariance, state_map, to_engine, height, until)
 
 
 def _further(climb: Climb, belief: Belief) -> Parts[Place]:
@@ -144,9 +162,14 @@ def _further(climb: Climb, belief: Belief) -> Parts[Place]:
 
 def _in_units(belief: Belief, old: Scaling, new: Scaling, order: int) -> Belief:
     """A belief in the units of another scaling; noise precisions find theirs in the first round."""
-    ratio = old.parameter_scale(order) / new.parameter_scale(order)
+    ratio = _ratio(old, new, order)
     covariance = belief.theta_covariance * np.outer(ratio, ratio)
     return belief._replace(theta=belief.theta * ratio, theta_covariance=covariance)
+
+
+def _ratio(old: Scaling, new: Scaling, order: int) -> Array:
+    """(k,) of θ in the new units to θ in the old."""
+    return old.parameter_scale(order) / new.parameter_scale(order)
 
 
 def _snapshot(
@@ -154,13 +177,14 @@ def _snapshot(
     scaling: Scaling,
     predictor: Predictor,
     belief: Belief,
+    covariance: Array,
     state_map: Array,
     to_engine: Array,
     height: float,
     until: float,
 ) -> Snapshot:
     n, motors = model.n, len(scaling.input_trim)
-    sd = np.sqrt(belief.theta_covariance.diagonal()) * scaling.parameter_scale(n)
+    sd = np.sqrt(covariance.diagonal()) * scaling.parameter_scale(n)
     A_sd, B_sd, C_sd = unpack(sd, n, model.r, model.m)
     nan = [np.full(size, np.nan) for size in (n, motors, model.m)]
     A, B, _ = unpack(belief.theta, n, model.r, model.m)

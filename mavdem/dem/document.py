@@ -18,6 +18,7 @@ from mavdem.dem.scaling import Scaling
 from mavdem.dem.scatter import Scatter
 from mavdem.dem.settings import Settings
 from mavdem.dem.trace import FreeEnergy, Learning
+from mavdem.dem.trajectory import Trajectory
 from mavdem.dem.trials import Unseen
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ def values_of(learned: Learned) -> dict[str, Any]:
             "C": learned.predictor.C.tolist(),
             "gain": learned.predictor.gain.tolist(),
         },
+        "trajectory": None if learned.trajectory is None else _trajectory_values(learned.trajectory),
         **{name: getattr(learned, name).tolist() for name in ARRAYS},
     }
 
@@ -117,12 +119,34 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
             np.array(predictor["C"], float),
             np.array(predictor["gain"], float),
         ),
+        "trajectory": None if values["trajectory"] is None else _trajectory(values["trajectory"]),
         **_arrays({name: values[name] for name in ARRAYS}),
     }
 
 
 def _scatter(values: Mapping[str, Any]) -> Scatter:
     return Scatter(np.array(values["covariance"], np.float64), float(values["freedom"]))
+
+
+def _trajectory_values(trajectory: Trajectory) -> dict[str, Any]:
+    return {
+        **_lists({name: getattr(trajectory, name) for name in ("theta", "places", "covariance", "mse")}),
+        "numbers": trajectory.numbers,
+        "horizon": trajectory.horizon,
+        "settled": trajectory.settled,
+        "terms": _lists(trajectory.terms),
+    }
+
+
+def _trajectory(values: Mapping[str, Any]) -> Trajectory:
+    return Trajectory(
+        **_arrays({name: values[name] for name in ("theta", "covariance", "mse")}),
+        places=np.array(values["places"], np.intp),
+        numbers=float(values["numbers"]),
+        horizon=int(values["horizon"]),
+        terms=_arrays(values["terms"]),
+        settled=bool(values["settled"]),
+    )
 
 
 def _colour_values(colour: Colour) -> dict[str, Any]:
@@ -182,6 +206,8 @@ def _check(fields: dict[str, Any]) -> None:
         "state_map": (fields["state_map"], (n * (p + 1) + driven * (d + 1), data)),
         "theta": (fields["theta"], (n * n + n * driven + m * n,)),
     }
+    if fields["trajectory"] is not None:
+        shapes |= _trajectory_shapes(fields["trajectory"], fields["theta"], m)
     for name, (array, shape) in shapes.items():
         if array.shape != shape or not np.isfinite(array).all():
             raise ValueError(f"{name} must be finite and of shape {shape}, not {array.shape}")
@@ -213,6 +239,20 @@ def _check(fields: dict[str, Any]) -> None:
     lengths |= {len(rows) for rows in vars(fields["learning"]).values()}
     if not terms or len(lengths) != 1 or 0 in lengths:
         raise ValueError("free_energy and learning must have as many rows")
+
+
+def _trajectory_shapes(trajectory: Trajectory, theta: Array, m: int) -> dict[str, tuple[Array, tuple[int, ...]]]:
+    """Which shape its arrays must have."""
+    free, places = len(trajectory.places), trajectory.places
+    if not (free and places.min() >= 0 and places.max() < len(theta) and len(np.unique(places)) == free):
+        raise ValueError("trajectory.places must be different places of theta")
+    if not (trajectory.numbers > free and trajectory.horizon >= 1 and len(trajectory.mse)):
+        raise ValueError("trajectory must have more numbers than places, a horizon and errors of forecasts")
+    return {
+        "trajectory.theta": (trajectory.theta, theta.shape),
+        "trajectory.covariance": (trajectory.covariance, (free, free)),
+        "trajectory.mse": (trajectory.mse, (len(trajectory.mse), m)),
+    }
 
 
 def _finite(value: float) -> float | None:

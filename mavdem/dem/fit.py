@@ -13,6 +13,7 @@ from mavdem.dem.coordinates import embed
 from mavdem.dem.free_energy import Belief
 from mavdem.dem.generative import GenerativeModel, Samples
 from mavdem.dem.model import pack, unpack
+from mavdem.dem.parts import Parts
 from mavdem.dem.prediction import Predictor
 from mavdem.dem.priors import (
     KINEMATIC,
@@ -28,6 +29,7 @@ from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import Settings
 from mavdem.dem.smoothness import sampled_output_precision, sampled_state_precision, temporal_precision
+from mavdem.dem.trajectory import ROUNDS, WEAK, Stretches, Trajectory, climb_by_parts
 
 Array = NDArray[np.float64]
 
@@ -49,6 +51,7 @@ class Fit:
         smoothness: kernel width s of its noise, seconds.
         ascent: the climb.
         predictor: of the learnt model and its noises.
+        trajectory: how θ climbed on; then the ascent's belief is about that θ. ``None``: it stayed where F̄ led it.
     """
 
     settings: Settings
@@ -57,6 +60,7 @@ class Fit:
     smoothness: float
     ascent: Ascent
     predictor: Predictor
+    trajectory: Trajectory | None = None
 
 
 def fit(record: Record, settings: Settings, finish: bool = True) -> Fit:
@@ -84,6 +88,33 @@ def _fit(record: Record, settings: Settings, finish: bool) -> Fit:
     ascent = ascend(model, samples, settings.iterations, rates, finish)
     smoothness = smoothness_of(settings, record.dt)
     return Fit(settings, scaling, model, smoothness, ascent, predictor_of(model, ascent.belief, smoothness, record.dt))
+
+
+def trajectory_by_parts(
+    model: GenerativeModel,
+    settings: Settings,
+    scaling: Scaling,
+    theta: Array,
+    gain: Array,
+    record: Record,
+    rounds: int = ROUNDS,
+) -> Parts[Trajectory | None]:
+    """The climb along trajectories of a record from θ (k,), with a filter of that gain (n, m); in parts.
+
+    ``None`` where the settings ask for none, inputs are unknown, the prior is the paper's or the record is too short.
+    """
+    if settings.horizon is None or settings.prior == "uniform" or not scaling.known.all():
+        return None
+    segments = [(scaling.scale_inputs(inputs), scaling.scale_outputs(outputs)) for inputs, outputs in record.segments]
+    stretches = Stretches.of(segments, max(1, round(settings.horizon / record.dt)))
+    if stretches is None:
+        return None
+    precision = model.prior.theta_precision
+    if settings.prior == "regulated":
+        free = np.diag(precision) < KINEMATIC
+        precision = np.where(np.outer(free, free), WEAK * np.eye(len(free)), precision)
+    prior = model.prior.theta_mean, precision
+    return (yield from climb_by_parts(theta, prior, model.sizes, gain, record.dt, stretches, rounds))
 
 
 def smoothness_of(settings: Settings, dt: float) -> float:

@@ -65,8 +65,13 @@ class GenerativeModel:
     input_precision: Array
     prior: Prior
 
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """n, r and m."""
+        return self.n, self.r, self.m
+
     def __post_init__(self) -> None:
-        n, r, m = self.n, self.r, self.m
+        n, r, m = self.sizes
         if not (min(n, m) >= 1 and r >= 0 and min(self.p, self.d) >= 0 and 0 <= self.q <= self.p):
             raise ValueError("n and m must be at least 1, r, p and d at least 0, and q between 0 and p")
         prior, k, g = self.prior, n * n + n * r + m * n, int(max(*self.output_groups, *self.state_groups)) + 1

@@ -8,13 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.dem.ascent import Climb
+from mavdem.dem.breakdown import breaking_down
 from mavdem.dem.cautions import cautions
 from mavdem.dem.choice import Candidate, candidates
 from mavdem.dem.colour import Colour, estimate_colour
-from mavdem.dem.fit import Fit, fit, generalized
+from mavdem.dem.fit import Fit, fit, generalized, trajectory_by_parts
 from mavdem.dem.free_energy import free_energy
+from mavdem.dem.generative import Samples
 from mavdem.dem.learned import Learned
 from mavdem.dem.one_thread import one_thread
+from mavdem.dem.parts import at_once
 from mavdem.dem.record import Record, Recorded
 from mavdem.dem.scaling import known_inputs
 from mavdem.dem.scatter import certainty_of
@@ -77,6 +81,7 @@ def _learn(record: Record, settings: Settings) -> Learned:
     finished = best.fit if len(choices) == 1 else _finished(best.fit, record)
     segments = generalized(finished.settings, finished.scaling, record)
     certainty = certainty_of(finished.model, segments, finished.ascent)
+    finished = _along_trajectories(finished, record, Samples.of(*segments))
     return Learned.of(
         finished,
         record,
@@ -105,6 +110,26 @@ def _finished(fitted: Fit, record: Record) -> Fit:
         return fit(record, fitted.settings)
     except np.linalg.LinAlgError:
         return fitted
+
+
+def _along_trajectories(fitted: Fit, record: Record, samples: Samples) -> Fit:
+    """With θ climbed on along trajectories of the record, where that is asked for and can be; else as it was."""
+    model, ascent, settings, scaling = fitted.model, fitted.ascent, fitted.settings, fitted.scaling
+    try:
+        with breaking_down():
+            trajectory = at_once(
+                trajectory_by_parts(model, settings, scaling, ascent.belief.theta, fitted.predictor.gain, record)
+            )
+            if trajectory is None:
+                return fitted
+            place = Climb(model, samples).around(trajectory.theta, ascent.belief)
+    except np.linalg.LinAlgError:
+        return fitted
+    predictor = fitted.predictor.of_theta(trajectory.theta, model.sizes, record.dt)
+    there = replace(ascent, belief=place.belief, state_map=place.state_map)
+    onward = replace(fitted, ascent=there, predictor=predictor, trajectory=trajectory)
+    mse = trials(onward, record).mse / scaling.output_scale**2
+    return replace(onward, trajectory=replace(trajectory, mse=mse)) if np.isfinite(mse).all() else fitted
 
 
 def _free_energy(fitted: Fit, segments: Sequence[Array]) -> Array:

@@ -26,6 +26,7 @@ from mavdem.dem.scaling import Scaling
 from mavdem.dem.scatter import Certainty, Scatter
 from mavdem.dem.settings import Settings
 from mavdem.dem.trace import FreeEnergy, Learning
+from mavdem.dem.trajectory import Trajectory
 from mavdem.dem.trials import Unseen
 
 Array = NDArray[np.float64]
@@ -38,7 +39,8 @@ class Learned:
     Attributes:
         settings: as used, with nothing left open.
         model: posterior means.
-        theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units.
+        theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units: along
+            trajectories, or in generalized coordinates where θ stayed there.
         scatter: of the estimate of θ, physical units: how far it would fall from here on other data of this kind. It
             does not count neighbouring samples as independent, as the posterior does; see ``model_interval``. ``None``
             where F̄ has no maximum.
@@ -57,6 +59,7 @@ class Learned:
         record: the training data, physical.
         unseen: what forecasts of each half of the training data by a model of the other half tell.
         cautions: one sentence for each thing a user must know before trusting the model.
+        trajectory: how θ climbed on along trajectories, in the engine's units; ``None`` where it did not.
         scaling, predictor, state_map, theta: the engine's own, in its units: what :meth:`one_step`, :meth:`forecast`
             and :meth:`process_noise` compute with.
     """
@@ -83,6 +86,7 @@ class Learned:
     predictor: Predictor
     state_map: Array
     theta: Array
+    trajectory: Trajectory | None
 
     @classmethod
     def of(
@@ -110,12 +114,15 @@ class Learned:
         scale = scaling.parameter_scale(order)
         motors = of_vehicle(order, record.inputs.shape[1], fit.model.m, scaling.constant)
         of_motors = np.ix_(motors, motors)
-        covariance = ascent.belief.theta_covariance * np.outer(scale, scale)
         precision = fit.model.prior.theta_precision
         prior_covariance = inverse(precision) * np.outer(scale, scale)
+        covariance, scatter = ascent.belief.theta_covariance, certainty.scatter
+        if fit.trajectory is not None:
+            covariance = fit.trajectory.theta_covariance(inverse(precision))
+            scatter = Scatter(covariance, fit.trajectory.freedom)
+        covariance = covariance * np.outer(scale, scale)
         held = held_by_prior(np.diag(precision)[motors], scale[motors], fit.settings, record)
         information = without(certainty.information, precision, motors)
-        scatter = certainty.scatter
         return cls(
             settings=fit.settings,
             model=scaling.physical_model(ascent.belief.theta, order),
@@ -146,6 +153,7 @@ class Learned:
             predictor=fit.predictor,
             state_map=ascent.state_map,
             theta=ascent.belief.theta,
+            trajectory=fit.trajectory,
         )
 
     def __repr__(self) -> str:
@@ -199,8 +207,10 @@ class Learned:
     def forecast(self, inputs: ArrayLike) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.
 
-        The model runs on from the state at the end of training; its deviation from the trim has the weight, by horizon,
-        that forecasts of unseen training data earned it (``unseen.weight``; 1 without ``shrink_forecasts``).
+        The model runs on from the state at the end of training. With ``shrink_forecasts`` each sample's deviation from
+        the trim has the weight 1 / (1 + V), V being the variance that the posterior of θ gives it, in units of the
+        training variance: what inputs beyond those learnt from ask of uncertain parameters is not believed. Where θ
+        climbed along no trajectories, it has the weight that forecasts of unseen training data earned one so long.
 
         Args:
             inputs: (H, r) motor outputs over the forecast, in the unit of the training inputs.
@@ -211,6 +221,31 @@ class Learned:
         Raises:
             ValueError: inputs of another width, or not finite.
         """
+        ahead = self._ahead(inputs)
+        known = self.scaling.scale_inputs(np.vstack([self.record.inputs[-1], ahead]))
+        deviation = self.predictor.forecast(self._last_state, known)
+        return self.scaling.physical_outputs(deviation * self._weight(ahead))
+
+    def forecast_variance(self, inputs: ArrayLike) -> Array:
+        """(H, m) squared error that the forecast expects of itself at each sample, rad² and (rad/s)².
+
+        Args:
+            inputs: (H, r) as for :meth:`forecast`.
+
+        Raises:
+            ValueError: as :meth:`forecast`.
+        """
+        ahead = self._ahead(inputs)
+        if self.trajectory is None:
+            return self._by_horizon(self.unseen.weighted_mse, len(ahead))
+        spread = self._spread(ahead)
+        if self.settings.shrink_forecasts:
+            # A deviation of about 1 beforehand, of which a forecast with that variance tells: V / (1 + V) is left.
+            spread = 1 - 1 / (1 + spread)
+        return (spread + self._by_horizon(self.trajectory.noise, len(ahead))) * self.scaling.output_scale**2
+
+    def _ahead(self, inputs: ArrayLike) -> Array:
+        """Inputs of a forecast, checked, (H, r)."""
         ahead = real_numbers(inputs, "inputs")
         if ahead.ndim == 1 and self.record.inputs.shape[1] == 1:
             ahead = ahead[:, None]
@@ -218,15 +253,33 @@ class Learned:
             raise ValueError(f"inputs must have shape (H, {self.record.inputs.shape[1]}), not {ahead.shape}")
         if not np.isfinite(ahead).all():
             raise ValueError("inputs must be finite")
-        known = self.scaling.scale_inputs(np.vstack([self.record.inputs[-1], ahead]))
-        deviation = self.predictor.forecast(self._last_state, known) * self._by_horizon(self.unseen.weight, len(ahead))
-        return self.scaling.physical_outputs(deviation)
+        return ahead
+
+    def _weight(self, ahead: Array) -> Array:
+        """(H, m) of a forecast's deviation from the trim."""
+        if self.trajectory is None:
+            return self._by_horizon(self.unseen.weight, len(ahead))
+        return (
+            1 / (1 + self._spread(ahead))
+            if self.settings.shrink_forecasts
+            else np.ones((len(ahead), len(self.model.C)))
+        )
+
+    def _spread(self, ahead: Array) -> Array:
+        """(H, m) variance that θ's posterior gives a forecast with inputs (H, r), in the engine's units."""
+        assert self.trajectory is not None
+        (outputs, inputs), scaling = self._scaled[-1], self.scaling
+        before = self.trajectory.horizon + 1
+        (n, _), m = self.model.B.shape, len(self.model.C)
+        driven = np.vstack([inputs[-before:], scaling.scale_inputs(ahead)])
+        return self.trajectory.spread(self.predictor, (n, driven.shape[1], m), self.dt, driven, outputs[-before:])
 
     def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> tuple[Array, Array]:
         """The interval in which each sample of the forecast lies with probability ``level``.
 
-        Its width is what forecasts of that length erred (``unseen.weighted_mse``), which counts wind, start and
-        parameters together; beyond the longest such forecast it stays as wide as that.
+        Its width is what forecasts of that length erred inside the training data, as far as θ's own uncertainty, which
+        the inputs scale, is not the cause, and that uncertainty; or, where θ climbed along no trajectories, what
+        forecasts of unseen training data erred. Beyond the longest such forecast it stays as wide as that.
 
         Args:
             inputs: (H, r) as for :meth:`forecast`.
@@ -240,8 +293,10 @@ class Learned:
         """
         require_probability(level)
         centre = self.forecast(inputs)
-        mse = self._by_horizon(self.unseen.weighted_mse, len(centre))
-        half = norm.ppf(0.5 + level / 2) * np.sqrt(mse)
+        if self.trajectory is None:
+            half = norm.ppf(0.5 + level / 2) * np.sqrt(self._by_horizon(self.unseen.weighted_mse, len(centre)))
+        else:
+            half = self.trajectory.quantile(level) * np.sqrt(self.forecast_variance(inputs))
         return centre - half, centre + half
 
     @staticmethod

@@ -45,18 +45,23 @@ def unpack(theta: NDArray[Scalar], n: int, r: int, m: int) -> tuple[NDArray[Scal
 class Transition(NamedTuple):
     """x⁺ = Φ x + Γ₀ u + Γ₁ u⁺: one sampling step, exact for inputs that run linearly between samples."""
 
-    state: Array  # (n, n) Φ
-    input_now: Array  # (n, r) Γ₀
-    input_next: Array  # (n, r) Γ₁
+    state: Array  # (..., n, n) Φ
+    input_now: Array  # (..., n, r) Γ₀
+    input_next: Array  # (..., n, r) Γ₁
 
 
 def discretize(A: Array, B: Array, dt: float) -> Transition:
-    """The exact transition over ``dt`` seconds with first-order hold (Franklin, Powell and Workman, sec. 4.3.2)."""
-    n, r = B.shape
-    generator = np.zeros((n + 2 * r, n + 2 * r))
-    generator[:n, :n] = A * dt
-    generator[:n, n : n + r] = B * dt
-    generator[n : n + r, n + r :] = np.eye(r)
+    """The exact transition over ``dt`` seconds with first-order hold (Franklin, Powell and Workman, sec. 4.3.2).
+
+    Args:
+        A, B: (..., n, n) and (..., n, r), of one model or of several.
+        dt: s.
+    """
+    n, r = B.shape[-2:]
+    generator = np.zeros((*B.shape[:-2], n + 2 * r, n + 2 * r))
+    generator[..., :n, :n] = A * dt
+    generator[..., :n, n : n + r] = B * dt
+    generator[..., n : n + r, n + r :] = np.eye(r)
     flow = expm(generator)
-    ramp = flow[:n, n + r :]
-    return Transition(flow[:n, :n], flow[:n, n : n + r] - ramp, ramp)
+    ramp = flow[..., :n, n + r :]
+    return Transition(flow[..., :n, :n], flow[..., :n, n : n + r] - ramp, ramp)

@@ -289,7 +289,8 @@ class OnlineLearner:
             return
         if snapshot is not None:
             self.obstacle = ""
-            weight = None if self.learned is None else self.learned.unseen.weight
+            learned = self.learned
+            weight = None if learned is None or learned.trajectory is not None else learned.unseen.weight
             self._tracker = Tracker(snapshot, self._climber, self.horizons, weight)
             self._tracker.find_state(*self._memory.latest(round(SETTLING / self._dt)))
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 from scipy.signal import lfilter
 
-from mavdem.dem.model import Transition, discretize
+from mavdem.dem.model import Transition, discretize, unpack
 
 Array = NDArray[np.float64]
 
@@ -56,6 +56,11 @@ class Predictor:
         except ValueError as error:
             raise np.linalg.LinAlgError(f"no filter settles: {error}") from None
         return cls(transition, C, np.linalg.solve(C @ P @ C.T + R, C @ P).T)
+
+    def of_theta(self, theta: Array, sizes: tuple[int, int, int], dt: float) -> Predictor:
+        """The same filter for a model with other parameters θ (k,), of n states, r inputs and m outputs."""
+        A, B, C = unpack(theta, *sizes)
+        return Predictor(discretize(A, B, dt), C, self.gain)
 
     def filtered(self, outputs: Array, inputs: Array) -> Array:
         """States (T, n), each given the samples up to and including its own; the first from its outputs alone."""

@@ -60,8 +60,10 @@ class Settings:
             number, one for each input, or a matrix ((d + 1)r, (d + 1)r), order-major.
         state_rate, parameter_rate, hyperparameter_rate: learning rates k^X, k^θ and k^λ of Eq. ``GA_basic``, in the
             engine's units; ``None``: the exact limit, in which each step goes to its maximum.
-        shrink_forecasts: whether forecasts are drawn back towards the trim by as much as forecasts of training data
-            that a fit has not seen advise.
+        horizon: seconds of the trajectories along which θ climbs on from where generalized coordinates led it, where
+            inputs are known and the prior is not "uniform" (``mavdem.dem.trajectory``); ``None``: it stays there.
+        shrink_forecasts: whether forecasts are drawn back towards the trim by as much as the posterior of θ advises;
+            or, where there were no trajectories, forecasts of training data that a fit has not seen.
         iterations: at most so many rounds of D, E and M steps; they end earlier when F̄ has settled.
         seed: of everything random (the "uniform" prior).
 
@@ -91,6 +93,7 @@ class Settings:
     state_rate: float | None = None
     parameter_rate: float | None = None
     hyperparameter_rate: float | None = None
+    horizon: float | None = 0.3
     shrink_forecasts: bool = True
     iterations: int = 200
     seed: int = 0
@@ -133,7 +136,7 @@ class Settings:
         _require(self.window is None or self.window >= fewest, "window", f"at least {fewest} for p and d", self.window)
         learnt = self.smoothness is None or self.smoothness == "learn" or _positive(self.smoothness)
         _require(learnt, "smoothness", 'a positive number, None or "learn"', self.smoothness)
-        for name in ("parameter_precision", "state_rate", "parameter_rate", "hyperparameter_rate"):
+        for name in ("parameter_precision", "state_rate", "parameter_rate", "hyperparameter_rate", "horizon"):
             value = getattr(self, name)
             _require(value is None or _positive(value), name, f"{_LIKE[_positive]}, or None", value)
         for kind, groups in (("z", self.output_groups), ("w", self.state_groups)):
@@ -221,6 +224,7 @@ class Settings:
             lambda_w=3.0,
             lambda_w_precision=e**20,
             input_precision=e**16,
+            horizon=None,
             shrink_forecasts=False,
             iterations=20,
             seed=seed,

@@ -101,7 +101,7 @@ def test_units_of_the_stream_do_not_matter():
 
 def test_posterior_is_in_physical_units_and_narrower_than_the_prior():
     flight = simulated(wind=0.5)
-    learned = learn(flight[:700], Settings(order=2, window=3, parameter_precision=0.01))
+    learned = learn(flight[:700], Settings(order=2, window=3, parameter_precision=0.01, horizon=None))
     r = flight.inputs.shape[1]
     assert learned.theta_covariance.shape == (4 + 2 * r + 4,) * 2
     assert (np.diag(learned.theta_covariance) <= learned.prior_sd**2 * (1 + 1e-9)).all()
@@ -204,10 +204,10 @@ def test_the_band_holds_nine_samples_in_ten():
     assert np.mean(inside) == pytest.approx(0.9, abs=3 * np.std(inside) / np.sqrt(flights))
 
 
-def test_forecasts_lean_on_the_trim_as_much_as_unseen_data_advise():
+def test_without_trajectories_forecasts_lean_on_the_trim_as_much_as_unseen_data_advise():
     flight = simulated(wind=1.0)
     train, test = flight[:700], flight[700:]
-    plain = Settings(order=2, window=3, parameter_precision=1.0, shrink_forecasts=False)
+    plain = Settings(order=2, window=3, parameter_precision=1.0, horizon=None, shrink_forecasts=False)
     alone, leaning = learn(train, plain), learn(train, replace(plain, shrink_forecasts=True))
     weight, trim = leaning.unseen.weight, leaning.model.output_trim
     assert ((weight >= 0) & (weight <= 1)).all()

@@ -96,11 +96,12 @@ def test_a_memory_knows_its_latest_samples():
 def test_it_arrives_where_learning_at_once_does(wind):
     """Where the samples stay, at the maximum; while they come, where that was a moment ago, to a few nats."""
     flight = simulated(samples=1500, wind=wind, lag=0.05)
-    online = OnlineLearner(COMPLETE, dt=flight.dt, memory=30.0)
+    settings = dataclasses.replace(COMPLETE, horizon=None)
+    online = OnlineLearner(settings, dt=flight.dt, memory=30.0)
     estimate = flown(online, flight)[-1]
     learnt = round((estimate.until - flight.time[0]) / flight.dt) + 1
     assert len(flight) - learnt <= 50
-    whole = mavdem.learn(flight[:learnt], COMPLETE)
+    whole = mavdem.learn(flight[:learnt], settings)
     assert whole.settled
     assert whole.free_energy[-1] - estimate.free_energy_action < 5.0
     # The last sample again and again would be new data; the climber is asked to stay at what it has.
@@ -110,7 +111,7 @@ def test_it_arrives_where_learning_at_once_does(wind):
         snapshot = None
         while snapshot is None:
             snapshot = climber.advance()
-    whole = mavdem.learn(flight, COMPLETE)
+    whole = mavdem.learn(flight, settings)
     assert abs(whole.free_energy[-1] - snapshot.free_energy_action) < SETTLED
     energy, disturbance = Tracker(snapshot, climber, (1,), None).judge(online._memory)
     # F̄ has settled to 0.1 nats; along a ridge of it the priors, which stand in every F(t), move by a little more.
@@ -188,6 +189,24 @@ def test_a_band_is_where_nine_of_ten_normal_errors_are():
 
 
 @pytest.mark.slow
+def test_along_trajectories_it_arrives_where_learning_at_once_does():
+    flight = simulated(samples=1500, wind=1.0, lag=0.05)
+    online = OnlineLearner(COMPLETE, dt=flight.dt, memory=30.0)
+    estimate = flown(online, flight)[-1]
+    learnt = round((estimate.until - flight.time[0]) / flight.dt) + 1
+    assert len(flight) - learnt <= 60
+    whole = mavdem.learn(flight[:learnt], COMPLETE)
+    assert whole.trajectory is not None
+    trajectory = online._climber._stand[2]
+    heights = [sum(term[-1] for term in each.terms.values()) for each in (whole.trajectory, trajectory)]
+    assert heights[1] == pytest.approx(heights[0], abs=0.1)
+    # What is known beforehand stays where generalized coordinates left it.
+    for name, part in (("A", slice(0, 9)), ("B", slice(9, 21))):
+        off = np.abs(getattr(estimate.model, name) - getattr(whole.model, name)).ravel()
+        assert (off <= np.where(whole.known[part], 0.5, 0.1) * getattr(whole.model_sd, name).ravel()).all()
+
+
+@pytest.mark.slow
 def test_a_failing_motor_is_a_surprise():
     flight = simulated(samples=1300, wind=0.5)
     told = flight.inputs.copy()
@@ -249,7 +268,7 @@ def test_a_belief_in_other_units_is_of_the_same_vehicle():
     while online._climber._stand is None:
         online.update(WINDY.time[row], WINDY.outputs[row], WINDY.inputs[row])
         row += 1
-    old, belief = online._climber._stand
+    old, belief, _ = online._climber._stand
     new = old._replace(output_scale=3.0 * old.output_scale, input_scale=0.5 * old.input_scale)
     moved = _in_units(belief, old, new, 3)
     for ours, theirs in zip(

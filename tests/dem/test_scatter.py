@@ -101,7 +101,8 @@ def test_the_corrected_interval_holds_them_where_dem_is_overconfident():
 
 
 def test_intervals_of_a_learnt_flight_are_wider_than_its_posterior_and_survive_the_document():
-    learned = learn(simulated(wind=0.5)[:700], Settings(order=2, window=3, parameter_precision=0.01))
+    settings = Settings(order=2, window=3, parameter_precision=0.01, horizon=None)
+    learned = learn(simulated(wind=0.5)[:700], settings)
     wider = learned.model_interval(0.68).B[1] / learned.model_sd.B[1]
     assert (wider > 1.5).all()
     again = Learned.from_json(learned.to_json())
@@ -114,7 +115,7 @@ def test_two_motors_that_always_agree_leave_their_difference_undetermined():
     flight = simulated(wind=0.5)
     inputs = flight.inputs.copy()
     inputs[:, 1] = inputs[:, 0]
-    settings = Settings(order=2, window=5, parameter_precision=1.0)
+    settings = Settings(order=2, window=5, parameter_precision=1.0, horizon=None)
     learned = learn(Flight(flight.time, inputs, flight.outputs)[:700], settings)
     (direction,) = learned.undetermined
     assert direction.share < 1e-6
