@@ -60,7 +60,7 @@ def test_the_engine_knows_arrays_and_itself_only(path):
 
 
 LAYERS = (
-    {"errors", "telemetry", "flight", "intervals", "euler", "whole_file"},
+    {"errors", "telemetry", "flight", "forecaster", "intervals", "euler", "whole_file"},
     {"ingest"},
     {"phases"},
     {"align"},
@@ -71,6 +71,7 @@ LAYERS = (
     {"inventory", "table"},
     {"convert"},
     {"dem"},
+    {"baselines"},
     {"evaluate", "naming", "attached"},
     {"account", "channels"},
     {"view"},

@@ -20,7 +20,6 @@ from mavdem.dem.level import require_probability
 from mavdem.dem.model import LinearModel, unpack
 from mavdem.dem.positive import inverse
 from mavdem.dem.prediction import Predictor
-from mavdem.dem.real import real_numbers
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.scatter import Certainty, Scatter
@@ -196,7 +195,17 @@ class Learned:
             predictions += [self.scaling.output_trim[None], self.scaling.physical_outputs(ahead)]
         return np.concatenate(predictions)
 
-    def forecast(self, inputs: ArrayLike) -> Array:
+    @property
+    def spectral_radius(self) -> float:
+        """The largest magnitude among the eigenvalues of the model's step from sample to sample, exp(A dt)."""
+        return float(np.exp(self.model.spectral_abscissa * self.dt))
+
+    @property
+    def stable(self) -> bool:
+        """Whether no mode of the model grows."""
+        return self.spectral_radius <= 1
+
+    def forecast(self, inputs: ArrayLike, from_zero: bool = False) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.
 
         The model runs on from the state at the end of training; its deviation from the trim has the weight, by horizon,
@@ -204,6 +213,7 @@ class Learned:
 
         Args:
             inputs: (H, r) motor outputs over the forecast, in the unit of the training inputs.
+            from_zero: begin with state 0 at row 0 (the outputs at their trim), as the paper's figures do.
 
         Returns:
             (H, m).
@@ -211,16 +221,15 @@ class Learned:
         Raises:
             ValueError: inputs of another width, or not finite.
         """
-        ahead = real_numbers(inputs, "inputs")
-        if ahead.ndim == 1 and self.record.inputs.shape[1] == 1:
-            ahead = ahead[:, None]
-        if ahead.ndim != 2 or ahead.shape[1] != self.record.inputs.shape[1]:
-            raise ValueError(f"inputs must have shape (H, {self.record.inputs.shape[1]}), not {ahead.shape}")
-        if not np.isfinite(ahead).all():
-            raise ValueError("inputs must be finite")
+        ahead = self.record.following_inputs(inputs)
         known = self.scaling.scale_inputs(np.vstack([self.record.inputs[-1], ahead]))
-        deviation = self.predictor.forecast(self._last_state, known) * self._by_horizon(self.unseen.weight, len(ahead))
-        return self.scaling.physical_outputs(deviation)
+        if from_zero:
+            at_trim = np.zeros((1, len(self.model.C)))
+            deviation = np.vstack([at_trim, self.predictor.forecast(np.zeros(len(self.model.A)), known[1:])])
+        else:
+            deviation = self.predictor.forecast(self._last_state, known)
+        weighted = deviation[: len(ahead)] * self._by_horizon(self.unseen.weight, len(ahead))
+        return self.scaling.physical_outputs(weighted)
 
     def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> tuple[Array, Array]:
         """The interval in which each sample of the forecast lies with probability ``level``.

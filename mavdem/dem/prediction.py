@@ -100,8 +100,8 @@ class Predictor:
 
 def recursion(F: Array, pushes: Array, first: Array) -> Array:
     """x₁ … x_T of x_{t} = F x_{t−1} + push_t from x₀ = ``first``, mode by mode, in which it is vectorized."""
-    if not len(pushes):
-        return np.empty((0, len(first)))
+    if not pushes.size:
+        return np.empty_like(pushes)
     eigenvalues, modes = np.linalg.eig(F)
     if np.linalg.cond(modes) > WORST_MODES:
         return _recursion_by_sample(F, pushes, first)

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mavdem.dem.real import real_numbers
 from mavdem.dem.spread import Spread
@@ -97,6 +97,21 @@ class Record:
     def longest(self) -> int:
         """Samples of the longest segment."""
         return max(self.lengths)
+
+    def following_inputs(self, inputs: ArrayLike) -> Array:
+        """The inputs (H, r) of a forecast of what follows the record, checked; of one input (H,) will do.
+
+        Raises:
+            ValueError: inputs of another width, or not finite.
+        """
+        ahead, columns = real_numbers(inputs, "inputs"), self.inputs.shape[1]
+        if ahead.ndim == 1 and columns == 1:
+            ahead = ahead[:, None]
+        if ahead.ndim != 2 or ahead.shape[1] != columns:
+            raise ValueError(f"inputs must have shape (H, {columns}), not {ahead.shape}")
+        if not np.isfinite(ahead).all():
+            raise ValueError("inputs must be finite")
+        return ahead
 
     def windows(self, window: int) -> int:
         """How many windows of so many samples lie wholly inside a segment."""

@@ -1,0 +1,15 @@
+"""The methods that DEM is compared with: each takes what ``mavdem.learn`` takes and answers a ``Forecaster``."""
+
+from mavdem.baselines.arx import arx
+from mavdem.baselines.identified import Identified
+from mavdem.baselines.state_space import StateSpace
+from mavdem.baselines.trivial import constant_mean, hold, zero
+
+__all__ = [
+    "Identified",
+    "StateSpace",
+    "arx",
+    "constant_mean",
+    "hold",
+    "zero",
+]
