@@ -2,7 +2,9 @@
 
 from mavdem.baselines.arx import arx
 from mavdem.baselines.identified import Identified
+from mavdem.baselines.pem import pem
 from mavdem.baselines.state_space import StateSpace
+from mavdem.baselines.subspace import subspace
 from mavdem.baselines.trivial import constant_mean, hold, zero
 
 __all__ = [
@@ -11,5 +13,7 @@ __all__ = [
     "arx",
     "constant_mean",
     "hold",
+    "pem",
+    "subspace",
     "zero",
 ]

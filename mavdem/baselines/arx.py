@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mavdem.baselines.identified import Identified, of_stability
 from mavdem.baselines.orders import required_order
-from mavdem.baselines.regression import compressed, least_ridge, regression
+from mavdem.baselines.regression import least_ridge, regression, triangle
 from mavdem.baselines.state_space import StateSpace
 from mavdem.baselines.units import Units
 from mavdem.dem.one_thread import one_thread
@@ -45,8 +45,8 @@ def arx(train: Recorded | Sequence[Recorded], order: int = 2, stable: bool = Fal
                 f"train has {rows} samples with {order} before them, and ARX({order}) of it has {columns} parameters "
                 f"for each output: lower the order, or train on more samples"
             )
-        regressors, targets = compressed(regressors, targets)
         m = targets.shape[1]
+        regressors, targets = np.split(triangle(np.hstack([regressors, targets])), [columns], axis=1)
         model = _realised(regression(regressors, targets), order, m)
         stabilised = stable and model.spectral_radius > 1
 

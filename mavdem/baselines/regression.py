@@ -10,14 +10,14 @@ from scipy.linalg import qr
 
 Array = NDArray[np.float64]
 
-DEPENDENT = 1e-10
+DEPENDENT = 1e-8
 """Singular values of the regressors below this of the largest count as zero: of all solutions the smallest is taken."""
 
 RIDGES = np.geomspace(1e-12, 1e6, 55)
 """Tried one after the other, per sample: from one that changes nothing to one that leaves nothing."""
 
 
-def regression(regressors: Array, targets: Array, ridge: Array | None = None) -> Array:
+def regression(regressors: Array, targets: Array, ridge: NDArray[np.floating] | None = None) -> Array:
     """The smallest least-squares solution (columns, k) of regressors (N, columns) · solution = targets (N, k).
 
     Args:
@@ -31,12 +31,10 @@ def regression(regressors: Array, targets: Array, ridge: Array | None = None) ->
     return np.asarray(np.linalg.lstsq(regressors, targets, rcond=DEPENDENT)[0])
 
 
-def compressed(regressors: Array, targets: Array) -> tuple[Array, Array]:
-    """Regressors and targets of fewer rows with the same solutions and the same sum of squared errors."""
-    columns = regressors.shape[1]
-    (triangle,) = qr(np.hstack([regressors, targets]), mode="r")
-    rows: Array = np.asarray(triangle[: columns + targets.shape[1]], np.float64)
-    return rows[:, :columns], rows[:, columns:]
+def triangle(table: Array) -> Array:
+    """R of the QR decomposition of (N, columns): at most as many rows as columns, with the same inner products."""
+    (R,) = qr(table, mode="r", check_finite=False)
+    return np.asarray(R[: table.shape[1]], np.float64)
 
 
 def stable_radius(samples: int) -> float:

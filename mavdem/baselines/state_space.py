@@ -51,7 +51,7 @@ class StateSpace(NamedTuple):
             start: (n,) the first sample's.
             inputs, outputs: (T, r), (T, m).
         """
-        direct = self._direct(inputs)
+        direct = self.direct(inputs)
         pushes = self._pushes(inputs) + (outputs - direct) @ self.K.T
         return np.vstack([start, recursion(self.A - self.K @ self.C, pushes, start)])
 
@@ -61,7 +61,7 @@ class StateSpace(NamedTuple):
         Args:
             start, inputs, outputs: as for :meth:`filtered`.
         """
-        return self.filtered(start, inputs, outputs)[:-1] @ self.C.T + self._direct(inputs)
+        return self.filtered(start, inputs, outputs)[:-1] @ self.C.T + self.direct(inputs)
 
     def simulated(self, start: Array, inputs: Array) -> Array:
         """(H, m): outputs without noise, the first of state ``start`` (n,), of inputs (H, r).
@@ -70,11 +70,11 @@ class StateSpace(NamedTuple):
         """
         with np.errstate(over="ignore", invalid="ignore"):
             states = np.vstack([start, recursion(self.A, self._pushes(inputs)[:-1], start)])[: len(inputs)]
-            return np.asarray(states @ self.C.T + self._direct(inputs))
+            return np.asarray(states @ self.C.T + self.direct(inputs))
 
     def _pushes(self, inputs: Array) -> Array:
         return (inputs - self.input_trim) @ self.B.T + self.offset
 
-    def _direct(self, inputs: Array) -> Array:
-        """What does not come of the state, (T, m)."""
+    def direct(self, inputs: Array) -> Array:
+        """(T, m): what of the outputs does not come of the state, but of ``inputs`` (T, r) and the trim."""
         return np.asarray((inputs - self.input_trim) @ self.D.T + self.output_trim)

@@ -35,18 +35,26 @@ def random_system(seed: int, order: int, r: int = 2, m: int = 2, noise: float = 
     )
 
 
-def flown(system: StateSpace, seed: int, samples: int, noise: float = 0.1, smooth: float = 0.0) -> tuple[Flight, Array]:
-    """A flight of the system under white inputs (or ``smooth``: of that AR(1) pole), and its states (T + 1, n)."""
+def flown(
+    system: StateSpace,
+    seed: int,
+    samples: int,
+    noise: float = 0.1,
+    push: float = 1.0,
+    feedback: Array | None = None,
+) -> tuple[Flight, Array]:
+    """A flight of the system under white inputs of size ``push``, and its states (T + 1, n).
+
+    With ``feedback`` (r, m) inputs also answer the outputs of the same sample, whose noise they thus know (D = 0).
+    """
     rng = np.random.default_rng(seed)
     (n, r), m = system.B.shape, len(system.C)
-    inputs = rng.standard_normal((samples, r))
-    for t in range(1, samples):
-        inputs[t] += smooth * inputs[t - 1]
-    inputs += system.input_trim
+    pushes = push * rng.standard_normal((samples, r))
     errors = noise * rng.standard_normal((samples, m))
     states, outputs = np.zeros((samples + 1, n)), np.empty((samples, m))
     for t in range(samples):
-        driven = inputs[t] - system.input_trim
-        outputs[t] = system.C @ states[t] + system.D @ driven + system.output_trim + errors[t]
-        states[t + 1] = system.A @ states[t] + system.B @ driven + system.offset + system.K @ errors[t]
-    return Flight(DT * np.arange(samples), inputs, outputs), states
+        outputs[t] = system.C @ states[t] + system.D @ pushes[t] + errors[t]
+        if feedback is not None:
+            pushes[t] += feedback @ outputs[t]
+        states[t + 1] = system.A @ states[t] + system.B @ pushes[t] + system.offset + system.K @ errors[t]
+    return Flight(DT * np.arange(samples), pushes + system.input_trim, outputs + system.output_trim), states
