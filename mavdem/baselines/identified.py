@@ -89,6 +89,6 @@ def of_stability(model: StateSpace, stabilised: bool) -> tuple[str, ...]:
     if model.spectral_radius <= 1:
         return ()
     return (
-        f"The model is unstable: a mode grows by a factor of {model.spectral_radius:.4g} at each sample, and so do "
+        f"The model is unstable: a mode grows by {model.spectral_radius - 1:.2g} of itself at each sample, and so may "
         f"forecasts.",
     )
