@@ -27,7 +27,7 @@ class Forecaster(Protocol):
 
     @property
     def stable(self) -> bool:
-        """Whether no mode of the model grows: its spectral radius is 1 at most."""
+        """Whether no mode of the model grows, but for rounding."""
 
     def one_step(self) -> NDArray[np.float64]:
         """(T, m): each training sample predicted from those before it in its segment, and the inputs."""

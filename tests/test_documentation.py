@@ -24,7 +24,14 @@ def test_the_scenarios_example_flies(capsys):
     assert capsys.readouterr().out.startswith("[[0. 1.]")
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/engine.md", "docs/scenarios.md"])
+def test_the_baselines_example_forecasts(monkeypatch, capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "baselines.md").read_text(), re.DOTALL)
+    monkeypatch.chdir(ROOT)
+    exec(code, {})
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["DEM", "subspace(4,", "PEM(4)"]
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/baselines.md", "docs/engine.md", "docs/scenarios.md"])
 def test_every_file_that_is_named_is_there(page):
     text = (ROOT / page).read_text()
     named = set(re.findall(r"`((?:tools|tests|logs|docs|mavdem|sitl_scenarios)/[\w./]+\.?\w*)`", text))

@@ -11,7 +11,7 @@ from mavdem.baselines.identified import Identified, of_stability
 from mavdem.baselines.orders import required_order
 from mavdem.baselines.regression import least_ridge, regression, triangle
 from mavdem.baselines.state_space import StateSpace
-from mavdem.baselines.units import Units
+from mavdem.baselines.units import Segments, Units
 from mavdem.dem.one_thread import one_thread
 from mavdem.dem.record import Record, Recorded
 
@@ -48,7 +48,7 @@ def arx(train: Recorded | Sequence[Recorded], order: int = 2, stable: bool = Fal
         m = targets.shape[1]
         regressors, targets = np.split(triangle(np.hstack([regressors, targets])), [columns], axis=1)
         model = _realised(regression(regressors, targets), order, m)
-        stabilised = stable and model.spectral_radius > 1
+        stabilised = stable and not model.stable
 
         def drawn_in(ridge: float) -> StateSpace:
             of_outputs = np.arange(columns) < m * order
@@ -62,7 +62,7 @@ def arx(train: Recorded | Sequence[Recorded], order: int = 2, stable: bool = Fal
         return Identified(f"ARX({order})", physical, record, starts, stabilised, cautions)
 
 
-def _lagged(segments: list[tuple[Array, Array]], order: int) -> tuple[Array, Array]:
+def _lagged(segments: Segments, order: int) -> tuple[Array, Array]:
     """Regressors [outputs of each lag, inputs of each lag, 1] and targets, of all samples with as many before them."""
     rows, targets = [], []
     for inputs, outputs in segments:

@@ -16,7 +16,7 @@ from mavdem.baselines.riccati import steady_gain
 from mavdem.baselines.smoother import GaussianModel, Smoothed, smoothed
 from mavdem.baselines.state_space import StateSpace
 from mavdem.baselines.subspace import found_by_projection
-from mavdem.baselines.units import Units
+from mavdem.baselines.units import Segments, Units
 from mavdem.dem.one_thread import one_thread
 from mavdem.dem.record import Record, Recorded
 
@@ -57,8 +57,8 @@ def em(
     the states in which segments begin are regressed on them (Shumway and Stoffer, Journal of Time Series Analysis 3(4),
     1982; with inputs Cara, Juan and Alarcón, Mechanical Systems and Signal Processing 46(2), 2014). The likelihood
     rises with every iteration, to a maximum that need not be the highest: so it starts from the subspace model and at
-    random, and after some iterations goes on from where the likelihood is highest. K is the steady Kalman gain. In
-    closed loop it is consistent where the inputs of a sample do not answer its own outputs.
+    random, and after some iterations goes on from where the likelihood is highest. K is the steady Kalman gain.
+    Consistent in closed loop, as far as order and noises are right.
 
     Args:
         train: a ``Flight``, or a list of them, segments with gaps between: nothing is smoothed across a gap.
@@ -76,7 +76,7 @@ def em(
     with one_thread():
         segments = units.segments(record)
         climbed, model = _best_climb(segments, order, feedthrough, np.inf, seed)
-        stabilised = stable and model.spectral_radius > 1
+        stabilised = stable and not model.stable
         if stabilised:
             climbed, model = _best_climb(segments, order, feedthrough, stable_radius(len(record)), seed)
         cautions = of_stability(model, stabilised)
@@ -104,7 +104,7 @@ class Climb(NamedTuple):
     settled: bool
 
 
-def climb(begun: Climb, segments: list[tuple[Array, Array]], iterations: int, feedthrough: bool, bound: float) -> Climb:
+def climb(begun: Climb, segments: Segments, iterations: int, feedthrough: bool, bound: float) -> Climb:
     """As many iterations more, or until it has settled; the spectral radius of A never above ``bound``.
 
     Raises:
@@ -136,7 +136,7 @@ def _left_to_gain(likelihoods: tuple[float, ...]) -> float:
 def _maximized(
     model: GaussianModel,
     expected: list[Smoothed],
-    segments: list[tuple[Array, Array]],
+    segments: Segments,
     feedthrough: bool,
     bound: float,
 ) -> GaussianModel:
@@ -212,9 +212,7 @@ class _Moments(NamedTuple):
         return np.asarray(axes * np.maximum(variances, LEAST_NOISE) @ axes.T)
 
 
-def _best_climb(
-    segments: list[tuple[Array, Array]], order: int, feedthrough: bool, bound: float, seed: int
-) -> tuple[Climb, StateSpace]:
+def _best_climb(segments: Segments, order: int, feedthrough: bool, bound: float, seed: int) -> tuple[Climb, StateSpace]:
     """From the start that has come highest after its trial, to the end; of those from which nothing breaks down."""
     tried = []
     for start in starting_points(segments, order, feedthrough, bound < np.inf, seed):
@@ -236,16 +234,14 @@ def _in_innovation_form(model: GaussianModel) -> StateSpace:
     return StateSpace(A, B, C, D, gain, offset, np.zeros(B.shape[1]), trim)
 
 
-def starting_points(
-    segments: list[tuple[Array, Array]], order: int, feedthrough: bool, stable: bool, seed: int
-) -> list[Climb]:
+def starting_points(segments: Segments, order: int, feedthrough: bool, stable: bool, seed: int) -> list[Climb]:
     """The subspace model with noise, and models at random; none of them unstable if they must be ``stable``."""
     rng = np.random.default_rng(seed)
     at_random = [_at_random(rng, segments, order) for _ in range(STARTS - 1)]
     return [_from_subspace(segments, order, feedthrough, stable), *at_random]
 
 
-def _from_subspace(segments: list[tuple[Array, Array]], order: int, feedthrough: bool, stable: bool) -> Climb:
+def _from_subspace(segments: Segments, order: int, feedthrough: bool, stable: bool) -> Climb:
     (A, B, C, D, K, offset, _, trim), starts, _ = found = found_by_projection(
         segments, order, "CVA", feedthrough, stable
     )
@@ -261,7 +257,7 @@ def _from_subspace(segments: list[tuple[Array, Array]], order: int, feedthrough:
     return Climb(model, starts, (), False)
 
 
-def _at_random(rng: np.random.Generator, segments: list[tuple[Array, Array]], order: int) -> Climb:
+def _at_random(rng: np.random.Generator, segments: Segments, order: int) -> Climb:
     k, m = segments[0][0].shape[1], segments[0][1].shape[1]
     turn = np.linalg.qr(rng.standard_normal((order, order))).Q
     A = turn * rng.uniform(0.5, 0.95, order) @ turn.T

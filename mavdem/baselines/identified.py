@@ -48,8 +48,8 @@ class Identified:
 
     @property
     def stable(self) -> bool:
-        """Whether no mode grows: the spectral radius is 1 at most, where what is at hand is held."""
-        return self.spectral_radius <= 1
+        """Whether no mode grows, but for rounding: one of spectral radius 1 holds what it has."""
+        return self.model.stable
 
     def one_step(self) -> Array:
         """(T, m): each training sample predicted from those before it in its segment, and the inputs."""
@@ -86,7 +86,7 @@ def of_stability(model: StateSpace, stabilised: bool) -> tuple[str, ...]:
     """The caution that a model grows, or that it did."""
     if stabilised:
         return ("The model was unstable and has been made stable, as was asked for.",)
-    if model.spectral_radius <= 1:
+    if model.stable:
         return ()
     return (
         f"The model is unstable: a mode grows by {model.spectral_radius - 1:.2g} of itself at each sample, and so may "

@@ -15,7 +15,7 @@ from mavdem.baselines.prediction_errors import Parameters, prediction_errors, se
 from mavdem.baselines.regression import stable_radius
 from mavdem.baselines.state_space import StateSpace
 from mavdem.baselines.subspace import Found, Weighting, found_by_projection
-from mavdem.baselines.units import Units
+from mavdem.baselines.units import Segments, Units
 from mavdem.dem.one_thread import one_thread
 from mavdem.dem.record import Record, Recorded
 
@@ -61,7 +61,7 @@ def pem(
     with one_thread():
         segments = units.segments(record)
         found = _minimised(_best_start(segments, order, feedthrough, stable=False), feedthrough, segments, np.inf)
-        stabilised = stable and found.model.spectral_radius > 1
+        stabilised = stable and not found.model.stable
         if stabilised:
             bound = stable_radius(len(record))
             found = _minimised(_best_start(segments, order, feedthrough, stable=True), feedthrough, segments, bound)
@@ -80,7 +80,7 @@ class _Minimised(NamedTuple):
     settled: bool
 
 
-def _best_start(segments: list[tuple[Array, Array]], order: int, feedthrough: bool, stable: bool) -> Found:
+def _best_start(segments: Segments, order: int, feedthrough: bool, stable: bool) -> Found:
     """The subspace model, of those there are, that predicts best."""
     found: list[Found] = []
     for weighting in get_args(Weighting):
@@ -109,7 +109,7 @@ def _covariance(errors: Array) -> Array:
     return np.asarray(errors.T @ errors / len(errors) + LEAST_VARIANCE * np.eye(errors.shape[1]))
 
 
-def _minimised(found: Found, feedthrough: bool, segments: list[tuple[Array, Array]], bound: float) -> _Minimised:
+def _minimised(found: Found, feedthrough: bool, segments: Segments, bound: float) -> _Minimised:
     """From there downhill, the spectral radius of A never above ``bound``."""
     best, settled = _parameters(found, feedthrough), False
     errors = prediction_errors(best, found.model, segments)
@@ -126,9 +126,7 @@ def _minimised(found: Found, feedthrough: bool, segments: list[tuple[Array, Arra
     return _Minimised(with_parameters(found.model, best), best.starts, settled)
 
 
-def _downhill(
-    start: Parameters, model: StateSpace, segments: list[tuple[Array, Array]], weight: Array, bound: float
-) -> Parameters:
+def _downhill(start: Parameters, model: StateSpace, segments: Segments, weight: Array, bound: float) -> Parameters:
     """The parameters with the least sum of squared errors that is found, weighted."""
     nowhere = 1e3 * (prediction_errors(start, model, segments) @ weight).ravel()
     origin, directions = start.vector(), start.telling()

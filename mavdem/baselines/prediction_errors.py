@@ -10,6 +10,7 @@ from scipy.linalg import null_space
 from scipy.signal import lfilter
 
 from mavdem.baselines.state_space import StateSpace
+from mavdem.baselines.units import Segments
 from mavdem.dem.prediction import WORST_MODES
 
 Array = NDArray[np.float64]
@@ -56,7 +57,7 @@ class Parameters(NamedTuple):
         return np.asarray(np.linalg.qr(complement, mode="complete").Q[:, complement.shape[1] :])
 
 
-def prediction_errors(parameters: Parameters, model: StateSpace, segments: list[tuple[Array, Array]]) -> Array:
+def prediction_errors(parameters: Parameters, model: StateSpace, segments: Segments) -> Array:
     """(T, m): of each sample of all segments."""
     model = with_parameters(model, parameters)
     ahead = [model.predicted(start, *segment) for start, segment in zip(parameters.starts, segments, strict=True)]
@@ -69,7 +70,7 @@ def with_parameters(model: StateSpace, parameters: Parameters) -> StateSpace:
     return StateSpace(A, B, C, D if D.size else np.zeros_like(model.D), K, offset, model.input_trim, model.output_trim)
 
 
-def sensitivities(parameters: Parameters, model: StateSpace, segments: list[tuple[Array, Array]]) -> Array:
+def sensitivities(parameters: Parameters, model: StateSpace, segments: Segments) -> Array:
     """(T, m, parameters): derivatives of :func:`prediction_errors`, exact.
 
     A small change of the state runs through the same recursion x⁺ = (A − K C) x + … as the state (Ljung, System

@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.baselines.state_space import StateSpace
+from mavdem.baselines.units import Segments
 from mavdem.dem.prediction import recursion
 
 Array = NDArray[np.float64]
 
 
-def estimated_starts(model: StateSpace, segments: list[tuple[Array, Array]], innovation: Array) -> Array:
+def estimated_starts(model: StateSpace, segments: Segments, innovation: Array) -> Array:
     """(segments, n): the most probable first states, before which they are of mean 0 and variance 1.
 
     Args:

@@ -11,6 +11,9 @@ from mavdem.dem.prediction import recursion
 
 Array = NDArray[np.float64]
 
+ROUNDING = 1e-9
+"""A mode that would grow by less than this of itself at each sample is one that is held."""
+
 
 class StateSpace(NamedTuple):
     """x⁺ = A x + B (u − input_trim) + offset + K e,  y = C x + D (u − input_trim) + output_trim + e.
@@ -32,6 +35,11 @@ class StateSpace(NamedTuple):
     def spectral_radius(self) -> float:
         """The largest magnitude among the eigenvalues of A; 0 of a model without states."""
         return float(np.abs(np.linalg.eigvals(self.A)).max(initial=0.0))
+
+    @property
+    def stable(self) -> bool:
+        """Whether no mode grows, but for rounding."""
+        return self.spectral_radius <= 1 + ROUNDING
 
     def with_states(self, change: Array) -> StateSpace:
         """The same model of states ``change`` (n, n) times as they are."""

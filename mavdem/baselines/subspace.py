@@ -13,8 +13,8 @@ from mavdem.baselines.orders import required_order
 from mavdem.baselines.regression import DEPENDENT, least_ridge, regression, triangle
 from mavdem.baselines.riccati import steady_gain
 from mavdem.baselines.starts import estimated_starts
-from mavdem.baselines.state_space import StateSpace
-from mavdem.baselines.units import Units
+from mavdem.baselines.state_space import ROUNDING, StateSpace
+from mavdem.baselines.units import Segments, Units
 from mavdem.baselines.windows import Windows
 from mavdem.dem.one_thread import one_thread
 from mavdem.dem.record import Record, Recorded
@@ -91,9 +91,7 @@ class Found(NamedTuple):
     stabilised: bool
 
 
-def found_by_projection(
-    segments: list[tuple[Array, Array]], order: int, weighting: Weighting, feedthrough: bool, stable: bool
-) -> Found:
+def found_by_projection(segments: Segments, order: int, weighting: Weighting, feedthrough: bool, stable: bool) -> Found:
     """The model of inputs and outputs of each segment, in units in which their variance is 1."""
     horizon = _horizon(segments, order)
     windows = Windows.of(segments, horizon, horizon)
@@ -121,7 +119,7 @@ def found_by_projection(
     def radius(ridge: float | None) -> float:
         return float(np.abs(np.linalg.eigvals(dynamics(ridge)[:, 1 : 1 + order])).max())
 
-    stabilised = stable and radius(None) > 1
+    stabilised = stable and radius(None) > 1 + ROUNDING
     of_successors = dynamics(least_ridge(radius, windows.number) if stabilised else None)
     offset, A, B = np.split(of_successors, [1, 1 + order], axis=1)
     errors = np.hstack([successors - regressors @ of_successors.T, innovations])
@@ -138,7 +136,7 @@ def found_by_projection(
     return Found(model, estimated_starts(model, segments, R), stabilised)
 
 
-def _horizon(segments: list[tuple[Array, Array]], order: int) -> int:
+def _horizon(segments: Segments, order: int) -> int:
     """How many samples of past and of future to look at: as many lags as the best ARX model has.
 
     By Akaike's criterion, as is usual with canonical variates (Peternell, Scherrer and Deistler, Signal Processing

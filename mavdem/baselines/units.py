@@ -12,6 +12,9 @@ from mavdem.dem.record import Record
 
 Array = NDArray[np.float64]
 
+Segments = list[tuple[Array, Array]]
+"""Inputs (T, k) and outputs (T, m) of each segment, in a method's units."""
+
 DEPENDENT = 1e-6
 """A combination of inputs, each in units of its own deviation, that moves by less than this of the liveliest tells
 nothing: the inputs are taken as dependent there, and the model gets the smallest B that explains the rest."""
@@ -46,8 +49,8 @@ class Units(NamedTuple):
         components = directions[kept].T / sizes[kept] * np.sqrt(len(record))
         return cls(inputs.mean, components / scale[:, None], outputs.mean, np.sqrt(outputs.variance))
 
-    def segments(self, record: Record) -> list[tuple[Array, Array]]:
-        """Inputs (T, k) and outputs (T, m) of each segment in the method's units."""
+    def segments(self, record: Record) -> Segments:
+        """The record's, in the method's units."""
         return [
             ((inputs - self.input_trim) @ self.input_map, (outputs - self.output_trim) / self.output_scale)
             for inputs, outputs in record.segments

@@ -9,6 +9,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from mavdem.baselines.regression import triangle
+from mavdem.baselines.units import Segments
 
 Array = NDArray[np.float64]
 
@@ -27,7 +28,7 @@ class Windows(NamedTuple):
     number: int
 
     @classmethod
-    def of(cls, segments: list[tuple[Array, Array]], past: int, future: int) -> Windows:
+    def of(cls, segments: Segments, past: int, future: int) -> Windows:
         """Of the inputs (T, k) and outputs (T, m) of each segment; no window reaches across a gap."""
         (inputs, outputs), length = segments[0], past + future
         width = inputs.shape[1] + outputs.shape[1]

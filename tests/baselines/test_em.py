@@ -39,14 +39,16 @@ def noisy_system(order):
     )
 
 
-def flown(model, seed, samples):
-    """Inputs and outputs of a Gaussian model under white inputs."""
+def flown(model, seed, samples, feedback=None):
+    """Inputs and outputs of a Gaussian model under white inputs, which with ``feedback`` answer the outputs too."""
     rng = np.random.default_rng(seed)
     inputs, state = rng.standard_normal((samples, model.B.shape[1])), rng.standard_normal(len(model.A))
     outputs = np.empty((samples, len(model.C)))
     Q, R = np.linalg.cholesky(model.Q), np.linalg.cholesky(model.R)
     for t, u in enumerate(inputs):
         outputs[t] = model.C @ state + model.D @ u + model.trim + R @ rng.standard_normal(len(R))
+        if feedback is not None:
+            u += feedback @ outputs[t]
         state = model.A @ state + model.B @ u + model.offset + Q @ rng.standard_normal(len(Q))
     return inputs, outputs
 
@@ -58,12 +60,13 @@ def all_climbs(segments, order, iterations):
 
 
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
-def test_a_system_is_recovered_as_well_as_can_be(order):
+@pytest.mark.parametrize("feedback", [None, 0.5 * np.eye(2)], ids=["open", "closed"])
+def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
     """Twice what the likelihood gains over the truth is χ² in as many parameters as data can tell (Wilks)."""
     truth = noisy_system(order)
-    segments = [flown(truth, order, 1500), flown(truth, order + 10, 500)]
-    best = max(all_climbs(segments, order, iterations=30), key=lambda one: one.log_likelihoods[-1])
-    found = climb(best, segments, 270, False, np.inf).log_likelihoods[-1]
+    segments = [flown(truth, order, 800, feedback), flown(truth, order + 10, 400, feedback)]
+    best = max(all_climbs(segments, order, iterations=15), key=lambda one: one.log_likelihoods[-1])
+    found = climb(best, segments, 285, False, np.inf).log_likelihoods[-1]
     of_truth = sum(smoothed(truth, np.zeros(order), *segment).log_likelihood for segment in segments)
     # Input and noise answers, the noises' size, what is constant, and where two segments begin.
     freedom = order * (2 + 2 * 2) + 3 + 2 + 2 * order
