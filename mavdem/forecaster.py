@@ -40,3 +40,14 @@ class Forecaster(Protocol):
             from_zero: begin with state 0 at row 0, as the paper's figures do, and not with the state at the end of
                 training.
         """
+
+    def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> NDArray[np.float64]:
+        """(H, m): the samples after the training data, by a new forecast from every ``steps``-th of them on.
+
+        Each is of the same model, which learns nothing more, and begins with the state that its filter has of all
+        samples before; so with ``steps`` of H or more it is :meth:`forecast`, and with 1 the one-step prediction.
+
+        Args:
+            steps: samples that each forecast is of, at least 1.
+            inputs, outputs: (H, r) and (H, m) of the samples, in the units of the training data.
+        """

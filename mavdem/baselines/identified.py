@@ -76,6 +76,22 @@ class Identified:
         state = np.zeros(len(self.model.A)) if from_zero else self._last_state
         return self.model.simulated(state, ahead)
 
+    def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
+        """The samples after the training data, by a new forecast from every ``steps``-th of them on.
+
+        Args:
+            steps: samples that each forecast is of, at least 1; each begins with the state predicted from all samples
+                before it.
+            inputs, outputs: (H, r) and (H, m) of the samples, in the units of the training data.
+
+        Returns:
+            (H, m); with ``steps`` of H or more what :meth:`forecast` answers.
+
+        Raises:
+            ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
+        """
+        return self.model.simulated_every(steps, self._last_state, *self.record.following(steps, inputs, outputs))
+
     @cached_property
     def _last_state(self) -> Array:
         """(n,) of the sample after the training data."""

@@ -80,6 +80,24 @@ class StateSpace(NamedTuple):
             states = np.vstack([start, recursion(self.A, self._pushes(inputs)[:-1], start)])[: len(inputs)]
             return np.asarray(states @ self.C.T + self.direct(inputs))
 
+    def simulated_every(self, steps: int, start: Array, inputs: Array, outputs: Array) -> Array:
+        """(T, m): outputs without noise, from every ``steps``-th sample on of the state predicted from all before it.
+
+        Args:
+            steps: at least 1.
+            start: (n,) the first sample's state.
+            inputs, outputs: (T, r), (T, m).
+        """
+        begun = np.arange(0, len(inputs), steps)
+        predicted, pushes = self.direct(inputs), self._pushes(inputs)
+        with np.errstate(over="ignore", invalid="ignore"):
+            states = self.filtered(start, inputs, outputs)[begun]
+            for rows in (begun + step for step in range(min(steps, len(inputs)))):
+                there = rows[rows < len(inputs)]
+                predicted[there] += states[: len(there)] @ self.C.T
+                states = states[: len(there)] @ self.A.T + pushes[there]
+        return predicted
+
     def _pushes(self, inputs: Array) -> Array:
         return (inputs - self.input_trim) @ self.B.T + self.offset
 

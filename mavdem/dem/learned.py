@@ -231,6 +231,31 @@ class Learned:
         weighted = deviation[: len(ahead)] * self._by_horizon(self.unseen.weight, len(ahead))
         return self.scaling.physical_outputs(weighted)
 
+    def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
+        """The samples after the training data, by a new forecast from every ``steps``-th of them on.
+
+        Each is as :meth:`forecast`'s, from the state that the filter has of all samples before it; nothing is learnt
+        anew.
+
+        Args:
+            steps: samples that each forecast is of, at least 1.
+            inputs, outputs: (H, r) and (H, m) of the samples, in the units of the training data.
+
+        Returns:
+            (H, m); with ``steps`` of H or more what :meth:`forecast` answers.
+
+        Raises:
+            ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
+        """
+        following = self.record.following(steps, inputs, outputs)
+        before = self.record.segments[-1]
+        known, measured = (np.vstack(tables) for tables in zip(before, following, strict=True))
+        scaled = self.scaling.scale_outputs(measured), self.scaling.scale_inputs(known)
+        with np.errstate(over="ignore", invalid="ignore"):
+            deviation = self.predictor.forecast_every(steps, *scaled, first=len(before[0]))
+            weight = self._by_horizon(self.unseen.weight, len(deviation))[np.arange(len(deviation)) % steps]
+            return self.scaling.physical_outputs(deviation * weight)
+
     def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> tuple[Array, Array]:
         """The interval in which each sample of the forecast lies with probability ``level``.
 
