@@ -123,8 +123,17 @@ class Comparison:
             from_zero: judge forecasts that begin with state 0, as the paper's figures do, and not with the state at the
                 end of training; there are no shorter horizons then.
         """
-        part = self.of_flight(flight)
-        return standings(part.windows, part.methods, part.outcomes, from_zero)
+        return self._standings[from_zero][flight]
+
+    @cached_property
+    def _standings(self) -> dict[bool, dict[str, tuple[Standing, ...]]]:
+        parts = [(flight, self.of_flight(flight)) for flight in self.flights]
+        return {
+            from_zero: {
+                flight: standings(part.windows, part.methods, part.outcomes, from_zero) for flight, part in parts
+            }
+            for from_zero in (False, True)
+        }
 
     def losses(self, from_zero: bool = False) -> tuple[Loss, ...]:
         """Where the first method's median error over a flight's windows is larger than another's: the worst first.
@@ -132,7 +141,7 @@ class Comparison:
         Args:
             from_zero: as for :meth:`standings`.
         """
-        return losses({flight: self.standings(flight, from_zero) for flight in self.flights}, self.methods[0])
+        return losses(self._standings[from_zero], self.methods[0])
 
     def over_flights(self, from_zero: bool = False) -> tuple[OverFlights, ...]:
         """Each method's standing over all flights, which count alike, the least error first.
@@ -140,7 +149,7 @@ class Comparison:
         Args:
             from_zero: as for :meth:`standings`.
         """
-        return over_flights({flight: self.standings(flight, from_zero) for flight in self.flights})
+        return over_flights(self._standings[from_zero])
 
     def to_dict(self, from_zero: bool = False) -> dict[str, Any]:
         """As plain JSON values, by flight and by window; errors that are infinite are the number infinity.
