@@ -35,9 +35,10 @@ def account(comparison: Comparison, from_zero: bool = False) -> list[Sentence | 
 
 def _losses(comparison: Comparison, from_zero: bool) -> list[Sentence | Table]:
     reference, losses = comparison.methods[0], comparison.losses(from_zero)
+    several = len(comparison.flights) > 1
     if not losses:
         horizons = "" if from_zero else " at every horizon"
-        where = "on every flight" if len(comparison.flights) > 1 else "on this flight"
+        where = "on every flight" if several else "on this flight"
         return [
             Sentence("", lead=f"{reference} errs least of all {len(comparison.methods)} methods, {where}{horizons}.")
         ]
@@ -46,7 +47,8 @@ def _losses(comparison: Comparison, from_zero: bool) -> list[Sentence | Table]:
     if whole:
         told = "; ".join(_loss(loss, comparison) for loss in whole[:TOLD])
         more = f"; and in {len(whole) - TOLD} more cases" if len(whole) > TOLD else ""
-        blocks.append(Sentence("", lead=f"{reference} loses, over the whole test part: {told}{more}."))
+        on = f" on {len({loss.flight for loss in whole})} of {len(comparison.flights)} flights" if several else ""
+        blocks.append(Sentence("", lead=f"{reference} loses{on}, over the whole test part: {told}{more}."))
     else:
         blocks.append(
             Sentence("", lead=f"{reference} errs least over the whole test part, and loses at shorter horizons.")
@@ -187,7 +189,7 @@ def _errors(part: Comparison, found: Sequence[Standing]) -> Table:
     columns = [named(name, unit.name) for name, unit in zip(train.output_names, units, strict=True)]
     return Table(
         [
-            f"{len(test)} steps ahead, rms",
+            f"{len(test)} step{'s' if len(test) > 1 else ''} ahead, rms",
             *columns,
             "over constant mean",
             "worst",

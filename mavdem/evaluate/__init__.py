@@ -4,7 +4,7 @@
 whether what is left over is Gaussian and of what colour, ``report`` what there is to tell of one learnt flight.
 """
 
-from mavdem.evaluate.mspe import Mspe, mspe, relative_mspe
+from mavdem.evaluate.mspe import Mspe, mspe, relative_mspe, squared_errors
 from mavdem.evaluate.noise import Noise, Significance, analyse_noise, process_noise
 from mavdem.evaluate.paired import Paired, Span, paired
 from mavdem.evaluate.report import report, trivial_forecasts
@@ -27,5 +27,6 @@ __all__ = [
     "report",
     "skill",
     "skill_by_horizon",
+    "squared_errors",
     "trivial_forecasts",
 ]

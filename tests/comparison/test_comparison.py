@@ -159,7 +159,9 @@ def test_losses_are_where_the_median_is_larger_the_worst_first(compared):
         assert loss.ratio == pytest.approx(ours / theirs) and loss.ratio > 1
     assert [loss.ratio for loss in losses] == sorted((loss.ratio for loss in losses), reverse=True)
     told = account(compared)[0]
-    assert isinstance(told, Sentence) and told.lead.startswith("hold loses, over the whole test part: to ")
+    assert isinstance(told, Sentence) and told.lead.startswith(
+        "hold loses on 2 of 2 flights, over the whole test part: to "
+    )
 
 
 def test_over_flights_each_counts_once(compared):
