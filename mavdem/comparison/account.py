@@ -8,7 +8,7 @@ from math import sqrt
 from mavdem.account import Sentence, Table
 from mavdem.comparison.comparison import Comparison
 from mavdem.comparison.methods import GENERALIZED_COORDINATES
-from mavdem.comparison.standing import Loss, Standing
+from mavdem.comparison.standing import Loss, Standing, over
 from mavdem.evaluate import HORIZONS
 from mavdem.naming import named, readable
 
@@ -35,13 +35,13 @@ def account(comparison: Comparison, from_zero: bool = False) -> list[Sentence | 
 
 def _losses(comparison: Comparison, from_zero: bool) -> list[Sentence | Table]:
     reference, losses = comparison.methods[0], comparison.losses(from_zero)
-    several = len(comparison.flights) > 1
+    several, silent = len(comparison.flights) > 1, _silent(comparison)
     if not losses:
         horizons = "" if from_zero else " at every horizon"
         where = "on every flight" if several else "on this flight"
-        return [
-            Sentence("", lead=f"{reference} errs least of all {len(comparison.methods)} methods, {where}{horizons}.")
-        ]
+        others = len(comparison.methods) - len(silent)
+        without = f" No forecast was made by {', '.join(silent)}." if silent else ""
+        return [Sentence("", lead=f"{reference} errs least of all {others} methods, {where}{horizons}.{without}")]
     whole = [loss for loss in losses if loss.steps == _longest(comparison, loss.flight)]
     blocks: list[Sentence | Table] = []
     if whole:
@@ -54,6 +54,11 @@ def _losses(comparison: Comparison, from_zero: bool) -> list[Sentence | Table]:
             Sentence("", lead=f"{reference} errs least over the whole test part, and loses at shorter horizons.")
         )
     return [*blocks, *([] if from_zero else [_losses_by_horizon(comparison, losses)])]
+
+
+def _silent(comparison: Comparison) -> list[str]:
+    """Methods that made no forecast at all."""
+    return [one.method for one in comparison.over_flights() if one.failed == one.windows]
 
 
 def _loss(loss: Loss, comparison: Comparison) -> str:
@@ -94,7 +99,7 @@ def _losses_by_horizon(comparison: Comparison, losses: Sequence[Loss]) -> Table:
 def _shared_horizons(steps: Sequence[Sequence[int]]) -> tuple[list[str], list[int]]:
     """What horizons that all flights have are called, as at 100 Hz, and their places; the last is the whole part."""
     shared = min(map(len, steps))
-    whole = f"all ({steps[0][-1]})" if len({one[-1] for one in steps}) == 1 else "all"
+    whole = str(steps[0][-1]) if len({one[-1] for one in steps}) == 1 else "all"
     return [*map(str, HORIZONS[: shared - 1]), whole], [*range(shared - 1), -1]
 
 
@@ -132,29 +137,26 @@ def _beside(reference: str) -> list[str]:
 
 
 def _generalized_coordinates(comparison: Comparison, from_zero: bool) -> list[Sentence | Table]:
-    """The paper's Table ``tab:SSE_GC``."""
+    """As the paper's Table ``tab:SSE_GC``, of medians over windows."""
     pairs = [pair for pair in GENERALIZED_COORDINATES if set(pair) <= set(comparison.methods)]
     if not pairs:
         return []
-    header, rows = ["MSPE with and without generalized coordinates"], []
-    for with_them, without in pairs:
-        header += [with_them, without, "ratio"]
     by_flight = {
-        flight: {standing.method: standing.mspe_total for standing in comparison.standings(flight, from_zero)}
+        flight: {standing.method: standing.relative for standing in comparison.standings(flight, from_zero)}
         for flight in comparison.flights
     }
     if len(by_flight) > 1:
-        by_flight["total"] = {
-            method: sum(total[method] for total in by_flight.values()) for method in comparison.methods
-        }
-    for flight, total in by_flight.items():
-        cells = [(total[ours], total[theirs]) for ours, theirs in pairs]
-        rows.append([flight, *(text for one, other in cells for text in (*_three(one, other),))])
+        by_flight["all flights"] = {one.method: one.relative for one in comparison.over_flights(from_zero)}
+    header = ["influence of generalized coordinates, over constant mean"]
+    for with_them, without in pairs:
+        header += [with_them, without, "ratio"]
+    rows = []
+    for flight, error in by_flight.items():
+        row = [flight]
+        for with_them, without in pairs:
+            row += [_ratio(error[with_them]), _ratio(error[without]), _ratio(over(error[with_them], error[without]))]
+        rows.append(row)
     return [Table(header, rows)]
-
-
-def _three(one: float, other: float) -> tuple[str, str, str]:
-    return _ratio(one), _ratio(other), _ratio(one / other if other else float("inf"))
 
 
 def _flight(comparison: Comparison, flight: str, from_zero: bool) -> list[Sentence | Table]:

@@ -41,6 +41,8 @@ PAPER = dem("DEM paper", Settings.paper())
 PAPER_WITHOUT = dem("DEM paper p=1", replace(Settings.paper(), p=1, d=1, window=2))
 
 PEERS = (
+    *(Method(f"subspace({order})", partial(baselines.subspace, order=order)) for order in (2, 4)),
+    *(Method(f"PEM({order})", partial(baselines.pem, order=order)) for order in (2, 4)),
     *(Method(f"ARX({order})", partial(baselines.arx, order=order)) for order in (1, 2, 4)),
     Method("constant mean", baselines.constant_mean),
     Method("hold last", baselines.hold),

@@ -83,7 +83,7 @@ def told(skill: Skill) -> dict[str, Any]:
 
 
 def judge(method: Method, window: Window) -> Outcome:
-    """Learns the first part of a window and forecasts the second; whatever goes wrong in that is the outcome.
+    """Learns the first part of a window and forecasts the second; what the data make go wrong is the outcome.
 
     Args:
         method: what learns.
@@ -97,7 +97,7 @@ def judge(method: Method, window: Window) -> Outcome:
             model = method.learn(window.train)
             seconds = thread_time() - began
             return _forecast(method, window, model, seconds)
-        except Exception as error:  # a method's own fault must not cost the others their answers
+        except (ValueError, ArithmeticError, RuntimeError) as error:
             failure = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
             return _failed(method, window, failure, thread_time() - began)
 

@@ -205,7 +205,7 @@ def losses(by_flight: Mapping[str, Sequence[Standing]], reference: str) -> tuple
     for flight, standing_of_all in by_flight.items():
         ours = next(standing for standing in standing_of_all if standing.method == reference)
         found += [
-            Loss(flight, standing.method, at.steps, _over(our.relative, at.relative), at.reference)
+            Loss(flight, standing.method, at.steps, over(our.relative, at.relative), at.reference)
             for standing in standing_of_all
             for our, at in zip(ours.horizons, standing.horizons, strict=True)
             if our.relative > at.relative
@@ -213,8 +213,9 @@ def losses(by_flight: Mapping[str, Sequence[Standing]], reference: str) -> tuple
     return tuple(sorted(found, key=lambda loss: -loss.ratio))
 
 
-def _over(ours: float, theirs: float) -> float:
-    return ours / theirs if theirs else float("inf")
+def over(ours: float, theirs: float) -> float:
+    """How many times as large an error is as another; 1 where both are infinite, or 0."""
+    return 1.0 if ours == theirs else float(np.divide(ours, theirs)) if theirs else float("inf")
 
 
 def over_flights(by_flight: Mapping[str, Sequence[Standing]]) -> tuple[OverFlights, ...]:

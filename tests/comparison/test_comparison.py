@@ -90,6 +90,11 @@ def test_a_forecast_beyond_all_numbers_errs_infinitely(method):
     assert found.skill[-1].relative == np.inf
 
 
+def test_a_fault_of_our_own_is_no_outcome():
+    with pytest.raises(TypeError):
+        judge(Method("hold", lambda: None), WINDOWS[0])
+
+
 def test_a_window_without_a_unit_of_error_fails_for_every_method():
     flight = FLIGHTS["a"]
     still = Flight(flight.time, flight.inputs, flight.outputs * [1, 0])
@@ -210,7 +215,9 @@ def test_the_account_has_a_row_for_every_method_and_says_what_went_wrong(compare
 def test_a_first_that_wins_everywhere_is_told_to():
     won = account(compare(WINDOWS[:1], [HOLD, EXPLODES, REFUSES]))[0]
     assert isinstance(won, Sentence)
-    assert won.lead == "hold errs least of all 3 methods, on this flight at every horizon."
+    assert won.lead == (
+        "hold errs least of all 2 methods, on this flight at every horizon. No forecast was made by refuses."
+    )
 
 
 def test_the_influence_of_generalized_coordinates_is_a_table_of_its_own():
@@ -218,7 +225,10 @@ def test_the_influence_of_generalized_coordinates_is_a_table_of_its_own():
     (table,) = [
         block
         for block in account(compare(WINDOWS, pair))
-        if isinstance(block, Table) and block.header[0].startswith("MSPE with and without")
+        if isinstance(block, Table) and block.header[0].startswith("influence of generalized coordinates")
     ]
     assert table.header[1:] == ["DEM", "DEM p=1", "ratio"]
-    assert [row[0] for row in table.rows] == ["a", "b", "total"]
+    assert [row[0] for row in table.rows] == ["a", "b", "all flights"]
+    one, other = ({s.method: s.relative for s in compare(WINDOWS, pair).standings(flight)} for flight in ("a", "b"))
+    assert table.rows[0][1:] == [f"{one['DEM']:.3g}", "1", f"{one['DEM']:.3g}"]
+    assert table.rows[2][1:] == [f"{np.sqrt(one['DEM'] * other['DEM']):.3g}", "1", table.rows[2][1]]
