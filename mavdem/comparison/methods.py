@@ -43,6 +43,7 @@ PAPER_WITHOUT = dem("DEM paper p=1", replace(Settings.paper(), p=1, d=1, window=
 PEERS = (
     *(Method(f"subspace({order})", partial(baselines.subspace, order=order)) for order in (2, 4)),
     *(Method(f"PEM({order})", partial(baselines.pem, order=order)) for order in (2, 4)),
+    Method("EM(2)", partial(baselines.em, order=2)),
     *(Method(f"ARX({order})", partial(baselines.arx, order=order)) for order in (1, 2, 4)),
     Method("constant mean", baselines.constant_mean),
     Method("hold last", baselines.hold),
