@@ -4,21 +4,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from mavdem import evaluate
+    from mavdem import baselines, evaluate
     from mavdem.dem import Learned, OnlineLearner, Settings, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.flight import Flight
+    from mavdem.forecaster import Forecaster
     from mavdem.read import read_flight
     from mavdem.telemetry import Telemetry
 
 __all__ = [
     "Flight",
+    "Forecaster",
     "Learned",
     "NotLearnable",
     "OnlineLearner",
     "Settings",
     "Telemetry",
     "Unreadable",
+    "baselines",
     "evaluate",
     "learn",
     "learn_many",
@@ -27,6 +30,7 @@ __all__ = [
 
 _HOMES = {
     "Flight": "flight",
+    "Forecaster": "forecaster",
     "Learned": "dem",
     "NotLearnable": "errors",
     "OnlineLearner": "dem",
@@ -41,8 +45,8 @@ _HOMES = {
 
 def __getattr__(name: str) -> Any:
     # Imported when asked for (PEP 562): scipy takes most of a second, which `mavdem --help` need not wait.
-    if name == "evaluate":
-        return import_module("mavdem.evaluate")
+    if name in ("baselines", "evaluate"):
+        return import_module(f"mavdem.{name}")
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"mavdem.{_HOMES[name]}"), name)

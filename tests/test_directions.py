@@ -60,7 +60,7 @@ def test_the_engine_knows_arrays_and_itself_only(path):
 
 
 LAYERS = (
-    {"errors", "telemetry", "flight", "intervals", "euler", "whole_file"},
+    {"errors", "telemetry", "flight", "forecaster", "intervals", "euler", "whole_file"},
     {"ingest"},
     {"phases"},
     {"align"},
@@ -71,8 +71,10 @@ LAYERS = (
     {"inventory", "table"},
     {"convert"},
     {"dem"},
+    {"baselines", "windows"},
     {"evaluate", "naming", "attached"},
     {"account", "channels"},
+    {"comparison"},
     {"view"},
     {"__init__"},
     {"cli"},

@@ -17,6 +17,16 @@ def test_the_engine_s_example_learns(monkeypatch, capsys):
     assert capsys.readouterr().out.startswith("True ")
 
 
+@pytest.mark.slow
+def test_the_comparison_s_examples_run(monkeypatch, capsys):
+    examples = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "comparison.md").read_text(), re.DOTALL)
+    monkeypatch.chdir(ROOT)
+    for code in examples:
+        exec(code, {"__name__": "__main__"})
+    assert len(examples) == 2
+    assert "\nconstant mean 1.0\n" in capsys.readouterr().out
+
+
 def test_the_scenarios_example_flies(capsys):
     (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "scenarios.md").read_text(), re.DOTALL)
     names: dict[str, object] = {}
@@ -24,7 +34,16 @@ def test_the_scenarios_example_flies(capsys):
     assert capsys.readouterr().out.startswith("[[0. 1.]")
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/engine.md", "docs/scenarios.md"])
+def test_the_baselines_example_forecasts(monkeypatch, capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "baselines.md").read_text(), re.DOTALL)
+    monkeypatch.chdir(ROOT)
+    exec(code, {})
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["DEM", "subspace(4,", "PEM(4)"]
+
+
+@pytest.mark.parametrize(
+    "page", ["README.md", "docs/baselines.md", "docs/comparison.md", "docs/engine.md", "docs/scenarios.md"]
+)
 def test_every_file_that_is_named_is_there(page):
     text = (ROOT / page).read_text()
     named = set(re.findall(r"`((?:tools|tests|logs|docs|mavdem|sitl_scenarios)/[\w./]+\.?\w*)`", text))

@@ -14,8 +14,8 @@ from click.core import ParameterSource
 from mavdem import evaluate
 from mavdem.cli.model_options import chosen_settings, model_options
 from mavdem.cli.output import print_json, progress
-from mavdem.cli.results import NAMES, check_folder, write_results
-from mavdem.cli.source import no_option, read_source, source_options
+from mavdem.cli.results import NAMES, check_folder, folder_named, write_results
+from mavdem.cli.source import read_source, source_options
 from mavdem.cli.summary import print_summary
 from mavdem.dem import Learned, Settings
 from mavdem.dem import learn as learn_model
@@ -23,24 +23,12 @@ from mavdem.dem.learn import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
 from mavdem.read import learnable_flight
-
-TRAIN, TEST = 700, 150
-"""Samples learnt from and forecast unless told otherwise, those of the paper, in which a vehicle swings a few times."""
-
-USUAL_RATE, FAST = 100.0, 125.0
-"""Hz: what they are made for; and beyond what so few samples last too short, so that as many seconds are taken."""
-
-
-def _folder(context: click.Context, parameter: click.Parameter, value: str) -> Path:
-    """Refuses no name, which a path would take for the current folder."""
-    if not no_option(context, parameter, value):
-        raise click.BadParameter("it names no folder; for this one name `.`.", context, parameter)
-    return Path(value)
+from mavdem.windows import FAST, TEST, TRAIN, USUAL_RATE, usual_samples
 
 
 @click.command()
 @source_options
-@click.option("--out", type=click.Path(), required=True, callback=_folder, help="Folder for the results.")
+@click.option("--out", type=click.Path(), required=True, callback=folder_named, help="Folder for the results.")
 @model_options
 @click.option(
     "--train",
@@ -101,11 +89,6 @@ def learn(
         print_json(report)
     else:
         print_summary(report, training, following, learned)
-
-
-def usual_samples(usual: int, dt: float) -> int:
-    """The default number of samples ``dt`` s apart, which is ``usual`` up to ``FAST`` Hz, and then lasts as long."""
-    return usual if dt >= 1 / FAST else round(usual / USUAL_RATE / dt)
 
 
 def _cut(flight: Flight, start: float, train: int, test: int) -> tuple[Flight, Flight]:

@@ -37,6 +37,7 @@ class _Commands(click.Group):
     commands=[
         click.Command("info", help="Says what a log holds, and whether a model can be learnt from it."),
         click.Command("learn", help="Learns a linear model from a log and forecasts with it."),
+        click.Command("compare", help="Compares DEM with other methods, window by window."),
         click.Command("live", help="Attaches to a link and learns while the vehicle flies."),
         click.Command("convert", help="Converts a log to another file format."),
         click.Command("fly", help="Flies a simulated quadrotor in wind."),
@@ -59,6 +60,10 @@ def mavdem() -> None:
     Learn from it, and look at the result:
       mavdem learn flight.tlog --out result
       rerun result/flight.rrd
+
+    \b
+    How does it do beside other methods?
+      mavdem compare flight.tlog
 
     \b
     No log at hand? Fly one:

@@ -1,7 +1,8 @@
-"""The result of ``mavdem learn`` for people: its account in plain text."""
+"""Results for people: an account in plain text."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 from rich.table import Table as Grid
@@ -19,18 +20,27 @@ def print_summary(report: dict[str, Any], train: Flight, test: Flight, learned: 
         report: of ``mavdem.evaluate.report``, with the ``seconds`` and ``files`` that ``mavdem learn`` adds.
         train, test, learned: what it is about.
     """
-    for block in account(report, train, test, learned):
+    print_account(account(report, train, test, learned))
+    say(f"Took {report['seconds']:.1f} s. Written: {', '.join(map(printable, report['files'].values()))}")
+
+
+def print_account(blocks: Iterable[Sentence | Table]) -> None:
+    """Prints sentences and tables, each with an empty line after it.
+
+    Args:
+        blocks: in their order.
+    """
+    for block in blocks:
         if isinstance(block, Sentence):
             say(f"{f'{block.lead} {block.text}'.strip()}\n")
         else:
             print_table(_grid(block))
-    say(f"Took {report['seconds']:.1f} s. Written: {', '.join(map(printable, report['files'].values()))}")
 
 
 def _grid(table: Table) -> Grid:
     first, *others = table.header
     grid = Grid(box=None, pad_edge=False)
-    grid.add_column(first)
+    grid.add_column(first, no_wrap=True)
     for other in others:
         grid.add_column(other, justify="right")
     for row in table.rows:

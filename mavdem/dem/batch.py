@@ -2,38 +2,17 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future
-from itertools import chain, islice
+from concurrent.futures import Executor
 
 from mavdem.dem.learn import learn
 from mavdem.dem.learned import Learned
+from mavdem.dem.many import answer_many
 from mavdem.dem.record import Recorded
 from mavdem.dem.settings import Settings
-from mavdem.dem.workers import pool, spare_cores, told_to_stop
 
 Job = tuple[Recorded | Sequence[Recorded], Settings | None]
 """What ``learn`` takes: a flight, and settings or ``None`` for the default ones."""
-
-Answer = Learned | ValueError
-"""What ``learn`` made of a job: the model, or why there is none."""
-
-FEW = 8
-"""So many jobs are done sooner here than by workers, which take about a second to start."""
-
-LARGEST_CHUNK = 8
-"""Jobs sent together at most. A flight that they share is sent once, and so is the one their answers share."""
-
-JOBS_PER_SIZE = 32
-"""After so many jobs chunks grow by one job."""
-
-AHEAD = 8
-"""Chunks per worker of our own that are sent before the answer that is waited for: the others' answers are kept until
-then, and one slow job should not keep the other workers idle."""
-
-AHEAD_ELSEWHERE = 256
-"""The same for a given executor, of which nobody can ask how many workers it has."""
 
 
 def learn_many(
@@ -66,54 +45,7 @@ def learn_many(
         concurrent.futures.BrokenExecutor: a worker died, such as for want of memory.
         Exception: anything but a ``ValueError`` that ``learn`` raised, and what ``jobs`` raised.
     """
-    jobs = _checked(jobs)
-    sent: deque[Future[list[Answer]]] = deque()
-    if executor is not None:
-        try:
-            yield from _learn_on(executor, jobs, sent, AHEAD_ELSEWHERE)
-        finally:
-            for future in sent:
-                future.cancel()
-        return
-    first = list(islice(jobs, FEW + 1))
-    workers = spare_cores() if len(first) > FEW else 1
-    jobs = chain(first, jobs)
-    if workers == 1:
-        for job in jobs:
-            yield from _learn_each([job])
-        return
-    with pool(workers) as own:
-        yield from _learn_on(own, jobs, sent, AHEAD * workers)
-
-
-def _learn_on(
-    executor: Executor, jobs: Iterable[Job], sent: deque[Future[list[Answer]]], ahead: int
-) -> Generator[Answer, None, None]:
-    """``sent`` holds what is on its way, of which there are at most ``ahead``."""
-    try:
-        for chunk in _chunks(jobs):
-            sent.append(executor.submit(_learn_each, chunk))
-            while sent and (len(sent) >= ahead or sent[0].done()):
-                yield from sent[0].result()
-                sent.popleft()
-        while sent:
-            yield from sent[0].result()
-            sent.popleft()
-    except BrokenExecutor as error:
-        # A broken pool breaks these off itself, and before Python 3.13 it cannot where they are cancelled.
-        sent.clear()
-        raise type(error)(
-            "a worker died: for want of memory, killed, or unable to start. Ask for fewer at a time with an executor "
-            "of fewer workers; and where a script calls this, do so below `if __name__ == '__main__':`"
-        ) from error
-
-
-def _chunks(jobs: Iterable[Job]) -> Iterator[list[Job]]:
-    """Single jobs first, so that a few reach all workers, and more at a time when there prove to be many."""
-    jobs, taken = iter(jobs), 0
-    while chunk := list(islice(jobs, min(1 + taken // JOBS_PER_SIZE, LARGEST_CHUNK))):
-        taken += len(chunk)
-        yield chunk
+    return answer_many(_answer, _checked(jobs), executor)
 
 
 def _checked(jobs: Iterable[Job]) -> Iterator[Job]:
@@ -124,11 +56,8 @@ def _checked(jobs: Iterable[Job]) -> Iterator[Job]:
         yield train, settings
 
 
-def _learn_each(jobs: list[Job]) -> list[Answer]:
-    return [_answer(train, settings) for train, settings in jobs if not told_to_stop()]
-
-
-def _answer(train: Recorded | Sequence[Recorded], settings: Settings | None) -> Answer:
+def _answer(job: Job) -> Learned | ValueError:
+    train, settings = job
     try:
         return learn(train, settings)
     except ValueError as error:

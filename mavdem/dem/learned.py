@@ -20,7 +20,6 @@ from mavdem.dem.level import require_probability
 from mavdem.dem.model import LinearModel, unpack
 from mavdem.dem.positive import inverse
 from mavdem.dem.prediction import Predictor
-from mavdem.dem.real import real_numbers
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.scatter import Certainty, Scatter
@@ -204,7 +203,17 @@ class Learned:
             predictions += [self.scaling.output_trim[None], self.scaling.physical_outputs(ahead)]
         return np.concatenate(predictions)
 
-    def forecast(self, inputs: ArrayLike) -> Array:
+    @property
+    def spectral_radius(self) -> float:
+        """The largest magnitude among the eigenvalues of the model's step from sample to sample, exp(A dt)."""
+        return float(np.exp(self.model.spectral_abscissa * self.dt))
+
+    @property
+    def stable(self) -> bool:
+        """Whether no mode of the model grows."""
+        return self.spectral_radius <= 1
+
+    def forecast(self, inputs: ArrayLike, from_zero: bool = False) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.
 
         The model runs on from the state at the end of training. With ``shrink_forecasts`` each sample's deviation from
@@ -214,6 +223,7 @@ class Learned:
 
         Args:
             inputs: (H, r) motor outputs over the forecast, in the unit of the training inputs.
+            from_zero: begin with state 0 at row 0 (the outputs at their trim), as the paper's figures do.
 
         Returns:
             (H, m).
@@ -221,10 +231,38 @@ class Learned:
         Raises:
             ValueError: inputs of another width, or not finite.
         """
-        ahead = self._ahead(inputs)
+        ahead = self.record.following_inputs(inputs)
         known = self.scaling.scale_inputs(np.vstack([self.record.inputs[-1], ahead]))
-        deviation = self.predictor.forecast(self._last_state, known)
-        return self.scaling.physical_outputs(deviation * self._weight(ahead))
+        if from_zero:
+            at_trim = np.zeros((1, len(self.model.C)))
+            deviation = np.vstack([at_trim, self.predictor.forecast(np.zeros(len(self.model.A)), known[1:])])
+        else:
+            deviation = self.predictor.forecast(self._last_state, known)
+        return self.scaling.physical_outputs(deviation[: len(ahead)] * self._weight(ahead))
+
+    def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
+        """The samples after the training data, by a new forecast from every ``steps``-th of them on.
+
+        Each is as :meth:`forecast`'s, from the state that the filter has of all samples before it; nothing is learnt
+        anew.
+
+        Args:
+            steps: samples that each forecast is of, at least 1.
+            inputs, outputs: (H, r) and (H, m) of the samples, in the units of the training data.
+
+        Returns:
+            (H, m); with ``steps`` of H or more what :meth:`forecast` answers.
+
+        Raises:
+            ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
+        """
+        following = self.record.following(steps, inputs, outputs)
+        before = self.record.segments[-1]
+        known, measured = (np.vstack(tables) for tables in zip(before, following, strict=True))
+        scaled = self.scaling.scale_outputs(measured), self.scaling.scale_inputs(known)
+        with np.errstate(over="ignore", invalid="ignore"):
+            deviation = self.predictor.forecast_every(steps, *scaled, first=len(before[0]))
+            return self.scaling.physical_outputs(deviation * self._weight_every(steps, *scaled, first=len(before[0])))
 
     def forecast_variance(self, inputs: ArrayLike) -> Array:
         """(H, m) squared error that the forecast expects of itself at each sample, rad² and (rad/s)².
@@ -235,44 +273,55 @@ class Learned:
         Raises:
             ValueError: as :meth:`forecast`.
         """
-        ahead = self._ahead(inputs)
+        ahead = self.record.following_inputs(inputs)
         if self.trajectory is None:
             return self._by_horizon(self.unseen.weighted_mse, len(ahead))
-        spread = self._spread(ahead)
+        spread = self._spread(*self._with(ahead))
         if self.settings.shrink_forecasts:
             # A deviation of about 1 beforehand, of which a forecast with that variance tells: V / (1 + V) is left.
             spread = 1 - 1 / (1 + spread)
         return (spread + self._by_horizon(self.trajectory.noise, len(ahead))) * self.scaling.output_scale**2
 
-    def _ahead(self, inputs: ArrayLike) -> Array:
-        """Inputs of a forecast, checked, (H, r)."""
-        ahead = real_numbers(inputs, "inputs")
-        if ahead.ndim == 1 and self.record.inputs.shape[1] == 1:
-            ahead = ahead[:, None]
-        if ahead.ndim != 2 or ahead.shape[1] != self.record.inputs.shape[1]:
-            raise ValueError(f"inputs must have shape (H, {self.record.inputs.shape[1]}), not {ahead.shape}")
-        if not np.isfinite(ahead).all():
-            raise ValueError("inputs must be finite")
-        return ahead
-
     def _weight(self, ahead: Array) -> Array:
-        """(H, m) of a forecast's deviation from the trim."""
-        if self.trajectory is None:
-            return self._by_horizon(self.unseen.weight, len(ahead))
-        return (
-            1 / (1 + self._spread(ahead))
-            if self.settings.shrink_forecasts
-            else np.ones((len(ahead), len(self.model.C)))
-        )
+        """(H, m) of a forecast's deviation from the trim, with inputs (H, r)."""
+        return self._weight_every(*self._with(ahead))
 
-    def _spread(self, ahead: Array) -> Array:
-        """(H, m) variance that θ's posterior gives a forecast with inputs (H, r), in the engine's units."""
+    def _with(self, ahead: Array) -> tuple[int, Array, Array, int]:
+        """One forecast with inputs (H, r), in the engine's units: its length, outputs, inputs and where it begins."""
+        outputs, inputs = self._scaled[-1]
+        return len(ahead), outputs, np.vstack([inputs, self.scaling.scale_inputs(ahead)]), len(outputs)
+
+    def _weight_every(self, steps: int, outputs: Array, inputs: Array, first: int) -> Array:
+        """(T − first, m) of the deviations of forecasts that begin at every ``steps``-th sample from the first on.
+
+        Args:
+            steps: that each is long.
+            outputs, inputs: (T, m), (T, r) in the engine's units; of the outputs those before each forecast are read.
+            first: where the first begins.
+        """
+        if self.trajectory is None:
+            length = len(inputs) - first
+            return self._by_horizon(self.unseen.weight, length)[np.arange(length) % steps]
+        if not self.settings.shrink_forecasts:
+            return np.ones((len(inputs) - first, outputs.shape[1]))
+        return np.asarray(1 / (1 + self._spread(steps, outputs, inputs, first)))
+
+    def _spread(self, steps: int, outputs: Array, inputs: Array, first: int) -> Array:
+        """(T − first, m) variance that θ's posterior gives such forecasts, in the engine's units."""
         assert self.trajectory is not None
-        (outputs, inputs), scaling = self._scaled[-1], self.scaling
+        (n, _), (T, r) = self.model.B.shape, inputs.shape
+        if first == T:
+            return np.empty((0, outputs.shape[1]))
         before = self.trajectory.horizon + 1
-        (n, _), m = self.model.B.shape, len(self.model.C)
-        driven = np.vstack([inputs[-before:], scaling.scale_inputs(ahead)])
-        return self.trajectory.spread(self.predictor, (n, driven.shape[1], m), self.dt, driven, outputs[-before:])
+        rows = np.arange(first, T, steps) + np.arange(-before, min(steps, T - first))[:, None]
+        variance = self.trajectory.spread(
+            self.predictor,
+            (n, r, outputs.shape[1]),
+            self.dt,
+            inputs[np.clip(rows, 0, T - 1)],
+            outputs[np.clip(rows[:before], 0, T - 1)],
+        )
+        return variance.reshape(-1, outputs.shape[1])[: T - first]
 
     def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> tuple[Array, Array]:
         """The interval in which each sample of the forecast lies with probability ``level``.

@@ -89,6 +89,17 @@ class Predictor:
             errors[:, step] = outputs[starts + step + 1] - states @ self.C.T
         return errors
 
+    def forecast_every(self, steps: int, outputs: Array, inputs: Array, first: int) -> Array:
+        """(T − first, m): the samples from ``first`` ≥ 1 on, forecast from every ``steps``-th of them on."""
+        states, drive = self.filtered(outputs, inputs)[first - 1 : -1], self._drive(inputs)[first - 1 :]
+        predicted, begun = np.empty((len(drive), outputs.shape[1])), np.arange(0, len(drive), steps)
+        states = states[begun]
+        for rows in (begun + step for step in range(min(steps, len(drive)))):
+            there = rows[rows < len(drive)]
+            states = states[: len(there)] @ self.transition.state.T + drive[there]
+            predicted[there] = states @ self.C.T
+        return predicted
+
     def ahead(self, horizons: Sequence[int]) -> tuple[Array, Array]:
         """Maps (H, m, n) and (H, m, r) from state and inputs to the outputs so many steps on, with inputs held."""
         F = self.transition.state
@@ -105,8 +116,8 @@ class Predictor:
 
 def recursion(F: Array, pushes: Array, first: Array) -> Array:
     """x₁ … x_T of x_{t} = F x_{t−1} + push_t from x₀ = ``first``, mode by mode, in which it is vectorized."""
-    if not len(pushes):
-        return np.empty((0, len(first)))
+    if not pushes.size:
+        return np.empty_like(pushes)
     eigenvalues, modes = np.linalg.eig(F)
     if np.linalg.cond(modes) > WORST_MODES:
         return _recursion_by_sample(F, pushes, first)

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from mavdem.dem.real import real_numbers
 from mavdem.dem.spread import Spread
@@ -98,6 +98,31 @@ class Record:
         """Samples of the longest segment."""
         return max(self.lengths)
 
+    def following_inputs(self, inputs: ArrayLike) -> Array:
+        """The inputs (H, r) of a forecast of what follows the record, checked; of one input (H,) will do.
+
+        Raises:
+            ValueError: inputs of another width, or not finite.
+        """
+        return _table(inputs, "inputs", self.inputs.shape[1])
+
+    def following(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> tuple[Array, Array]:
+        """The inputs (H, r) and outputs (H, m) that follow the record, checked; likewise for a single column.
+
+        Args:
+            steps: of the forecasts that begin among them, checked to be a number of samples.
+            inputs, outputs: of the same instants.
+
+        Raises:
+            ValueError: steps that are no positive number, or tables of other widths, lengths, or not finite.
+        """
+        if not (isinstance(steps, int | np.integer) and steps >= 1):
+            raise ValueError(f"steps must be a whole number of at least 1, not {steps!r}")
+        ahead, measured = self.following_inputs(inputs), _table(outputs, "outputs", self.outputs.shape[1])
+        if len(ahead) != len(measured):
+            raise ValueError(f"inputs and outputs must be of the same samples, not {len(ahead)} and {len(measured)}")
+        return ahead, measured
+
     def windows(self, window: int) -> int:
         """How many windows of so many samples lie wholly inside a segment."""
         return sum(max(0, length - window + 1) for length in self.lengths)
@@ -111,6 +136,17 @@ class Record:
         inside = np.diff(np.clip(np.append(self.starts, len(self)), start, stop))
         lengths = tuple(int(length) for length in inside if length)
         return Record(self.inputs[start:stop], self.outputs[start:stop], self.dt, lengths)
+
+
+def _table(values: ArrayLike, name: str, columns: int) -> Array:
+    table = real_numbers(values, name)
+    if table.ndim == 1 and columns == 1:
+        table = table[:, None]
+    if table.ndim != 2 or table.shape[1] != columns:
+        raise ValueError(f"{name} must have shape (H, {columns}), not {table.shape}")
+    if not np.isfinite(table).all():
+        raise ValueError(f"{name} must be finite")
+    return table
 
 
 def _checked(train: Recorded) -> tuple[Array, Array, float]:

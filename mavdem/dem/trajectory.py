@@ -156,24 +156,24 @@ class Trajectory:
     def spread(
         self, predictor: Predictor, sizes: tuple[int, int, int], dt: float, inputs: Array, outputs: Array
     ) -> Array:
-        """(H, m) variance that the posterior of θ gives a forecast; infinite where it leaves the range of numbers.
+        """(S, H, m) variance that θ's posterior gives forecasts; infinite where it leaves the range of numbers.
 
         Args:
             predictor: of θ.
             sizes: n, r and m.
             dt: sampling step, s.
-            inputs: (h + H, r): the samples before, from which the filter finds the state, and those of the forecast.
-            outputs: (h, m) before.
+            inputs: (h + H, S, r) for S forecasts: of the samples before, by which the filter finds the state, and on.
+            outputs: (h, S, m) before.
         """
         free = self.theta[self.places]
         nudges = NUDGE * np.maximum(1.0, np.abs(free))
         thetas = np.repeat(self.theta[None], len(free) + 1, axis=0)
         thetas[1:, self.places] += np.diag(nudges)
         bundle = Bundle.of(thetas, sizes, predictor.gain, dt)
-        ahead = at_once(bundle.run(inputs[:, None], outputs[:, None]))[:, 0]
+        ahead = at_once(bundle.run(inputs, outputs))
         with np.errstate(over="ignore", invalid="ignore"):
-            jacobian = (ahead[1:] - ahead[0]) / nudges[:, None, None]
-            variance = np.einsum("iht,ij,jht->ht", jacobian, self.covariance, jacobian)
+            jacobian = (ahead[1:] - ahead[0]) / nudges[:, None, None, None]
+            variance = np.einsum("isht,ij,jsht->sht", jacobian, self.covariance, jacobian, optimize=True)
         return np.where(np.isfinite(variance), variance, np.inf)
 
 

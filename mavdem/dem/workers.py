@@ -30,9 +30,7 @@ def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     Processes are started afresh ("spawn"): a fork of a process with threads may wait for ever for a lock of theirs.
     """
     if _importing_main():
-        sys.exit(
-            "mavdem.learn_many starts processes, which import this script: call it below `if __name__ == '__main__':`"
-        )
+        sys.exit("mavdem starts processes, which import this script: make that call below `if __name__ == '__main__':`")
     context = get_context("spawn")
     ear, mouth = context.Pipe(duplex=False)
     executor = ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(ear,))

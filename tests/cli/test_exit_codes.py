@@ -40,7 +40,7 @@ BROKEN = ("empty.tlog", "text.tlog", "noise.tlog", "renamed.ulg", "cut_in_the_fi
 
 
 @pytest.mark.parametrize("name", BROKEN)
-@pytest.mark.parametrize("command", ["info", "learn"])
+@pytest.mark.parametrize("command", ["info", "learn", "compare"])
 def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp_path, capsys):
     source, out = broken_inputs(tmp_path)[name], tmp_path / "out"
     assert main([command, str(source), *(["--out", str(out)] if command == "learn" else [])]) == 2
@@ -107,7 +107,7 @@ def test_a_result_is_told_from_a_log(tmp_path, capsys):
     assert "is what `mavdem learn` wrote" in said and "name the log" in said
 
 
-@pytest.mark.parametrize("words", [["--help"], ["info", "-h"], ["learn", "--help"]])
+@pytest.mark.parametrize("words", [["--help"], ["info", "-h"], ["learn", "--help"], ["compare", "--help"]])
 def test_help_teaches_and_succeeds(words, capsys):
     assert main(words) == 0
     assert "mavdem" in capsys.readouterr().out

@@ -12,10 +12,10 @@ import pytest
 from mavdem import Flight, Learned, Settings, evaluate
 from mavdem import learn as learn_model
 from mavdem.cli import results
-from mavdem.cli.learn import TEST, TRAIN, usual_samples
 from mavdem.cli.main import main
 from mavdem.cli.output import json_text
 from mavdem.read import read_flight
+from mavdem.windows import TEST, TRAIN, usual_samples
 
 LOGS = Path(__file__).parents[2] / "logs"
 FLIGHT = str(LOGS / "ardupilot_wind5_steps.tlog")

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from mavdem import Flight, Learned, Settings, learn, learn_many
-from mavdem.dem.batch import AHEAD_ELSEWHERE, FEW, LARGEST_CHUNK
+from mavdem.dem.many import AHEAD_ELSEWHERE, FEW, LARGEST_CHUNK
 from mavdem.dem.workers import pool, spare_cores
 
 
@@ -56,7 +56,7 @@ def expected():
 
 @pytest.fixture
 def two_workers(monkeypatch):
-    monkeypatch.setattr("mavdem.dem.batch.spare_cores", lambda: 2)
+    monkeypatch.setattr("mavdem.dem.many.spare_cores", lambda: 2)
 
 
 @pytest.mark.slow
@@ -220,7 +220,7 @@ def test_a_script_without_a_guard_is_told_in_a_line(tmp_path):
     )
     assert ended.returncode == 1 and not ended.stdout
     first, *_ = ended.stderr.splitlines()
-    assert "learn_many" in first and "__main__" in first
+    assert "starts processes" in first and "__main__" in first
 
 
 @pytest.mark.slow

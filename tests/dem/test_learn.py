@@ -1,12 +1,13 @@
 import json
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 from simulated import DT, GAIN, RATE, simulated
 
-from mavdem import Flight, Learned, Settings, evaluate, learn
+from mavdem import Flight, Forecaster, Learned, Settings, evaluate, learn
 from mavdem.dem.fit import fit, generalized
 from mavdem.dem.free_energy import free_energy_action
 from mavdem.dem.generative import Moments, Samples
@@ -390,3 +391,26 @@ def test_a_hidden_state_has_the_unit_of_the_last_output():
     np.testing.assert_array_equal(learned.scaling.state_scale(4), [*scale, scale[1], scale[1]])
     # What feeds the rate from its lag has then one unit on both sides: 1/s, as the prior has it.
     assert learned.model.A[1, 2] == pytest.approx(20.0, rel=0.2)
+
+
+def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest():
+    flight = simulated()
+    learned = learn(flight[:700], Settings(order=2, window=3, parameter_precision=1.0, shrink_forecasts=False))
+    inputs = flight.inputs[700:]
+    phi, gamma0, gamma1 = discretize(learned.model.A, learned.model.B, learned.dt)
+    drift = np.linalg.solve(learned.model.A, (phi - np.eye(2)) @ learned.model.offset)
+    states, pushes = [np.zeros(2)], inputs - learned.model.input_trim
+    for now, following in pairwise(pushes):
+        states.append(phi @ states[-1] + gamma0 @ now + gamma1 @ following + drift)
+    expected = np.array(states) @ learned.model.C.T + learned.model.output_trim
+    forecast = learned.forecast(inputs, from_zero=True)
+    np.testing.assert_allclose(forecast, expected, atol=1e-8 * np.abs(expected).max())
+    assert learned.forecast(inputs[:0], from_zero=True).shape == (0, 2)
+
+
+def test_learned_is_a_forecaster_that_says_whether_it_is_stable():
+    learned = learn(simulated()[:700], Settings(order=2))
+    assert isinstance(learned, Forecaster)
+    assert learned.stable and learned.spectral_radius == pytest.approx(
+        np.abs(np.linalg.eigvals(learned.predictor.transition.state)).max()
+    )

@@ -1,0 +1,110 @@
+"""Identified: what a method other than DEM made of a flight, in physical units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mavdem.baselines.state_space import StateSpace
+from mavdem.dem.record import Record
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Identified:
+    """An identified model with its forecasts, in physical units; a :class:`mavdem.Forecaster`.
+
+    Attributes:
+        method: by which it was made, such as ``ARX(2)``.
+        model: A, B, C, D and K of one sampling step.
+        record: the training data.
+        starts: (segments, n) the state of each segment's first sample, as the method has it.
+        stabilised: whether the model was unstable and, as was asked for, made stable.
+        cautions: one sentence for each thing a user must know before trusting the model.
+    """
+
+    method: str
+    model: StateSpace
+    record: Record
+    starts: Array
+    stabilised: bool = False
+    cautions: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        (n, r), m = self.model.B.shape, len(self.model.C)
+        return (
+            f"<Identified: {self.method}, {n} states, {r} inputs, {m} outputs from {len(self.record)} samples at "
+            f"{1 / self.record.dt:.6g} Hz, spectral radius {self.spectral_radius:.4g}>"
+        )
+
+    @property
+    def spectral_radius(self) -> float:
+        """The largest magnitude among the eigenvalues of A."""
+        return self.model.spectral_radius
+
+    @property
+    def stable(self) -> bool:
+        """Whether no mode grows, but for rounding: one of spectral radius 1 holds what it has."""
+        return self.model.stable
+
+    def one_step(self) -> Array:
+        """(T, m): each training sample predicted from those before it in its segment, and the inputs."""
+        segments = zip(self.starts, self.record.segments, strict=True)
+        return np.concatenate([self.model.predicted(start, *segment) for start, segment in segments])
+
+    def forecast(self, inputs: ArrayLike, from_zero: bool = False) -> Array:
+        """Outputs after the training data: row 0 is the first sample after it, the state predicted from all before.
+
+        Row h of the inputs is of the same instant as row h of the answer, which without feedthrough depends on the rows
+        before it only; row 0 on the last training input.
+
+        Args:
+            inputs: (H, r) over the forecast, in the unit of the training inputs.
+            from_zero: begin with state 0 at row 0 (the outputs at their trim), as the paper's figures do.
+
+        Returns:
+            (H, m); of an unstable model it may run beyond all numbers, to infinity or NaN.
+
+        Raises:
+            ValueError: inputs of another width, or not finite.
+        """
+        ahead = self.record.following_inputs(inputs)
+        state = np.zeros(len(self.model.A)) if from_zero else self._last_state
+        return self.model.simulated(state, ahead)
+
+    def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
+        """The samples after the training data, by a new forecast from every ``steps``-th of them on.
+
+        Args:
+            steps: samples that each forecast is of, at least 1; each begins with the state predicted from all samples
+                before it.
+            inputs, outputs: (H, r) and (H, m) of the samples, in the units of the training data.
+
+        Returns:
+            (H, m); with ``steps`` of H or more what :meth:`forecast` answers.
+
+        Raises:
+            ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
+        """
+        return self.model.simulated_every(steps, self._last_state, *self.record.following(steps, inputs, outputs))
+
+    @cached_property
+    def _last_state(self) -> Array:
+        """(n,) of the sample after the training data."""
+        return np.asarray(self.model.filtered(self.starts[-1], *self.record.segments[-1])[-1])
+
+
+def of_stability(model: StateSpace, stabilised: bool) -> tuple[str, ...]:
+    """The caution that a model grows, or that it did."""
+    if stabilised:
+        return ("The model was unstable and has been made stable, as was asked for.",)
+    if model.stable:
+        return ()
+    return (
+        f"The model is unstable: a mode grows by {model.spectral_radius - 1:.2g} of itself at each sample, and so may "
+        f"forecasts.",
+    )

@@ -1,0 +1,188 @@
+import sys
+
+import numpy as np
+import pytest
+from innovation_systems import DT, random_system
+from oracle import load, needs_oracle
+from peculiar_flights import (
+    FLIGHT,
+    NOTHING_NEW,
+    TEST,
+    TRAIN,
+    back_from_other_units,
+    errors_of,
+    growing,
+    in_other_units,
+    with_inputs,
+)
+from scipy.stats import chi2
+
+from mavdem import Flight, Forecaster, baselines, evaluate
+from mavdem.baselines.em import LEAST_NOISE, STARTS, climb, starting_points
+from mavdem.baselines.smoother import GaussianModel, smoothed
+from mavdem.baselines.units import Units
+from mavdem.dem.record import Record
+
+
+def noisy_system(order):
+    """With noises of states and outputs that do not know of each other."""
+    system = random_system(order, order, noise=1.0)
+    return GaussianModel(
+        system.A,
+        0.5 * system.B,
+        system.offset,
+        system.C,
+        system.D,
+        np.array([0.3, -0.2]),
+        Q=0.05 * np.eye(order),
+        R=0.1 * np.eye(2),
+    )
+
+
+def flown(model, seed, samples, feedback=None):
+    """Inputs and outputs of a Gaussian model under white inputs, which with ``feedback`` answer the outputs too."""
+    rng = np.random.default_rng(seed)
+    inputs, state = rng.standard_normal((samples, model.B.shape[1])), rng.standard_normal(len(model.A))
+    outputs = np.empty((samples, len(model.C)))
+    Q, R = np.linalg.cholesky(model.Q), np.linalg.cholesky(model.R)
+    for t, u in enumerate(inputs):
+        outputs[t] = model.C @ state + model.D @ u + model.trim + R @ rng.standard_normal(len(R))
+        if feedback is not None:
+            u += feedback @ outputs[t]
+        state = model.A @ state + model.B @ u + model.offset + Q @ rng.standard_normal(len(Q))
+    return inputs, outputs
+
+
+def all_climbs(segments, order, iterations):
+    starts = starting_points(segments, order, feedthrough=False, stable=False, seed=0)
+    assert len(starts) == STARTS
+    return [climb(start, segments, iterations, False, np.inf) for start in starts]
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("feedback", [None, 0.5 * np.eye(2)], ids=["open", "closed"])
+def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
+    """Twice what the likelihood gains over the truth is χ² in as many parameters as data can tell (Wilks)."""
+    truth = noisy_system(order)
+    segments = [flown(truth, order, 800, feedback), flown(truth, order + 10, 400, feedback)]
+    best = max(all_climbs(segments, order, iterations=15), key=lambda one: one.log_likelihoods[-1])
+    found = climb(best, segments, 285, False, np.inf).log_likelihoods[-1]
+    of_truth = sum(smoothed(truth, np.zeros(order), *segment).log_likelihood for segment in segments)
+    # Input and noise answers, the noises' size, what is constant, and where two segments begin.
+    freedom = order * (2 + 2 * 2) + 3 + 2 + 2 * order
+    assert 0 < 2 * (found - of_truth) < chi2.ppf(1 - 1e-5, freedom)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("bound", [np.inf, 0.9])
+@pytest.mark.parametrize("train", [TRAIN, [TRAIN[:300], TRAIN[310:]], growing()], ids=["windy", "cut", "growing"])
+def test_the_likelihood_rises_and_covariances_stay_positive(order, bound, train):
+    record = Record.of(train)
+    segments = Units.of(record).segments(record)
+    for start in starting_points(segments, order, False, bound < np.inf, seed=0):
+        if bound < np.inf:
+            start = start._replace(model=start.model._replace(A=0.5 * np.eye(order)))
+        climbed = climb(start, segments, 40, False, bound)
+        likelihoods = np.array(climbed.log_likelihoods)
+        assert np.diff(likelihoods).min() > -1e-8 * np.abs(likelihoods).max()
+        assert np.abs(np.linalg.eigvals(climbed.model.A)).max() <= bound
+        for covariance in (climbed.model.Q, climbed.model.R):
+            assert np.linalg.eigvalsh(covariance).min() > 0.99 * LEAST_NOISE
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("feedthrough", [False, True])
+def test_with_hardly_any_noise_the_forecast_is_nearly_exact(order, feedthrough):
+    """To what the least noise that EM allows leaves open, a ten-thousandth of the outputs' size at each sample."""
+    system = noisy_system(order)
+    if feedthrough:
+        system = system._replace(D=np.array([[0.5, -1.0], [0.2, 0.3]]))
+    inputs, outputs = flown(system._replace(Q=1e-16 * system.Q, R=1e-16 * system.R), 1, 450)
+    flight = Flight(DT * np.arange(450), inputs, outputs)
+    em = baselines.em(flight[:300], order, feedthrough)
+    assert errors_of(em.forecast(flight.inputs[300:]), flight[300:]) < 10 * np.sqrt(LEAST_NOISE)
+
+
+@needs_oracle
+def test_the_authors_em_is_matched_within_its_spread_over_starts():
+    """Simulated System 2 of the paper: errors of the 150 samples after training, from the last estimate and from 0."""
+    data, theirs = load("case_c2_data_p2"), load("case_c2_em")
+    step = data["dt"].item()
+    flight = Flight(step * np.arange(850), data["u_full"].T, data["y_full"])
+    train, test = flight[:700], flight[700:]
+    em = baselines.em(train, 2)
+    for from_zero, name in ((False, "mspe_x0last_aligned"), (True, "mspe_x0zero")):
+        ours = evaluate.mspe(test.outputs, em.forecast(test.inputs, from_zero)).total
+        assert theirs[name].min() < ours < theirs[name].max()
+    # From the estimate at the end of training it is better than most of theirs.
+    assert evaluate.mspe(test.outputs, em.forecast(test.inputs)).total < np.median(theirs["mspe_x0last_aligned"])
+
+
+def test_units_do_not_matter():
+    one, two = (
+        baselines.em(train, 2).forecast(test.inputs)
+        for train, test in ((TRAIN, TEST), (in_other_units(TRAIN), in_other_units(TEST)))
+    )
+    np.testing.assert_allclose(back_from_other_units(two), one, atol=1e-6)
+
+
+@pytest.mark.parametrize("more", NOTHING_NEW)
+def test_inputs_that_tell_nothing_new_change_nothing(more):
+    # The random starts know how many inputs there are and of what kind; of one start the climb must be the same.
+    records = [Record.of(flight[:700]) for flight in (FLIGHT, with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs)))]
+    one, two = (
+        all_climbs(Units.of(record).segments(record), 2, iterations=20)[0].log_likelihoods for record in records
+    )
+    np.testing.assert_allclose(two, one, rtol=1e-6)
+
+
+def test_inputs_that_stand_still_leave_what_the_outputs_do_by_themselves():
+    still = with_inputs(FLIGHT, np.full_like(FLIGHT.inputs, 1500.0))
+    em = baselines.em(still[:700], 2)
+    assert not em.model.B.any() and np.isfinite(em.forecast(still.inputs[700:])).all()
+
+
+def test_an_unstable_model_is_said_to_be_and_made_stable_only_when_asked():
+    as_found, asked = (baselines.em(growing(), 1, stable=stable) for stable in (False, True))
+    assert not as_found.stable and not as_found.stabilised and "unstable" in as_found.cautions[0]
+    assert asked.stable and asked.stabilised and "made stable" in asked.cautions[0]
+
+
+def test_what_has_not_settled_is_said(monkeypatch):
+    monkeypatch.setattr(sys.modules["mavdem.baselines.em"], "TRIAL", 3)
+    monkeypatch.setattr(sys.modules["mavdem.baselines.em"], "ITERATIONS", 5)
+    assert any("still rising after 5 iterations" in caution for caution in baselines.em(TRAIN, 2).cautions)
+
+
+def test_the_same_seed_gives_the_same_model():
+    one, two = (baselines.em(TRAIN[:300], 2, seed=3).model for _ in range(2))
+    np.testing.assert_array_equal(one.A, two.A)
+
+
+@pytest.mark.parametrize("breakdowns", [STARTS - 1, STARTS])
+def test_starts_that_break_down_are_left_out_and_all_of_them_are_an_error(breakdowns, monkeypatch):
+    left = iter(range(breakdowns))
+
+    def breaks_down(*arguments):
+        if next(left, None) is not None:
+            raise np.linalg.LinAlgError
+        return climb(*arguments)
+
+    monkeypatch.setattr(sys.modules["mavdem.baselines.em"], "climb", breaks_down)
+    if breakdowns < STARTS:
+        assert isinstance(baselines.em(TRAIN[:300], 2), Forecaster)
+    else:
+        with pytest.raises(ValueError, match="^EM for 2 states broke down from each of 4 starts"):
+            baselines.em(TRAIN[:300], 2)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: baselines.em(TRAIN[:30], 2), "^train has too few samples for 2 states: 30 in segments of 30"),
+        (lambda: baselines.em(TRAIN, 0), "^order must be a positive"),
+    ],
+)
+def test_what_cannot_be_learnt_from_is_named(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()

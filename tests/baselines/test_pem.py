@@ -1,0 +1,130 @@
+import sys
+
+import numpy as np
+import pytest
+from innovation_systems import flown, random_system
+from peculiar_flights import (
+    FLIGHT,
+    NOTHING_NEW,
+    TEST,
+    TRAIN,
+    back_from_other_units,
+    errors_of,
+    growing,
+    in_other_units,
+    with_inputs,
+)
+from scipy.stats import chi2
+from standard_errors import Bound
+
+from mavdem import Forecaster, baselines
+from mavdem.baselines import prediction_errors as errors_and_slopes
+from mavdem.baselines.prediction_errors import Parameters, prediction_errors, sensitivities
+
+WEIGHTINGS = ["CVA", "MOESP", "SSARX"]
+
+
+def determinant(identified):
+    """Of the covariance of the one-step errors, as a logarithm; outputs in units of their own deviation."""
+    errors = (identified.record.outputs - identified.one_step()) / identified.record.outputs.std(axis=0)
+    return np.linalg.slogdet(errors.T @ errors / len(errors))[1]
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("feedback", [None, -0.3 * np.eye(2)], ids=["open", "closed"])
+def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
+    """Errors in units of the Cramér-Rao bound are χ², in open and in closed loop."""
+    system = random_system(order, order)
+    flight, _ = flown(system, 1, 4000, push=1.0 if feedback is None else 0.1, feedback=feedback)
+    bound = Bound(system, flight, 0.1)
+    distance = bound.distance(baselines.pem(flight, order).model) * bound.freedom
+    assert chi2.ppf(1e-5, bound.freedom) < distance < chi2.ppf(1 - 1e-5, bound.freedom)
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("worst_modes", [0, 1e8], ids=["by sample", "by mode"])
+def test_sensitivities_are_the_slopes_of_the_errors(order, worst_modes, monkeypatch):
+    monkeypatch.setattr(errors_and_slopes, "WORST_MODES", worst_modes)
+    system = random_system(order, order)
+    flight, _ = flown(system, 0, 100)
+    segments = [(flight.inputs[a:b], flight.outputs[a:b]) for a, b in ((0, 50), (60, 100))]
+    rng = np.random.default_rng(0)
+    D = rng.standard_normal((2, 2))
+    parameters = Parameters(system.A, system.B, system.C, D, system.K, system.offset, rng.standard_normal((2, order)))
+    vector = parameters.vector()
+
+    def errors(change):
+        return prediction_errors(parameters.of(vector + change), system, segments)
+
+    slopes = sensitivities(parameters, system, segments)
+    for i, step in enumerate(1e-6 * np.eye(len(vector))):
+        numerical = (errors(step) - errors(-step)) / 2e-6
+        np.testing.assert_allclose(slopes[:, :, i], numerical, atol=1e-6 * np.abs(slopes).max())
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("train", [TRAIN, growing(), [TRAIN[:300], TRAIN[310:]]], ids=["windy", "growing", "cut"])
+def test_errors_are_never_above_those_of_any_subspace_model(order, train):
+    starts = [determinant(baselines.subspace(train, order, weighting)) for weighting in WEIGHTINGS]
+    pem = baselines.pem(train, order)
+    assert determinant(pem) < min(starts) + 1e-9
+    assert np.abs(np.linalg.eigvals(pem.model.A - pem.model.K @ pem.model.C)).max() < 1
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("feedthrough", [False, True])
+def test_without_noise_the_forecast_is_exact(order, feedthrough):
+    system = random_system(order, order)
+    if feedthrough:
+        system = system._replace(D=np.array([[0.5, -1.0], [0.2, 0.3]]))
+    flight, _ = flown(system, 1, 450, noise=0.0)
+    pem = baselines.pem(flight[:300], order, feedthrough)
+    assert errors_of(pem.forecast(flight.inputs[300:]), flight[300:]) < 1e-6
+
+
+def test_units_do_not_matter():
+    one, two = (
+        baselines.pem(train, 2).forecast(test.inputs)
+        for train, test in ((TRAIN, TEST), (in_other_units(TRAIN), in_other_units(TEST)))
+    )
+    np.testing.assert_allclose(back_from_other_units(two), one, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("more", NOTHING_NEW)
+def test_inputs_that_tell_nothing_new_change_nothing(more):
+    more_inputs = with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs))
+    one, two = (baselines.pem(flight[:700], 2) for flight in (FLIGHT, more_inputs))
+    # Both have settled to a tenth of a nat, and so their forecasts to a part of what chance leaves open.
+    assert abs(determinant(one) - determinant(two)) * 700 / 2 < 0.1
+    difference = two.forecast(more_inputs.inputs[700:]) - one.forecast(TEST.inputs)
+    assert np.abs(difference).max() < 0.01 * TEST.outputs.std()
+
+
+def test_an_unstable_model_is_said_to_be_and_made_stable_only_when_asked():
+    as_found, asked = (baselines.pem(growing(), 1, stable=stable) for stable in (False, True))
+    assert not as_found.stable and not as_found.stabilised and "unstable" in as_found.cautions[0]
+    assert asked.stable and asked.stabilised and "made stable" in asked.cautions[0]
+    assert determinant(as_found) < determinant(asked)
+
+
+def test_what_has_not_settled_is_said(monkeypatch):
+    module = sys.modules["mavdem.baselines.pem"]
+    monkeypatch.setattr(module, "REWEIGHTINGS", 1)
+    monkeypatch.setattr(module, "EVALUATIONS", 2)
+    assert any("still falling" in caution for caution in baselines.pem(TRAIN, 4).cautions)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: baselines.pem(TRAIN[:30], 2), "^train has too few samples for 2 states: 30 in segments of 30"),
+        (lambda: baselines.pem(TRAIN, "2"), "^order must be a positive"),
+    ],
+)
+def test_what_cannot_be_learnt_from_is_named(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()
+
+
+def test_it_is_a_forecaster():
+    assert isinstance(baselines.pem(TRAIN), Forecaster)

@@ -1,0 +1,97 @@
+"""Against the joint Gaussian of all states and outputs, by brute force."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.stats import multivariate_normal
+
+from mavdem.baselines import smoother
+from mavdem.baselines.smoother import GaussianModel, smoothed
+
+
+def random_gaussian_model(seed, n, k, m, radius=0.9):
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((n, n))
+    A *= radius / np.abs(np.linalg.eigvals(A)).max()
+    roots = rng.standard_normal((n, n)), rng.standard_normal((m, m))
+    return GaussianModel(
+        A,
+        rng.standard_normal((n, k)),
+        rng.standard_normal(n),
+        rng.standard_normal((m, n)),
+        rng.standard_normal((m, k)),
+        rng.standard_normal(m),
+        *(0.1 * root @ root.T + 0.01 * np.eye(len(root)) for root in roots),
+    )
+
+
+def joint(model, start, inputs, outputs):
+    """Mean and covariance of all states given all outputs, and the outputs' log-likelihood."""
+    A, B, offset, C, D, trim, Q, R = model
+    samples, n = len(outputs), len(A)
+    # States are a linear map of the first one and all noises.
+    effects, means = np.zeros((samples, n, samples, n)), [start]
+    for t in range(samples):
+        for s in range(t + 1):
+            effects[t, :, s] = np.linalg.matrix_power(A, t - s)
+    for u in inputs[:-1]:
+        means.append(A @ means[-1] + B @ u + offset)
+    effects = effects.reshape(samples * n, samples * n)
+    noises = np.kron(np.eye(samples), Q)
+    noises[:n, :n] = np.eye(n)
+    prior, mean = effects @ noises @ effects.T, np.concatenate(means)
+    seen, targets = np.kron(np.eye(samples), C), (outputs - inputs @ D.T - trim).ravel()
+    of_targets = seen @ prior @ seen.T + np.kron(np.eye(samples), R)
+    gain = prior @ seen.T @ np.linalg.inv(of_targets)
+    return (
+        (mean + gain @ (targets - seen @ mean)).reshape(samples, n),
+        (prior - gain @ seen @ prior).reshape(samples, n, samples, n),
+        multivariate_normal(seen @ mean, of_targets).logpdf(targets),
+    )
+
+
+@given(
+    seed=st.integers(0, 10**6),
+    n=st.integers(1, 3),
+    k=st.integers(0, 2),
+    m=st.integers(1, 3),
+    samples=st.integers(2, 25),
+    radius=st.floats(0.1, 1.1),
+    stands_still=st.sampled_from([1e-11, 0.0]),
+)
+def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radius, stands_still):
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(smoother, "STANDS_STILL", stands_still)
+        rng = np.random.default_rng(seed)
+        model = random_gaussian_model(seed, n, k, m, radius)
+        start, inputs, outputs = (rng.standard_normal(shape) for shape in (n, (samples, k), (samples, m)))
+        states = smoothed(model, start, inputs, outputs)
+    means, covariances, log_likelihood = joint(model, start, inputs, outputs)
+    scale = np.abs(means).max() + 1
+    np.testing.assert_allclose(states.means, means, atol=1e-7 * scale)
+    for t in range(samples):
+        np.testing.assert_allclose(states.covariances[t], covariances[t, :, t], atol=1e-7)
+        if t:
+            np.testing.assert_allclose(states.lagged[t - 1], covariances[t, :, t - 1], atol=1e-7)
+    assert states.log_likelihood == pytest.approx(log_likelihood, rel=1e-7, abs=1e-6)
+
+
+def test_covariances_that_stand_still_are_those_that_go_on(monkeypatch):
+    model = random_gaussian_model(0, 2, 1, 2)
+    rng = np.random.default_rng(0)
+    data = rng.standard_normal(2), rng.standard_normal((3000, 1)), rng.standard_normal((3000, 2))
+    quick = smoothed(model, *data)
+    monkeypatch.setattr(smoother, "STANDS_STILL", 0.0)
+    whole = smoothed(model, *data)
+    for one, other in zip(quick, whole, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
+
+
+def test_a_covariance_that_is_none_is_told():
+    model = random_gaussian_model(0, 2, 1, 2)
+    data = np.zeros(2), np.zeros((5, 1)), np.zeros((5, 2))
+    with pytest.raises(np.linalg.LinAlgError):
+        smoothed(model._replace(R=-10 * np.eye(2)), *data)
+    with np.errstate(all="ignore"), pytest.raises(np.linalg.LinAlgError):
+        smoothed(model._replace(A=1e200 * np.eye(2)), *data)

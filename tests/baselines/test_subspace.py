@@ -1,0 +1,172 @@
+import numpy as np
+import pytest
+from innovation_systems import flown, random_system
+from peculiar_flights import (
+    FLIGHT,
+    NOTHING_NEW,
+    TEST,
+    TRAIN,
+    back_from_other_units,
+    errors_of,
+    growing,
+    in_other_units,
+    with_inputs,
+)
+from standard_errors import Bound
+
+from mavdem import Flight, Forecaster, baselines
+from mavdem.baselines.riccati import steady_gain
+
+WEIGHTINGS = ["CVA", "MOESP", "SSARX"]
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("weighting", WEIGHTINGS)
+def test_a_system_is_recovered_to_within_three_times_what_an_efficient_estimate_errs(weighting, order):
+    """At 16 times the samples no less, which a biased one would miss by four times more."""
+    system = random_system(order, order)
+    for samples in (1000, 16_000):
+        flight, _ = flown(system, 1, samples)
+        bound = Bound(system, flight, 0.1)
+        assert bound.distance(baselines.subspace(flight, order, weighting).model) < 3**2
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_in_closed_loop_ssarx_alone_is_consistent(order):
+    system = random_system(order, order)
+    flight, _ = flown(system, 1, 16_000, push=0.1, feedback=-np.eye(2))
+    bound = Bound(system, flight, 0.1)
+    distance = {w: bound.distance(baselines.subspace(flight, order, w).model) for w in WEIGHTINGS}
+    assert distance["SSARX"] < 3**2 < min(distance["CVA"], distance["MOESP"])
+
+
+@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("weighting", WEIGHTINGS)
+@pytest.mark.parametrize("feedthrough", [False, True])
+def test_without_noise_the_forecast_is_exact(weighting, order, feedthrough):
+    system = random_system(order, order)
+    if feedthrough:
+        system = system._replace(D=np.array([[0.5, -1.0], [0.2, 0.3]]))
+    flight, _ = flown(system, 1, 450, noise=0.0)
+    subspace = baselines.subspace(flight[:300], order, weighting, feedthrough)
+    assert errors_of(subspace.forecast(flight.inputs[300:]), flight[300:]) < 1e-6
+    assert errors_of(subspace.one_step(), flight[:300]) < 1e-6
+    assert subspace.model.D.any() == feedthrough
+
+
+@pytest.mark.parametrize("weighting", WEIGHTINGS)
+def test_feedthrough_is_found_within_its_standard_errors(weighting):
+    D = np.array([[0.5, -1.0], [0.2, 0.3]])
+    flight, _ = flown(random_system(2, 2)._replace(D=D), 1, 4000)
+    # Innovations of size 0.1, white inputs of size 1: 0.1/√T each. χ²(4)/4 beyond 8 has a probability of 3e-6.
+    errors = (baselines.subspace(flight, 2, weighting, feedthrough=True).model.D - D) / (0.1 / np.sqrt(4000))
+    assert np.mean(errors**2) < 8
+
+
+def test_state_is_carried_over_from_the_end_of_training_and_begins_at_zero_when_asked():
+    system = random_system(1, 2)
+    flight, _ = flown(system, 1, 450, noise=0.0)
+    subspace = baselines.subspace(flight[:300], 2)
+    (A, B, C, _, _, offset, input_trim, output_trim), ahead = subspace.model, flight.inputs[300:]
+    state, forecast = np.zeros(2), []
+    for inputs in ahead:
+        forecast.append(C @ state + output_trim)
+        state = A @ state + B @ (inputs - input_trim) + offset
+    np.testing.assert_allclose(subspace.forecast(ahead, from_zero=True), forecast, atol=1e-9)
+    # Row 0 is the sample after training: the last training input acts on it, its own input does not.
+    changed = ahead.copy()
+    changed[0] += 1
+    np.testing.assert_allclose(subspace.forecast(changed)[0], subspace.forecast(ahead)[0])
+    assert np.abs(subspace.forecast(changed)[1] - subspace.forecast(ahead)[1]).max() > 0.01
+
+
+@pytest.mark.parametrize("weighting", WEIGHTINGS)
+def test_segments_are_learnt_from_together_and_nothing_across_gaps(weighting):
+    system = random_system(1, 2)
+    flight, _ = flown(system, 1, 900, noise=0.0)
+    segments = [flight[:200], flight[300:303], flight[420:600], flight[610:800]]
+    subspace = baselines.subspace(segments, 2, weighting)
+    together = np.vstack([segment.outputs for segment in segments])
+    assert subspace.one_step().shape == together.shape
+    # A segment too short for a window is predicted like the others.
+    assert np.abs(subspace.one_step() - together).max() < 1e-5 * together.std()
+    assert errors_of(subspace.forecast(flight.inputs[800:]), flight[800:]) < 1e-5
+
+
+@pytest.mark.parametrize("weighting", WEIGHTINGS)
+def test_units_do_not_matter(weighting):
+    one, two = (
+        baselines.subspace(train, 3, weighting).forecast(test.inputs)
+        for train, test in ((TRAIN, TEST), (in_other_units(TRAIN), in_other_units(TEST)))
+    )
+    np.testing.assert_allclose(back_from_other_units(two), one, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize("weighting", WEIGHTINGS)
+@pytest.mark.parametrize("more", NOTHING_NEW)
+def test_inputs_that_tell_nothing_new_change_nothing(weighting, more):
+    one, two = (
+        baselines.subspace(flight[:700], 2, weighting).forecast(flight.inputs[700:])
+        for flight in (FLIGHT, with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs)))
+    )
+    np.testing.assert_allclose(two, one, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("weighting", WEIGHTINGS)
+def test_inputs_that_stand_still_leave_what_the_outputs_do_by_themselves(weighting):
+    still = with_inputs(FLIGHT, np.full_like(FLIGHT.inputs, 1500.0))
+    subspace = baselines.subspace(still[:700], 2, weighting)
+    assert not subspace.model.B.any() and np.isfinite(subspace.forecast(still.inputs[700:])).all()
+
+
+@pytest.mark.parametrize("weighting", WEIGHTINGS)
+def test_an_unstable_model_is_said_to_be_and_made_stable_only_when_asked(weighting):
+    flight = growing()
+    as_found, asked = (baselines.subspace(flight, 1, weighting, stable=stable) for stable in (False, True))
+    assert not as_found.stable and not as_found.stabilised and "unstable" in as_found.cautions[0]
+    assert asked.stable and asked.stabilised and len(asked.cautions) == 1
+    asked = baselines.subspace(flown(random_system(2, 2), 1, 700)[0], 2, weighting, stable=True)
+    assert asked.stable and not asked.stabilised and not asked.cautions
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: baselines.subspace(TRAIN[:30], 2), "^train has too few samples for 2 states: 30 in segments of 30"),
+        (lambda: baselines.subspace([TRAIN[i : i + 5] for i in range(0, 600, 5)], 4), "^train has too few samples"),
+        (lambda: baselines.subspace(TRAIN, 100), "^train has too few samples for 100 states"),
+        (lambda: baselines.subspace(TRAIN, 2, "N4SID"), "^weighting must be one of CVA, MOESP, SSARX, not 'N4SID'"),
+        (lambda: baselines.subspace(TRAIN, -1), "^order must be a positive"),
+        (lambda: baselines.subspace(Flight(TRAIN.time, TRAIN.inputs, np.zeros((700, 2)))), "^outputs column 0"),
+    ],
+)
+def test_what_cannot_be_learnt_from_is_named(make, said):
+    with pytest.raises(ValueError, match=said):
+        make()
+
+
+def test_more_states_than_the_data_have_do_no_harm():
+    flight, _ = flown(random_system(1, 1), 1, 450)
+    forecasts = [baselines.subspace(flight[:300], order).forecast(flight.inputs[300:]) for order in (1, 6)]
+    assert np.abs(forecasts[1] - forecasts[0]).max() < flight.outputs.std()
+
+
+def test_it_is_a_forecaster():
+    forecaster = baselines.subspace(TRAIN)
+    assert isinstance(forecaster, Forecaster) and repr(forecaster).startswith("<Identified: subspace(2, CVA), 2 states")
+
+
+def test_the_gain_is_the_kalman_filter_s():
+    """Against the covariance recursion itself, run until it stands still."""
+    rng = np.random.default_rng(0)
+    A, C = random_system(1, 3).A, rng.standard_normal((2, 3))
+    half = rng.standard_normal((5, 5))
+    joint = half @ half.T
+    Q, S, R = joint[:3, :3], joint[:3, 3:], joint[3:, 3:]
+    P = np.eye(3)
+    for _ in range(1000):
+        gain = (A @ P @ C.T + S) @ np.linalg.inv(C @ P @ C.T + R)
+        P = A @ P @ A.T + Q - gain @ (A @ P @ C.T + S).T
+    np.testing.assert_allclose(steady_gain(A, C, Q, R, S), gain, rtol=1e-6)
+    with pytest.raises(np.linalg.LinAlgError):
+        steady_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1), np.zeros((2, 1)))

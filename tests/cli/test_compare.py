@@ -1,0 +1,219 @@
+"""``mavdem compare``: its document, its tables, and what of several flights cannot be compared."""
+
+from __future__ import annotations
+
+import csv
+import json
+import multiprocessing
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from mavdem import baselines
+from mavdem.cli.main import main
+from mavdem.comparison import METHODS, Method, compare
+from mavdem.read import read_flight
+from mavdem.windows import windows
+
+LOGS = Path(__file__).parents[2] / "logs"
+FLIGHT, OTHER, SLOW = (
+    str(LOGS / f"{name}.tlog") for name in ("ardupilot_wind5_steps", "px4_wind5_steps", "ardupilot_default_rates")
+)
+FEW = (
+    Method("hold last", baselines.hold),
+    Method("constant mean", baselines.constant_mean),
+    Method("ARX(2)", baselines.arx),
+)
+
+
+def refuses(train: object) -> None:
+    raise ValueError("it never answers")
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Methods that take no time, in this process."""
+    monkeypatch.setattr("mavdem.cli.compare.METHODS", FEW)
+    monkeypatch.setattr("mavdem.dem.many.spare_cores", lambda: 1)
+
+
+def strict_json(text: str) -> dict:
+    def unknown(name: str) -> None:
+        raise AssertionError(f"{name} is not JSON")
+
+    return json.loads(text, parse_constant=unknown)
+
+
+def test_the_document_is_the_comparison_of_the_library(quick, capsys):
+    assert main(["compare", FLIGHT, "--hop", "850", "--json"]) == 0
+    said = capsys.readouterr()
+    assert said.err == ""
+    told = strict_json(said.out)
+    expected = compare(windows("ardupilot_wind5_steps", read_flight(FLIGHT), hop=850), FEW).to_dict()
+    for name in ("reference", "methods", "start"):
+        assert told[name] == expected[name]
+    assert [told["flights"][0][name] for name in ("flight", "dt", "training_samples")] == [
+        "ardupilot_wind5_steps",
+        pytest.approx(0.01),
+        700,
+    ]
+    for one, other in zip(told["flights"][0]["standings"], expected["flights"][0]["standings"], strict=True):
+        one.pop("seconds"), other.pop("seconds")
+        assert one == json.loads(json.dumps(other))
+
+
+SCHEMA = {
+    "": "axis files flights losses methods over_flights reference refused seconds sources start",
+    "losses.0": "flight method paired ratio steps",
+    "over_flights.0": "diverged failed flights horizons method mspe_total reference relative unstable windows "
+    "worse_than_constant",
+    "flights.0": "dt flight forecast_samples output_units outputs standings training_samples windows",
+    "flights.0.standings.0": "diverged failed failure horizons method mspe mspe_total relative seconds unstable "
+    "windows worse_than_constant worst",
+    "flights.0.standings.0.horizons.0": "per_output reference relative relative_per_output steps",
+    "flights.0.standings.0.horizons.0.reference": "less p_value ratio tested windows",
+    "flights.0.windows.0": "methods start time",
+    "flights.0.windows.0.methods.ARX(2)": "cautions failure from_zero mspe seconds skill stable",
+    "flights.0.windows.0.methods.ARX(2).mspe": "per_output total",
+    "flights.0.windows.0.methods.ARX(2).skill.0": "per_output relative relative_per_output steps total",
+    "flights.0.windows.0.methods.ARX(2).from_zero": "mspe skill",
+    "refused.0": "error flight source",
+    "refused.0.error": "reason remedy",
+}
+
+
+def test_the_document_has_these_keys(quick, capsys):
+    assert main(["compare", FLIGHT, OTHER, SLOW, "--json"]) == 0
+    told = strict_json(capsys.readouterr().out)
+    for path, keys in SCHEMA.items():
+        value = told
+        for step in path.split(".") if path else ():
+            value = value[int(step)] if step.isdigit() else value[step]
+        assert sorted(value) == keys.split(), path
+
+
+@pytest.mark.slow
+def test_all_methods_on_all_cores_are_told_with_their_losses_first(tmp_path, capsys):
+    out = tmp_path / "new" / "folder"
+    assert main(["compare", FLIGHT, "--hop", "2500", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("DEM ")
+    for fact in (
+        *(f"\n{method.name} " for method in METHODS),
+        "over constant mean",
+        "unstable",
+        "p=1",
+        "roll rate, °/s",
+    ):
+        assert fact in said
+    assert {path.name for path in out.iterdir()} == {"comparison.json", "windows.csv"}
+    kept = strict_json((out / "comparison.json").read_text())
+    assert {one["method"] for one in kept["flights"][0]["standings"]} == {method.name for method in METHODS}
+    assert not [one for one in kept["flights"][0]["standings"] if one["failed"]]
+    with (out / "windows.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(kept["flights"][0]["windows"]) * len(METHODS) * 7
+    assert not multiprocessing.active_children()
+
+
+def test_what_cannot_be_compared_is_told_and_the_others_stand(quick, tmp_path, capsys):
+    missing = str(tmp_path / "missing.tlog")
+    assert main(["compare", SLOW, FLIGHT]) == 0
+    said = capsys.readouterr()
+    assert "\nardupilot_default_rates: not compared. ATTITUDE comes at 4.0 Hz" in said.out and said.err == ""
+    assert main(["compare", SLOW, FLIGHT, missing, "--json"]) == 2
+    said = capsys.readouterr()
+    told = strict_json(said.out)
+    assert [(one["flight"], bool(one["error"]["remedy"])) for one in told["refused"]] == [
+        ("ardupilot_default_rates", True),
+        ("missing", False),
+    ]
+    assert list(told["sources"].values()) == [FLIGHT]
+    assert said.err.count("is not compared: ") == said.err.count("\n") == 2
+
+
+def test_without_a_flight_that_can_be_compared_the_first_reason_is_told(quick, tmp_path, capsys):
+    assert main(["compare", SLOW, "--json"]) == 1
+    assert "4.0 Hz" in strict_json(capsys.readouterr().out)["error"]["reason"]
+    assert main(["compare", SLOW, str(tmp_path / "missing.tlog"), "--json"]) == 2
+    assert "missing.tlog does not exist" in strict_json(capsys.readouterr().out)["error"]["reason"]
+
+
+def test_a_flight_too_short_says_what_fits(quick, capsys):
+    assert main(["compare", FLIGHT, "--train", "5900"]) == 1
+    said = capsys.readouterr().err
+    assert "5900 to learn from with 150 to forecast are more" in said
+    assert main(["compare", FLIGHT, *said.split("`")[1].split()]) == 0
+
+
+def test_a_method_that_never_answers_leaves_the_others_their_rows(quick, monkeypatch, capsys):
+    monkeypatch.setattr("mavdem.cli.compare.METHODS", (*FEW, Method("silent", refuses)))
+    assert main(["compare", FLIGHT, "--hop", "2500"]) == 0
+    said = capsys.readouterr().out
+    assert "\nsilent made no forecast in 3 of 3 windows: it never answers.\n" in said
+    assert said.count("\nARX(2) ") >= 2
+
+
+def test_from_zero_has_the_paper_s_figure_and_no_horizons(quick, capsys):
+    assert main(["compare", FLIGHT, "--from-zero", "--json"]) == 0
+    told = strict_json(capsys.readouterr().out)
+    assert told["start"] == "zero"
+    assert [len(one["horizons"]) for one in told["flights"][0]["standings"]] == [1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ([], "SOURCE"),
+        ([FLIGHT, FLIGHT], "named twice"),
+        ([FLIGHT, "--train", "10"], "--train"),
+        ([FLIGHT, "--hop", "0"], "--hop"),
+        ([FLIGHT, "--out", ""], "--out"),
+        (["udpin:127.0.0.1:14550"], "link"),
+    ],
+)
+def test_bad_usage_names_what_is_wrong(words, named, quick, capsys):
+    assert main(["compare", *words]) == 2
+    said = capsys.readouterr()
+    assert named in said.err and said.out == ""
+
+
+def test_files_of_the_same_name_are_told_apart(quick, tmp_path, capsys):
+    again = tmp_path / Path(FLIGHT).name
+    again.symlink_to(FLIGHT)
+    assert main(["compare", FLIGHT, str(again), "--json"]) == 0
+    assert strict_json(capsys.readouterr().out)["sources"] == {FLIGHT: FLIGHT, str(again): str(again)}
+
+
+def test_an_out_that_is_a_file_is_refused_before_the_work(tmp_path, capsys):
+    (tmp_path / "file").write_text("mine")
+    assert main(["compare", "missing.tlog", "--out", str(tmp_path / "file")]) == 2
+    assert "--out" in capsys.readouterr().err
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_ended_early_it_leaves_no_process_and_no_file(number, code, tmp_path):
+    """The whole terminal's Ctrl-C, which reaches the workers too."""
+    run = "import sys\nfrom mavdem.cli.entry import run\nif __name__ == '__main__':\n    sys.exit(run())\n"
+    script = tmp_path / "script.py"
+    script.write_text(run)
+    words = [sys.executable, str(script), "compare", FLIGHT, "--hop", "20", "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+    time.sleep(5)
+    assert process.poll() is None, process.communicate()
+    if number == signal.SIGINT:
+        os.killpg(process.pid, number)
+    else:
+        process.send_signal(number)
+    # Ends when nobody holds its output any longer, workers included.
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == code
+    assert b"Traceback" not in said
+    assert not (tmp_path / "out").exists()

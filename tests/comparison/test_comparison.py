@@ -1,0 +1,234 @@
+"""Comparison: what goes wrong stays in its row, errors are those of the windows, and where the first loses is told."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import simulated
+
+from mavdem import Flight, baselines
+from mavdem.account import Sentence, Table
+from mavdem.comparison import METHODS, Comparison, Method, account, compare, judge, outcomes
+from mavdem.evaluate import HORIZONS, Paired, mspe, relative_mspe
+from mavdem.windows import windows
+
+FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enumerate("ab")}
+WINDOWS = [window for name, flight in FLIGHTS.items() for window in windows(name, flight)]
+MEAN, HOLD, ARX = (
+    Method("constant mean", baselines.constant_mean),
+    Method("hold", baselines.hold),
+    Method("ARX", baselines.arx),
+)
+
+
+def refuses(train: Flight) -> None:
+    raise ValueError("train is not to my liking")
+
+
+def breaks(train: Flight) -> None:
+    raise ZeroDivisionError("division by zero")
+
+
+def explodes(train: Flight) -> baselines.Identified:
+    held = baselines.hold(train)
+    return replace(held, model=held.model._replace(A=1e4 * held.model.A))
+
+
+def is_lost(train: Flight) -> baselines.Identified:
+    held = baselines.hold(train)
+    return replace(held, model=held.model._replace(offset=np.full(2, np.nan)))
+
+
+REFUSES, BREAKS, EXPLODES, IS_LOST = (Method(made.__name__, made) for made in (refuses, breaks, explodes, is_lost))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def in_this_process():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mavdem.dem.many.spare_cores", lambda: 1)
+        yield
+
+
+@pytest.fixture(scope="module")
+def compared():
+    return compare(WINDOWS, [HOLD, MEAN, ARX, REFUSES, EXPLODES])
+
+
+def test_an_outcome_is_what_the_model_says_of_the_window():
+    window = WINDOWS[1]
+    found, model = judge(ARX, window), baselines.arx(window.train)
+    assert (found.method, found.flight, found.start, found.failure) == ("ARX", "a", 425, "")
+    assert (found.stable, found.cautions, found.diverged) == (model.stable, model.cautions, False)
+    forecast, from_zero = model.forecast(window.test.inputs), model.forecast(window.test.inputs, from_zero=True)
+    np.testing.assert_array_equal(found.forecast, forecast)
+    np.testing.assert_array_equal(found.mspe, mspe(window.test.outputs, forecast).per_output)
+    np.testing.assert_array_equal(found.mspe_from_zero, mspe(window.test.outputs, from_zero).per_output)
+    assert [one.steps for one in found.skill] == list(HORIZONS)
+    assert found.skill[-1].relative == pytest.approx(relative_mspe(window.train, window.test, forecast))
+    assert found.skill_from_zero.relative == relative_mspe(window.train, window.test, from_zero)
+
+
+@pytest.mark.parametrize(
+    ("method", "failure"),
+    [(REFUSES, "train is not to my liking"), (BREAKS, "ZeroDivisionError: division by zero")],
+)
+def test_a_method_without_an_answer_says_why_and_errs_infinitely(method, failure):
+    found = judge(method, WINDOWS[0])
+    assert (found.failure, found.stable, found.forecast, found.diverged) == (failure, None, None, False)
+    assert [one.relative for one in (*found.skill, found.skill_from_zero)] == [np.inf] * 7
+    assert [one.steps for one in found.skill] == list(HORIZONS)
+
+
+@pytest.mark.parametrize("method", [EXPLODES, IS_LOST])
+def test_a_forecast_beyond_all_numbers_errs_infinitely(method):
+    found = judge(method, WINDOWS[0])
+    assert found.diverged and not found.failure
+    assert found.skill[-1].relative == np.inf
+
+
+def test_a_fault_of_our_own_is_no_outcome():
+    with pytest.raises(TypeError):
+        judge(Method("hold", lambda: None), WINDOWS[0])
+
+
+def test_a_window_without_a_unit_of_error_fails_for_every_method():
+    flight = FLIGHTS["a"]
+    still = Flight(flight.time, flight.inputs, flight.outputs * [1, 0])
+    (window, *_) = windows("still", still)
+    for method in (HOLD, MEAN, METHODS[0]):
+        assert "vary" in judge(method, window).failure
+
+
+def test_what_is_compared_can_be_sent_to_other_processes():
+    for method in METHODS:
+        again = pickle.loads(pickle.dumps(method))
+        assert again.name == method.name
+    outcome = judge(ARX, WINDOWS[0])
+    assert pickle.loads(pickle.dumps(outcome)).to_dict() == outcome.to_dict()
+
+
+def test_outcomes_come_by_window_and_make_the_comparison_in_any_order(compared):
+    found = list(outcomes(WINDOWS, [HOLD, MEAN]))
+    assert [(one.flight, one.start, one.method) for one in found[:3]] == [
+        ("a", 0, "hold"),
+        ("a", 0, "constant mean"),
+        ("a", 425, "hold"),
+    ]
+    one, other = (Comparison.of(WINDOWS, some) for some in (found, [found[0], *found[:0:-1]]))
+    assert one.methods == ("hold", "constant mean")
+    assert [row[0].start for row in other.outcomes] == [row[0].start for row in one.outcomes]
+    with pytest.raises(ValueError, match="is missing"):
+        Comparison.of(WINDOWS, found[:-1])
+    with pytest.raises(ValueError, match="of the windows"):
+        Comparison.of(WINDOWS[:-1], found)
+    with pytest.raises(ValueError, match="of the windows"):
+        Comparison.of([], [])
+
+
+def test_a_standing_is_the_median_of_its_windows(compared):
+    found = {one.method: one for one in compared.standings("a")}
+    rows = [row for row in compared.outcomes if row[0].flight == "a"]
+    of_hold = [row[0].skill[-1].relative for row in rows]
+    assert found["hold"].relative == np.median(of_hold) == found["hold"].horizons[-1].relative
+    assert (found["hold"].worst, found["hold"].worse_than_constant) == (max(of_hold), sum(np.array(of_hold) > 1))
+    errors = np.mean([row[0].mspe for row in rows], axis=0)
+    assert found["hold"].mspe == tuple(errors) and found["hold"].mspe_total == pytest.approx(errors.sum())
+    assert found["constant mean"].relative == 1 and found["constant mean"].worse_than_constant == 0
+    assert (found["refuses"].failed, found["refuses"].failure) == (3, "train is not to my liking")
+    assert (found["explodes"].failed, found["explodes"].diverged, found["explodes"].unstable) == (0, 3, 3)
+    assert [one.relative for one in compared.standings("a")] == sorted(one.relative for one in found.values())
+
+
+def test_the_first_is_paired_with_each_on_windows_that_do_not_overlap(compared):
+    found = {one.method: one.horizons[-1].reference for one in compared.standings("a")}
+    ours, theirs = (np.array([row[place].skill[-1].relative for row in compared.outcomes[:3]]) for place in (0, 2))
+    assert found["ARX"].ratio == pytest.approx(np.median(ours / theirs))
+    assert (found["ARX"].windows, found["ARX"].tested) == (3, 2)
+    assert found["refuses"] == Paired(0.0, 3, 3, 2, 0.5)
+    assert found["hold"] == Paired(1.0, 0, 3, 2, 1.0)
+
+
+def test_losses_are_where_the_median_is_larger_the_worst_first(compared):
+    losses = compared.losses()
+    assert {loss.method for loss in losses} <= {"ARX", "constant mean"}
+    for loss in losses:
+        of_flight = {one.method: one for one in compared.standings(loss.flight)}
+        ours, theirs = (
+            next(at.relative for at in of_flight[name].horizons if at.steps == loss.steps)
+            for name in ("hold", loss.method)
+        )
+        assert loss.ratio == pytest.approx(ours / theirs) and loss.ratio > 1
+    assert [loss.ratio for loss in losses] == sorted((loss.ratio for loss in losses), reverse=True)
+    told = account(compared)[0]
+    assert isinstance(told, Sentence) and told.lead.startswith(
+        "hold loses on 2 of 2 flights, over the whole test part: to "
+    )
+
+
+def test_over_flights_each_counts_once(compared):
+    found = {one.method: one for one in compared.over_flights()}
+    medians = [next(one.relative for one in compared.standings(flight) if one.method == "ARX") for flight in ("a", "b")]
+    assert found["ARX"].relative == pytest.approx(np.sqrt(np.prod(medians)))
+    assert (found["ARX"].flights, found["ARX"].windows, found["ARX"].reference.windows) == (2, 6, 2)
+    assert found["refuses"].relative == np.inf and found["refuses"].failed == 6
+    assert len(found["ARX"].horizons) == len(HORIZONS)
+
+
+def test_from_zero_the_whole_test_part_is_judged(compared):
+    found = {one.method: one for one in compared.standings("a", from_zero=True)}
+    own = [row[2].skill_from_zero.relative for row in compared.outcomes[:3]]
+    assert found["ARX"].relative == np.median(own)
+    assert [at.steps for at in found["ARX"].horizons] == [150]
+    assert compared.to_dict(from_zero=True)["start"] == "zero"
+
+
+def test_the_document_is_plain_json_and_rows_a_table(compared):
+    told = json.loads(json.dumps(compared.to_dict()))
+    assert list(told) == ["reference", "methods", "start", "losses", "over_flights", "flights"]
+    assert [len(flight["windows"]) for flight in told["flights"]] == [3, 3]
+    of_window = told["flights"][1]["windows"][2]
+    assert (of_window["start"], of_window["time"]) == (850, pytest.approx(8.5))
+    assert of_window["methods"]["ARX"] == compared.outcomes[5][2].to_dict()
+    rows = compared.rows()
+    assert len(rows) == 6 * 5 * (len(HORIZONS) + 1)
+    assert len({tuple(row) for row in rows}) == 1
+
+
+@pytest.mark.parametrize("from_zero", [False, True])
+@pytest.mark.parametrize("flights", ["a", "ab"])
+def test_the_account_has_a_row_for_every_method_and_says_what_went_wrong(compared, flights, from_zero):
+    blocks = account(compared if flights == "ab" else compared.of_flight("a"), from_zero)
+    tables = [block for block in blocks if isinstance(block, Table)]
+    said = " ".join(f"{block.lead} {block.text}" for block in blocks if isinstance(block, Sentence))
+    errors = [table for table in tables if table.header[0] == "150 steps ahead, rms"]
+    assert [len(table.rows) for table in errors] == [5] * len(flights)
+    assert "refuses made no forecast in 3 of 3 windows: train is not to my liking." in said
+    assert "explodes ran beyond all numbers in 3 of 3 windows." in said
+    assert all(len(row) == len(table.header) for table in tables for row in table.rows)
+    assert ("All flights:" in said) == (flights == "ab")
+
+
+def test_a_first_that_wins_everywhere_is_told_to():
+    won = account(compare(WINDOWS[:1], [HOLD, EXPLODES, REFUSES]))[0]
+    assert isinstance(won, Sentence)
+    assert won.lead == (
+        "hold errs least of all 2 methods, on this flight at every horizon. No forecast was made by refuses."
+    )
+
+
+def test_the_influence_of_generalized_coordinates_is_a_table_of_its_own():
+    pair = [Method("DEM", baselines.hold), Method("DEM p=1", baselines.constant_mean)]
+    (table,) = [
+        block
+        for block in account(compare(WINDOWS, pair))
+        if isinstance(block, Table) and block.header[0].startswith("influence of generalized coordinates")
+    ]
+    assert table.header[1:] == ["DEM", "DEM p=1", "ratio"]
+    assert [row[0] for row in table.rows] == ["a", "b", "all flights"]
+    one, other = ({s.method: s.relative for s in compare(WINDOWS, pair).standings(flight)} for flight in ("a", "b"))
+    assert table.rows[0][1:] == [f"{one['DEM']:.3g}", "1", f"{one['DEM']:.3g}"]
+    assert table.rows[2][1:] == [f"{np.sqrt(one['DEM'] * other['DEM']):.3g}", "1", table.rows[2][1]]

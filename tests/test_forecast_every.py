@@ -1,0 +1,69 @@
+"""Forecasts begun anew along what follows the training data: of every method alike."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import simulated
+
+from mavdem import Settings, baselines, learn
+from mavdem.dem.record import Record
+
+FLIGHT = simulated(wind=2.0)
+TRAIN, TEST = FLIGHT[:400], FLIGHT[400:520]
+MODELS = {
+    "DEM": learn(TRAIN, Settings(window=9, parameter_precision=1.0)),
+    "DEM paper": learn(TRAIN, Settings.paper()),
+    "ARX": baselines.arx(TRAIN, 2),
+    "hold": baselines.hold(TRAIN),
+    "constant mean": baselines.constant_mean(TRAIN),
+}
+
+
+@pytest.fixture(params=MODELS)
+def model(request):
+    return MODELS[request.param]
+
+
+@pytest.mark.parametrize("steps", [1, 7, 50])
+def test_each_piece_is_the_forecast_of_a_model_that_has_seen_all_before_it(model, steps):
+    pieces = model.forecast_every(steps, TEST.inputs, TEST.outputs)
+    assert pieces.shape == TEST.outputs.shape
+    for begin in (0, steps, 2 * steps):
+        seen = replace(model, record=Record.of(FLIGHT[: 400 + begin]))
+        piece = slice(begin, begin + steps)
+        np.testing.assert_allclose(pieces[piece], seen.forecast(TEST.inputs[piece]), rtol=1e-7, atol=1e-9)
+
+
+@pytest.mark.parametrize("steps", [120, 10**9])
+def test_one_piece_is_the_forecast(model, steps):
+    whole = model.forecast_every(steps, TEST.inputs, TEST.outputs)
+    np.testing.assert_allclose(whole, model.forecast(TEST.inputs), rtol=1e-7, atol=1e-9)
+
+
+def test_hold_repeats_the_sample_before_each_piece():
+    pieces = MODELS["hold"].forecast_every(50, TEST.inputs, TEST.outputs)
+    before = np.vstack([TRAIN.outputs[-1], TEST.outputs[49], TEST.outputs[99]])
+    np.testing.assert_allclose(pieces, np.repeat(before, [50, 50, 20], axis=0))
+
+
+def test_no_samples_have_no_forecast(model):
+    assert model.forecast_every(5, TEST.inputs[:0], TEST.outputs[:0]).shape == (0, 2)
+
+
+@pytest.mark.parametrize(
+    ("steps", "spoil", "named"),
+    [
+        (0, lambda u, y: (u, y), "^steps"),
+        (1.5, lambda u, y: (u, y), "^steps"),
+        (5, lambda u, y: (u[:, :1], y), "^inputs must have shape"),
+        (5, lambda u, y: (u, y[:, 0]), "^outputs must have shape"),
+        (5, lambda u, y: (u, y[1:]), "the same samples"),
+        (5, lambda u, y: (u, y * np.nan), "^outputs must be finite"),
+    ],
+)
+def test_what_does_not_follow_is_refused(model, steps, spoil, named):
+    with pytest.raises(ValueError, match=named):
+        model.forecast_every(steps, *spoil(TEST.inputs, TEST.outputs))
