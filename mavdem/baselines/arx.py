@@ -28,7 +28,7 @@ def arx(train: Recorded | Sequence[Recorded], order: int = 2, stable: bool = Fal
     Args:
         train: a ``Flight``, or a list of them, segments with gaps between: no lag reaches across a gap.
         order: number of lags.
-        stable: draw the Aₖ of an unstable model together by a ridge, the smallest that makes it stable.
+        stable: draw the Aₖ of an unstable model together by a ridge, the smallest tried that makes it stable.
 
     Raises:
         ValueError: too few samples, values that are not finite, an output that does not vary, or an order that is no

@@ -15,7 +15,7 @@ from mavdem.baselines.prediction_errors import Parameters, prediction_errors, se
 from mavdem.baselines.regression import stable_radius
 from mavdem.baselines.state_space import StateSpace
 from mavdem.baselines.subspace import Found, Weighting, found_by_projection
-from mavdem.baselines.units import Segments, Units
+from mavdem.baselines.units import LEAST_VARIANCE, Segments, Units
 from mavdem.dem.one_thread import one_thread
 from mavdem.dem.record import Record, Recorded
 
@@ -29,9 +29,6 @@ EVALUATIONS = 30
 
 SETTLED = 0.1
 """Nats: what gains less in the likelihood of all data is settled; one more parameter gains half a nat by chance."""
-
-LEAST_VARIANCE = 1e-16
-"""Of an error, in units of its output's: what is predicted better than that is predicted."""
 
 
 def pem(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.baselines.state_space import StateSpace
-from mavdem.baselines.units import Segments
+from mavdem.baselines.units import LEAST_VARIANCE, Segments
 from mavdem.dem.prediction import recursion
 
 Array = NDArray[np.float64]
@@ -22,8 +22,7 @@ def estimated_starts(model: StateSpace, segments: Segments, innovation: Array) -
     """
     n = len(model.A)
     variance, axes = np.linalg.eigh(innovation)
-    # Without noise the start is as certain as rounding lets it be.
-    whiten = axes / np.sqrt(np.maximum(variance, 1e-16))
+    whiten = axes / np.sqrt(np.maximum(variance, LEAST_VARIANCE))
     longest = max(len(outputs) for _, outputs in segments)
     predictor = model.A - model.K @ model.C
     still = np.zeros((longest - 1, n))

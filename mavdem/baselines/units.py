@@ -15,6 +15,9 @@ Array = NDArray[np.float64]
 Segments = list[tuple[Array, Array]]
 """Inputs (T, k) and outputs (T, m) of each segment, in a method's units."""
 
+LEAST_VARIANCE = 1e-16
+"""Of a prediction error, in a method's units: what is predicted better than that is predicted."""
+
 DEPENDENT = 1e-6
 """A combination of inputs, each in units of its own deviation, that moves by less than this of the liveliest tells
 nothing: the inputs are taken as dependent there, and the model gets the smallest B that explains the rest."""
