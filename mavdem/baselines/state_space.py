@@ -7,12 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.dem.model import HELD
 from mavdem.dem.prediction import recursion
 
 Array = NDArray[np.float64]
-
-ROUNDING = 1e-9
-"""A mode that would grow by less than this of itself at each sample is one that is held."""
 
 
 class StateSpace(NamedTuple):
@@ -39,7 +37,7 @@ class StateSpace(NamedTuple):
     @property
     def stable(self) -> bool:
         """Whether no mode grows, but for rounding."""
-        return self.spectral_radius <= 1 + ROUNDING
+        return self.spectral_radius <= 1 + HELD
 
     def with_states(self, change: Array) -> StateSpace:
         """The same model of states ``change`` (n, n) times as they are."""

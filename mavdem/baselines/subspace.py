@@ -13,9 +13,10 @@ from mavdem.baselines.orders import required_order
 from mavdem.baselines.regression import DEPENDENT, least_ridge, regression, triangle
 from mavdem.baselines.riccati import steady_gain
 from mavdem.baselines.starts import estimated_starts
-from mavdem.baselines.state_space import ROUNDING, StateSpace
+from mavdem.baselines.state_space import StateSpace
 from mavdem.baselines.units import Segments, Units
 from mavdem.baselines.windows import Windows
+from mavdem.dem.model import HELD
 from mavdem.dem.one_thread import one_thread
 from mavdem.dem.record import Record, Recorded
 
@@ -59,8 +60,8 @@ def subspace(
         order: number of states.
         weighting: of past and future.
         feedthrough: whether inputs act on the outputs of the same sample, D; otherwise it is zero.
-        stable: draw A of an unstable model together by a ridge, the smallest of those tried that makes it stable (as Van
-            Gestel and others, IEEE Trans. Automatic Control 46(9), 2001).
+        stable: draw A of an unstable model together by a ridge, the smallest tried that makes it stable (as Van Gestel
+            and others, IEEE Trans. Automatic Control 46(9), 2001).
 
     Raises:
         ValueError: too few samples for the order, values that are not finite, an output that does not vary, or an order
@@ -119,7 +120,7 @@ def found_by_projection(segments: Segments, order: int, weighting: Weighting, fe
     def radius(ridge: float | None) -> float:
         return float(np.abs(np.linalg.eigvals(dynamics(ridge)[:, 1 : 1 + order])).max())
 
-    stabilised = stable and radius(None) > 1 + ROUNDING
+    stabilised = stable and radius(None) > 1 + HELD
     of_successors = dynamics(least_ridge(radius, windows.number) if stabilised else None)
     offset, A, B = np.split(of_successors, [1, 1 + order], axis=1)
     errors = np.hstack([successors - regressors @ of_successors.T, innovations])

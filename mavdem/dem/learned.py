@@ -17,7 +17,7 @@ from mavdem.dem.document import fields_of, values_of
 from mavdem.dem.fit import Fit, generalized, held_by_prior, of_vehicle
 from mavdem.dem.json_text import json_values
 from mavdem.dem.level import require_probability
-from mavdem.dem.model import LinearModel, unpack
+from mavdem.dem.model import HELD, LinearModel, unpack
 from mavdem.dem.positive import inverse
 from mavdem.dem.prediction import Predictor
 from mavdem.dem.record import Record
@@ -210,8 +210,8 @@ class Learned:
 
     @property
     def stable(self) -> bool:
-        """Whether no mode of the model grows."""
-        return self.spectral_radius <= 1
+        """Whether no mode of the model grows, but for rounding."""
+        return self.spectral_radius <= 1 + HELD
 
     def forecast(self, inputs: ArrayLike, from_zero: bool = False) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.

@@ -11,6 +11,9 @@ from scipy.linalg import expm
 Array = NDArray[np.float64]
 Scalar = TypeVar("Scalar", bound=np.generic)
 
+HELD = 1e-9
+"""A mode that would grow by less than this of itself at each sample is one that is held, but for rounding."""
+
 
 class LinearModel(NamedTuple):
     """ẋ = A x + B (u − input_trim) + offset + w,  y = C x + output_trim + z, Eq. ``general_LTI`` with its trim.
