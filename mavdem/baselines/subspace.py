@@ -59,8 +59,8 @@ def subspace(
         order: number of states.
         weighting: of past and future.
         feedthrough: whether inputs act on the outputs of the same sample, D; otherwise it is zero.
-        stable: draw A of an unstable model together by a ridge, the smallest of those tried that makes it stable (as Van
-            Gestel and others, IEEE Trans. Automatic Control 46(9), 2001).
+        stable: draw A of an unstable model together by a ridge, the smallest of those tried that makes it stable (as
+            Van Gestel and others, IEEE Trans. Automatic Control 46(9), 2001).
 
     Raises:
         ValueError: too few samples for the order, values that are not finite, an output that does not vary, or an order
