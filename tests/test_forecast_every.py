@@ -12,9 +12,11 @@ from mavdem import Settings, baselines, learn
 from mavdem.dem.record import Record
 
 FLIGHT = simulated(wind=2.0)
-TRAIN, TEST = FLIGHT[:400], FLIGHT[400:520]
+TRAIN, TEST = FLIGHT[:700], FLIGHT[700:820]
+COMPLETE = Settings(window=9, parameter_precision=1.0)
 MODELS = {
-    "DEM": learn(TRAIN, Settings(window=9, parameter_precision=1.0)),
+    "DEM": learn(TRAIN, COMPLETE),
+    "DEM unshrunk": learn(TRAIN, replace(COMPLETE, shrink_forecasts=False)),
     "DEM paper": learn(TRAIN, Settings.paper()),
     "ARX": baselines.arx(TRAIN, 2),
     "hold": baselines.hold(TRAIN),
@@ -32,9 +34,14 @@ def test_each_piece_is_the_forecast_of_a_model_that_has_seen_all_before_it(model
     pieces = model.forecast_every(steps, TEST.inputs, TEST.outputs)
     assert pieces.shape == TEST.outputs.shape
     for begin in (0, steps, 2 * steps):
-        seen = replace(model, record=Record.of(FLIGHT[: 400 + begin]))
+        seen = replace(model, record=Record.of(FLIGHT[: 700 + begin]))
         piece = slice(begin, begin + steps)
         np.testing.assert_allclose(pieces[piece], seen.forecast(TEST.inputs[piece]), rtol=1e-7, atol=1e-9)
+
+
+def test_some_models_climbed_along_trajectories_and_some_did_not():
+    """Their forecasts are weighed in two ways."""
+    assert MODELS["DEM"].trajectory is not None and MODELS["DEM paper"].trajectory is None
 
 
 @pytest.mark.parametrize("steps", [120, 10**9])
