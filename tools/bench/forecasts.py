@@ -20,6 +20,9 @@ from rich.progress import track
 import mavdem
 from mavdem import evaluate
 
+DOUBTFUL = 0.5
+"""Of the training variance: a forecast that expects to err so much, squared, is said to doubt itself."""
+
 
 def figures(name: str, train: mavdem.Flight, test: mavdem.Flight, learned: mavdem.Learned) -> dict[str, Any]:
     lower, upper = learned.forecast_band(test.inputs)
@@ -28,6 +31,7 @@ def figures(name: str, train: mavdem.Flight, test: mavdem.Flight, learned: mavde
         "ratio": evaluate.relative_mspe(train, test, learned.forecast(test.inputs)),
         "inside": float(np.mean((lower <= test.outputs) & (test.outputs <= upper))),
         "cautioned": bool(learned.cautions),
+        "doubted": bool(np.mean(learned.forecast_variance(test.inputs) / train.outputs.var(axis=0)) > DOUBTFUL),
         "order": learned.settings.order,
     }
 
@@ -47,12 +51,13 @@ def print_table(rows: list[dict[str, Any]]) -> None:
         )
     ratios = np.array([row["ratio"] for row in rows])
     worse = ratios >= 1
-    cautioned = np.array([row["cautioned"] for row in rows])
+    cautioned, doubted = (np.array([row[name] for row in rows]) for name in ("cautioned", "doubted"))
     print(
-        f"\nGeometric mean of the medians: {np.exp(np.mean(np.log(medians))):.3g}. Of {len(rows)} windows, "
-        f"{worse.sum()} were worse than the constant mean, {np.sum(worse & cautioned)} of them cautioned against "
-        f"beforehand, as were {np.sum(~worse & cautioned)} others. In the 90 % band: "
-        f"{np.mean([row['inside'] for row in rows]):.2f}."
+        f"\nGeometric mean of the medians: {np.exp(np.mean(np.log(medians))):.3g}. In the 90 % band: "
+        f"{np.mean([row['inside'] for row in rows]):.2f}. Of {len(rows)} windows, {worse.sum()} were worse than the "
+        f"constant mean: {np.sum(worse & cautioned)} of them cautioned against beforehand, as were "
+        f"{np.sum(~worse & cautioned)} others; {np.sum(worse & doubted)} expected to err by more than {DOUBTFUL:g} of "
+        f"the training variance, as did {np.sum(~worse & doubted)} others."
     )
 
 
