@@ -58,6 +58,9 @@ GENTLE = 1e-3
 NUDGE = 1e-6
 """Of a parameter, or of 1 if that is more: for slopes by differences."""
 
+STEPS_COUNTED = 30
+"""Of a horizon at most, evenly: of faster samples neighbours tell the same."""
+
 STEPS_A_PART = 15
 
 
@@ -190,12 +193,13 @@ class Bundle(NamedTuple):
         A, B, C = (np.stack(each) for each in zip(*(unpack(theta, *sizes) for theta in thetas), strict=True))
         return cls(discretize(A, B, dt), C[0], gain)
 
-    def run(self, inputs: Array, outputs: Array) -> Parts[Array]:
-        """Outputs (b, S, H, m) over H steps from where the filter, over the steps before, has found the state.
+    def run(self, inputs: Array, outputs: Array, every: int = 1) -> Parts[Array]:
+        """Outputs (b, S, H / every, m) over H steps from where the filter, over the steps before, has found the state.
 
         Args:
             inputs: (h + H + 1, S, r).
-            outputs: (h + 1, S, m) and more, of which no more is read.
+            outputs: (h + 1, S, m).
+            every: how many steps lie from one that is answered to the next.
         """
         F, now, later = (np.swapaxes(each, 1, 2) for each in self.transition)
         settle = len(outputs) - 1
@@ -207,7 +211,7 @@ class Bundle(NamedTuple):
                 state = state @ F + inputs[step - 1] @ now + inputs[step] @ later
                 if step <= settle:
                     state = state + (outputs[step] - state @ self.C.T) @ self.gain.T
-                else:
+                elif not (step - settle) % every:
                     ahead.append(state @ self.C.T)
             if not step % STEPS_A_PART:
                 yield
@@ -252,11 +256,12 @@ class _Climb:
         return self.stretches.number * self.sizes[2]
 
     def errors(self, free: Array) -> Parts[Array]:
-        """(b, S, H, m) of the models whose free parameters are (b, f)."""
+        """(b, S, steps counted, m) of the models whose free parameters are (b, f)."""
         inputs, outputs, settle, _ = self.stretches
-        predicted = yield from self.bundle(free).run(inputs, outputs[: settle + 1])
+        every = -(-settle // STEPS_COUNTED)
+        predicted = yield from self.bundle(free).run(inputs, outputs[: settle + 1], every)
         with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(np.moveaxis(outputs[settle + 1 :], 0, 1) - predicted)
+            return np.asarray(np.moveaxis(outputs[settle + every :: every], 0, 1) - predicted)
 
     def bundle(self, free: Array) -> Bundle:
         """The models whose free parameters are (b, f)."""
@@ -270,9 +275,10 @@ class _Climb:
         return float(-0.5 * self.numbers * np.log(mse) - 0.5 * off @ self.prior_precision @ off)
 
     def slopes(self, free: Array, errors: Array) -> Parts[_Slopes]:
-        """At parameters whose ``errors`` (S, H, m) are known."""
+        """At parameters whose ``errors`` (S, steps counted, m) are known."""
         nudges = NUDGE * np.maximum(1.0, np.abs(free))
         nudged = yield from self.errors(free + np.diag(nudges))
+        yield
         jacobian = (nudged - errors).reshape(len(free), -1) / nudges[:, None]
         mse, each = _mean_square(errors), self.numbers / errors.size
         slope = -each * jacobian @ errors.ravel() / mse - self.prior_precision @ (free - self.prior_mean)

@@ -49,6 +49,16 @@ def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
         np.testing.assert_allclose(errors[stretch], outputs[settle + 1 :, stretch] - ahead, atol=1e-9)
 
 
+def test_of_fast_samples_every_so_many_count():
+    rng = np.random.default_rng(0)
+    theta = np.concatenate([[0.0, 1.0, -9.0, -4.0], [0.0, 3.0], np.eye(2).ravel()])
+    bundle = Bundle.of(theta[None], (2, 1, 2), np.full((2, 2), 0.5), 0.0025)
+    inputs, outputs = rng.standard_normal((241, 3, 1)), rng.standard_normal((121, 3, 2))
+    np.testing.assert_array_equal(
+        at_once(bundle.run(inputs, outputs, every=4)), at_once(bundle.run(inputs, outputs))[:, :, 3::4]
+    )
+
+
 def test_slopes_and_curvature_are_those_of_the_height():
     climb, free = climb_of(FLIGHT[:400])
 
