@@ -53,13 +53,30 @@ def account(report: dict[str, Any], train: Flight, test: Flight, learned: Learne
         _errors("one step ahead, rms", report["one_step_mspe"], train),
         Sentence(
             "Over constant mean: mean square, each output in units of its training variance, over the constant mean's. "
-            f"{100 * report['inside_90_percent_band']:.0f} % of the held-out samples lie in the forecast's 90 % band."
+            f"{100 * report['inside_90_percent_band']:.0f} % of the held-out samples lie in the forecast's 90 % band. "
+            f"With these inputs it expected a mean square error of {_ratio(report['expected_error'])} training "
+            "variances."
         ),
         *_model(train, learned),
         Sentence(
             f"The free energy action F̄ rose by {learned.free_energy.gained:,.0f} nats in "
             f"{len(learned.free_energy) - 1} iterations, to {learned.free_energy[-1]:,.0f}."
         ),
+        *_trajectories(learned),
+    ]
+
+
+def _trajectories(learned: Learned) -> list[Sentence | Table]:
+    """How θ climbed on."""
+    trajectory = learned.trajectory
+    if trajectory is None:
+        return []
+    log_joint = [sum(term[i] for term in trajectory.terms.values()) for i in (0, -1)]
+    return [
+        Sentence(
+            f"Along trajectories of {trajectory.horizon * learned.dt:.2g} s, in which {trajectory.numbers:.0f} numbers "
+            f"are news to {len(trajectory.places)} parameters, it rose by {log_joint[1] - log_joint[0]:.3g} nats more."
+        )
     ]
 
 

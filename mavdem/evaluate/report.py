@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem import Learned
+from mavdem.dem.choice import Candidate
+from mavdem.dem.trajectory import Trajectory
 from mavdem.evaluate.mspe import mspe, relative_mspe
 from mavdem.flight import Flight
 
@@ -42,6 +44,7 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
     inside = (lower <= test.outputs) & (test.outputs <= upper)
     model, sd, half_width = learned.model, learned.model_sd, learned.model_interval(0.9)
     forecast_errors = _ranked(train, test, forecasts)
+    expected = learned.forecast_variance(test.inputs).mean(axis=0) / train.outputs.var(axis=0)
     return {
         "flight": dict(train.provenance),
         "inputs": list(train.input_names),
@@ -65,9 +68,30 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
         "one_step_mspe": _ranked(train, train[1:], one_step),
         "forecast_mspe": forecast_errors,
         "forecast_over_constant_mean": forecast_errors["DEM"]["relative"],
+        "expected_error": float(expected.mean()),
         "inside_90_percent_band": float(inside.mean()),
+        "trajectories": _climbed(learned.trajectory),
+        "candidates": [_candidate(each) for each in learned.candidates],
         "motors_share": learned.unseen.motors_share,
         "cautions": list(learned.cautions),
+    }
+
+
+def _candidate(candidate: Candidate) -> dict[str, Any]:
+    """What was tried, and how it forecast inside the training data; nothing where it broke down."""
+    return {**vars(candidate), "error": candidate.error if np.isfinite(candidate.error) else None}
+
+
+def _climbed(trajectory: Trajectory | None) -> dict[str, Any] | None:
+    """How θ climbed on along trajectories."""
+    if trajectory is None:
+        return None
+    return {
+        "samples": trajectory.horizon,
+        "settled": trajectory.settled,
+        "numbers": trajectory.numbers,
+        "parameters": len(trajectory.places),
+        "terms": {name: float(term[-1]) for name, term in trajectory.terms.items()},
     }
 
 

@@ -75,4 +75,8 @@ def test_the_report_is_plain_json_and_puts_the_best_first():
     assert report["forecast_mspe"]["DEM"]["total"] == forecast.total
     assert report["one_step_mspe"]["DEM"]["total"] == evaluate.mspe(train.outputs[1:], learned.one_step()[1:]).total
     assert report["forecast_mspe"]["DEM"]["relative"] == report["forecast_over_constant_mean"]
+    variance = learned.forecast_variance(test.inputs).mean(axis=0) / train.outputs.var(axis=0)
+    assert report["expected_error"] == pytest.approx(variance.mean())
+    assert report["trajectories"]["parameters"] == len(learned.trajectory.places)
+    assert [each["window"] for each in report["candidates"]] == [9]
     assert report["free_energy"]["end"] == pytest.approx(sum(report["free_energy"]["terms"].values()))
