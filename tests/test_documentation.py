@@ -42,7 +42,15 @@ def test_the_baselines_example_forecasts(monkeypatch, capsys):
 
 
 @pytest.mark.parametrize(
-    "page", ["README.md", "docs/baselines.md", "docs/comparison.md", "docs/engine.md", "docs/scenarios.md"]
+    "page",
+    [
+        "README.md",
+        "mavdem/dem/METHOD.md",
+        "docs/baselines.md",
+        "docs/comparison.md",
+        "docs/engine.md",
+        "docs/scenarios.md",
+    ],
 )
 def test_every_file_that_is_named_is_there(page):
     text = (ROOT / page).read_text()
