@@ -21,7 +21,7 @@ from mavdem.ingest.link import Link, LinkLost
 from mavdem.ingest.mavlink_json import definition_named
 from mavdem.ingest.raw_recording import RawRecording
 from mavdem.live import LiveStream, Row, Setup
-from mavdem.live.rate_request import RateRequest
+from mavdem.live.rate_request import RateRequest, greeting
 
 Array = NDArray[np.float64]
 
@@ -105,6 +105,7 @@ class Attached:
     _shown: Shown | None = None
     _learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = field(default_factory=dict)
     _request: RateRequest | None = None
+    _greetings: int = 0
     _latencies: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES))
     _learnt: int = 0
     _only_shown: int = 0
@@ -202,9 +203,14 @@ class Attached:
         self._shown.put(row.time, row.segment, row.outputs, row.inputs, estimate, learner.learned)
 
     def _ask(self, now: float) -> None:
-        """Asks for rates, where that was asked for and the vehicle is known."""
+        """Asks for rates, where that was asked for and the vehicle is known; greets who does not speak before."""
+        if self.rate is None:
+            return
+        if self.link.speaks_first and now - self._heard >= TOLD_EVERY:
+            self._send([greeting(self._greetings)])
+            self._greetings += 1
         vehicle = self.stream.followed
-        if self.rate is None or vehicle is None:
+        if vehicle is None:
             return
         if self._request is None:
             self._request = RateRequest(vehicle, self.rate)

@@ -94,6 +94,12 @@ def live(
     with ExitStack() as ends:
         opened = Link(link)
         ends.callback(opened.close)
+        if opened.speaks_first and request_rate is None:
+            raise click.BadParameter(
+                f"{link} answers only who speaks to it, and nothing is sent without --request-rate: give that, or "
+                "listen with udpin:HOST:PORT.",
+                param_hint="LINK",
+            )
         dashboard = ends.enter_context(Dashboard(link, axis, rrd, serve, connect))
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(pool(1))

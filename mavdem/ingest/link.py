@@ -59,6 +59,7 @@ class Link:
     Attributes:
         name: the connection string.
         datagrams: whether what is received comes in datagrams, in which frames are whole.
+        speaks_first: whether the other side answers only once something was sent to it.
         buffer: bytes that the kernel granted to hold what waits; 0 for a serial port, whose buffer is its driver's.
     """
 
@@ -81,6 +82,7 @@ class Link:
         self._kind, host, port = _understood(name)
         self._address = (host, port)
         self.datagrams = self._kind in ("udpin", "udpout")
+        self.speaks_first = self._kind == "udpout"
         try:
             self._open()
         except OSError as error:

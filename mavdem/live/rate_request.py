@@ -17,6 +17,11 @@ from mavdem.ingest.mavlink_json import definition_named
 
 GROUND_STATION = Sender(255, 190)
 """Who asks: MAV_COMP_ID_MISSIONPLANNER, the ids that ground stations have."""
+PASSER_BY = Sender(254, 190)
+"""Who says that it is there. Not the ground station that a vehicle counts on, 255 unless set otherwise: of that one's
+HEARTBEATs autopilots take the end for a link that was lost, and may fly home."""
+GCS, NO_AUTOPILOT, ACTIVE, VERSION = 6, 8, 4, 3
+"""MAV_TYPE_GCS, MAV_AUTOPILOT_INVALID, MAV_STATE_ACTIVE, and the version that every HEARTBEAT bears."""
 GET_INTERVAL, SET_INTERVAL = 510, 511
 """MAV_CMD_GET_MESSAGE_INTERVAL and _SET_MESSAGE_INTERVAL."""
 DEFAULT, STOPPED = 0, -1
@@ -111,12 +116,31 @@ class RateRequest:
             self.events.append(f"The vehicle refuses to send message {one.message_id} faster (MAV_RESULT {result}).")
 
     def _command(self, command: int, first: float, second: float = 0.0) -> bytes:
-        definition = definition_named("COMMAND_LONG")
-        assert definition is not None
-        payload = np.zeros(1, dtype=definition.wire)
-        payload["target_system"], payload["target_component"] = self._vehicle.system, self._vehicle.component
-        payload["command"], payload["param1"], payload["param2"] = command, first, second
-        sequence = np.array([self._sequence % 256], dtype=np.uint8)
         self._sequence += 1
-        data, _ = compose(payload, definition, GROUND_STATION, sequence, np.ones(1, dtype=np.bool_))
-        return data.tobytes()
+        return _frame(
+            "COMMAND_LONG",
+            GROUND_STATION,
+            self._sequence - 1,
+            target_system=self._vehicle.system,
+            target_component=self._vehicle.component,
+            command=command,
+            param1=first,
+            param2=second,
+        )
+
+
+def greeting(number: int) -> bytes:
+    """A ground station's HEARTBEAT, for those that answer only who has spoken to them; the ``number``-th, from 0 on."""
+    fields = {"type": GCS, "autopilot": NO_AUTOPILOT, "system_status": ACTIVE, "mavlink_version": VERSION}
+    return _frame("HEARTBEAT", PASSER_BY, number, **fields)
+
+
+def _frame(name: str, sender: Sender, number: int, **fields: float) -> bytes:
+    definition = definition_named(name)
+    assert definition is not None
+    payload = np.zeros(1, dtype=definition.wire)
+    for field, value in fields.items():
+        payload[field] = value
+    sequence = np.array([number % 256], dtype=np.uint8)
+    data, _ = compose(payload, definition, sender, sequence, np.ones(1, dtype=np.bool_))
+    return data.tobytes()

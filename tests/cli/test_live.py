@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+from pymavlink.dialects.v20 import all as dialect
 from rerun.chunk import RrdReader
 
 import mavdem
@@ -55,6 +56,7 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["udpin:127.0.0.1:0", "--model", "x.txt"], "--model"),
         (["udpin:127.0.0.1:0", "--connect", "nowhere"], "--connect"),
         (["udpin:127.0.0.1:0", "--request-rate", "0"], "--request-rate"),
+        (["udpout:127.0.0.1:14550"], "nothing is sent without --request-rate"),
         (["udpin:127.0.0.1:0", "--axis", "yaw"], "--axis"),
         (["udpin:127.0.0.1:0", "--vehicle", "one"], "'one' is no vehicle"),
         (["udpin:127.0.0.1:0", "--vehicle", "1:1:1"], "system and component as in 1:1"),
@@ -84,10 +86,10 @@ def test_a_recording_replaces_nothing(tmp_path, capsys):
 class Live:
     """``mavdem live`` in a process of its own, listening."""
 
-    def __init__(self, folder: Path, *words: str) -> None:
+    def __init__(self, folder: Path, *words: str, link: str = "") -> None:
         self.port, self.folder = free_port(), folder
         self.error = (folder / "error").open("w+")
-        command = [*MAVDEM, "live", f"udpin:127.0.0.1:{self.port}", "--json", *words]
+        command = [*MAVDEM, "live", link or f"udpin:127.0.0.1:{self.port}", "--json", *words]
         self.process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=self.error, text=True)
         self.until("Listening")
 
@@ -146,6 +148,31 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path, sce
     assert len(learned.model.B.T) == 4 and len(learned.record) > 200
     assert RrdReader(tmp_path / "f.rrd").store() is not None
     assert read_log(tmp_path / "f.tlog").vehicles[0].messages["ATTITUDE"]["time"].size > 300
+
+
+@pytest.mark.slow
+def test_who_answers_only_when_spoken_to_is_greeted_until_it_does(tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+        vehicle.bind(("127.0.0.1", 0))
+        vehicle.settimeout(20)
+        live = Live(tmp_path, "--request-rate", "50", link=f"udpout:127.0.0.1:{vehicle.getsockname()[1]}")
+        greeting, who = vehicle.recvfrom(300)
+        (heartbeat,) = dialect.MAVLink(None).parse_buffer(greeting)
+        assert (heartbeat.get_type(), heartbeat.type) == ("HEARTBEAT", dialect.MAV_TYPE_GCS)
+        # The ground station that a vehicle counts on is another: its HEARTBEATs must not be seen to end.
+        assert heartbeat.get_srcSystem() != 255
+        sending = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+        beat = sending.heartbeat_encode(dialect.MAV_TYPE_QUADROTOR, 12, 128, 0, 4)
+        for sending.seq in range(8):
+            vehicle.sendto(beat.pack(sending), who)
+            time.sleep(0.3)
+        live.until("Following vehicle 1:1")
+        vehicle.settimeout(0.2)
+        with pytest.raises(TimeoutError):
+            while True:
+                (asked,) = dialect.MAVLink(None).parse_buffer(vehicle.recv(300))
+                assert asked.get_type() == "COMMAND_LONG"
+        assert live.end()["vehicle"] == "1:1"
 
 
 @pytest.mark.slow

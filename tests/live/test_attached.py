@@ -29,6 +29,7 @@ class ScriptedLink:
     """Gives out what it is told, in place of a socket; an exception in the script is raised."""
 
     datagrams = True
+    speaks_first = False
 
     def __init__(self, script: list[Any]) -> None:
         self.script, self.sent, self.reopened = script, b"", 0
