@@ -103,6 +103,7 @@ class Attached:
     learner: OnlineLearner | None = None
     said: deque[str] = field(default_factory=lambda: deque(maxlen=MOST_SAID))
     _shown: Shown | None = None
+    _opened: bool = False
     _learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = field(default_factory=dict)
     _request: RateRequest | None = None
     _greetings: int = 0
@@ -187,10 +188,8 @@ class Attached:
             learner = OnlineLearner(self.settings, setup.dt, len(names), len(row.outputs), executor=self.executor)
             self._learners[setup.dt, names] = learner
         self.learner = learner
-        if self._shown is None:
-            self._shown = self.show(setup)
-            for sentence in self.said:
-                self._shown.log(sentence)
+        if not self._opened:
+            self._open(setup)
         estimate = None
         if row.settled:
             try:
@@ -200,7 +199,20 @@ class Attached:
         self._learnt += estimate is not None
         self._only_shown += estimate is None
         self._latencies.append(time.time() - row.received)
-        self._shown.put(row.time, row.segment, row.outputs, row.inputs, estimate, learner.learned)
+        if self._shown is not None:
+            self._shown.put(row.time, row.segment, row.outputs, row.inputs, estimate, learner.learned)
+
+    def _open(self, setup: Setup) -> None:
+        """Begins to show; a view that fails takes nothing with it."""
+        self._opened = True
+        try:
+            shown = self.show(setup)
+        except Exception as error:
+            self._log(f"It cannot be shown ({error}); everything else goes on.")
+            return
+        for sentence in self.said:
+            shown.log(sentence)
+        self._shown = shown
 
     def _ask(self, now: float) -> None:
         """Asks for rates, where that was asked for and the vehicle is known; greets who does not speak before."""

@@ -56,6 +56,11 @@ class Dashboard:
         """Whether there was something to show."""
         return self._view is not None
 
+    @property
+    def recorded(self) -> bool:
+        """Whether any of it is in a file."""
+        return any(sink.kept for sink in self._sinks)
+
     def say_where(self) -> None:
         """Says where to look, where that does not show."""
         if self._where:
@@ -75,12 +80,7 @@ class Dashboard:
             (setup.scale.unit,) * len(names),
             ("rad", "rad/s"),
         )
-        try:
-            self._view = LiveView(channels, self._sinks)
-        except OSError as error:
-            raise Unreadable(
-                f"The pictures cannot be recorded ({error.strerror or error}): name another file."
-            ) from None
+        self._view = LiveView(channels, self._sinks)
         return self._view
 
     def tell(self, standing: Standing) -> None:

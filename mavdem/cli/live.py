@@ -113,7 +113,7 @@ def live(
         say_aside(f"Listening on {link}; Ctrl-C ends it.")
         took = _run(attached, duration)
     told = _told(attached, link, took)
-    told["rrd"] = str(rrd) if rrd is not None and dashboard.opened else None
+    told["rrd"] = str(rrd) if rrd is not None and dashboard.recorded else None
     told["record"] = None if record is None or recording is None else {"file": str(record), "frames": recording.frames}
     told["model"] = _keep_model(attached, kept)
     if rrd is not None and not dashboard.opened:

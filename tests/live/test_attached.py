@@ -12,7 +12,6 @@ from pymavlink.dialects.v20 import all as dialect
 import mavdem
 from mavdem.attached import SILENCE, Attached, Standing
 from mavdem.dem import Estimate, Settings
-from mavdem.errors import Unreadable
 from mavdem.ingest.link import LinkLost
 from mavdem.ingest.raw_recording import RawRecording
 from mavdem.ingest.streams import read_stream
@@ -199,12 +198,16 @@ def test_hostile_bytes_change_nothing_that_is_learnt():
     np.testing.assert_array_equal(ours.inputs, theirs.inputs)
 
 
-def test_pictures_that_cannot_be_opened_end_it_with_a_sentence():
-    one, screen, _ = attached(batches(8.0))
+@pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), RuntimeError("a mistake of the view's")])
+def test_pictures_that_cannot_be_opened_end_nothing_else(failure, tmp_path):
+    one, _, said = attached(batches(9.0), recording=RawRecording(tmp_path / "flight.tlog"))
 
-    def refuses(setup: Setup) -> Screen:
-        raise Unreadable("The pictures cannot be recorded.")
+    def fails(setup: Setup) -> Screen:
+        raise failure
 
-    one.show = refuses
-    with pytest.raises(Unreadable):
-        run(one)
+    one.show = fails
+    run(one)
+    assert sum("cannot be shown" in sentence and "goes on" in sentence for sentence in said) == 1
+    assert one.learner.learn_now().model is not None
+    kept = [frame for _, frame in read_stream(tmp_path / "flight.tlog").stamped_frames()]
+    assert kept == [frame for stamp, frame in FRAMES if stamp - FIRST < 9.0]

@@ -334,9 +334,13 @@ def test_closing_twice_is_closing_once_and_nothing_comes_after(recording: Path, 
     assert len(drawn(path)["inputs"][0]) == 1
 
 
-def test_a_file_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match=r"nowhere.flight\.rrd cannot be written"):
-        LiveView(CHANNELS, [RecordingFile(tmp_path / "nowhere" / "flight.rrd")])
+def test_a_file_that_cannot_be_written_is_told_of_and_ends_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "flight.rrd"
+    with LiveView(CHANNELS, [RecordingFile(tmp_path / "nowhere" / "flight.rrd"), RecordingFile(path)]) as view:
+        view.put(50.0, 0, OUTPUTS[0], INPUTS[0])
+    (trouble,) = view.troubles
+    assert "nowhere/flight.rrd cannot be written" in trouble
+    assert len(drawn(path)["inputs"][0]) == 1
 
 
 FLYING = """

@@ -33,24 +33,16 @@ class LiveView:
     """
 
     def __init__(self, channels: Channels, sinks: Sequence[Sink]) -> None:
-        """Opens the sinks, and waits for none that is not there yet.
+        """Opens the sinks, and waits for none that is not there yet; of one that cannot be written ``troubles`` tell.
 
         Args:
             channels: what the numbers are.
             sinks: where to show and record.
-
-        Raises:
-            OSError: a file cannot be written.
         """
         self._clock, self._lock = Clock(), Lock()
         self._closed = False
         recording_id = uuid4()
-        try:
-            self._outlets = [Outlet(sink, channels, recording_id) for sink in sinks]
-        except OSError:
-            for sink in sinks:
-                sink.close()
-            raise
+        self._outlets = [Outlet(sink, channels, recording_id) for sink in sinks]
         for outlet in self._outlets:
             outlet.begin()
         atexit.register(self.close)

@@ -39,11 +39,7 @@ class Outlet:
     """
 
     def __init__(self, sink: Sink, channels: Channels, recording_id: UUID) -> None:
-        """Opens the sink, unless it is one to be waited for.
-
-        Raises:
-            OSError: it cannot be opened.
-        """
+        """Opens the sink, unless it is one to be waited for; one that cannot be opened is given nothing."""
         self.sink, self._channels, self._id = sink, channels, recording_id
         self.rows, self.lines = Backlog[Row](MOST_ROWS), Backlog[LogLine](MOST_LINES)
         self.status = Status()
@@ -56,8 +52,8 @@ class Outlet:
         if not sink.patient:
             try:
                 self._open()
-            except RuntimeError as error:
-                raise OSError(f"{sink.name} cannot be written: {error}") from error
+            except (RuntimeError, OSError) as error:
+                self._give_up(f"{sink.name} cannot be written: {error}")
         self._thread = Thread(target=self._run, name=f"to {sink.name}", daemon=True)
 
     def begin(self) -> None:
@@ -127,12 +123,12 @@ class Outlet:
         if not self.sink.open(recording):
             self.trouble = f"nobody listens at {self.sink.name}"
             return False
+        self._recording = recording
         recording.send_blueprint(live_blueprint(self._channels))
         recording.send_recording_name(self._channels.title)
         self._content.begin(recording)
         recording.flush(timeout_sec=DELIVERED_WITHIN)
         self.sink.delivered()
-        self._recording = recording
         return True
 
     def _send(self, recording: rr.RecordingStream) -> None:

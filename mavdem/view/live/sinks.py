@@ -34,6 +34,10 @@ class Sink(Protocol):
     period: float
     patient: bool
 
+    @property
+    def kept(self) -> bool:
+        """Whether any of what was sent stays, in a file."""
+
     def open(self, recording: rr.RecordingStream) -> bool:
         """Leads the recording there; whether that was possible.
 
@@ -70,6 +74,11 @@ class RecordingFile:
         self.path = Path(path)
         self.name = str(self.path)
         self._whole, self._failed = 0, False
+
+    @property
+    def kept(self) -> bool:
+        """Whether there is any of it in the file."""
+        return self._whole > 0
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Leads the recording into the file; see :class:`Sink`."""
@@ -108,7 +117,7 @@ class Viewer:
     """
 
     period = 0.1
-    patient = True
+    patient, kept = True, False
 
     def __init__(self, url: str = "rerun+http://127.0.0.1:9876/proxy") -> None:
         """Of a viewer at ``url``.
