@@ -85,7 +85,7 @@ class Attached:
         tell: is told once a second how things stand.
         say: is told every sentence.
         executor: of whole learnings.
-        recording: of the raw stream; ``None`` for none.
+        recording: of the raw stream; ``None`` for none, also once it has failed.
         rate: Hz to ask the vehicle for; ``None`` to send nothing at all.
         learner: that of the latest rows; ``None`` before the first.
         said: the latest sentences.
@@ -138,6 +138,7 @@ class Attached:
             try:
                 self.recording.close()
             except OSError as error:
+                self.recording = None
                 self._log(f"The recording could not be ended ({error.strerror or error}).")
 
     @property

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 from pymavlink.dialects.v20 import all as dialect
@@ -76,6 +77,22 @@ def test_a_port_in_use_is_said(held, capsys):
     assert "in use" in refused([f"udpin:127.0.0.1:{held}"], capsys)
 
 
+def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, monkeypatch):
+    folder = tmp_path / "gone"
+    folder.mkdir()
+
+    def fly(attached, asked, duration):
+        folder.rmdir()
+        attached.learner = Mock(**{"learn_now.return_value.to_json.return_value": "{}"})
+        return 1.0
+
+    monkeypatch.setattr("mavdem.cli.live._run", fly)
+    assert main(["live", f"udpin:127.0.0.1:{free_port()}", "--model", str(folder / "m.json"), "--json"]) == 2
+    said = capsys.readouterr()
+    assert json.loads(said.out)["model"] is None
+    assert "The model is lost" in said.err and "there is no folder" in said.err
+
+
 def test_a_recording_replaces_nothing(tmp_path, capsys):
     kept = tmp_path / "flight.tlog"
     kept.write_bytes(b"dear")
@@ -99,11 +116,13 @@ class Live:
             assert time.monotonic() < deadline, (self.folder / "error").read_text()
             time.sleep(0.05)
 
-    def end(self, number: int = signal.SIGINT) -> dict:
-        self.process.send_signal(number)
+    def end(self, *numbers: int, code: int = 0) -> dict:
+        for number in numbers or (signal.SIGINT,):
+            self.process.send_signal(number)
+            time.sleep(0.3)
         out, _ = self.process.communicate(timeout=30)
         error = (self.folder / "error").read_text()
-        assert self.process.returncode == 0, error
+        assert self.process.returncode == code, error
         assert "Traceback" not in error and "should not have happened" not in error
         return json.loads(out)
 
@@ -115,7 +134,7 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path):
         stranger.bind(("127.0.0.1", 0))
         stranger.sendto(b"\xfd" + bytes(200), ("127.0.0.1", live.port))
         live.until("No vehicle")
-        told = live.end(signal.SIGTERM)
+        told = live.end(signal.SIGTERM, code=1)
         stranger.settimeout(0.2)
         with pytest.raises(TimeoutError):
             stranger.recv(100)  # not one byte is sent
@@ -125,19 +144,19 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("scenario", "chosen", "prior", "order"),
+    ("scenario", "chosen", "prior", "order", "ending"),
     [
-        ("iris_multisine", [], "regulated", 3),
-        ("ardupilot_steps", ["--preset", "paper", "--order", "4"], "uniform", 4),
+        ("iris_multisine", [], "regulated", 3, (signal.SIGINT, signal.SIGINT, signal.SIGTERM)),
+        ("ardupilot_steps", ["--preset", "paper", "--order", "4"], "uniform", 4, (signal.SIGHUP,)),
     ],
 )
-def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path, scenario, chosen, prior, order):
+def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path, scenario, chosen, prior, order, ending):
     live = Live(tmp_path, "--rrd", "f.rrd", "--record", "f.tlog", "--request-rate", "50", *chosen)
     fly = [*MAVDEM, "fly", scenario, "--udp", f"127.0.0.1:{live.port}", "--speed", "2", "--json"]
     flying = subprocess.Popen(fly, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     live.until("The model is learnt", 40)
     time.sleep(3)
-    told = live.end()
+    told = live.end(*ending)
     flying.send_signal(signal.SIGINT)
     flown = json.loads(flying.communicate(timeout=20)[0])
     assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 200 and told["lost"] == 0
@@ -172,7 +191,7 @@ def test_who_answers_only_when_spoken_to_is_greeted_until_it_does(tmp_path):
             while True:
                 (asked,) = dialect.MAVLink(None).parse_buffer(vehicle.recv(300))
                 assert asked.get_type() == "COMMAND_LONG"
-        assert live.end()["vehicle"] == "1:1"
+        assert live.end(code=1)["vehicle"] == "1:1"
 
 
 @pytest.mark.slow
@@ -186,5 +205,6 @@ def test_mavproxy_forwards_a_vehicle_while_it_is_learnt_from(tmp_path):
             live.until("The model is learnt", 60)
             flying.send_signal(signal.SIGINT)
         forwarding.terminate()
+    assert "The model is not kept: name a file with --model" in (tmp_path / "error").read_text()
     told = live.end()
     assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 100

@@ -34,10 +34,6 @@ class Sink(Protocol):
     period: float
     patient: bool
 
-    @property
-    def kept(self) -> bool:
-        """Whether any of what was sent stays, in a file."""
-
     def open(self, recording: rr.RecordingStream) -> bool:
         """Leads the recording there; whether that was possible.
 
@@ -64,6 +60,10 @@ class RecordingFile:
 
     While it grows it has no table of its chunks, which would keep a kilobyte a chunk in memory until it is written. The
     viewer does without, other readers do not: at the end Rerun's own tool puts one in.
+
+    Attributes:
+        path: of the file.
+        broken: whether something could not be written.
     """
 
     period = 1.0
@@ -73,7 +73,8 @@ class RecordingFile:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self.name = str(self.path)
-        self._whole, self._failed = 0, False
+        self.broken = False
+        self._whole = 0
 
     @property
     def kept(self) -> bool:
@@ -91,17 +92,24 @@ class RecordingFile:
 
     def failed(self) -> None:
         """See :class:`Sink`."""
+        self.broken = True
         os.truncate(self.path, self._whole)
-        self._failed = True
 
     def close(self) -> None:
         """See :class:`Sink`; where there is no room for a table the file stays as it is."""
-        if not self._whole or self._failed:
+        if not self._whole or self.broken:
             return
         with_table = self.path.with_name(f".{self.path.name}.unfinished")
         command = [sys.executable, "-m", "rerun", "rrd", "optimize", str(self.path), "-o", str(with_table)]
         with suppress(OSError, subprocess.TimeoutExpired):
-            done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=ORDERED_WITHIN)
+            # A session of its own, so that a Ctrl-C of impatience does not end it.
+            done = subprocess.run(
+                command,
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                timeout=ORDERED_WITHIN,
+                start_new_session=True,
+            )
             if done.returncode == 0:
                 os.replace(with_table, self.path)
         with suppress(FileNotFoundError):
@@ -117,7 +125,7 @@ class Viewer:
     """
 
     period = 0.1
-    patient, kept = True, False
+    patient = True
 
     def __init__(self, url: str = "rerun+http://127.0.0.1:9876/proxy") -> None:
         """Of a viewer at ``url``.
