@@ -21,7 +21,7 @@ from mavdem.ingest.link import Link, LinkLost
 from mavdem.ingest.mavlink_json import definition_named
 from mavdem.ingest.raw_recording import RawRecording
 from mavdem.live import LiveStream, Row, Setup
-from mavdem.live.rate_request import RateRequest, greeting
+from mavdem.live.rate_request import PATIENCE, TRIES, RateRequest, greeting
 
 Array = NDArray[np.float64]
 
@@ -131,9 +131,9 @@ class Attached:
             self._tell()
 
     def end(self) -> None:
-        """Gives the vehicle back the rates it had, and ends the recording."""
-        if self._request is not None:
-            self._send(self._request.restore())
+        """Gives the vehicle back the rates it had, which it must confirm, and ends the recording."""
+        if self._request is not None and not self._lost:
+            self._restore(self._request)
         if self.recording is not None:
             try:
                 self.recording.close()
@@ -237,6 +237,22 @@ class Attached:
         for sentence in self._request.events:
             self._log(sentence)
         self._request.events.clear()
+
+    def _restore(self, request: RateRequest) -> None:
+        for _ in range(TRIES):
+            frames = request.restore()
+            if not frames:
+                return
+            self._send(frames)
+            until = time.monotonic() + PATIENCE
+            while request.restore() and not self._lost and (left := until - time.monotonic()) > 0:
+                for stamp, data in self._received(left):
+                    self._record(stamp, data)
+                    self.stream.feed(stamp, data)
+                for message in self.stream.answers():
+                    request.heard(message)
+        if request.restore():
+            self._log("The vehicle does not answer whether it sends again as it did before.")
 
     def _send(self, frames: list[bytes]) -> None:
         try:

@@ -130,11 +130,14 @@ def test_rates_are_asked_for_and_given_back(monkeypatch):
                 interval = answers.message_interval_encode(each, 250_000).pack(answers)
                 one.link.script[0].append((one.link.script[0][-1][0], interval))
         one.step(0.0)
+    monkeypatch.undo()
     one.end()
     sent = dialect.MAVLink(None).parse_buffer(bytearray(one.link.sent))
     asked = [(each.command, int(each.param1), each.param2) for each in sent]
     assert asked[:2] == [(510, 30, 0), (510, 36, 0)] and (511, 30, 10_000) in asked
-    assert asked[-2:] == [(511, 30, 250_000), (511, 36, 250_000)]
+    # Nobody confirms it: it is sent again, and said.
+    assert asked[-6:] == 3 * [(511, 30, 250_000), (511, 36, 250_000)]
+    assert one.said[-1] == "The vehicle does not answer whether it sends again as it did before."
     assert all((each.target_system, each.target_component) == (1, 1) for each in sent)
 
 
