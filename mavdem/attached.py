@@ -1,11 +1,13 @@
 """Attached: the live path put together. What a link receives is kept, learnt from and shown, step by step.
 
 One thread does all of it but what may take long: whole learnings run in the learner's executor, what is shown waits in
-the view's own queue. So nothing here is ever waited for but the link.
+the view's own queue. What is waited for, beside the link, is the disk that the raw stream goes to, and at the end the
+vehicle's word that it sends as before.
 """
 
 from __future__ import annotations
 
+import re
 import time
 from collections import deque
 from collections.abc import Callable
@@ -32,7 +34,11 @@ LATENCIES = 10_000
 MOST_SAID = 200
 """Sentences that are kept."""
 SILENCE = 3.0
-"""Seconds without a byte after which it is said that nothing comes."""
+"""Seconds without a byte, or without attitude and motors, after which it is said that nothing comes."""
+REPEATED = 30.0
+"""Seconds in which a sentence is said once, whatever numbers it holds: a link at a limit must not fill a terminal."""
+
+_NUMBER = re.compile(r"\d+(\.\d+)?")
 
 
 class Standing(NamedTuple):
@@ -112,9 +118,11 @@ class Attached:
     _only_shown: int = 0
     _told: float = 0.0
     _heard: float = field(default_factory=time.monotonic)
-    _silent: bool = False
+    _sampled: float = -np.inf
+    _samples: int = 0
     _lost: bool = False
     _obstacle: str = ""
+    _last_said: dict[str, float] = field(default_factory=dict)
 
     def step(self, timeout: float = 0.1) -> None:
         """Takes what has come, or waits for it for so many seconds at most."""
@@ -125,6 +133,8 @@ class Attached:
             for event in self.stream.events():
                 self._log(event.sentence)
         now = time.monotonic()
+        if self.stream.samples != self._samples:
+            self._samples, self._sampled = self.stream.samples, now
         if now - self._told >= TOLD_EVERY:
             self._told = now
             self._ask(now)
@@ -146,9 +156,22 @@ class Attached:
         """How things stand."""
         status = self.stream.status()
         known = np.percentile(self._latencies, [50, 99]) if self._latencies else np.full(2, np.nan)
-        obstacle = status.verdict or (self.learner.obstacle if self.learner is not None else "")
+        silence = self._silence()
+        obstacle = silence or status.verdict or (self.learner.obstacle if self.learner is not None else "")
+        rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
         samples = self._learnt, self._only_shown
-        return Standing(status.vehicle, status.rates, status.lost, samples, (known[0], known[1]), obstacle)
+        return Standing(status.vehicle, rates, status.lost, samples, (known[0], known[1]), obstacle)
+
+    def _silence(self) -> str:
+        """That nothing comes, where nothing does: what is known of the stream is then of before."""
+        now = time.monotonic()
+        if self._lost:
+            return "the link is lost"
+        if now - self._heard > SILENCE:
+            return f"nothing has come for {SILENCE:.0f} s"
+        if self._samples and now - self._sampled > SILENCE:
+            return f"no attitude and no motor outputs have come for {SILENCE:.0f} s"
+        return ""
 
     def _received(self, timeout: float) -> list[tuple[float, bytes]]:
         try:
@@ -165,10 +188,7 @@ class Attached:
             return []
         now = time.monotonic()
         if received:
-            self._heard, self._silent = now, False
-        elif not self._silent and now - self._heard > SILENCE:
-            self._silent = True
-            self._log(f"Nothing has come for {SILENCE:.0f} s.")
+            self._heard = now
         return received
 
     def _record(self, stamp: float, data: bytes) -> None:
@@ -217,13 +237,13 @@ class Attached:
 
     def _ask(self, now: float) -> None:
         """Asks for rates, where that was asked for and the vehicle is known; greets who does not speak before."""
-        if self.rate is None:
+        if self.rate is None or self._lost:
             return
         if self.link.speaks_first and now - self._heard >= TOLD_EVERY:
             self._send([greeting(self._greetings)])
             self._greetings += 1
         vehicle = self.stream.followed
-        if vehicle is None:
+        if vehicle is None or now - self._heard > SILENCE:
             return
         if self._request is None:
             self._request = RateRequest(vehicle, self.rate)
@@ -273,6 +293,10 @@ class Attached:
             )
 
     def _log(self, sentence: str) -> None:
+        now, kind = time.monotonic(), _NUMBER.sub("", sentence)
+        if now - self._last_said.get(kind, -np.inf) < REPEATED:
+            return
+        self._last_said = {one: at for one, at in self._last_said.items() if now - at < REPEATED} | {kind: now}
         self.say(sentence)
         self.said.append(sentence)
         if self._shown is not None:

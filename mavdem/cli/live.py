@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import os
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -34,6 +35,13 @@ TELL_EVERY = 5.0
 """Seconds from one line on standard error that says how things stand to the next."""
 
 
+def _number(context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+    """Refuses what is no number: it lies in every range, since it is not outside."""
+    if value is not None and math.isnan(value):
+        raise click.BadParameter("it must be a number.", context, parameter)
+    return value
+
+
 @click.command()
 @click.argument("link")
 @motion_options
@@ -54,9 +62,12 @@ TELL_EVERY = 5.0
     "--request-rate",
     type=click.FloatRange(1, 1000),
     metavar="HZ",
+    callback=_number,
     help="Ask the vehicle for attitude and motor outputs at this rate. Without it nothing is ever sent.",
 )
-@click.option("--duration", type=click.FloatRange(0, min_open=True), help="Seconds after which to end.")
+@click.option(
+    "--duration", type=click.FloatRange(0, min_open=True), callback=_number, help="Seconds after which to end."
+)
 def live(
     link: str,
     axis: str,
@@ -96,7 +107,7 @@ def live(
     """
     settings = chosen_settings(preset, order)
     place = _checked(rrd, record, model)
-    stream = LiveStream(axis, vehicle, inputs)
+    stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)
         ends.callback(opened.close)

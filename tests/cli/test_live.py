@@ -57,6 +57,8 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["udpin:127.0.0.1:0", "--model", "x.txt"], "--model"),
         (["udpin:127.0.0.1:0", "--connect", "nowhere"], "--connect"),
         (["udpin:127.0.0.1:0", "--request-rate", "0"], "--request-rate"),
+        *((["udpin:127.0.0.1:0", "--request-rate", rate], "--request-rate") for rate in ("nan", "inf", "-1")),
+        (["udpin:127.0.0.1:0", "--duration", "nan"], "--duration"),
         (["udpout:127.0.0.1:14550"], "nothing is sent without --request-rate"),
         (["udpin:127.0.0.1:0", "--axis", "yaw"], "--axis"),
         (["udpin:127.0.0.1:0", "--vehicle", "one"], "'one' is no vehicle"),

@@ -10,7 +10,7 @@ import pytest
 from pymavlink.dialects.v20 import all as dialect
 
 import mavdem
-from mavdem.attached import SILENCE, Attached, Standing
+from mavdem.attached import REPEATED, SILENCE, Attached, Standing
 from mavdem.dem import Estimate, Settings
 from mavdem.ingest.link import LinkLost
 from mavdem.ingest.raw_recording import RawRecording
@@ -160,6 +160,40 @@ def test_silence_is_told(monkeypatch):
     one.step(0.0)
     one.step(0.0)
     assert sum("Nothing has come" in sentence for sentence in said) == 1
+
+
+def test_what_came_before_a_silence_does_not_pass_for_what_comes(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.attached.time.monotonic", lambda: now[0])
+    one, screen, said = attached([*batches(9.0)])
+    run(one)
+    assert one.standing.rates["ATTITUDE"] == pytest.approx(100, rel=0.1) and not one.standing.obstacle
+    now[0] += SILENCE + 1
+    one.step(0.0)
+    assert set(screen.standings[-1].rates.values()) == {0.0}
+    assert screen.standings[-1].obstacle == f"nothing has come for {SILENCE:.0f} s"
+    # A vehicle that sends nothing else says only that it is there.
+    heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
+    for stamp, batch in enumerate(batches(2.0, start=9.0)):
+        one.link.script = [[(FIRST + 9.0 + stamp / 20, heartbeat)] if stamp else batch]
+        now[0] += 0.25
+        one.step(0.0)
+    assert set(one.standing.rates.values()) == {0.0} and "no attitude" in one.standing.obstacle
+    one.link.script = batches(2.0, start=11.0)
+    run(one)
+    assert one.standing.rates["ATTITUDE"] > 50 and not one.standing.obstacle
+    assert said.count(f"Nothing has come for {SILENCE:.0f} s.") == 1
+
+
+def test_the_same_sentence_is_said_once_a_while_whatever_numbers_it_holds(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.attached.time.monotonic", lambda: now[0])
+    one, screen, said = attached([])
+    for number in range(300):
+        now[0] += 0.25
+        one._log(f"ATTITUDE comes at {39 + number / 300:.2f} Hz; more is needed.")
+        one._log("The link is back.")
+    assert len(said) == 2 * round(300 * 0.25 / REPEATED + 0.5)
 
 
 def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypatch):
