@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
 import signal
@@ -77,6 +78,16 @@ def test_what_cannot_be_is_refused_in_a_sentence(words, said, capsys, tmp_path, 
 
 def test_a_port_in_use_is_said(held, capsys):
     assert "in use" in refused([f"udpin:127.0.0.1:{held}"], capsys)
+
+
+def test_a_view_that_is_served_already_is_said_in_a_sentence(capsys):
+    with socket.socket() as other:
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with contextlib.suppress(OSError):  # whoever has it will do
+            other.bind(("127.0.0.1", 9876))
+            other.listen()
+        said = refused([f"udpin:127.0.0.1:{free_port()}", "--serve"], capsys)
+    assert "port 9876 of 127.0.0.1 is taken" in said and said.endswith("view.\n")
 
 
 def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, monkeypatch):

@@ -18,6 +18,7 @@ import psutil
 import pytest
 import rerun as rr
 from numpy.typing import NDArray
+from rerun.chunk import RrdReader
 from rerun_file import chunks, views
 from scipy.stats import norm
 
@@ -496,6 +497,46 @@ def test_the_server_is_reached_from_this_machine_only() -> None:
         with pytest.raises(OSError, match=f"port {port} of 127.0.0.1 is taken"):
             WebServer(port, page_port)
     assert server.process.poll() is not None
+
+
+SERVING = """
+import sys, time
+from mavdem.view.live import WebServer
+server = WebServer(*map(int, sys.argv[1:]))
+time.sleep(60)
+"""
+
+
+def taken(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+@pytest.mark.slow
+def test_the_server_ends_with_who_started_it_however_that_ends_and_reports_to_nobody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ports = free_port(), free_port()
+    unset = ("CI", "XDG_CONFIG_HOME", "XDG_DATA_HOME")
+    environment = {name: value for name, value in os.environ.items() if name not in unset}
+    environment |= {"HOME": str(tmp_path), "FORCE_RERUN_ANALYTICS": "1"}
+    with subprocess.Popen([sys.executable, "-c", SERVING, *map(str, ports)], env=environment) as owner:
+        until(lambda: all(map(taken, ports)))
+        # What reports begins with a file that says who it is.
+        assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+        owner.kill()
+    until(lambda: not any(map(taken, ports)))
+
+
+@pytest.mark.slow
+def test_a_file_gets_its_table_without_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("CI", "XDG_CONFIG_HOME", "XDG_DATA_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    with LiveView(CHANNELS, [RecordingFile(tmp_path / "flight.rrd")]) as view:
+        view.put(50.0, 0, OUTPUTS[0], INPUTS[0])
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["flight.rrd"]
+    assert RrdReader(tmp_path / "flight.rrd").store() is not None
 
 
 def serving(port: int) -> subprocess.Popen[bytes]:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import socket
 import subprocess
-import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 from urllib.parse import urlsplit
 
 import rerun as rr
+
+from mavdem.view.rerun_program import rerun_command, rerun_environment
 
 REACHED_WITHIN = 0.3
 """Seconds in which a viewer must take a connection."""
@@ -100,7 +101,7 @@ class RecordingFile:
         if not self._whole or self.broken:
             return
         with_table = self.path.with_name(f".{self.path.name}.unfinished")
-        command = [sys.executable, "-m", "rerun", "rrd", "optimize", str(self.path), "-o", str(with_table)]
+        command = rerun_command("rrd", "optimize", str(self.path), "-o", str(with_table))
         with suppress(OSError, subprocess.TimeoutExpired):
             # A session of its own, so that a Ctrl-C of impatience does not end it.
             done = subprocess.run(
@@ -109,6 +110,7 @@ class RecordingFile:
                 capture_output=True,
                 timeout=ORDERED_WITHIN,
                 start_new_session=True,
+                env=rerun_environment(),
             )
             if done.returncode == 0:
                 os.replace(with_table, self.path)
