@@ -87,7 +87,7 @@ class Attached:
         link: open.
         stream: of one vehicle.
         settings: of the learner.
-        show: makes who is shown it, once it is known what the rows are.
+        show: makes who is shown it, once it is known what the rows are, and hears when they are others.
         tell: is told once a second how things stand.
         say: is told every sentence.
         executor: of whole learnings.
@@ -109,7 +109,8 @@ class Attached:
     learner: OnlineLearner | None = None
     said: deque[str] = field(default_factory=lambda: deque(maxlen=MOST_SAID))
     _shown: Shown | None = None
-    _opened: bool = False
+    _unshown: bool = False
+    _setup: Setup | None = None
     _learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = field(default_factory=dict)
     _request: RateRequest | None = None
     _greetings: int = 0
@@ -209,7 +210,8 @@ class Attached:
             learner = OnlineLearner(self.settings, setup.dt, len(names), len(row.outputs), executor=self.executor)
             self._learners[setup.dt, names] = learner
         self.learner = learner
-        if not self._opened:
+        if setup is not self._setup:
+            self._setup = setup
             self._open(setup)
         estimate = None
         if row.settled:
@@ -224,16 +226,18 @@ class Attached:
             self._shown.put(row.time, row.segment, row.outputs, row.inputs, estimate, learner.learned)
 
     def _open(self, setup: Setup) -> None:
-        """Begins to show; a view that fails takes nothing with it."""
-        self._opened = True
-        try:
-            shown = self.show(setup)
-        except Exception as error:
-            self._log(f"It cannot be shown ({error}); everything else goes on.")
+        """Shows rows of a setup; a view that fails is left, and takes nothing with it."""
+        if self._unshown:
             return
-        for sentence in self.said:
-            shown.log(sentence)
-        self._shown = shown
+        before = self._shown
+        try:
+            self._shown = self.show(setup)
+        except Exception as error:
+            self._shown, self._unshown = None, True
+            self._log(f"It cannot be shown ({error}); everything else goes on.")
+        if before is None and self._shown is not None:
+            for sentence in self.said:
+                self._shown.log(sentence)
 
     def _ask(self, now: float) -> None:
         """Asks for rates, where that was asked for and the vehicle is known; greets who does not speak before."""

@@ -75,7 +75,7 @@ class Dashboard:
             say_aside(self._where)
 
     def open(self, setup: Setup) -> LiveView:
-        """Begins to show rows of a setup."""
+        """Shows rows of a setup from now on."""
         from mavdem.view.live import Channels, LiveView
 
         names = setup.layout.names
@@ -88,7 +88,9 @@ class Dashboard:
             (setup.scale.unit,) * len(names),
             ("rad", "rad/s"),
         )
-        self._view = LiveView(channels, self._sinks)
+        if self._view is None:
+            self._view = LiveView(channels, self._sinks)
+        self._view.change(channels)
         return self._view
 
     def tell(self, standing: Standing) -> None:

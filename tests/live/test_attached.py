@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -57,9 +58,11 @@ class Screen:
         self.sentences: list[str] = []
         self.standings: list[Standing] = []
         self.setup: Setup | None = None
+        self.setups: list[Setup] = []
 
     def open(self, setup: Setup) -> Screen:
         self.setup = setup
+        self.setups.append(setup)
         return self
 
     def put(self, time, segment, outputs, inputs, estimate=None, learned=None) -> None:
@@ -194,6 +197,17 @@ def test_the_same_sentence_is_said_once_a_while_whatever_numbers_it_holds(monkey
         one._log(f"ATTITUDE comes at {39 + number / 300:.2f} Hz; more is needed.")
         one._log("The link is back.")
     assert len(said) == 2 * round(300 * 0.25 / REPEATED + 0.5)
+
+
+def test_who_is_shown_it_hears_that_the_rows_are_others():
+    one, screen, _ = attached(batches(8.0))
+    run(one)
+    (first,) = screen.setups
+    one.stream.setup = other = replace(first, scale=replace(first.scale, unit="%"))
+    one.link.script = batches(1.0, start=8.0)
+    run(one)
+    assert screen.setups == [first, other]
+    assert len(set(screen.sentences)) == len(screen.sentences)
 
 
 def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypatch):

@@ -19,7 +19,7 @@ import pytest
 import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
-from rerun_file import chunks, views
+from rerun_file import chunks, layouts, views
 from scipy.stats import norm
 
 import mavdem
@@ -202,6 +202,29 @@ def test_a_flight_is_shown_as_it_is_learnt_from(tmp_path: Path, monkeypatch: pyt
     assert {f"parameters/B/roll rate from {motor}" for motor in flight.input_names} <= free
     assert not any("/roll from" in name or name.startswith("parameters/C") for name in free)
     assert "noise_precisions/w, process" in lines
+
+
+def test_other_channels_are_drawn_apart_from_those_before(tmp_path: Path) -> None:
+    path = tmp_path / "flight.rrd"
+    demand = CHANNELS._replace(dt=0.02, horizons=(1, 12, 50), input_names=("roll demand",), input_units=("",))
+    demand = demand._replace(output_units=("m", "m/s"))
+    with LiveView(CHANNELS, [RecordingFile(path)]) as view:
+        for i, channels in enumerate([CHANNELS, CHANNELS, demand, demand, demand, CHANNELS]):
+            view.change(channels)
+            view.put(TIME[i], 0, OUTPUTS[i], INPUTS[i][: len(channels.input_names)], estimate(20 + i, TIME[i]))
+    assert view.troubles == [] and not [text for text in texts(path, "TextLog:text") if "not drawn" in text]
+    lines = drawn(path)
+    np.testing.assert_array_equal(lines["inputs"][1], INPUTS[[0, 1, 5]])
+    np.testing.assert_array_equal(lines["setup_2/inputs"][1], INPUTS[2:5, :1])
+    np.testing.assert_allclose(lines["outputs/roll/now"][1][:, 3], np.degrees(OUTPUTS[[0, 1, 5], 0]))
+    np.testing.assert_allclose(lines["setup_2/outputs/roll/now"][1][:, 3], OUTPUTS[2:5, 0])
+    np.testing.assert_allclose(lines["setup_2/outputs/roll/ahead"][0], TIME[2:5] + 0.25)
+    assert any(name.startswith("setup_2/parameters/A") for name in lines)
+    assert sum("other channels" in text for text in texts(path, "TextLog:text")) == 2
+    # Three blueprints are sent; a file does not tell in which order.
+    first, third, second = sorted(map(set, layouts(path)), key=lambda origins: "setup_2/inputs" in origins)
+    assert first == third != second and first & second == {"status", "log"}
+    assert all(any(f"{name}/".startswith(f"{origin}/") for name in lines) for origin in second - {"status", "log"})
 
 
 def test_a_missing_stretch_parts_every_line(tmp_path: Path) -> None:

@@ -40,12 +40,22 @@ class LiveView:
             sinks: where to show and record.
         """
         self._clock, self._lock = Clock(), Lock()
-        self._closed = False
+        self._channels, self._closed = channels, False
         recording_id = uuid4()
         self._outlets = [Outlet(sink, channels, recording_id) for sink in sinks]
         for outlet in self._outlets:
             outlet.begin()
         atexit.register(self.close)
+
+    def change(self, channels: Channels) -> None:
+        """Says what rows are of from now on: other channels are shown instead of those before, which stay recorded.
+
+        Args:
+            channels: what the numbers are; nothing changes with those there are.
+        """
+        if channels != self._channels:
+            self._channels = channels
+            self.log("other channels are shown from here on; those before stay in the recording")
 
     def put(
         self,
@@ -71,7 +81,7 @@ class LiveView:
         shown, shift = self._shown(time)
         # Copied, since callers may use their arrays again.
         y, u = np.array(outputs, np.float64), np.array(inputs, np.float64)
-        row = Row(shown, shift, segment, y, u, estimate, learned)
+        row = Row(shown, shift, segment, y, u, estimate, learned, self._channels)
         for outlet in self._outlets:
             outlet.rows.put(row)
 
