@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import math
-import os
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -22,15 +21,13 @@ from mavdem.cli.output import print_json, printable, say_aside
 from mavdem.cli.signals import asked_to_end
 from mavdem.cli.source import motion_options, no_option
 from mavdem.convert import STREAMS
-from mavdem.dem.workers import pool
 from mavdem.errors import Unreadable
 from mavdem.ingest.link import Link
 from mavdem.ingest.raw_recording import RawRecording
+from mavdem.learning_process import LearningProcess
 from mavdem.live import LiveStream
 from mavdem.whole_file import whole_file
 
-LOW_PRIORITY = 10
-"""Of 0 to 19: how far whole learnings stand back."""
 TELL_EVERY = 5.0
 """Seconds from one line on standard error that says how things stand to the next."""
 
@@ -119,10 +116,7 @@ def live(
             )
         dashboard = ends.enter_context(Dashboard(link, axis, rrd, serve, connect))
         recording = None if record is None else RawRecording(record)
-        executor = ends.enter_context(pool(1))
-        if hasattr(os, "nice"):
-            # Whole learnings may take their time; samples may not wait for a core.
-            executor.submit(os.nice, LOW_PRIORITY)
+        executor = ends.enter_context(LearningProcess())
         show, tell = dashboard.open, dashboard.tell
         attached = Attached(opened, stream, settings, show, tell, say_aside, executor, recording, request_rate)
         ends.callback(attached.end)
