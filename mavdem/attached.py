@@ -36,9 +36,9 @@ MOST_SAID = 200
 SILENCE = 3.0
 """Seconds without a byte, or without attitude and motors, after which it is said that nothing comes."""
 REPEATED = 30.0
-"""Seconds in which a sentence is said once, whatever numbers it holds: a link at a limit must not fill a terminal."""
+"""Seconds in which a sentence is said once, whatever it measured: a link at a limit must not fill a terminal."""
 
-_NUMBER = re.compile(r"\d+(\.\d+)?")
+_MEASURED = re.compile(r"\d+(\.\d+)?(?= (Hz|s|ms)\b)")
 
 
 class Standing(NamedTuple):
@@ -300,7 +300,7 @@ class Attached:
             )
 
     def _log(self, sentence: str) -> None:
-        now, kind = time.monotonic(), _NUMBER.sub("", sentence)
+        now, kind = time.monotonic(), _MEASURED.sub("", sentence)
         if now - self._last_said.get(kind, -np.inf) < REPEATED:
             return
         self._last_said = {one: at for one, at in self._last_said.items() if now - at < REPEATED} | {kind: now}

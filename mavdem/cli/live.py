@@ -126,10 +126,11 @@ def live(
             say_aside("The model is not kept: name a file with --model, --rrd or --record.")
         asked = signals.enter_context(asked_to_end())
         took = _run(attached, asked, duration)
+        told = _told(attached.standing, link, took)
         # What was learnt is dearest: it is kept before anything that may fail, or takes its time, ends.
         kept, code = _keep_model(attached, place)
         ends.close()
-        told = _told(attached, link, took)
+        told["events"] = list(attached.said)
         told["rrd"] = str(rrd) if dashboard.recorded else None
         told["record"] = None if recording is None else {"file": str(record), "frames": recording.frames}
         told["model"] = None if kept is None else str(kept)
@@ -175,8 +176,7 @@ def _keep_model(attached: Attached, place: Path | None) -> tuple[Path | None, in
     return place, DONE
 
 
-def _told(attached: Attached, link: str, took: float) -> dict[str, Any]:
-    standing = attached.standing
+def _told(standing: Standing, link: str, took: float) -> dict[str, Any]:
     learnt, shown = standing.samples
     median, late = standing.latency
     return {
@@ -188,7 +188,6 @@ def _told(attached: Attached, link: str, took: float) -> dict[str, Any]:
         "lost": standing.lost,
         "latency": {"median": median, "p99": late},
         "obstacle": standing.obstacle,
-        "events": list(attached.said),
     }
 
 

@@ -96,13 +96,19 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
 
     def fly(attached, asked, duration):
         folder.rmdir()
-        attached.learner = Mock(**{"learn_now.return_value.to_json.return_value": "{}"})
+        # What takes its time at the end is no silence of the link's.
+        attached.learner = Mock(obstacle="", **{"learn_now.side_effect": lambda: late(attached)})
         return 1.0
+
+    def late(attached):
+        attached._heard -= 60
+        return Mock(**{"to_json.return_value": "{}"})
 
     monkeypatch.setattr("mavdem.cli.live._run", fly)
     assert main(["live", f"udpin:127.0.0.1:{free_port()}", "--model", str(folder / "m.json"), "--json"]) == 2
     said = capsys.readouterr()
-    assert json.loads(said.out)["model"] is None
+    told = json.loads(said.out)
+    assert told["model"] is None and told["obstacle"] == "No vehicle is heard yet."
     assert "The model is lost" in said.err and "there is no folder" in said.err
 
 

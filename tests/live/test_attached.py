@@ -188,7 +188,7 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(monkeypatch):
     assert said.count(f"Nothing has come for {SILENCE:.0f} s.") == 1
 
 
-def test_the_same_sentence_is_said_once_a_while_whatever_numbers_it_holds(monkeypatch):
+def test_the_same_sentence_is_said_once_a_while_whatever_it_measured(monkeypatch):
     now = [100.0]
     monkeypatch.setattr("mavdem.attached.time.monotonic", lambda: now[0])
     one, screen, said = attached([])
@@ -196,7 +196,9 @@ def test_the_same_sentence_is_said_once_a_while_whatever_numbers_it_holds(monkey
         now[0] += 0.25
         one._log(f"ATTITUDE comes at {39 + number / 300:.2f} Hz; more is needed.")
         one._log("The link is back.")
-    assert len(said) == 2 * round(300 * 0.25 / REPEATED + 0.5)
+        one._log("The vehicle does not answer of message 30.")
+        one._log("The vehicle does not answer of message 36.")
+    assert len(said) == 4 * round(300 * 0.25 / REPEATED + 0.5)
 
 
 def test_who_is_shown_it_hears_that_the_rows_are_others():
