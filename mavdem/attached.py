@@ -136,7 +136,10 @@ class Attached:
                 self._take(row)
             for event in self.stream.events():
                 self._log(event.sentence)
+        # What took its time to understand is no silence.
         now = time.monotonic()
+        if received:
+            self._heard = now
         if self.stream.samples != self._samples:
             self._samples, self._sampled = self.stream.samples, now
         if now - self._told >= TOLD_EVERY:
@@ -190,9 +193,6 @@ class Attached:
             self._lost = True
             self._log(f"{error} It is tried again.")
             return []
-        now = time.monotonic()
-        if received:
-            self._heard = now
         return received
 
     def _record(self, stamp: float, data: bytes) -> None:

@@ -188,6 +188,23 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(monkeypatch):
     assert said.count(f"Nothing has come for {SILENCE:.0f} s.") == 1
 
 
+def test_what_takes_long_to_understand_is_no_silence(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.attached.time.monotonic", lambda: now[0])
+    one, screen, _ = attached([*batches(9.0)])
+    run(one)
+    one.link.script = batches(0.2, start=9.0)
+    feed = one.stream.feed
+
+    def slowly(*pieces):
+        now[0] += SILENCE + 1
+        return feed(*pieces)
+
+    monkeypatch.setattr(one.stream, "feed", slowly)
+    run(one)
+    assert not screen.standings[-1].obstacle and not one.standing.obstacle
+
+
 def test_the_same_sentence_is_said_once_a_while_whatever_it_measured(monkeypatch):
     now = [100.0]
     monkeypatch.setattr("mavdem.attached.time.monotonic", lambda: now[0])
