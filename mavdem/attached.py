@@ -1,11 +1,13 @@
 """Attached: the live path put together. What a link receives is kept, learnt from and shown, step by step.
 
 One thread does all of it but what may take long: whole learnings run in the learner's executor, what is shown waits in
-the view's own queue. So nothing here is ever waited for but the link.
+the view's own queue. What is waited for, beside the link, is the disk that the raw stream goes to, and at the end the
+vehicle's word that it sends as before.
 """
 
 from __future__ import annotations
 
+import re
 import time
 from collections import deque
 from collections.abc import Callable
@@ -21,7 +23,7 @@ from mavdem.ingest.link import Link, LinkLost
 from mavdem.ingest.mavlink_json import definition_named
 from mavdem.ingest.raw_recording import RawRecording
 from mavdem.live import LiveStream, Row, Setup
-from mavdem.live.rate_request import RateRequest
+from mavdem.live.rate_request import PATIENCE, TRIES, RateRequest, greeting
 
 Array = NDArray[np.float64]
 
@@ -32,7 +34,11 @@ LATENCIES = 10_000
 MOST_SAID = 200
 """Sentences that are kept."""
 SILENCE = 3.0
-"""Seconds without a byte after which it is said that nothing comes."""
+"""Seconds without a byte, or without attitude and motors, after which it is said that nothing comes."""
+REPEATED = 30.0
+"""Seconds in which a sentence is said once, whatever it measured: a link at a limit must not fill a terminal."""
+
+_MEASURED = re.compile(r"\d+(\.\d+)?(?= (Hz|s|ms)\b)")
 
 
 class Standing(NamedTuple):
@@ -81,11 +87,11 @@ class Attached:
         link: open.
         stream: of one vehicle.
         settings: of the learner.
-        show: makes who is shown it, once it is known what the rows are.
+        show: makes who is shown it, once it is known what the rows are, and hears when they are others.
         tell: is told once a second how things stand.
         say: is told every sentence.
         executor: of whole learnings.
-        recording: of the raw stream; ``None`` for none.
+        recording: of the raw stream; ``None`` for none, also once it has failed.
         rate: Hz to ask the vehicle for; ``None`` to send nothing at all.
         learner: that of the latest rows; ``None`` before the first.
         said: the latest sentences.
@@ -103,39 +109,53 @@ class Attached:
     learner: OnlineLearner | None = None
     said: deque[str] = field(default_factory=lambda: deque(maxlen=MOST_SAID))
     _shown: Shown | None = None
+    _unshown: bool = False
+    _setup: Setup | None = None
     _learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = field(default_factory=dict)
     _request: RateRequest | None = None
+    _greetings: int = 0
     _latencies: deque[float] = field(default_factory=lambda: deque(maxlen=LATENCIES))
     _learnt: int = 0
     _only_shown: int = 0
     _told: float = 0.0
     _heard: float = field(default_factory=time.monotonic)
-    _silent: bool = False
+    _sampled: float = -np.inf
+    _samples: int = 0
     _lost: bool = False
     _obstacle: str = ""
+    _last_said: dict[str, float] = field(default_factory=dict)
 
     def step(self, timeout: float = 0.1) -> None:
         """Takes what has come, or waits for it for so many seconds at most."""
-        for stamp, data in self._received(timeout):
+        received = self._received(timeout)
+        for stamp, data in received:
             self._record(stamp, data)
-            for row in self.stream.feed(stamp, data):
+        if received:
+            # Together, since each look at garbage has a cost of its own; no row may seem faster than it was.
+            for row in self.stream.feed(received[0][0], b"".join(data for _, data in received)):
                 self._take(row)
             for event in self.stream.events():
                 self._log(event.sentence)
+        # What took its time to understand is no silence.
         now = time.monotonic()
+        if received:
+            self._heard = now
+        if self.stream.samples != self._samples:
+            self._samples, self._sampled = self.stream.samples, now
         if now - self._told >= TOLD_EVERY:
             self._told = now
             self._ask(now)
             self._tell()
 
     def end(self) -> None:
-        """Gives the vehicle back the rates it had, and ends the recording."""
-        if self._request is not None:
-            self._send(self._request.restore())
+        """Gives the vehicle back the rates it had, which it must confirm, and ends the recording."""
+        if self._request is not None and not self._lost:
+            self._restore(self._request)
         if self.recording is not None:
             try:
                 self.recording.close()
             except OSError as error:
+                self.recording = None
                 self._log(f"The recording could not be ended ({error.strerror or error}).")
 
     @property
@@ -143,9 +163,22 @@ class Attached:
         """How things stand."""
         status = self.stream.status()
         known = np.percentile(self._latencies, [50, 99]) if self._latencies else np.full(2, np.nan)
-        obstacle = status.verdict or (self.learner.obstacle if self.learner is not None else "")
+        silence = self._silence()
+        obstacle = silence or status.verdict or (self.learner.obstacle if self.learner is not None else "")
+        rates = dict.fromkeys(status.rates, 0.0) if silence else status.rates
         samples = self._learnt, self._only_shown
-        return Standing(status.vehicle, status.rates, status.lost, samples, (known[0], known[1]), obstacle)
+        return Standing(status.vehicle, rates, status.lost, samples, (known[0], known[1]), obstacle)
+
+    def _silence(self) -> str:
+        """That nothing comes, where nothing does: what is known of the stream is then of before."""
+        now = time.monotonic()
+        if self._lost:
+            return "the link is lost"
+        if now - self._heard > SILENCE:
+            return f"nothing has come for {SILENCE:.0f} s"
+        if self._samples and now - self._sampled > SILENCE:
+            return f"no attitude and no motor outputs have come for {SILENCE:.0f} s"
+        return ""
 
     def _received(self, timeout: float) -> list[tuple[float, bytes]]:
         try:
@@ -160,12 +193,6 @@ class Attached:
             self._lost = True
             self._log(f"{error} It is tried again.")
             return []
-        now = time.monotonic()
-        if received:
-            self._heard, self._silent = now, False
-        elif not self._silent and now - self._heard > SILENCE:
-            self._silent = True
-            self._log(f"Nothing has come for {SILENCE:.0f} s.")
         return received
 
     def _record(self, stamp: float, data: bytes) -> None:
@@ -186,10 +213,9 @@ class Attached:
             learner = OnlineLearner(self.settings, setup.dt, len(names), len(row.outputs), executor=self.executor)
             self._learners[setup.dt, names] = learner
         self.learner = learner
-        if self._shown is None:
-            self._shown = self.show(setup)
-            for sentence in self.said:
-                self._shown.log(sentence)
+        if setup is not self._setup:
+            self._setup = setup
+            self._open(setup)
         estimate = None
         if row.settled:
             try:
@@ -199,12 +225,32 @@ class Attached:
         self._learnt += estimate is not None
         self._only_shown += estimate is None
         self._latencies.append(time.time() - row.received)
-        self._shown.put(row.time, row.segment, row.outputs, row.inputs, estimate, learner.learned)
+        if self._shown is not None:
+            self._shown.put(row.time, row.segment, row.outputs, row.inputs, estimate, learner.learned)
+
+    def _open(self, setup: Setup) -> None:
+        """Shows rows of a setup; a view that fails is left, and takes nothing with it."""
+        if self._unshown:
+            return
+        before = self._shown
+        try:
+            self._shown = self.show(setup)
+        except Exception as error:
+            self._shown, self._unshown = None, True
+            self._log(f"It cannot be shown ({error}); everything else goes on.")
+        if before is None and self._shown is not None:
+            for sentence in self.said:
+                self._shown.log(sentence)
 
     def _ask(self, now: float) -> None:
-        """Asks for rates, where that was asked for and the vehicle is known."""
+        """Asks for rates, where that was asked for and the vehicle is known; greets who does not speak before."""
+        if self.rate is None or self._lost:
+            return
+        if self.link.speaks_first and now - self._heard >= TOLD_EVERY:
+            self._send([greeting(self._greetings)])
+            self._greetings += 1
         vehicle = self.stream.followed
-        if self.rate is None or vehicle is None:
+        if vehicle is None or now - self._heard > SILENCE:
             return
         if self._request is None:
             self._request = RateRequest(vehicle, self.rate)
@@ -218,6 +264,22 @@ class Attached:
         for sentence in self._request.events:
             self._log(sentence)
         self._request.events.clear()
+
+    def _restore(self, request: RateRequest) -> None:
+        for _ in range(TRIES):
+            frames = request.restore()
+            if not frames:
+                return
+            self._send(frames)
+            until = time.monotonic() + PATIENCE
+            while request.restore() and not self._lost and (left := until - time.monotonic()) > 0:
+                for stamp, data in self._received(left):
+                    self._record(stamp, data)
+                    self.stream.feed(stamp, data)
+                for message in self.stream.answers():
+                    request.heard(message)
+        if request.restore():
+            self._log("The vehicle does not answer whether it sends again as it did before.")
 
     def _send(self, frames: list[bytes]) -> None:
         try:
@@ -238,6 +300,10 @@ class Attached:
             )
 
     def _log(self, sentence: str) -> None:
+        now, kind = time.monotonic(), _MEASURED.sub("", sentence)
+        if now - self._last_said.get(kind, -np.inf) < REPEATED:
+            return
+        self._last_said = {one: at for one, at in self._last_said.items() if now - at < REPEATED} | {kind: now}
         self.say(sentence)
         self.said.append(sentence)
         if self._shown is not None:

@@ -72,7 +72,7 @@ LAYERS = (
     {"convert"},
     {"dem"},
     {"baselines", "windows"},
-    {"evaluate", "naming", "attached"},
+    {"evaluate", "naming", "attached", "learning_process"},
     {"account", "channels"},
     {"comparison"},
     {"view"},

@@ -16,7 +16,7 @@ from mavdem.errors import Unreadable
 from mavdem.live import Setup
 
 if TYPE_CHECKING:
-    from mavdem.view.live import LiveView
+    from mavdem.view.live import LiveView, RecordingFile
 
 
 class Dashboard:
@@ -31,12 +31,13 @@ class Dashboard:
         """
         # Rerun takes a second to load.
         with ending_at_once():
-            from mavdem.view.live import WebServer, sinks_for
+            from mavdem.view.live import RecordingFile, WebServer, sinks_for
             from mavdem.view.show import has_screen
         self._link, self._axis = link, axis
         self._view: LiveView | None = None
         self._troubles: list[str] = []
         self._sinks = []
+        self._file: RecordingFile | None = None
         self._where = ""
         if rrd is None and not serve and connect is None and not has_screen():
             self._where = "There is no screen here: --rrd FILE records, --serve shows it in a browser of this machine."
@@ -50,11 +51,23 @@ class Dashboard:
         for sink in self._sinks:
             if isinstance(sink, WebServer):
                 self._where = f"Open {sink.page} in a browser."
+            elif isinstance(sink, RecordingFile):
+                self._file = sink
 
     @property
     def opened(self) -> bool:
         """Whether there was something to show."""
         return self._view is not None
+
+    @property
+    def recorded(self) -> bool:
+        """Whether any of it is in a file."""
+        return self._file is not None and self._file.kept
+
+    @property
+    def broken(self) -> bool:
+        """Whether the file could not be written to its end."""
+        return self._file is not None and self._file.broken
 
     def say_where(self) -> None:
         """Says where to look, where that does not show."""
@@ -62,7 +75,7 @@ class Dashboard:
             say_aside(self._where)
 
     def open(self, setup: Setup) -> LiveView:
-        """Begins to show rows of a setup."""
+        """Shows rows of a setup from now on."""
         from mavdem.view.live import Channels, LiveView
 
         names = setup.layout.names
@@ -75,12 +88,9 @@ class Dashboard:
             (setup.scale.unit,) * len(names),
             ("rad", "rad/s"),
         )
-        try:
+        if self._view is None:
             self._view = LiveView(channels, self._sinks)
-        except OSError as error:
-            raise Unreadable(
-                f"The pictures cannot be recorded ({error.strerror or error}): name another file."
-            ) from None
+        self._view.change(channels)
         return self._view
 
     def tell(self, standing: Standing) -> None:

@@ -43,6 +43,7 @@ SETTLING = 1.0
 GAPS = 5
 """In a row, after which it is the step that is wrong, and not samples that are missing."""
 TOO_FEW = "there are not enough samples yet"
+FIRST_RUNS = "the first learning is still running"
 HALF_WIDTH = float(norm.ppf(0.95))
 """Standard deviations from the middle to the edge of a band of 90 %."""
 
@@ -310,6 +311,8 @@ class OnlineLearner:
                 self._adopt(lambda: learn(record, self._settings))
             else:
                 self._pending = self._executor.submit(learn, record, self._settings)
+                if self.obstacle == TOO_FEW:
+                    self.obstacle = FIRST_RUNS
         except (ValueError, RuntimeError) as error:  # RuntimeError: the executor's processes are gone
             self._put_off(error)
 

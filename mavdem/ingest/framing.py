@@ -120,6 +120,18 @@ def find_in_pieces(data: Bytes, ends: Places, seeds: NDArray[np.int32]) -> tuple
     return frames, np.searchsorted(ends, frames.start, side="right")
 
 
+def candidates(data: Bytes, seeds: NDArray[np.int32]) -> tuple[Places, Places, NDArray[np.bool_]]:
+    """Where frames may begin: each place (N,), where the frame would end, and whether its checksum agrees.
+
+    Args:
+        data: (size,) the bytes; what would end behind them is a candidate too.
+        seeds: as of ``find_frames``.
+    """
+    block = _Block(data, 0, len(data), 0, seeds)
+    good = _merged([block.linked(), block.loose(block.end <= len(data))])
+    return block.start, block.end, np.isin(block.start, good.start)
+
+
 class _Block:
     """The candidates that begin in one block of the bytes: markers with incompatibility flags this reader knows.
 

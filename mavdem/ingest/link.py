@@ -41,6 +41,12 @@ HEARD, MOST_HEARD = 10.0, 16
 BAUD = 115200
 PATIENCE = 5.0
 """Seconds that a connection may take to be made."""
+SILENCE = 5
+"""Seconds for which a client may be silent before another takes its place, and a connection before it is probed."""
+PROBED, PROBES = 2, 3
+"""Seconds between such probes, and how many may stay unanswered."""
+SETTLED = 10.0
+"""Seconds that a connection must have held before it is thought to be worth opening again at once."""
 FIRST_PAUSE, LONGEST_PAUSE = 0.25, 8.0
 """Seconds before a lost link is first opened again, and at most; doubled each time."""
 
@@ -59,6 +65,7 @@ class Link:
     Attributes:
         name: the connection string.
         datagrams: whether what is received comes in datagrams, in which frames are whole.
+        speaks_first: whether the other side answers only once something was sent to it.
         buffer: bytes that the kernel granted to hold what waits; 0 for a serial port, whose buffer is its driver's.
     """
 
@@ -74,6 +81,7 @@ class Link:
         self.name = name
         self.buffer = 0
         self._pause, self._not_before = FIRST_PAUSE, 0.0
+        self._opened = self._came = 0.0
         self._server: socket.socket | None = None
         self._socket: socket.socket | None = None
         self._serial: int | None = None
@@ -81,6 +89,7 @@ class Link:
         self._kind, host, port = _understood(name)
         self._address = (host, port)
         self.datagrams = self._kind in ("udpin", "udpout")
+        self.speaks_first = self._kind == "udpout"
         try:
             self._open()
         except OSError as error:
@@ -101,11 +110,18 @@ class Link:
             raise LinkLost(f"The link {self.name} is not open.")
         received: list[tuple[float, bytes]] = []
         try:
-            if not select.select([waited_for], [], [], max(timeout, 0.0))[0]:
+            # Who is silent may be gone without a word; while it talks, others wait.
+            replaceable = self._server if time.monotonic() - self._came > SILENCE else None
+            ready = select.select([waited_for, *filter(None, [replaceable])], [], [], max(timeout, 0.0))[0]
+            if not ready:
                 return received
             if self._server is not None and self._socket is None:
                 self._socket, _ = self._server.accept()
+                _probe(self._socket)
                 self._socket.setblocking(False)
+                self._came = time.monotonic()
+            elif ready == [self._server]:
+                self._lose("was silent, and another client waits")
             while len(received) < DRAINED:
                 piece = self._take()
                 if piece is None:
@@ -116,6 +132,7 @@ class Link:
                     self._lose("was closed by the other side")
                 if piece:
                     received.append((time.time(), piece))
+                    self._came = time.monotonic()
         except OSError as error:
             if not received:
                 self._lose(f"was lost: {error.strerror or error}")
@@ -149,9 +166,10 @@ class Link:
             self._lose(f"was lost: {error.strerror or error}")
 
     def reopen(self) -> bool:
-        """Opens a link that was lost; does nothing before its pause is over, which doubles with each try.
+        """Opens a link that was lost; does nothing before its pause is over.
 
-        A server that does not answer takes ``PATIENCE``.
+        The pause doubles with each try, also with one that is lost again before it has held for ``SETTLED``. A server
+        that does not answer takes ``PATIENCE``.
 
         Returns:
             whether it is open.
@@ -165,10 +183,8 @@ class Link:
             self._open()
         except OSError:
             self.close()
-            self._pause = min(2 * self._pause, LONGEST_PAUSE)
-            self._not_before = now + self._pause
+            self._put_off()
             return False
-        self._pause = FIRST_PAUSE
         return True
 
     def close(self) -> None:
@@ -182,6 +198,7 @@ class Link:
         self._socket = self._server = self._serial = None
 
     def _open(self) -> None:
+        self._opened = time.monotonic()
         if self._kind == "serial":
             self._serial = _serial(self.name)
             return
@@ -203,6 +220,8 @@ class Link:
             if self._kind == "tcpin":
                 opened.listen(1)
         else:
+            if self._kind == "tcp":
+                _probe(opened)
             # Of a datagram socket this only says from whom to receive.
             opened.settimeout(PATIENCE)
             opened.connect(address)
@@ -242,8 +261,14 @@ class Link:
             self._socket = None
         else:
             self.close()
-            self._not_before = time.monotonic() + self._pause
+            if time.monotonic() - self._opened >= SETTLED:
+                self._pause = FIRST_PAUSE
+            self._put_off()
         raise LinkLost(f"The link {self.name} {how}.")
+
+    def _put_off(self) -> None:
+        self._not_before = time.monotonic() + self._pause
+        self._pause = min(2 * self._pause, LONGEST_PAUSE)
 
     def _refuse(self, error: OSError) -> NoReturn:
         host, port = self._address
@@ -281,12 +306,22 @@ def _understood(name: str) -> tuple[str, str, int]:
         if int(port) > 65535:
             raise Unreadable(f"{name} names no link: ports go up to 65535.")
         return _KINDS.get(kind, kind), (host or "").strip("[]") or LOOPBACK, int(port)
-    if not name or (":" in name and not name.startswith("/")):
+    if os.path.isfile(name):
+        raise Unreadable(f"{name} is a file and no link: `mavdem learn {name}` learns from a log.")
+    if not os.path.isabs(name):
         raise Unreadable(
             f"{name!r} names no link: write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or a "
             "serial port as /dev/ttyACM0,115200."
         )
     return "serial", "", 0
+
+
+def _probe(connection: socket.socket) -> None:
+    """Lets the kernel find out when the other side of a silent connection is gone: one that lost power says nothing."""
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in (("TCP_KEEPIDLE", SILENCE), ("TCP_KEEPINTVL", PROBED), ("TCP_KEEPCNT", PROBES)):
+        if hasattr(socket, option):
+            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
 
 
 def _serial(name: str) -> int:

@@ -12,13 +12,16 @@ whatever it holds, this 3 µs a frame.
 
 from __future__ import annotations
 
-import re
+from bisect import bisect_left
 from functools import cache
-from itertools import pairwise
+from itertools import islice, pairwise, takewhile
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mavdem.ingest.checksum import checksum
-from mavdem.ingest.decode import definitions
+from mavdem.ingest.decode import definitions, seeds
 from mavdem.ingest.framing import (
     CHECKSUM,
     FAILED,
@@ -30,12 +33,11 @@ from mavdem.ingest.framing import (
     SIGNATURE,
     SIGNED,
     UNKNOWN,
+    candidates,
 )
 
 LONGEST_CHAIN = 32
 """Frames in a row that no checksum vouches for, before they count as garbage: bounds what waits for its end."""
-
-_MARKER = re.compile(rb"[\xfd\xfe]")
 
 
 class Frame(NamedTuple):
@@ -74,62 +76,83 @@ class LiveFrames:
         """The frames that the next bytes of the stream complete, in order; the same however the bytes are cut."""
         data = self._rest + piece
         found: list[Frame] = []
-        nothing: set[int] = set()
+        ahead: _Ahead | None = None
         place = 0
-        while marker := _MARKER.search(data, place):
-            self.garbage += marker.start() - place
-            place = marker.start()
-            chain = _chain(data, place, nothing)
+        while place < len(data):
+            one = _frame(data, place)
+            if one is None:
+                break
+            frame, end = one
+            if frame is not None and frame.verdict == GOOD:
+                found.append(frame)
+                place = end
+                continue
+            # Damage, garbage or another dialect: what is ahead is looked at once, all of it together.
+            ahead = _Ahead(data) if ahead is None else ahead
+            start = ahead.hopeful_from(place)
+            self.garbage += start - place
+            place = start
+            if place == len(data):
+                break
+            chain = ahead.chain(place)
             if chain is None:
                 break
-            frames, place_after = chain
+            frames, end = chain
             found += frames
             self.garbage += not frames
-            place = place_after if frames else place + 1
-        else:
-            self.garbage += len(data) - place
-            place = len(data)
+            place = end if frames else place + 1
         self._rest = data[place:]
         self.frames += len(found)
         self.unread += sum(frame.verdict != GOOD for frame in found)
         return found
 
 
-def _chain(data: bytes, place: int, nothing: set[int]) -> tuple[list[Frame], int] | None:
-    """The frames from ``place`` up to one whose checksum agrees, and where they end; none where that leads nowhere.
+class _Ahead:
+    """Where in some bytes frames begin that a checksum vouches for, or that lead to one, header by header.
 
-    None where more bytes must decide. ``nothing`` holds the places from which nothing was led to, so that each is
-    looked at once.
+    All are looked at in one pass over columns: one by one, a datagram full of markers would take a quarter of a second.
     """
-    frames: list[Frame] = []
-    places: list[int] = []
-    while len(frames) < LONGEST_CHAIN and place not in nothing:
-        found = _frame(data, place)
-        if found is None:
-            return None
-        places.append(place)
-        frame, end = found
-        if frame is None:
-            break
-        frames.append(frame)
-        if frame.verdict == GOOD:
-            if any(_holds_another(data[start:until]) for start, until in pairwise(places)):
-                # What announced a length that happens to end where a frame begins was no frame.
-                nothing.add(places[0])
-                return [], end
-            return frames, end
-        place = end
-    nothing.update(places)
-    return [], place
 
+    def __init__(self, data: bytes) -> None:
+        self._data, size = data, len(data)
+        start, end, good = (column.tolist() for column in candidates(np.frombuffer(data, np.uint8), _seed_table()))
+        # Frames to read before what decides: a checksum that agrees, or the end of what has come.
+        before = [LONGEST_CHAIN] * size + [0]
+        for place, until, agrees in zip(reversed(start), reversed(end), reversed(good), strict=True):
+            before[place] = 0 if agrees or until > size else before[until] + 1
+        self._hopeful = [place for place in start if before[place] < LONGEST_CHAIN]
+        self._good = [(place, until) for place, until, agrees in zip(start, end, good, strict=True) if agrees]
 
-def _holds_another(span: bytes) -> bool:
-    """Whether a frame whose checksum agrees lies within the bytes of one that no checksum vouches for."""
-    for marker in _MARKER.finditer(span, 1):
-        found = _frame(span, marker.start())
-        if found is not None and found[0] is not None and found[0].verdict == GOOD:
-            return True
-    return False
+    def hopeful_from(self, place: int) -> int:
+        """The first place, from this one on, that leads to what decides; the end of the bytes where there is none."""
+        row = bisect_left(self._hopeful, place)
+        return self._hopeful[row] if row < len(self._hopeful) else len(self._data)
+
+    def chain(self, place: int) -> tuple[list[Frame], int] | None:
+        """The frames from a hopeful place up to one whose checksum agrees, and where they end.
+
+        None where more must come to decide. No frames where one that no checksum vouches for holds one that agrees:
+        what announced a length that happens to end where a frame begins was no frame.
+        """
+        frames: list[Frame] = []
+        places = [place]
+        while not (frames and frames[-1].verdict == GOOD):
+            found = _frame(self._data, places[-1])
+            if found is None:
+                return None
+            frame, end = found
+            assert frame is not None  # or the place would not be hopeful
+            frames.append(frame)
+            places.append(end)
+        if any(self._holds_good(start, until) for start, until in pairwise(places[:-1])):
+            return [], place
+        return frames, places[-1]
+
+    def _holds_good(self, start: int, end: int) -> bool:
+        """Whether a frame whose checksum agrees lies within these bytes, behind the first."""
+        row = bisect_left(self._good, (start + 1,))
+        inside = takewhile(lambda one: one[0] < end, islice(self._good, row, None))
+        return any(until <= end for _, until in inside)
 
 
 def _frame(data: bytes, place: int) -> tuple[Frame | None, int] | None:
@@ -167,3 +190,9 @@ def _frame(data: bytes, place: int) -> tuple[Frame | None, int] | None:
 def _seeds() -> dict[int, int]:
     """CRC_EXTRA by message id."""
     return {message_id: definition.seed for message_id, definition in definitions().items()}
+
+
+@cache
+def _seed_table() -> NDArray[np.int32]:
+    """The same as a column."""
+    return seeds()

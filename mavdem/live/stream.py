@@ -50,15 +50,19 @@ class LiveStream:
 
     Attributes:
         setup: what the rows of the latest segment are; None before the first.
+        samples: of the vehicle's attitude and motor outputs so far.
     """
 
-    def __init__(self, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None) -> None:
+    def __init__(
+        self, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None, asked: bool = False
+    ) -> None:
         """Begins without a byte.
 
         Args:
             axis: "roll" or "pitch".
             vehicle: "system" or "system:component"; None for the only multirotor that sends attitude.
             inputs: "motors" or "demand"; None for the motors, unless they come too slowly and the demand does not.
+            asked: whether the vehicle is asked for rates: then nobody needs to be told to.
 
         Raises:
             ValueError: an axis or inputs that are neither.
@@ -66,7 +70,8 @@ class LiveStream:
         if axis not in AXES:
             raise ValueError(f"axis must be one of {', '.join(AXES)}, not {axis!r}")
         self.setup: Setup | None = None
-        self._axis = axis
+        self.samples = 0
+        self._axis, self._ask = axis, "" if asked else ASK
         self._frames, self._senders, self._clock = LiveFrames(), Senders(vehicle), LiveClock()
         self._events: deque[Event] = deque(maxlen=MOST_EVENTS)
         self._attitudes = {name: Samples() for name in ATTITUDE_MESSAGES}
@@ -127,7 +132,7 @@ class LiveStream:
     def status(self) -> Status:
         """How things stand."""
         followed, now = self._senders.followed, self._clock.now
-        verdict = self._senders.obstacle or (NO_ATTITUDE + ASK if isnan(now) else self._verdict)
+        verdict = self._senders.obstacle or (NO_ATTITUDE + self._ask if isnan(now) else self._verdict)
         rates = {name: samples.rate(now, DECIDING) for name, samples in self._attitudes.items() if samples.time}
         streams = [*self._attitudes.values(), *(bank.samples for bank in (self._drive.banks if self._drive else ()))]
         return Status(
@@ -207,6 +212,7 @@ class LiveStream:
 
     def _sampled(self, samples: Samples, new: bool, rows: list[Row]) -> None:
         """Tells the rows that a new sample completes."""
+        self.samples += new
         if not new or self._drive is None or self._attitude is None:
             return
         streams = (self._attitudes[self._attitude], *(bank.samples for bank in self._drive.banks))
@@ -342,7 +348,7 @@ class LiveStream:
         least = MINIMUM_RATE / SLACK if self._enough else MINIMUM_RATE
         sentence = too_slow(rates, self._axis) if min(rates.values()) < least else None
         if sentence is not None:
-            self._say_verdict(sentence + ASK, False)
+            self._say_verdict(sentence + self._ask, False)
         elif not self._flying.now:
             self._say_verdict("The vehicle does not fly.", True)
         else:

@@ -9,6 +9,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from mavdem.view.rerun_program import rerun_command, rerun_environment
+
 
 def show(path: str | os.PathLike[str]) -> str:
     """Opens the recording at ``path`` in the Rerun viewer and returns at once; the viewer lives on.
@@ -20,7 +22,8 @@ def show(path: str | os.PathLike[str]) -> str:
         return f"There is no screen here; open the recording where there is one, with `{_command(path)}`."
     if not Path(path).is_file():
         return f"There is no recording {path}."
-    subprocess.Popen([sys.executable, "-m", "rerun", "--bind", "127.0.0.1", os.fspath(path)], start_new_session=True)
+    command = rerun_command("--bind", "127.0.0.1", os.fspath(path))
+    subprocess.Popen(command, start_new_session=True, env=rerun_environment())
     return ""
 
 

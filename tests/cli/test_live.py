@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
 import signal
@@ -10,8 +11,10 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
+from pymavlink.dialects.v20 import all as dialect
 from rerun.chunk import RrdReader
 
 import mavdem
@@ -55,6 +58,9 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         (["udpin:127.0.0.1:0", "--model", "x.txt"], "--model"),
         (["udpin:127.0.0.1:0", "--connect", "nowhere"], "--connect"),
         (["udpin:127.0.0.1:0", "--request-rate", "0"], "--request-rate"),
+        *((["udpin:127.0.0.1:0", "--request-rate", rate], "--request-rate") for rate in ("nan", "inf", "-1")),
+        (["udpin:127.0.0.1:0", "--duration", "nan"], "--duration"),
+        (["udpout:127.0.0.1:14550"], "nothing is sent without --request-rate"),
         (["udpin:127.0.0.1:0", "--axis", "yaw"], "--axis"),
         (["udpin:127.0.0.1:0", "--vehicle", "one"], "'one' is no vehicle"),
         (["udpin:127.0.0.1:0", "--vehicle", "1:1:1"], "system and component as in 1:1"),
@@ -74,6 +80,38 @@ def test_a_port_in_use_is_said(held, capsys):
     assert "in use" in refused([f"udpin:127.0.0.1:{held}"], capsys)
 
 
+def test_a_view_that_is_served_already_is_said_in_a_sentence(capsys):
+    with socket.socket() as other:
+        other.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with contextlib.suppress(OSError):  # whoever has it will do
+            other.bind(("127.0.0.1", 9876))
+            other.listen()
+        said = refused([f"udpin:127.0.0.1:{free_port()}", "--serve"], capsys)
+    assert "port 9876 of 127.0.0.1 is taken" in said and said.endswith("view.\n")
+
+
+def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, monkeypatch):
+    folder = tmp_path / "gone"
+    folder.mkdir()
+
+    def fly(attached, asked, duration):
+        folder.rmdir()
+        # What takes its time at the end is no silence of the link's.
+        attached.learner = Mock(obstacle="", **{"learn_now.side_effect": lambda: late(attached)})
+        return 1.0
+
+    def late(attached):
+        attached._heard -= 60
+        return Mock(**{"to_json.return_value": "{}"})
+
+    monkeypatch.setattr("mavdem.cli.live._run", fly)
+    assert main(["live", f"udpin:127.0.0.1:{free_port()}", "--model", str(folder / "m.json"), "--json"]) == 2
+    said = capsys.readouterr()
+    told = json.loads(said.out)
+    assert told["model"] is None and told["obstacle"] == "No vehicle is heard yet."
+    assert "The model is lost" in said.err and "there is no folder" in said.err
+
+
 def test_a_recording_replaces_nothing(tmp_path, capsys):
     kept = tmp_path / "flight.tlog"
     kept.write_bytes(b"dear")
@@ -84,10 +122,10 @@ def test_a_recording_replaces_nothing(tmp_path, capsys):
 class Live:
     """``mavdem live`` in a process of its own, listening."""
 
-    def __init__(self, folder: Path, *words: str) -> None:
+    def __init__(self, folder: Path, *words: str, link: str = "") -> None:
         self.port, self.folder = free_port(), folder
         self.error = (folder / "error").open("w+")
-        command = [*MAVDEM, "live", f"udpin:127.0.0.1:{self.port}", "--json", *words]
+        command = [*MAVDEM, "live", link or f"udpin:127.0.0.1:{self.port}", "--json", *words]
         self.process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=self.error, text=True)
         self.until("Listening")
 
@@ -97,11 +135,13 @@ class Live:
             assert time.monotonic() < deadline, (self.folder / "error").read_text()
             time.sleep(0.05)
 
-    def end(self, number: int = signal.SIGINT) -> dict:
-        self.process.send_signal(number)
+    def end(self, *numbers: int, code: int = 0) -> dict:
+        for number in numbers or (signal.SIGINT,):
+            self.process.send_signal(number)
+            time.sleep(0.3)
         out, _ = self.process.communicate(timeout=30)
         error = (self.folder / "error").read_text()
-        assert self.process.returncode == 0, error
+        assert self.process.returncode == code, error
         assert "Traceback" not in error and "should not have happened" not in error
         return json.loads(out)
 
@@ -113,7 +153,7 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path):
         stranger.bind(("127.0.0.1", 0))
         stranger.sendto(b"\xfd" + bytes(200), ("127.0.0.1", live.port))
         live.until("No vehicle")
-        told = live.end(signal.SIGTERM)
+        told = live.end(signal.SIGTERM, code=1)
         stranger.settimeout(0.2)
         with pytest.raises(TimeoutError):
             stranger.recv(100)  # not one byte is sent
@@ -123,19 +163,19 @@ def test_without_a_vehicle_it_ends_with_nothing_kept(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("scenario", "chosen", "prior", "order"),
+    ("scenario", "chosen", "prior", "order", "ending"),
     [
-        ("iris_multisine", [], "regulated", 3),
-        ("ardupilot_steps", ["--preset", "paper", "--order", "4"], "uniform", 4),
+        ("iris_multisine", [], "regulated", 3, (signal.SIGINT, signal.SIGINT, signal.SIGTERM)),
+        ("ardupilot_steps", ["--preset", "paper", "--order", "4"], "uniform", 4, (signal.SIGHUP,)),
     ],
 )
-def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path, scenario, chosen, prior, order):
+def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path, scenario, chosen, prior, order, ending):
     live = Live(tmp_path, "--rrd", "f.rrd", "--record", "f.tlog", "--request-rate", "50", *chosen)
     fly = [*MAVDEM, "fly", scenario, "--udp", f"127.0.0.1:{live.port}", "--speed", "2", "--json"]
     flying = subprocess.Popen(fly, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
     live.until("The model is learnt", 40)
     time.sleep(3)
-    told = live.end()
+    told = live.end(*ending)
     flying.send_signal(signal.SIGINT)
     flown = json.loads(flying.communicate(timeout=20)[0])
     assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 200 and told["lost"] == 0
@@ -149,6 +189,31 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path, sce
 
 
 @pytest.mark.slow
+def test_who_answers_only_when_spoken_to_is_greeted_until_it_does(tmp_path):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+        vehicle.bind(("127.0.0.1", 0))
+        vehicle.settimeout(20)
+        live = Live(tmp_path, "--request-rate", "50", link=f"udpout:127.0.0.1:{vehicle.getsockname()[1]}")
+        greeting, who = vehicle.recvfrom(300)
+        (heartbeat,) = dialect.MAVLink(None).parse_buffer(greeting)
+        assert (heartbeat.get_type(), heartbeat.type) == ("HEARTBEAT", dialect.MAV_TYPE_GCS)
+        # The ground station that a vehicle counts on is another: its HEARTBEATs must not be seen to end.
+        assert heartbeat.get_srcSystem() != 255
+        sending = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+        beat = sending.heartbeat_encode(dialect.MAV_TYPE_QUADROTOR, 12, 128, 0, 4)
+        for sending.seq in range(8):
+            vehicle.sendto(beat.pack(sending), who)
+            time.sleep(0.3)
+        live.until("Following vehicle 1:1")
+        vehicle.settimeout(0.2)
+        with pytest.raises(TimeoutError):
+            while True:
+                (asked,) = dialect.MAVLink(None).parse_buffer(vehicle.recv(300))
+                assert asked.get_type() == "COMMAND_LONG"
+        assert live.end(code=1)["vehicle"] == "1:1"
+
+
+@pytest.mark.slow
 @pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed")
 def test_mavproxy_forwards_a_vehicle_while_it_is_learnt_from(tmp_path):
     live, inlet = Live(tmp_path), free_port()
@@ -159,5 +224,6 @@ def test_mavproxy_forwards_a_vehicle_while_it_is_learnt_from(tmp_path):
             live.until("The model is learnt", 60)
             flying.send_signal(signal.SIGINT)
         forwarding.terminate()
+    assert "The model is not kept: name a file with --model" in (tmp_path / "error").read_text()
     told = live.end()
     assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 100

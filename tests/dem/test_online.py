@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 from concurrent.futures import BrokenExecutor, Future, ThreadPoolExecutor
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -301,6 +302,15 @@ def test_a_vehicle_that_stood_still_is_learnt_from_soon_after_it_moves():
         if first is None and estimate.model is not None:
             first = row
     assert first is not None and first * dt < 2 * FIRST_CHOICE + 2.0
+
+
+def test_while_the_first_learning_runs_samples_are_not_too_few():
+    executor = Mock(**{"submit.return_value": Future()})
+    online = OnlineLearner(dt=WINDY.dt, executor=executor)
+    flown(online, WINDY[:150])
+    assert online.obstacle == "there are not enough samples yet"
+    flown(online, WINDY[150:500])
+    assert online.obstacle == "the first learning is still running"
 
 
 def test_an_executor_that_is_gone_is_an_obstacle_and_no_error():

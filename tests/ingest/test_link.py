@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pty
 import socket
@@ -172,6 +173,57 @@ def test_a_client_connects_leaves_and_another_one_connects():
     link.close()
 
 
+def test_a_client_that_is_silent_gives_way_to_another_and_one_that_talks_does_not(monkeypatch):
+    port = free_port()
+    link = Link(f"tcpin:127.0.0.1:{port}")
+    with socket.create_connection(("127.0.0.1", port)) as first:
+        first.sendall(b"one")
+        assert everything(link) == b"one"
+        with socket.create_connection(("127.0.0.1", port)) as second:
+            second.sendall(b"two")
+            monkeypatch.setattr("mavdem.ingest.link.SILENCE", 1)
+            for _ in range(5):
+                first.sendall(b"more")
+                assert everything(link) == b"more"
+                time.sleep(0.3)
+            with pytest.raises(LinkLost, match="was silent, and another client waits"):
+                everything(link)
+            assert link.reopen()
+            assert everything(link) == b"two"
+    link.close()
+
+
+def test_the_kernel_finds_out_when_the_other_side_is_gone():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        out = Link(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+    port = free_port()
+    into = Link(f"tcpin:127.0.0.1:{port}")
+    with socket.create_connection(("127.0.0.1", port)) as client:
+        client.sendall(b"hello")
+        assert everything(into) == b"hello"
+    for link in (out, into):
+        assert link._socket.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        assert link._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) <= 10
+        link.close()
+
+
+def test_who_hangs_up_over_and_over_is_called_ever_less_often():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link, called = Link(f"tcp:127.0.0.1:{server.getsockname()[1]}"), 0
+        server.setblocking(False)
+        until = time.monotonic() + 2.5
+        while time.monotonic() < until:
+            with contextlib.suppress(BlockingIOError):
+                server.accept()[0].close()
+                called += 1
+            with contextlib.suppress(LinkLost):
+                if link.reopen():
+                    link.receive(0.01)
+            time.sleep(0.01)
+    assert 3 <= called <= 5
+    link.close()
+
+
 def test_a_serial_port_is_read_raw_silent_and_its_loss_is_told():
     controller, port = pty.openpty()
     link = Link(f"{os.ttyname(port)},57600")
@@ -207,6 +259,11 @@ def test_a_port_that_is_taken_is_named():
         ("tcp:", "names no link"),
         ("", "names no link"),
         ("mcast:14550", "names no link"),
+        ("127.0.0.1", "names no link"),
+        ("localhost", "names no link"),
+        ("COM3", "names no link"),
+        ("flight.tlog", "names no link"),
+        (__file__, "is a file and no link"),
         ("udpin:a:b:c", "names no link"),
         ("tcp:no.such.host.invalid:5760", "there is no host no.such.host.invalid"),
         ("udpin:192.0.2.1:14550", "no address of this machine"),

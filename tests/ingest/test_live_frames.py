@@ -103,6 +103,15 @@ def test_the_same_is_found_however_the_bytes_are_cut(seed):
     assert (other.garbage, other.frames, other.unread) == (finder.garbage, finder.frames, finder.unread)
 
 
+@pytest.mark.parametrize("unread", [LONGEST_CHAIN - 1, LONGEST_CHAIN, LONGEST_CHAIN + 7])
+def test_a_long_row_of_another_dialect_is_the_same_however_it_is_cut(unread):
+    content = frame(70000, b"\1\2\3", seed=3) * unread + heartbeat() + frame(70000, b"\4", seed=3) + heartbeat()
+    whole, finder = found(content)
+    pieces, other = found(content, random.Random(1))
+    assert pieces == whole and other.garbage == finder.garbage
+    assert len(whole) == min(unread, LONGEST_CHAIN - 1) + 3
+
+
 def test_a_recorded_flight_has_the_frames_of_its_file():
     stream = read_stream(SAMPLES / "px4_wind5_steps.tlog")
     content = b"".join(data for _, data in stream.stamped_frames())
@@ -129,3 +138,13 @@ def test_hostile_bytes_are_bounded_in_memory_and_time(kind):
     # And what comes behind it is found.
     good = [one for one in finder.feed(heartbeat() * 40) if one.verdict == GOOD]
     assert len(good) >= 2
+
+
+@pytest.mark.parametrize("pattern", [b"\xfe", b"\xfe\xfe\xfe\xfe\xfe\x1e", b"\xfd\xff\x00", b"\xfe\x01"])
+def test_twenty_of_the_largest_datagrams_a_second_full_of_markers_leave_time_for_others(pattern):
+    finder, datagram = LiveFrames(), (pattern * 65507)[:65507]
+    begin = time.thread_time()
+    for _ in range(20):
+        finder.feed(datagram)
+    assert time.thread_time() - begin < 1.0
+    assert len([one for one in finder.feed(heartbeat() * 40) if one.verdict == GOOD]) >= 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,8 @@ import pytest
 from pymavlink.dialects.v20 import all as dialect
 
 import mavdem
-from mavdem.attached import SILENCE, Attached, Standing
+from mavdem.attached import REPEATED, SILENCE, Attached, Standing
 from mavdem.dem import Estimate, Settings
-from mavdem.errors import Unreadable
 from mavdem.ingest.link import LinkLost
 from mavdem.ingest.raw_recording import RawRecording
 from mavdem.ingest.streams import read_stream
@@ -29,6 +29,7 @@ class ScriptedLink:
     """Gives out what it is told, in place of a socket; an exception in the script is raised."""
 
     datagrams = True
+    speaks_first = False
 
     def __init__(self, script: list[Any]) -> None:
         self.script, self.sent, self.reopened = script, b"", 0
@@ -57,9 +58,11 @@ class Screen:
         self.sentences: list[str] = []
         self.standings: list[Standing] = []
         self.setup: Setup | None = None
+        self.setups: list[Setup] = []
 
     def open(self, setup: Setup) -> Screen:
         self.setup = setup
+        self.setups.append(setup)
         return self
 
     def put(self, time, segment, outputs, inputs, estimate=None, learned=None) -> None:
@@ -130,11 +133,14 @@ def test_rates_are_asked_for_and_given_back(monkeypatch):
                 interval = answers.message_interval_encode(each, 250_000).pack(answers)
                 one.link.script[0].append((one.link.script[0][-1][0], interval))
         one.step(0.0)
+    monkeypatch.undo()
     one.end()
     sent = dialect.MAVLink(None).parse_buffer(bytearray(one.link.sent))
     asked = [(each.command, int(each.param1), each.param2) for each in sent]
     assert asked[:2] == [(510, 30, 0), (510, 36, 0)] and (511, 30, 10_000) in asked
-    assert asked[-2:] == [(511, 30, 250_000), (511, 36, 250_000)]
+    # Nobody confirms it: it is sent again, and said.
+    assert asked[-6:] == 3 * [(511, 30, 250_000), (511, 36, 250_000)]
+    assert one.said[-1] == "The vehicle does not answer whether it sends again as it did before."
     assert all((each.target_system, each.target_component) == (1, 1) for each in sent)
 
 
@@ -157,6 +163,70 @@ def test_silence_is_told(monkeypatch):
     one.step(0.0)
     one.step(0.0)
     assert sum("Nothing has come" in sentence for sentence in said) == 1
+
+
+def test_what_came_before_a_silence_does_not_pass_for_what_comes(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.attached.time.monotonic", lambda: now[0])
+    one, screen, said = attached([*batches(9.0)])
+    run(one)
+    assert one.standing.rates["ATTITUDE"] == pytest.approx(100, rel=0.1) and not one.standing.obstacle
+    now[0] += SILENCE + 1
+    one.step(0.0)
+    assert set(screen.standings[-1].rates.values()) == {0.0}
+    assert screen.standings[-1].obstacle == f"nothing has come for {SILENCE:.0f} s"
+    # A vehicle that sends nothing else says only that it is there.
+    heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
+    for stamp, batch in enumerate(batches(2.0, start=9.0)):
+        one.link.script = [[(FIRST + 9.0 + stamp / 20, heartbeat)] if stamp else batch]
+        now[0] += 0.25
+        one.step(0.0)
+    assert set(one.standing.rates.values()) == {0.0} and "no attitude" in one.standing.obstacle
+    one.link.script = batches(2.0, start=11.0)
+    run(one)
+    assert one.standing.rates["ATTITUDE"] > 50 and not one.standing.obstacle
+    assert said.count(f"Nothing has come for {SILENCE:.0f} s.") == 1
+
+
+def test_what_takes_long_to_understand_is_no_silence(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.attached.time.monotonic", lambda: now[0])
+    one, screen, _ = attached([*batches(9.0)])
+    run(one)
+    one.link.script = batches(0.2, start=9.0)
+    feed = one.stream.feed
+
+    def slowly(*pieces):
+        now[0] += SILENCE + 1
+        return feed(*pieces)
+
+    monkeypatch.setattr(one.stream, "feed", slowly)
+    run(one)
+    assert not screen.standings[-1].obstacle and not one.standing.obstacle
+
+
+def test_the_same_sentence_is_said_once_a_while_whatever_it_measured(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.attached.time.monotonic", lambda: now[0])
+    one, screen, said = attached([])
+    for number in range(300):
+        now[0] += 0.25
+        one._log(f"ATTITUDE comes at {39 + number / 300:.2f} Hz; more is needed.")
+        one._log("The link is back.")
+        one._log("The vehicle does not answer of message 30.")
+        one._log("The vehicle does not answer of message 36.")
+    assert len(said) == 4 * round(300 * 0.25 / REPEATED + 0.5)
+
+
+def test_who_is_shown_it_hears_that_the_rows_are_others():
+    one, screen, _ = attached(batches(8.0))
+    run(one)
+    (first,) = screen.setups
+    one.stream.setup = other = replace(first, scale=replace(first.scale, unit="%"))
+    one.link.script = batches(1.0, start=8.0)
+    run(one)
+    assert screen.setups == [first, other]
+    assert len(set(screen.sentences)) == len(screen.sentences)
 
 
 def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypatch):
@@ -198,12 +268,16 @@ def test_hostile_bytes_change_nothing_that_is_learnt():
     np.testing.assert_array_equal(ours.inputs, theirs.inputs)
 
 
-def test_pictures_that_cannot_be_opened_end_it_with_a_sentence():
-    one, screen, _ = attached(batches(8.0))
+@pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), RuntimeError("a mistake of the view's")])
+def test_pictures_that_cannot_be_opened_end_nothing_else(failure, tmp_path):
+    one, _, said = attached(batches(9.0), recording=RawRecording(tmp_path / "flight.tlog"))
 
-    def refuses(setup: Setup) -> Screen:
-        raise Unreadable("The pictures cannot be recorded.")
+    def fails(setup: Setup) -> Screen:
+        raise failure
 
-    one.show = refuses
-    with pytest.raises(Unreadable):
-        run(one)
+    one.show = fails
+    run(one)
+    assert sum("cannot be shown" in sentence and "goes on" in sentence for sentence in said) == 1
+    assert one.learner.learn_now().model is not None
+    kept = [frame for _, frame in read_stream(tmp_path / "flight.tlog").stamped_frames()]
+    assert kept == [frame for stamp, frame in FRAMES if stamp - FIRST < 9.0]

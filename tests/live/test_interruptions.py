@@ -178,6 +178,12 @@ def test_too_slow_a_stream_is_said_with_the_cure_and_tells_no_rows_until_it_is_f
     assert all(row.settled for row in cured.rows)
 
 
+def test_who_asks_for_rates_is_not_told_to():
+    made = replay(Flight(hover=FLIGHT.hover, motors=4.0).frames(end=18.0), asked=True)
+    (sentence,) = [sentence for sentence in made.sentences if "Hz" in sentence]
+    assert sentence.endswith("better 100.") and made.stream.status().verdict == sentence
+
+
 def test_no_attitude_and_no_motors_are_said():
     bare = [(time, data) for time, data in FLIGHT.frames(end=10.0) if data[7] != 36]
     assert "There is no message with motor outputs." in replay(bare).sentences

@@ -62,6 +62,50 @@ def test_no_answer_and_a_refusal_are_told():
     assert refused.due(9.0, {}) == []
 
 
+def settled(rate: float = 100.0) -> RateRequest:
+    """A request about one message that came at 4 Hz and now comes as it was asked for."""
+    request = RateRequest(VEHICLE, rate, messages=(30,))
+    request.due(0.0, {30: 4.0})
+    request.heard(told("MESSAGE_INTERVAL", 30, 250_000))
+    assert said(request.due(0.1, {30: 4.0})) == [(SET_INTERVAL, 30, 10_000)]
+    request.heard(told("COMMAND_ACK", SET_INTERVAL, 0))
+    assert request.due(5.0, {30: rate}) == []
+    return request
+
+
+@pytest.mark.parametrize("slow", [{30: 4.0}, {}])
+def test_what_was_set_back_is_asked_for_again_and_what_it_was_before_stays_known(slow):
+    request = settled()
+    assert said(request.due(30.0, slow)) == [(SET_INTERVAL, 30, 10_000)]
+    (event,) = request.events
+    assert "asked for again" in event
+    # Whoever sets it back over and over is not answered each second.
+    sent = 0
+    for second in range(31, 61):
+        request.heard(told("COMMAND_ACK", SET_INTERVAL, 0))
+        sent += len(request.due(float(second), slow))
+    assert sent <= 3
+    assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000)]
+
+
+def test_what_merely_falters_or_was_never_reached_is_not_asked_for_again():
+    request = settled()
+    assert [request.due(float(second), {30: 80.0}) for second in range(6, 60)] == [[]] * 54
+    slow = RateRequest(VEHICLE, 400.0, messages=(30,))
+    slow.due(0.0, {30: 4.0})
+    slow.heard(told("MESSAGE_INTERVAL", 30, 250_000))
+    slow.due(0.1, {30: 4.0})
+    slow.heard(told("COMMAND_ACK", SET_INTERVAL, 0))
+    assert [slow.due(float(second), {30: 50.0}) for second in range(1, 60)] == [[]] * 59
+
+
+def test_what_was_restored_is_confirmed():
+    request = settled()
+    assert request.restore() and request.restore(), "as often as need be"
+    request.heard(told("COMMAND_ACK", SET_INTERVAL, 0))
+    assert request.restore() == []
+
+
 def test_before_anything_was_set_there_is_nothing_to_give_back():
     request = RateRequest(VEHICLE, rate=50.0)
     request.due(0.0, {})

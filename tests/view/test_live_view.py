@@ -18,7 +18,8 @@ import psutil
 import pytest
 import rerun as rr
 from numpy.typing import NDArray
-from rerun_file import chunks, views
+from rerun.chunk import RrdReader
+from rerun_file import chunks, layouts, views
 from scipy.stats import norm
 
 import mavdem
@@ -203,6 +204,29 @@ def test_a_flight_is_shown_as_it_is_learnt_from(tmp_path: Path, monkeypatch: pyt
     assert "noise_precisions/w, process" in lines
 
 
+def test_other_channels_are_drawn_apart_from_those_before(tmp_path: Path) -> None:
+    path = tmp_path / "flight.rrd"
+    demand = CHANNELS._replace(dt=0.02, horizons=(1, 12, 50), input_names=("roll demand",), input_units=("",))
+    demand = demand._replace(output_units=("m", "m/s"))
+    with LiveView(CHANNELS, [RecordingFile(path)]) as view:
+        for i, channels in enumerate([CHANNELS, CHANNELS, demand, demand, demand, CHANNELS]):
+            view.change(channels)
+            view.put(TIME[i], 0, OUTPUTS[i], INPUTS[i][: len(channels.input_names)], estimate(20 + i, TIME[i]))
+    assert view.troubles == [] and not [text for text in texts(path, "TextLog:text") if "not drawn" in text]
+    lines = drawn(path)
+    np.testing.assert_array_equal(lines["inputs"][1], INPUTS[[0, 1, 5]])
+    np.testing.assert_array_equal(lines["setup_2/inputs"][1], INPUTS[2:5, :1])
+    np.testing.assert_allclose(lines["outputs/roll/now"][1][:, 3], np.degrees(OUTPUTS[[0, 1, 5], 0]))
+    np.testing.assert_allclose(lines["setup_2/outputs/roll/now"][1][:, 3], OUTPUTS[2:5, 0])
+    np.testing.assert_allclose(lines["setup_2/outputs/roll/ahead"][0], TIME[2:5] + 0.25)
+    assert any(name.startswith("setup_2/parameters/A") for name in lines)
+    assert sum("other channels" in text for text in texts(path, "TextLog:text")) == 2
+    # Three blueprints are sent; a file does not tell in which order.
+    first, third, second = sorted(map(set, layouts(path)), key=lambda origins: "setup_2/inputs" in origins)
+    assert first == third != second and first & second == {"status", "log"}
+    assert all(any(f"{name}/".startswith(f"{origin}/") for name in lines) for origin in second - {"status", "log"})
+
+
 def test_a_missing_stretch_parts_every_line(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
     with LiveView(CHANNELS, [RecordingFile(path)]) as view:
@@ -334,9 +358,13 @@ def test_closing_twice_is_closing_once_and_nothing_comes_after(recording: Path, 
     assert len(drawn(path)["inputs"][0]) == 1
 
 
-def test_a_file_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match=r"nowhere.flight\.rrd cannot be written"):
-        LiveView(CHANNELS, [RecordingFile(tmp_path / "nowhere" / "flight.rrd")])
+def test_a_file_that_cannot_be_written_is_told_of_and_ends_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "flight.rrd"
+    with LiveView(CHANNELS, [RecordingFile(tmp_path / "nowhere" / "flight.rrd"), RecordingFile(path)]) as view:
+        view.put(50.0, 0, OUTPUTS[0], INPUTS[0])
+    (trouble,) = view.troubles
+    assert "nowhere/flight.rrd cannot be written" in trouble
+    assert len(drawn(path)["inputs"][0]) == 1
 
 
 FLYING = """
@@ -492,6 +520,46 @@ def test_the_server_is_reached_from_this_machine_only() -> None:
         with pytest.raises(OSError, match=f"port {port} of 127.0.0.1 is taken"):
             WebServer(port, page_port)
     assert server.process.poll() is not None
+
+
+SERVING = """
+import sys, time
+from mavdem.view.live import WebServer
+server = WebServer(*map(int, sys.argv[1:]))
+time.sleep(60)
+"""
+
+
+def taken(port: int) -> bool:
+    with socket.socket() as probe:
+        return probe.connect_ex(("127.0.0.1", port)) == 0
+
+
+@pytest.mark.slow
+def test_the_server_ends_with_who_started_it_however_that_ends_and_reports_to_nobody(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ports = free_port(), free_port()
+    unset = ("CI", "XDG_CONFIG_HOME", "XDG_DATA_HOME")
+    environment = {name: value for name, value in os.environ.items() if name not in unset}
+    environment |= {"HOME": str(tmp_path), "FORCE_RERUN_ANALYTICS": "1"}
+    with subprocess.Popen([sys.executable, "-c", SERVING, *map(str, ports)], env=environment) as owner:
+        until(lambda: all(map(taken, ports)))
+        # What reports begins with a file that says who it is.
+        assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+        owner.kill()
+    until(lambda: not any(map(taken, ports)))
+
+
+@pytest.mark.slow
+def test_a_file_gets_its_table_without_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("CI", "XDG_CONFIG_HOME", "XDG_DATA_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    with LiveView(CHANNELS, [RecordingFile(tmp_path / "flight.rrd")]) as view:
+        view.put(50.0, 0, OUTPUTS[0], INPUTS[0])
+    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["flight.rrd"]
+    assert RrdReader(tmp_path / "flight.rrd").store() is not None
 
 
 def serving(port: int) -> subprocess.Popen[bytes]:

@@ -10,7 +10,6 @@ Usage: tools/bench/attached.py [MINUTES]
 
 from __future__ import annotations
 
-import os
 import resource
 import time
 from itertools import islice
@@ -20,8 +19,8 @@ from made_up_hover import hover, sender
 
 from mavdem.attached import Attached
 from mavdem.dem import Settings
-from mavdem.dem.workers import pool
 from mavdem.ingest.link import Link
+from mavdem.learning_process import LearningProcess
 from mavdem.live import LiveStream, Setup
 
 SECONDS = 30.0
@@ -46,8 +45,7 @@ def silence(_: object) -> None: ...
 def over_udp(rate: float) -> str:
     link = Link(f"udpin:127.0.0.1:{PORT}")
     vehicle = sender(rate, SECONDS, PORT)
-    with pool(1) as executor:
-        executor.submit(os.nice, 10)  # as mavdem live has it
+    with LearningProcess() as executor:
         attached = Attached(link, LiveStream(), Settings(), nobody, silence, silence, executor)
         vehicle.start()
         while attached.standing.vehicle is None:
@@ -66,7 +64,7 @@ def over_udp(rate: float) -> str:
 class Recorded:
     """A link from which everything comes at once."""
 
-    datagrams = True
+    datagrams, speaks_first = True, False
 
     def __init__(self, minutes: float) -> None:
         self._datagrams = hover(100.0, 60 * minutes)

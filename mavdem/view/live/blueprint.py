@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -27,23 +29,27 @@ class FollowingTimePanel(rrb.TimePanel):
         stream.log(self.blueprint_path(), following)
 
 
-def live_blueprint(channels: Channels) -> rrb.Blueprint:
-    """Words and noise, the flight, and what is made of it, in columns from left to right."""
+def live_blueprint(channels: Channels, root: str = "") -> rrb.Blueprint:
+    """Words and noise, the flight, and what is made of it, in columns from left to right; lines are below ``root``."""
+
+    def plot(name: str, origin: str, seconds: float) -> rrb.TimeSeriesView:
+        return _plot(name, f"{root}/{origin.lstrip('/')}", seconds)
+
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.Vertical(
                 rrb.TextDocumentView(origin="status", name="Status"),
                 _log(),
-                _plot("λ: log precisions of noise, those that are learnt", "noise_precisions", SETTLING),
-                _plot("Free energy action F̄ of the learner's memory, nats", "free_energy_action", SETTLING),
+                plot("λ: log precisions of noise, those that are learnt", "noise_precisions", SETTLING),
+                plot("Free energy action F̄ of the learner's memory, nats", "free_energy_action", SETTLING),
                 row_shares=[31, 27, 21, 21],
             ),
-            rrb.Vertical(*_flight(channels), row_shares=[*[30] * len(channels.output_names), 20, 20]),
+            rrb.Vertical(*_flight(channels, plot), row_shares=[*[30] * len(channels.output_names), 20, 20]),
             rrb.Vertical(
-                _plot("Surprise: how unusual a sample is", "surprise", RECENT),
-                _plot("Free energy F(t), nats: low where a sample surprises", "free_energy_of_samples", RECENT),
-                _plot("A: motion from motion, learnt entries", "parameters/A", SETTLING),
-                _plot("B: motion from motors, learnt entries", "parameters/B", SETTLING),
+                plot("Surprise: how unusual a sample is", "surprise", RECENT),
+                plot("Free energy F(t), nats: low where a sample surprises", "free_energy_of_samples", RECENT),
+                plot("A: motion from motion, learnt entries", "parameters/A", SETTLING),
+                plot("B: motion from motors, learnt entries", "parameters/B", SETTLING),
                 row_shares=[20, 20, 24, 36],
             ),
             column_shares=[26, 41, 33],
@@ -61,11 +67,11 @@ def _log() -> rrb.TextLogView:
     return rrb.TextLogView(origin="log", name="Log", columns=columns)
 
 
-def _flight(channels: Channels) -> list[rrb.View]:
+def _flight(channels: Channels, plot: Callable[[str, str, float], rrb.TimeSeriesView]) -> list[rrb.View]:
     """One above the other over the same seconds."""
     far = ahead_of(channels)
     outputs = [
-        _plot(
+        plot(
             f"{named(name.capitalize(), readable(unit).name)}: measured, expected, and predicted {far} ahead",
             rr.new_entity_path(["outputs", name]),
             RECENT,
@@ -75,7 +81,7 @@ def _flight(channels: Channels) -> list[rrb.View]:
     units = {per_second(channels.output_units[i]) for i in pushed(channels)}
     wind = named("Disturbance: wind and all else the model leaves out", _common(units))
     motors = named("Motors", _common(set(channels.input_units)))
-    return [*outputs, _plot(wind, "disturbance", RECENT), _plot(motors, "inputs", RECENT)]
+    return [*outputs, plot(wind, "disturbance", RECENT), plot(motors, "inputs", RECENT)]
 
 
 def _plot(name: str, origin: str, seconds: float) -> rrb.TimeSeriesView:

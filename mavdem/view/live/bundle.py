@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import rerun as rr
@@ -32,6 +32,10 @@ class Bundle:
     colours: tuple[Colour, ...]
     widths: tuple[float, ...]
     marked: bool = False
+
+    def under(self, root: str) -> Bundle:
+        """The same below another entity; an empty ``root`` is none."""
+        return replace(self, path=f"{root}/{self.path}") if root else self
 
     def send_style(self, recording: rr.RecordingStream) -> None:
         """Says how the lines are drawn; once a recording."""

@@ -26,15 +26,21 @@ ALARM = (255, 92, 92)
 
 
 class Content:
-    """Writes batches of rows into one recording; remembers what parts one batch from the next."""
+    """Writes batches of rows of one set of channels into one recording; remembers what parts one from the next.
 
-    def __init__(self, channels: Channels) -> None:
+    Attributes:
+        root: entity below which they are drawn; empty for none.
+        bundles: the lines, but the model's, by their path below it.
+    """
+
+    def __init__(self, channels: Channels, root: str = "") -> None:
+        self.root = root
         self._channels = channels
-        self._model = ModelLines(channels)
+        self._model = ModelLines(channels, root)
         self._segment: int | None = None
         self._shown = [readable(unit) for unit in channels.output_units]
         self._pushed, self._far = pushed(channels), far(channels)
-        self.bundles = _bundles(channels, self._shown)
+        self.bundles = {path: bundle.under(root) for path, bundle in _bundles(channels, self._shown).items()}
 
     def begin(self, recording: rr.RecordingStream) -> None:
         """Says how everything is drawn; once a recording, before the first row."""

@@ -33,27 +33,29 @@ class LiveView:
     """
 
     def __init__(self, channels: Channels, sinks: Sequence[Sink]) -> None:
-        """Opens the sinks, and waits for none that is not there yet.
+        """Opens the sinks, and waits for none that is not there yet; of one that cannot be written ``troubles`` tell.
 
         Args:
             channels: what the numbers are.
             sinks: where to show and record.
-
-        Raises:
-            OSError: a file cannot be written.
         """
         self._clock, self._lock = Clock(), Lock()
-        self._closed = False
+        self._channels, self._closed = channels, False
         recording_id = uuid4()
-        try:
-            self._outlets = [Outlet(sink, channels, recording_id) for sink in sinks]
-        except OSError:
-            for sink in sinks:
-                sink.close()
-            raise
+        self._outlets = [Outlet(sink, channels, recording_id) for sink in sinks]
         for outlet in self._outlets:
             outlet.begin()
         atexit.register(self.close)
+
+    def change(self, channels: Channels) -> None:
+        """Says what rows are of from now on: other channels are shown instead of those before, which stay recorded.
+
+        Args:
+            channels: what the numbers are; nothing changes with those there are.
+        """
+        if channels != self._channels:
+            self._channels = channels
+            self.log("other channels are shown from here on; those before stay in the recording")
 
     def put(
         self,
@@ -79,7 +81,7 @@ class LiveView:
         shown, shift = self._shown(time)
         # Copied, since callers may use their arrays again.
         y, u = np.array(outputs, np.float64), np.array(inputs, np.float64)
-        row = Row(shown, shift, segment, y, u, estimate, learned)
+        row = Row(shown, shift, segment, y, u, estimate, learned, self._channels)
         for outlet in self._outlets:
             outlet.rows.put(row)
 

@@ -29,8 +29,8 @@ TOGETHER = 10
 class ModelLines:
     """What was learnt over time, of the parameters that are learnt at all."""
 
-    def __init__(self, channels: Channels) -> None:
-        self._channels = channels
+    def __init__(self, channels: Channels, root: str = "") -> None:
+        self._channels, self._root = channels, root
         self.begin()
 
     def begin(self) -> None:
@@ -49,7 +49,7 @@ class ModelLines:
                 continue
             self._model = row.estimate.model
             for bundle, values in self._points(row.estimate, row.learned):
-                self._waiting[bundle].append((row.time, values))
+                self._waiting[bundle.under(self._root)].append((row.time, values))
             self._models += 1
         if self._models >= TOGETHER:
             self.send(recording)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
+from itertools import groupby
 from threading import Event, Thread
 from uuid import UUID
 
@@ -39,16 +40,12 @@ class Outlet:
     """
 
     def __init__(self, sink: Sink, channels: Channels, recording_id: UUID) -> None:
-        """Opens the sink, unless it is one to be waited for.
-
-        Raises:
-            OSError: it cannot be opened.
-        """
+        """Opens the sink, unless it is one to be waited for; one that cannot be opened is given nothing."""
         self.sink, self._channels, self._id = sink, channels, recording_id
         self.rows, self.lines = Backlog[Row](MOST_ROWS), Backlog[LogLine](MOST_LINES)
         self.status = Status()
         self.trouble = ""
-        self._content = Content(channels)
+        self._contents = {channels: Content(channels)}
         self._recording: rr.RecordingStream | None = None
         self._last: Row | None = None
         self._told_dropped, self._next_status, self._next_try = 0, 0.0, 0.0
@@ -56,8 +53,8 @@ class Outlet:
         if not sink.patient:
             try:
                 self._open()
-            except RuntimeError as error:
-                raise OSError(f"{sink.name} cannot be written: {error}") from error
+            except (RuntimeError, OSError) as error:
+                self._give_up(f"{sink.name} cannot be written: {error}")
         self._thread = Thread(target=self._run, name=f"to {sink.name}", daemon=True)
 
     def begin(self) -> None:
@@ -92,7 +89,7 @@ class Outlet:
             assert self._recording is not None
             self._send(self._recording)
             if last:
-                self._content.end(self._recording)
+                self._contents[self._channels].end(self._recording)
             self._recording.flush(timeout_sec=DELIVERED_WITHIN)
             self.sink.delivered()
             self.trouble = ""
@@ -127,28 +124,45 @@ class Outlet:
         if not self.sink.open(recording):
             self.trouble = f"nobody listens at {self.sink.name}"
             return False
-        recording.send_blueprint(live_blueprint(self._channels))
+        self._recording = recording
         recording.send_recording_name(self._channels.title)
-        self._content.begin(recording)
+        for content in self._contents.values():
+            content.begin(recording)
+        self._lay_out(recording)
         recording.flush(timeout_sec=DELIVERED_WITHIN)
         self.sink.delivered()
-        self._recording = recording
         return True
+
+    def _lay_out(self, recording: rr.RecordingStream) -> None:
+        recording.send_blueprint(live_blueprint(self._channels, self._contents[self._channels].root))
+
+    def _change(self, recording: rr.RecordingStream, channels: Channels) -> None:
+        """Shows other channels from now on; their lines are no continuation of those before."""
+        self._contents[self._channels].end(recording)
+        self._channels = channels
+        if channels not in self._contents:
+            self._contents[channels] = Content(channels, f"setup_{len(self._contents) + 1}")
+            self._contents[channels].begin(recording)
+        self._lay_out(recording)
 
     def _send(self, recording: rr.RecordingStream) -> None:
         rows = self.rows.take()
         if rows:
             self._last = rows[-1]
-        self._content.rows(recording, rows)
+        for channels, of_these in groupby(rows, key=lambda row: row.channels):
+            if channels != self._channels:
+                self._change(recording, channels)
+            self._contents[channels].rows(recording, list(of_these))
+        content = self._contents[self._channels]
         for line in self.lines.take():
-            self._content.log(recording, line)
+            content.log(recording, line)
         now = time.monotonic()
         if self._last is not None and now >= self._next_status:
             self._next_status = now + STATUS_PERIOD
             dropped = self.rows.dropped
             if dropped > self._told_dropped:
                 text = f"{dropped - self._told_dropped} rows are not shown here: this view could not keep up"
-                self._content.log(recording, LogLine(self._last.time, "WARN", text))
+                content.log(recording, LogLine(self._last.time, "WARN", text))
                 self._told_dropped = dropped
             document = status_document(self._channels, self.status, self._last, dropped)
-            self._content.status(recording, self._last.time, document)
+            content.status(recording, self._last.time, document)

@@ -41,6 +41,7 @@ class Row(NamedTuple):
         outputs, inputs: (m,) and (r,).
         estimate: of this sample; ``None`` where there is no learner.
         learned: the learner's last whole learning.
+        channels: what outputs and inputs are.
     """
 
     time: float
@@ -50,6 +51,7 @@ class Row(NamedTuple):
     inputs: Array
     estimate: Estimate | None
     learned: Learned | None
+    channels: Channels
 
 
 class LogLine(NamedTuple):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import socket
 import subprocess
-import sys
 from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 from urllib.parse import urlsplit
 
 import rerun as rr
+
+from mavdem.view.rerun_program import rerun_command, rerun_environment
 
 REACHED_WITHIN = 0.3
 """Seconds in which a viewer must take a connection."""
@@ -60,6 +61,10 @@ class RecordingFile:
 
     While it grows it has no table of its chunks, which would keep a kilobyte a chunk in memory until it is written. The
     viewer does without, other readers do not: at the end Rerun's own tool puts one in.
+
+    Attributes:
+        path: of the file.
+        broken: whether something could not be written.
     """
 
     period = 1.0
@@ -69,7 +74,13 @@ class RecordingFile:
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
         self.name = str(self.path)
-        self._whole, self._failed = 0, False
+        self.broken = False
+        self._whole = 0
+
+    @property
+    def kept(self) -> bool:
+        """Whether there is any of it in the file."""
+        return self._whole > 0
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Leads the recording into the file; see :class:`Sink`."""
@@ -82,17 +93,25 @@ class RecordingFile:
 
     def failed(self) -> None:
         """See :class:`Sink`."""
+        self.broken = True
         os.truncate(self.path, self._whole)
-        self._failed = True
 
     def close(self) -> None:
         """See :class:`Sink`; where there is no room for a table the file stays as it is."""
-        if not self._whole or self._failed:
+        if not self._whole or self.broken:
             return
         with_table = self.path.with_name(f".{self.path.name}.unfinished")
-        command = [sys.executable, "-m", "rerun", "rrd", "optimize", str(self.path), "-o", str(with_table)]
+        command = rerun_command("rrd", "optimize", str(self.path), "-o", str(with_table))
         with suppress(OSError, subprocess.TimeoutExpired):
-            done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=ORDERED_WITHIN)
+            # A session of its own, so that a Ctrl-C of impatience does not end it.
+            done = subprocess.run(
+                command,
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                timeout=ORDERED_WITHIN,
+                start_new_session=True,
+                env=rerun_environment(),
+            )
             if done.returncode == 0:
                 os.replace(with_table, self.path)
         with suppress(FileNotFoundError):

@@ -11,7 +11,9 @@ from contextlib import suppress
 from pathlib import Path
 from urllib.parse import quote
 
+from mavdem.view.live import leash
 from mavdem.view.live.sinks import RecordingFile, Sink, Viewer
+from mavdem.view.rerun_program import rerun_command, rerun_environment
 from mavdem.view.show import has_screen
 
 LOOPBACK = "127.0.0.1"
@@ -43,14 +45,15 @@ class WebServer(Viewer):
         for each in (port, page_port):
             _require_free(each)
         self.page = f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}"
-        self.process = _start("--serve-web", "--port", str(port), "--web-viewer-port", str(page_port))
+        self.process = _start("--serve-web", "--port", str(port), "--web-viewer-port", str(page_port), leashed=True)
 
     def close(self) -> None:
         """Ends it."""
         with suppress(ProcessLookupError):
             # What was started is Python, which started the server: end both, also one that hangs.
             os.killpg(self.process.pid, signal.SIGKILL)
-        self.process.wait()
+        with self.process:  # closes the leash too
+            self.process.wait()
 
 
 def native_viewer() -> Viewer:
@@ -91,11 +94,17 @@ def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, co
     return sinks
 
 
-def _start(*options: str) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "rerun", "--bind", LOOPBACK, "--server-memory-limit", SERVER_MEMORY, *options]
+def _start(*options: str, leashed: bool = False) -> subprocess.Popen[bytes]:
+    """Rerun's program, which ends with this process where it is ``leashed``."""
+    command = rerun_command("--bind", LOOPBACK, "--server-memory-limit", SERVER_MEMORY, *options)
     # A session of its own, so that Ctrl-C ends the flight and not the picture of it; silent, since nobody reads it.
     return subprocess.Popen(
-        command, start_new_session=True, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        [sys.executable, "-I", leash.__file__, *command] if leashed else command,
+        start_new_session=True,
+        stdin=subprocess.PIPE if leashed else subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=rerun_environment(),
     )
 
 
@@ -105,4 +114,6 @@ def _require_free(port: int) -> None:
         try:
             probe.bind((LOOPBACK, port))
         except OSError as error:
-            raise OSError(f"port {port} of {LOOPBACK} is taken: does another view serve it?") from error
+            raise OSError(
+                f"port {port} of {LOOPBACK} is taken: end what listens there, perhaps another view"
+            ) from error
