@@ -49,6 +49,7 @@ def test_the_baselines_example_forecasts(monkeypatch, capsys):
         "docs/baselines.md",
         "docs/comparison.md",
         "docs/engine.md",
+        "docs/order.md",
         "docs/scenarios.md",
     ],
 )

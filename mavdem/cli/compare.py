@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from time import perf_counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 
 from mavdem.cli.output import json_text, print_json, printable, progress, say, say_aside
 from mavdem.cli.results import check_folder, files_in, folder_named
+from mavdem.cli.several import Refused, check_sources, names_of, nothing_left
 from mavdem.cli.source import motion_options, read_source
 from mavdem.cli.summary import print_account
 from mavdem.comparison import METHODS, Comparison, account, outcomes
@@ -26,20 +27,6 @@ NAMES = ("comparison.json", "windows.csv")
 
 UNREADABLE, UNSUPPORTED = 2, 1
 """Exit codes."""
-
-
-class Refused(NamedTuple):
-    """A SOURCE of which nothing can be compared.
-
-    Attributes:
-        name: what it is called.
-        source: as it was named on the command line.
-        error: why not.
-    """
-
-    name: str
-    source: str
-    error: NotLearnable | Unreadable
 
 
 @click.command()
@@ -101,19 +88,19 @@ def compare(
     A SOURCE of which nothing can be compared is told, and the others stand. Ends with 0 when a flight was compared,
     with 1 when none was, and with 2 when a SOURCE cannot be read.
     """
-    _check_sources(sources)
+    check_sources(sources)
     if out is not None:
         check_folder(out, NAMES)
     began = perf_counter()
     found, refused = _cut(sources, (axis, vehicle, inputs), (train, test, hop))
     if not found:
-        raise _nothing_left(refused)
+        raise nothing_left(refused, "compared")
     compared = _compare([window for one in found.values() for window in one])
     report = {
         **compared.to_dict(from_zero),
         "axis": axis,
-        "sources": {name: source for name, source in zip(_names(sources), sources, strict=True) if name in found},
-        "refused": [{"flight": one.name, "source": one.source, "error": _reason(one.error)} for one in refused],
+        "sources": {name: source for name, source in zip(names_of(sources), sources, strict=True) if name in found},
+        "refused": [one.values for one in refused],
         "files": {} if out is None else {name: str(out / name) for name in NAMES},
         "seconds": round(perf_counter() - began, 3),
     }
@@ -129,24 +116,12 @@ def compare(
         context.exit(UNREADABLE)
 
 
-def _check_sources(sources: Sequence[str]) -> None:
-    for place, source in enumerate(sources):
-        if source in sources[:place]:
-            raise click.BadParameter(f"{source} is named twice: each flight counts once.", param_hint="SOURCE")
-
-
-def _names(sources: Sequence[str]) -> list[str]:
-    """What flights are called: the file's name without its ending, or all of it where others have the same."""
-    stems = [printable(Path(source).stem) for source in sources]
-    return [stem if stems.count(stem) == 1 else printable(source) for stem, source in zip(stems, sources, strict=True)]
-
-
 def _cut(
     sources: Sequence[str], of_flight: tuple[str, str | None, str | None], samples: tuple[int | None, ...]
 ) -> tuple[dict[str, tuple[Window, ...]], list[Refused]]:
     """Windows by the flight's name, and what has none."""
     found, refused = {}, []
-    for name, source in zip(_names(sources), sources, strict=True):
+    for name, source in zip(names_of(sources), sources, strict=True):
         try:
             flight, _ = learnable_flight(read_source(source), *of_flight)
             found[name] = _windows(name, flight, *samples)
@@ -168,22 +143,6 @@ def _windows(name: str, flight: Flight, train: int | None, test: int | None, hop
         f"{ahead} to forecast are more.",
         f"Ask for fewer: `--train {fewer_train} --test {fewer_test}`." if fits else "Record a longer flight.",
     )
-
-
-def _reason(error: NotLearnable | Unreadable) -> dict[str, str]:
-    if isinstance(error, NotLearnable):
-        return {"reason": error.reason, "remedy": error.remedy}
-    return {"reason": str(error), "remedy": ""}
-
-
-def _nothing_left(refused: Sequence[Refused]) -> NotLearnable | Unreadable:
-    """The first error, beginning with those that are not the data's; of several with the name of its SOURCE."""
-    first = min(refused, key=lambda one: isinstance(one.error, NotLearnable))
-    if len(refused) == 1:
-        return first.error
-    told = _reason(first.error)
-    reason = f"None of the {len(refused)} flights can be compared; {first.source}: {told['reason']}"
-    return Unreadable(reason) if isinstance(first.error, Unreadable) else NotLearnable(reason, told["remedy"])
 
 
 def _compare(cut: Sequence[Window]) -> Comparison:

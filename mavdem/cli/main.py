@@ -38,6 +38,7 @@ class _Commands(click.Group):
         click.Command("info", help="Says what a log holds, and whether a model can be learnt from it."),
         click.Command("learn", help="Learns a linear model from a log and forecasts with it."),
         click.Command("compare", help="Compares DEM with other methods, window by window."),
+        click.Command("order", help="Finds how many states the motion has, by the free energy."),
         click.Command("live", help="Attaches to a link and learns while the vehicle flies."),
         click.Command("convert", help="Converts a log to another file format."),
         click.Command("fly", help="Flies a simulated quadrotor in wind."),
@@ -64,6 +65,10 @@ def mavdem() -> None:
     \b
     How does it do beside other methods?
       mavdem compare flight.tlog
+
+    \b
+    How many states has the motion?
+      mavdem order flight.tlog
 
     \b
     No log at hand? Fly one:

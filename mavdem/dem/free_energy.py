@@ -207,6 +207,7 @@ def optimal_terms(model: GenerativeModel, samples: Samples, belief: Belief) -> M
     T = samples.number
     squares = model.precision(np.exp(belief.lambda_)) * belief.moments.errors(belief.theta)
     of_y, of_v, of_x = model.errors
+    of_x = slice(of_x.start, None)  # with x itself, where something is known of it
     theta_error, lambda_error = belief.theta - prior.theta_mean, belief.lambda_ - prior.lambda_mean
     log_precision = model.log_precision_at_zero + float(model.log_precision_slope @ belief.lambda_)
     return {

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 class Samples(NamedTuple):
     """The data, as far as the steps need them: the number of generalized samples, and their second moments."""
 
-    number: int
+    number: float  # whole, unless neighbours that tell the same count for less than one each
     gram: Array  # Σ_t [ỹ; η̃][ỹ; η̃]ᵀ
 
     @classmethod
@@ -47,6 +47,9 @@ class GenerativeModel:
         output_groups, state_groups: (m,) and (n,) which entry of λ each output's and each state's noise has.
         input_precision: P̃ᵛ, ((d + 1)r, (d + 1)r).
         prior: of θ and λ.
+        state_precision: of x about 0 at every sample, (n, n). ``None``: nothing is known of x before it is seen. What
+            is believed of X is then no probability, so that F̄ of different n does not compare, and where θ leaves the
+            unit of x free, F̄ is highest where C is nothing.
 
     Raises:
         ValueError: names the argument of the wrong shape, or that is not a positive definite precision.
@@ -64,6 +67,7 @@ class GenerativeModel:
     state_groups: NDArray[np.intp]
     input_precision: Array
     prior: Prior
+    state_precision: Array | None = None
 
     @property
     def sizes(self) -> tuple[int, int, int]:
@@ -84,6 +88,7 @@ class GenerativeModel:
             ("input_precision", self.input_precision, r * (self.d + 1)),
             ("prior.theta_precision", prior.theta_precision, k),
             ("prior.lambda_precision", prior.lambda_precision, g),
+            ("state_precision", np.eye(n) if self.state_precision is None else self.state_precision, n),
         ):
             require_positive_definite(matrix, name, size)
 
@@ -93,6 +98,12 @@ class GenerativeModel:
         y = self.m * (self.p + 1)
         v = y + self.r * (self.d + 1)
         return slice(0, y), slice(y, v), slice(v, v + self.n * (self.q + 1))
+
+    @property
+    def about_zero(self) -> slice:
+        """Rows of ε̃ after these: x itself, where its precision is given."""
+        end = self.errors[2].stop
+        return slice(end, end if self.state_precision is None else end + self.n)
 
     @property
     def hidden(self) -> slice:
@@ -113,7 +124,8 @@ class GenerativeModel:
         y, v, x = m * (p + 1), r * (d + 1), n * (p + 1)
         of_y, of_v, of_x = self.errors
         at_x, at_v = slice(y + v, y + v + x), slice(y + v + x, None)
-        fixed = np.zeros((of_x.stop, y + v + x + v))
+        fixed = np.zeros((self.about_zero.stop, y + v + x + v))
+        fixed[self.about_zero, at_x] = np.eye(self.about_zero.stop - self.about_zero.start, x)
         fixed[of_y, :y] = np.eye(y)
         fixed[of_v, y : y + v] = -np.eye(v)
         fixed[of_v, at_v] = np.eye(v)
@@ -138,11 +150,13 @@ class GenerativeModel:
     def _precision_parts(self) -> tuple[Array, NDArray[np.intp]]:
         """Π̃ at λ = 0, and for each column its entry of λ, or −1."""
         of_y, of_v, of_x = self.errors
-        unit = np.zeros((of_x.stop, of_x.stop))
+        unit = np.zeros((self.about_zero.stop, self.about_zero.stop))
         unit[of_y, of_y] = np.kron(self.output_correlation, np.eye(self.m))
         unit[of_v, of_v] = self.input_precision
         unit[of_x, of_x] = np.kron(self.state_correlation, np.eye(self.n))
-        groups = np.full(of_x.stop, -1)
+        if self.state_precision is not None:
+            unit[self.about_zero, self.about_zero] = self.state_precision
+        groups = np.full(len(unit), -1)
         groups[of_y] = np.tile(self.output_groups, self.p + 1)
         groups[of_x] = np.tile(self.state_groups, self.q + 1)
         return unit, groups

@@ -1,0 +1,52 @@
+"""`mavdem order`: the table, the document, and flights that do not tell."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mavdem.cli.main import main
+
+LOGS = Path(__file__).parents[2] / "logs"
+STEPS, SLOW = LOGS / "ardupilot_wind5_steps.tlog", LOGS / "ardupilot_default_rates.tlog"
+
+
+@pytest.mark.slow
+def test_the_order_and_why_are_told(capsys):
+    assert main(["order", str(STEPS), str(SLOW), "--max-order", "3", "--json"]) == 0
+    out, err = capsys.readouterr()
+    document = json.loads(out)
+    assert document["flights"] == ["ardupilot_wind5_steps"]
+    heights = np.array(document["free_energy"][0])
+    assert document["orders"] == [1, 2, 3] and np.isfinite(heights).all()
+    # No order above the chosen one gains three nats, and the one below it loses more.
+    assert (heights[document["chosen"] :] <= heights[document["chosen"] - 1] + 3).all()
+    assert document["chosen"] == 1 or heights[document["chosen"] - 2] < heights[document["chosen"] - 1] - 3
+    assert [one["flight"] for one in document["refused"]] == ["ardupilot_default_rates"]
+    assert "does not tell" in err
+
+
+def test_a_flight_that_cannot_tell_ends_with_one(capsys):
+    assert main(["order", str(SLOW)]) == 1
+    out, err = capsys.readouterr()
+    assert not out and "4" in err
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["order"],
+        ["order", "nowhere.tlog"],
+        ["order", str(STEPS), str(STEPS)],
+        ["order", str(STEPS), "--max-order", "0"],
+        ["order", str(STEPS), "--max-order", "99"],
+        ["order", "udpin:127.0.0.1:14550"],
+    ],
+)
+def test_bad_usage_ends_with_two(words, capsys):
+    assert main(words) == 2
+    out, err = capsys.readouterr()
+    assert not out and err.strip() and "Traceback" not in err
