@@ -52,7 +52,7 @@ PEERS = (
 
 METHODS = (DEM, DEM_WITHOUT, PAPER, PAPER_WITHOUT, *PEERS)
 """What ``mavdem compare`` compares; the first with each other. p = 1 is what the paper calls without generalized
-coordinates (section V.H): the first derivative, which the model itself needs, and none beyond."""
+coordinates (section V.G): the first derivative, which the model itself needs, and none beyond."""
 
 GENERALIZED_COORDINATES = ((DEM.name, DEM_WITHOUT.name), (PAPER.name, PAPER_WITHOUT.name))
 """Names of methods that differ in nothing else: with generalized coordinates, and without."""
