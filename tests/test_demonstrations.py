@@ -40,6 +40,7 @@ def test_the_noise_has_its_size_and_colour():
     assert np.mean(w[lag:] * w[:-lag]) / w.var() == pytest.approx(np.exp(-1), abs=4 / np.sqrt(independent))
 
 
+@pytest.mark.slow
 def test_fifty_priors_end_at_one_point():
     paths = circle.climbs(Settings(), Settings().samples(World(), seed=0))
     ends = np.array([beliefs[-1].theta[:2] for beliefs in paths])

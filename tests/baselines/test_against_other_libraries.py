@@ -61,6 +61,7 @@ def test_without_noise_nfoursid_finds_the_same_system(order, monkeypatch):
     np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(theirs).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize("weighting", ["CVA", "MOESP"])
 def test_under_noise_it_is_nearer_to_nfoursid_than_to_the_truth(weighting, order, monkeypatch):

@@ -59,6 +59,7 @@ def all_climbs(segments, order, iterations):
     return [climb(start, segments, iterations, False, np.inf) for start in starts]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("feedback", [None, 0.5 * np.eye(2)], ids=["open", "closed"])
 def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
@@ -73,6 +74,7 @@ def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
     assert 0 < 2 * (found - of_truth) < chi2.ppf(1 - 1e-5, freedom)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize("bound", [np.inf, 0.9])
 @pytest.mark.parametrize("train", [TRAIN, [TRAIN[:300], TRAIN[310:]], growing()], ids=["windy", "cut", "growing"])
@@ -90,6 +92,7 @@ def test_the_likelihood_rises_and_covariances_stay_positive(order, bound, train)
             assert np.linalg.eigvalsh(covariance).min() > 0.99 * LEAST_NOISE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("feedthrough", [False, True])
 def test_with_hardly_any_noise_the_forecast_is_nearly_exact(order, feedthrough):
@@ -118,6 +121,7 @@ def test_the_authors_em_is_matched_within_its_spread_over_starts():
     assert evaluate.mspe(test.outputs, em.forecast(test.inputs)).total < np.median(theirs["mspe_x0last_aligned"])
 
 
+@pytest.mark.slow
 def test_units_do_not_matter():
     one, two = (
         baselines.em(train, 2).forecast(test.inputs)
@@ -126,6 +130,7 @@ def test_units_do_not_matter():
     np.testing.assert_allclose(back_from_other_units(two), one, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", NOTHING_NEW)
 def test_inputs_that_tell_nothing_new_change_nothing(more):
     # The random starts know how many inputs there are and of what kind; of one start the climb must be the same.
@@ -142,6 +147,7 @@ def test_inputs_that_stand_still_leave_what_the_outputs_do_by_themselves():
     assert not em.model.B.any() and np.isfinite(em.forecast(still.inputs[700:])).all()
 
 
+@pytest.mark.slow
 def test_an_unstable_model_is_said_to_be_and_made_stable_only_when_asked():
     as_found, asked = (baselines.em(growing(), 1, stable=stable) for stable in (False, True))
     assert not as_found.stable and not as_found.stabilised and "unstable" in as_found.cautions[0]
@@ -154,6 +160,7 @@ def test_what_has_not_settled_is_said(monkeypatch):
     assert any("still rising after 5 iterations" in caution for caution in baselines.em(TRAIN, 2).cautions)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_model():
     one, two = (baselines.em(TRAIN[:300], 2, seed=3).model for _ in range(2))
     np.testing.assert_array_equal(one.A, two.A)

@@ -30,6 +30,7 @@ def determinant(identified):
     return np.linalg.slogdet(errors.T @ errors / len(errors))[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("feedback", [None, -0.3 * np.eye(2)], ids=["open", "closed"])
 def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
@@ -62,6 +63,7 @@ def test_sensitivities_are_the_slopes_of_the_errors(order, worst_modes, monkeypa
         np.testing.assert_allclose(slopes[:, :, i], numerical, atol=1e-6 * np.abs(slopes).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("train", [TRAIN, growing(), [TRAIN[:300], TRAIN[310:]]], ids=["windy", "growing", "cut"])
 def test_errors_are_never_above_those_of_any_subspace_model(order, train):
@@ -90,6 +92,7 @@ def test_units_do_not_matter():
     np.testing.assert_allclose(back_from_other_units(two), one, rtol=1e-4, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("more", NOTHING_NEW)
 def test_inputs_that_tell_nothing_new_change_nothing(more):
     more_inputs = with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs))

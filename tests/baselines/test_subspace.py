@@ -20,6 +20,7 @@ from mavdem.baselines.riccati import steady_gain
 WEIGHTINGS = ["CVA", "MOESP", "SSARX"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2, 3, 4])
 @pytest.mark.parametrize("weighting", WEIGHTINGS)
 def test_a_system_is_recovered_to_within_three_times_what_an_efficient_estimate_errs(weighting, order):
@@ -31,6 +32,7 @@ def test_a_system_is_recovered_to_within_three_times_what_an_efficient_estimate_
         assert bound.distance(baselines.subspace(flight, order, weighting).model) < 3**2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2, 3])
 def test_in_closed_loop_ssarx_alone_is_consistent(order):
     system = random_system(order, order)

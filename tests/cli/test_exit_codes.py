@@ -157,6 +157,7 @@ def test_an_interrupt_is_130(monkeypatch, capsys):
     assert "Traceback" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_closed_pipe_is_no_error():
     reader, writer = os.pipe()
     os.close(reader)
@@ -166,6 +167,7 @@ def test_a_closed_pipe_is_no_error():
     assert done.stderr == b""
 
 
+@pytest.mark.slow
 def test_a_terminal_without_unicode_gets_its_answer(tmp_path):
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
     words = [*MAVDEM, "learn", FLIGHT, "--out", tmp_path]

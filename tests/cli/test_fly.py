@@ -42,6 +42,7 @@ def refused(capsys, *words: object) -> str:
     return said.err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [".tlog", ".mcap"])
 def test_a_flight_with_its_truth(kind, tmp_path, capsys):
     out = tmp_path / f"flight{kind}"
@@ -58,6 +59,7 @@ def test_a_flight_with_its_truth(kind, tmp_path, capsys):
         assert np.abs(read["rollspeed"] - known).max() < 0.1
 
 
+@pytest.mark.slow
 def test_the_same_command_writes_the_same_bytes(tmp_path, capsys):
     mine = tmp_path / "mine.toml"
     mine.write_text("duration = 20\n[[wind]]\nkind = 'gaussian'\nsd = 1\ns = 0.2\n[faults]\nloss = 0.1\nreboot = 10\n")
@@ -304,6 +306,7 @@ def test_a_name_is_told_in_one_line(tmp_path, capsys):
     assert all(line.startswith(("Flew", "Wrote")) for line in said.splitlines())
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_is_blown_away_is_told(tmp_path, capsys):
     (tmp_path / "mine.toml").write_text("[[wind]]\nkind = 'steady'\nspeed = 40\n")
     assert main(["fly", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "f.tlog"), *SHORT]) == 0

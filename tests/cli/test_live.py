@@ -90,6 +90,7 @@ def test_a_view_that_is_served_already_is_said_in_a_sentence(capsys):
     assert "port 9876 of 127.0.0.1 is taken" in said and said.endswith("view.\n")
 
 
+@pytest.mark.slow
 def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, monkeypatch):
     folder = tmp_path / "gone"
     folder.mkdir()

@@ -112,6 +112,7 @@ def test_posterior_is_in_physical_units_and_narrower_than_the_prior():
     assert learned.model_sd.B.shape == (2, r)
 
 
+@pytest.mark.slow
 def test_free_energy_never_falls_and_its_terms_sum_to_it():
     for settings in (Settings(), Settings.paper()):
         free_energy = learn(simulated(wind=0.5)[:700], settings).free_energy
@@ -120,6 +121,7 @@ def test_free_energy_never_falls_and_its_terms_sum_to_it():
         np.testing.assert_allclose(np.sum(list(free_energy.terms.values()), axis=0), np.asarray(free_energy))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("settings", [Settings(), Settings.paper(), Settings(order=4)])
 def test_json_both_ways_keeps_every_forecast(settings):
     flight = simulated(wind=0.5)
@@ -252,6 +254,7 @@ def test_unstable_models_are_said_to_be():
     assert any("unstable" in caution for caution in learned.cautions)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("m", [1, 3])
 def test_other_numbers_of_outputs(m):
     flight = simulated(wind=0.5)
@@ -302,6 +305,7 @@ def test_derivative_pairs_survive_noise():
     assert derivative_pairs(alone(noisy)) == ((0, 1),)
 
 
+@pytest.mark.slow
 def test_default_fits_settle_where_no_step_leads_higher():
     flight = simulated(wind=0.5)[:700]
     learned = learn(flight)
@@ -320,6 +324,7 @@ def test_default_fits_settle_where_no_step_leads_higher():
         assert free_energy_action(model, samples, other) - height < 0.1
 
 
+@pytest.mark.slow
 def test_a_climb_that_its_limit_ended_is_cautioned_against_with_what_to_do():
     learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0, iterations=5))
     (told,) = [caution for caution in learned.cautions if "iterations" in caution]
@@ -327,6 +332,7 @@ def test_a_climb_that_its_limit_ended_is_cautioned_against_with_what_to_do():
     assert not any("iterations" in caution for caution in learn(simulated(wind=0.5)[:700]).cautions)
 
 
+@pytest.mark.slow
 def test_what_was_learnt_is_shown_in_a_line():
     learned = learn(simulated()[:700], Settings(window=9, parameter_precision=1.0))
     shown = repr(replace(learned, cautions=("It rained.",)))

@@ -42,6 +42,7 @@ def test_the_order_is_found():
     assert right >= binom.ppf(1e-3, len(runs), 0.9)
 
 
+@pytest.mark.slow
 def test_orders_that_the_data_do_not_allow_are_not_tried_and_said():
     choice = choose_order(simulated(samples=100, wind=1.0), max_order=8)
     told_orders = np.isfinite(choice.free_energy[0])

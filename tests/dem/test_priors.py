@@ -170,6 +170,7 @@ def test_noise_precisions_may_be_shared_by_groups():
     assert learned.learning.lambda_[-1, 1] > learned.learning.lambda_[-1, 2] + 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("p", range(7))
 @pytest.mark.parametrize("d", range(7))
 def test_every_order_from_zero_to_six_can_be_learnt(p, d):

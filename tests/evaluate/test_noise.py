@@ -70,6 +70,7 @@ def test_coloured_noise_is_called_so():
     assert rejections(noise.whiteness, lambda rng: gaussian(rng, 0.6), 100) >= 95
 
 
+@pytest.mark.slow
 def test_whiteness_is_of_values_that_share_no_samples():
     """A running mean of five agrees with itself four steps on, and no further."""
 
@@ -83,6 +84,7 @@ def test_whiteness_is_of_values_that_share_no_samples():
     assert FEWEST <= rejections(apart, averaged) <= MOST
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("steps", [1, 3, 10])
 def test_the_kernel_width_of_gaussian_kernel_noise_is_found(steps):
     rng = np.random.default_rng(0)

@@ -35,6 +35,7 @@ def test_the_test_is_wilcoxons_on_log_ratios():
     assert (back.p_value, back.ratio) == (found.p_value, pytest.approx(1 / found.ratio))
 
 
+@pytest.mark.slow
 def test_windows_that_share_half_their_samples_do_not_make_it_reject_too_often():
     """A method's advantage is that of both halves of its training part, which the next window has one of."""
     rng = np.random.default_rng(0)

@@ -100,6 +100,7 @@ def assert_columns_equal(content: bytes, messages: list[Any]) -> None:
                 assert np.array_equal(columns[field], values, equal_nan=True), (key, field)
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(STAMPS, any_message()), max_size=8))
 @settings(max_examples=150, deadline=None)
 def test_columns_are_pymavlinks(tmp_path_factory: pytest.TempPathFactory, sent: list[tuple[bytes, bytes]]) -> None:

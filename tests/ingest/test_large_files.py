@@ -102,6 +102,7 @@ def test_a_mapped_file_that_is_cut_later_ends_in_a_sentence_and_not_the_process(
     assert len(vehicle.messages["ATTITUDE"]["time"]) == 20 * len(TIMES)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_mapped")
 def test_reading_takes_less_memory_than_the_file(tmp_path: Path) -> None:
     """Counts, clocks and the columns of attitude among other messages: no copy of the file, nor of its frames."""

@@ -173,6 +173,7 @@ def test_a_client_connects_leaves_and_another_one_connects():
     link.close()
 
 
+@pytest.mark.slow
 def test_a_client_that_is_silent_gives_way_to_another_and_one_that_talks_does_not(monkeypatch):
     port = free_port()
     link = Link(f"tcpin:127.0.0.1:{port}")
@@ -207,6 +208,7 @@ def test_the_kernel_finds_out_when_the_other_side_is_gone():
         link.close()
 
 
+@pytest.mark.slow
 def test_who_hangs_up_over_and_over_is_called_ever_less_often():
     with socket.create_server(("127.0.0.1", 0)) as server:
         link, called = Link(f"tcp:127.0.0.1:{server.getsockname()[1]}"), 0

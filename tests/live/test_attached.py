@@ -97,6 +97,7 @@ def run(one: Attached) -> None:
     one.end()
 
 
+@pytest.mark.slow
 def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     one, screen, _ = attached(batches(12.0))
     run(one)
@@ -144,6 +145,7 @@ def test_rates_are_asked_for_and_given_back(monkeypatch):
     assert all((each.target_system, each.target_component) == (1, 1) for each in sent)
 
 
+@pytest.mark.slow
 def test_a_link_that_is_lost_comes_back_and_what_was_learnt_stays():
     one, screen, said = attached([*batches(9.0), LinkLost("The link x was lost."), *batches(3.0, start=10.0)])
     run(one)
@@ -268,6 +270,7 @@ def test_hostile_bytes_change_nothing_that_is_learnt():
     np.testing.assert_array_equal(ours.inputs, theirs.inputs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), RuntimeError("a mistake of the view's")])
 def test_pictures_that_cannot_be_opened_end_nothing_else(failure, tmp_path):
     one, _, said = attached(batches(9.0), recording=RawRecording(tmp_path / "flight.tlog"))

@@ -34,6 +34,7 @@ def shifted(frames: Timed, later: float) -> Timed:
     return [(time + later, data) for time, data in frames]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("silence", [0.15, 1.0, 4.0, 60.0, 300.0])
 def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     frames = FLIGHT.frames(end=18.0)
@@ -189,6 +190,7 @@ def test_no_attitude_and_no_motors_are_said():
     assert "There is no message with motor outputs." in replay(bare).sentences
 
 
+@pytest.mark.slow
 def test_landing_and_taking_off_again():
     first, landed = Flight().frames(), Flight().hover.landed
     again = Flight(clock=39.0).frames()

@@ -23,6 +23,7 @@ KNOWN_LATER = HALF + 2 * OFTEN + 0.25
 """Seconds after which the end of the climb-out is known: half of the averaging, and a message of vertical speed."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "flight",
     [
@@ -47,6 +48,7 @@ def test_rows_are_those_of_align(flight):
     assert inputs < 1e-9
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "flight", [Flight(attitude=400.0), Flight(motors=400.0), Flight(motors=50.0)], ids=["attitude", "motors", "twice"]
 )
@@ -144,6 +146,7 @@ def hold_against_offline(path, vehicle: str | None = None) -> None:
     assert 1 / made.setups[0].dt >= MINIMUM_RATE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", RECORDED[:3], ids=lambda path: path.stem)
 def test_a_sample_flight_gives_what_it_gives_offline(path):
     hold_against_offline(path)

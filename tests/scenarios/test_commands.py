@@ -86,6 +86,7 @@ def test_intervals_are_set_at_once_told_and_restored(speaks):
     assert vehicle.command(510, 77)[1]["MESSAGE_INTERVAL"][0].interval_us == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
 @pytest.mark.parametrize("interval", [1, 3, 7, 3999, 4000, 4001])
 def test_no_interval_is_shorter_than_a_cycle(speaks, interval):

@@ -179,6 +179,7 @@ def test_it_can_be_disarmed_on_the_ground_and_armed_again_for_another_flight():
     assert flown.position[:, 2].min() < -4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frame", ["x", "plus"])
 @pytest.mark.parametrize("model", ["ardrone2", "iris", "crazyflie"])
 def test_every_vehicle_flies_without_gains_of_its_own(model, frame):
