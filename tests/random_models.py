@@ -19,8 +19,13 @@ def positive_definite(rng: np.random.Generator, size: int) -> Array:
     return factor @ factor.T / size + np.eye(size)
 
 
-def random_model(seed: int, n: int, r: int, m: int, p: int, d: int, drop: bool, groups: bool) -> GenerativeModel:
-    """A model with random priors: coupled parameters, coupled hyperparameters, one λ each or one for each channel."""
+def random_model(
+    seed: int, n: int, r: int, m: int, p: int, d: int, drop: bool, groups: bool, bounded: bool = False
+) -> GenerativeModel:
+    """A model with random priors: coupled parameters, coupled hyperparameters, one λ each or one for each channel.
+
+    ``bounded``: whether something is known of x before it is seen.
+    """
     rng = np.random.default_rng(seed)
     # Without the highest order's dynamics there must be another's, and outputs must reach every state.
     drop = drop and p > 0 and n <= m * (p + 1)
@@ -44,6 +49,7 @@ def random_model(seed: int, n: int, r: int, m: int, p: int, d: int, drop: bool, 
             # Firm enough that no noise can vanish altogether where hidden states explain everything.
             rng.uniform(20, 50) * positive_definite(rng, g),
         ),
+        state_precision=positive_definite(rng, n) if bounded else None,
     )
 
 
@@ -78,4 +84,5 @@ models = st.builds(
     d=st.integers(0, 6),
     drop=st.booleans(),
     groups=st.booleans(),
+    bounded=st.booleans(),
 )

@@ -28,6 +28,9 @@ REACH = 6.0
 NARROWEST = 1.5
 """Steps: of a narrower kernel's derivatives, samples do not tell the shape."""
 
+ROUNDING = 1e-9
+"""Of a width that is meant to be a number of steps."""
+
 
 def kernel_weights(order: int, width: float, dt: float) -> Array:
     """Weights that turn samples into derivatives of the signal convolved with exp(−t²/2σ²)/√(2π)σ.
@@ -43,9 +46,9 @@ def kernel_weights(order: int, width: float, dt: float) -> Array:
     Raises:
         ValueError: a kernel too narrow for the samples.
     """
-    if not width >= NARROWEST * dt * (1 - 1e-9):
+    if not width >= NARROWEST * dt * (1 - ROUNDING):
         raise ValueError(f"width must be at least {NARROWEST:g} steps of {dt:g} s, not {width:g} s")
-    reach = ceil(REACH * width / dt)
+    reach = ceil(REACH * width / dt * (1 - ROUNDING))
     at = np.arange(-reach, reach + 1) * dt / width
     kernel = np.exp(-(at**2) / 2) * dt / (np.sqrt(2 * np.pi) * width)
     # The k-th derivative of the kernel is (−1/σ)ᵏ Heₖ(t/σ) times it; a convolution meets it turned around, t → −t.
