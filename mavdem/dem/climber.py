@@ -135,6 +135,7 @@ class Climber:
         self._stand = scaling, belief, onward
         covariance = belief.theta_covariance
         if onward is not None:
+            yield
             place = Climb(model, samples).around(onward.theta, belief)
             belief, state_map = place.belief, place.state_map
             predictor = predictor.of_theta(onward.theta, model.sizes, self._dt)

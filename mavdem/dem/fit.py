@@ -107,6 +107,7 @@ def trajectory_by_parts(
         return None
     segments = [(scaling.scale_inputs(inputs), scaling.scale_outputs(outputs)) for inputs, outputs in record.segments]
     stretches = Stretches.of(segments, max(1, round(settings.horizon / record.dt)))
+    yield
     if stretches is None:
         return None
     precision = model.prior.theta_precision

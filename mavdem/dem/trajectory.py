@@ -61,7 +61,7 @@ NUDGE = 1e-6
 STEPS_COUNTED = 30
 """Of a horizon at most, evenly: of faster samples neighbours tell the same."""
 
-STEPS_A_PART = 15
+STEPS_A_PART = 5
 
 
 class Stretches(NamedTuple):
@@ -260,6 +260,7 @@ class _Climb:
         inputs, outputs, settle, _ = self.stretches
         every = -(-settle // STEPS_COUNTED)
         predicted = yield from self.bundle(free).run(inputs, outputs[: settle + 1], every)
+        yield
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(np.moveaxis(outputs[settle + every :: every], 0, 1) - predicted)
 
@@ -280,6 +281,7 @@ class _Climb:
         nudged = yield from self.errors(free + np.diag(nudges))
         yield
         jacobian = (nudged - errors).reshape(len(free), -1) / nudges[:, None]
+        yield
         mse, each = _mean_square(errors), self.numbers / errors.size
         slope = -each * jacobian @ errors.ravel() / mse - self.prior_precision @ (free - self.prior_mean)
         return _Slopes(free, mse, slope, each * jacobian @ jacobian.T / mse + self.prior_precision)
