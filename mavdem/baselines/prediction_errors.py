@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 
 from mavdem.baselines.state_space import StateSpace
 from mavdem.baselines.units import Segments
-from mavdem.dem.prediction import WORST_MODES
+from mavdem.dem.recursion import WORST_MODES
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.prediction import recursion
+from mavdem.dem.recursion import recursion
 
 Array = NDArray[np.float64]
 

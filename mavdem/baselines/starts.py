@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mavdem.baselines.state_space import StateSpace
 from mavdem.baselines.units import LEAST_VARIANCE, Segments
-from mavdem.dem.prediction import recursion
+from mavdem.dem.recursion import recursion
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem.model import HELD
-from mavdem.dem.prediction import recursion
+from mavdem.dem.recursion import recursion
 
 Array = NDArray[np.float64]
 

@@ -19,7 +19,7 @@ from mavdem.dem.coordinates import derivative_operator
 from mavdem.dem.generative import GenerativeModel, Moments
 from mavdem.dem.model import discretize
 from mavdem.dem.positive import solve
-from mavdem.dem.prediction import recursion
+from mavdem.dem.recursion import recursion
 
 Array = NDArray[np.float64]
 

@@ -13,14 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
-from scipy.signal import lfilter
 
 from mavdem.dem.model import Transition, discretize, unpack
+from mavdem.dem.recursion import recursion
 
 Array = NDArray[np.float64]
-
-WORST_MODES = 1e8
-"""Condition of the filter's eigenvectors beyond which it runs sample by sample instead of mode by mode."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,28 +109,3 @@ class Predictor:
     def _drive(self, inputs: Array) -> Array:
         """What the inputs add to the state in each step, (T − 1, n)."""
         return inputs[:-1] @ self.transition.input_now.T + inputs[1:] @ self.transition.input_next.T
-
-
-def recursion(F: Array, pushes: Array, first: Array) -> Array:
-    """x₁ … x_T of x_{t} = F x_{t−1} + push_t from x₀ = ``first``, mode by mode, in which it is vectorized."""
-    if not pushes.size:
-        return np.empty_like(pushes)
-    eigenvalues, modes = np.linalg.eig(F)
-    if np.linalg.cond(modes) > WORST_MODES:
-        return _recursion_by_sample(F, pushes, first)
-    inward = np.linalg.inv(modes)
-    start, driven = inward @ first, pushes @ inward.T
-    states = [
-        lfilter([1.0], [1.0, -value], driven[:, i].astype(complex), zi=[value * start[i]])[0]
-        for i, value in enumerate(eigenvalues)
-    ]
-    return np.asarray((np.stack(states, axis=1) @ modes.T).real)
-
-
-def _recursion_by_sample(F: Array, pushes: Array, first: Array) -> Array:
-    states = np.empty_like(pushes)
-    state = first
-    for t, push in enumerate(pushes):
-        state = F @ state + push
-        states[t] = state
-    return states

@@ -6,7 +6,6 @@ from scipy.linalg import solve_discrete_are
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
-from mavdem.dem import prediction
 from mavdem.dem.prediction import Predictor
 
 
@@ -41,17 +40,6 @@ def test_filter_and_forecast_run_the_recursion_they_stand_for(seed):
     np.testing.assert_allclose(predictor.forecast(states[9], u[9:]), forecast, atol=1e-8 * scale)
     errors = predictor.forecast_errors(y, u, 30, np.array([9]))
     np.testing.assert_allclose(errors[0], y[10:] - forecast, atol=1e-8 * scale)
-
-
-def test_defective_dynamics_run_sample_by_sample(monkeypatch):
-    F = np.array([[0.9, 1.0, 0.0], [0.0, 0.9, 1.0], [0.0, 0.0, 0.9]])
-    assert np.linalg.cond(np.linalg.eig(F)[1]) > prediction.WORST_MODES
-    pushes = np.random.default_rng(0).standard_normal((20, 3))
-    states = prediction.recursion(F, pushes, np.ones(3))
-    state = np.ones(3)
-    for push, expected in zip(pushes, states, strict=True):
-        state = F @ state + push
-        np.testing.assert_allclose(expected, state)
 
 
 def test_gain_follows_a_state_under_coloured_noise_nearly_as_well_as_the_best_there_is():

@@ -23,8 +23,8 @@ from mavdem.dem.ascent import ascend
 from mavdem.dem.coordinates import embed
 from mavdem.dem.generative import GenerativeModel, Samples
 from mavdem.dem.model import discretize, pack, unpack
-from mavdem.dem.prediction import recursion
 from mavdem.dem.priors import KNOWN, Prior
+from mavdem.dem.recursion import recursion
 from mavdem.dem.scatter import certainty_of
 from mavdem.dem.smoothness import (
     sampled_output_precision,

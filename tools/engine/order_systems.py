@@ -10,7 +10,7 @@ from scipy.linalg import block_diag, solve_continuous_are, solve_continuous_lyap
 
 from mavdem import Flight
 from mavdem.dem.model import discretize
-from mavdem.dem.prediction import recursion
+from mavdem.dem.recursion import recursion
 from sitl_scenarios.linear import paper_system
 
 Array = NDArray[np.float64]
