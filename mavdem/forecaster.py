@@ -51,3 +51,23 @@ class Forecaster(Protocol):
             steps: samples that each forecast is of, at least 1.
             inputs, outputs: (H, r) and (H, m) of the samples, in the units of the training data.
         """
+
+
+@runtime_checkable
+class ProbabilisticForecaster(Forecaster, Protocol):
+    """A forecaster that says how far its forecast may be off, which it knows before the samples are there."""
+
+    def forecast_variance(self, inputs: ArrayLike) -> NDArray[np.float64]:
+        """(H, m) squared error that the forecast expects of itself at each sample, in the squares of outputs' units.
+
+        Args:
+            inputs: (H, r) as for :meth:`forecast`.
+        """
+
+    def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper bounds, (H, m) each, between which a sample of the forecast lies with some probability.
+
+        Args:
+            inputs: (H, r) as for :meth:`forecast`.
+            level: the probability, between 0 and 1.
+        """

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.comparison.methods import METHODS, Method
+from mavdem.comparison.method import Method
+from mavdem.comparison.methods import METHODS
 from mavdem.comparison.outcome import Outcome, judge
 from mavdem.comparison.standing import Loss, OverFlights, Standing, losses, over_flights, standings
 from mavdem.dem.many import answer_many

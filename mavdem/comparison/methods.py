@@ -1,28 +1,13 @@
-"""The methods that are compared: each learns a flight, and answers a model that forecasts."""
+"""The methods that are compared: DEM, its peers, and what needs no model."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 from mavdem import baselines
+from mavdem.comparison.method import Method
 from mavdem.dem import Settings, learn
-from mavdem.flight import Flight
-from mavdem.forecaster import Forecaster
-
-
-class Method(NamedTuple):
-    """One method.
-
-    Attributes:
-        name: which tells it from others.
-        learn: makes a model of training data. For other processes a function of a module, or a ``partial`` of one.
-    """
-
-    name: str
-    learn: Callable[[Flight], Forecaster]
 
 
 def dem(name: str, settings: Settings) -> Method:
@@ -45,12 +30,16 @@ PEERS = (
     *(Method(f"PEM({order})", partial(baselines.pem, order=order)) for order in (2, 4)),
     Method("EM(2)", partial(baselines.em, order=2)),
     *(Method(f"ARX({order})", partial(baselines.arx, order=order)) for order in (1, 2, 4)),
+)
+"""Other methods that learn a model."""
+
+TRIVIAL = (
     Method("constant mean", baselines.constant_mean),
     Method("hold last", baselines.hold),
     Method("zero", baselines.zero),
 )
 
-METHODS = (DEM, DEM_WITHOUT, PAPER, PAPER_WITHOUT, *PEERS)
+METHODS = (DEM, DEM_WITHOUT, PAPER, PAPER_WITHOUT, *PEERS, *TRIVIAL)
 """What ``mavdem compare`` compares; the first with each other. p = 1 is what the paper calls without generalized
 coordinates (section V.G): the first derivative, which the model itself needs, and none beyond."""
 

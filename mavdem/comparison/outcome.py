@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.comparison.methods import Method
+from mavdem.comparison.method import Method
 from mavdem.evaluate import Skill, horizons, mspe, skill, skill_by_horizon
-from mavdem.forecaster import Forecaster
+from mavdem.forecaster import Forecaster, ProbabilisticForecaster
 from mavdem.windows import Window
 
 Array = NDArray[np.float64]
@@ -32,6 +32,10 @@ class Outcome:
         skill: by horizon, the last one that of the whole test part.
         mspe_from_zero, skill_from_zero: of the forecast of the whole test part that begins with state 0.
         forecast, forecast_from_zero: (H, m), for pictures; ``None`` where there is none.
+        expected: (H, m) squared error that ``forecast`` expects of itself at each sample, in the squares of the units;
+            ``None`` where the method does not say.
+        band: lower and upper bounds, (H, m) each, between which it holds a sample to lie with probability 0.9; or
+            ``None``.
         seconds: of a processor that learning took.
     """
 
@@ -47,6 +51,8 @@ class Outcome:
     skill_from_zero: Skill
     forecast: Array | None
     forecast_from_zero: Array | None
+    expected: Array | None
+    band: tuple[Array, Array] | None
     seconds: float
 
     @property
@@ -118,6 +124,8 @@ def _forecast(method: Method, window: Window, model: Forecaster, seconds: float)
         skill_from_zero=skill(train, test, from_zero, len(test)),
         forecast=forecast,
         forecast_from_zero=from_zero,
+        expected=model.forecast_variance(test.inputs) if isinstance(model, ProbabilisticForecaster) else None,
+        band=model.forecast_band(test.inputs) if isinstance(model, ProbabilisticForecaster) else None,
         seconds=seconds,
     )
 
@@ -139,5 +147,7 @@ def _failed(method: Method, window: Window, failure: str, seconds: float) -> Out
         skill_from_zero=skills[-1],
         forecast=None,
         forecast_from_zero=None,
+        expected=None,
+        band=None,
         seconds=seconds,
     )
