@@ -47,12 +47,12 @@ def cautions(
         )
     if model.spectral_abscissa > 0:
         told.append(f"The model is unstable: it grows e-fold in {1 / model.spectral_abscissa:.3g} s.")
-    if certainty.scatter is None:
+    if fitted.trajectory is None and certainty.scatter is None:
         told.append(
             "F̄ has no maximum at these parameters: how far they are off is not known. More iterations, or a firmer "
             "prior, may find one."
         )
-    if not fitted.ascent.settled:
+    if not fitted.settled:
         told.append(_unsettled(fitted))
     if colour is not None and not np.isfinite(colour.log_sd):
         told.append(
@@ -69,7 +69,12 @@ def cautions(
 
 
 def _unsettled(fitted: Fit) -> str:
-    """How the climb ended, if not at a maximum."""
+    """How the last climb ended, if not at a maximum."""
+    if fitted.trajectory is not None:
+        return (
+            f"The climb of F̄ along trajectories had not settled after {fitted.trajectory.rounds} steps: "
+            "learn from more samples, or ask for fewer states."
+        )
     ascent, rounds = fitted.ascent, len(fitted.ascent.free_energy) - 1
     if rounds >= fitted.settings.iterations:
         return (

@@ -12,6 +12,7 @@ from mavdem.dem.breakdown import breaking_down
 from mavdem.dem.fit import generative_model, predictor_of, smoothness_of, trajectory_by_parts
 from mavdem.dem.free_energy import Belief, SampleEnergy
 from mavdem.dem.generative import GenerativeModel
+from mavdem.dem.innovations import with_innovations_by_parts
 from mavdem.dem.memory import Memory
 from mavdem.dem.model import LinearModel, unpack
 from mavdem.dem.one_thread import one_thread_if_free
@@ -127,11 +128,13 @@ class Climber:
             belief, state_map, height = place.belief, place.state_map, place.height
         predictor = predictor_of(model, belief, smoothness_of(self.settings, self._dt), self._dt)
         yield
-        theta = belief.theta
+        theta, layout = belief.theta, None
         if stand is not None and stand[2] is not None:
-            theta = stand[2].theta * _ratio(stand[0], scaling, model.n)
+            theta, layout = stand[2].theta * _ratio(stand[0], scaling, model.n), stand[2].layout
         rounds = ROUNDS if stand is None else FEW_ROUNDS
-        onward = yield from trajectory_by_parts(model, self.settings, scaling, theta, predictor.gain, record, rounds)
+        onward = yield from trajectory_by_parts(
+            model, self.settings, scaling, theta, predictor.gain, record, rounds, layout
+        )
         self._stand = scaling, belief, onward
         covariance = belief.theta_covariance
         if onward is not None:
@@ -140,6 +143,8 @@ class Climber:
             belief, state_map = place.belief, place.state_map
             predictor = predictor.of_theta(onward.theta, model.sizes, self._dt)
             covariance = onward.theta_covariance(inverse(model.prior.theta_precision))
+            yield
+            predictor = yield from with_innovations_by_parts(predictor, scaling.scale_segments(record))
             yield
         return _snapshot(model, scaling, predictor, belief, covariance, state_map, to_engine, height, until)
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from mavdem.dem.choice import Candidate
 from mavdem.dem.colour import Colour
 from mavdem.dem.determined import Direction
+from mavdem.dem.layout import Layout
 from mavdem.dem.model import LinearModel, Transition
 from mavdem.dem.prediction import Predictor
 from mavdem.dem.record import Record
@@ -56,6 +57,8 @@ def values_of(learned: Learned) -> dict[str, Any]:
             "transition": _lists(learned.predictor.transition._asdict()),
             "C": learned.predictor.C.tolist(),
             "gain": learned.predictor.gain.tolist(),
+            "of_outputs": learned.predictor.of_outputs.tolist(),
+            "of_inputs": learned.predictor.of_inputs.tolist(),
         },
         "trajectory": None if learned.trajectory is None else _trajectory_values(learned.trajectory),
         **{name: getattr(learned, name).tolist() for name in ARRAYS},
@@ -116,8 +119,7 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
         ),
         "predictor": Predictor(
             Transition(**_arrays(predictor["transition"])),
-            np.array(predictor["C"], float),
-            np.array(predictor["gain"], float),
+            **_arrays({name: predictor[name] for name in ("C", "gain", "of_outputs", "of_inputs")}),
         ),
         "trajectory": None if values["trajectory"] is None else _trajectory(values["trajectory"]),
         **_arrays({name: values[name] for name in ARRAYS}),
@@ -130,23 +132,30 @@ def _scatter(values: Mapping[str, Any]) -> Scatter:
 
 def _trajectory_values(trajectory: Trajectory) -> dict[str, Any]:
     return {
-        **_lists({name: getattr(trajectory, name) for name in ("theta", "places", "covariance", "mse")}),
+        **_lists({name: getattr(trajectory, name) for name in ("theta", "places", "covariance", "mse", "gain")}),
         "numbers": trajectory.numbers,
         "horizon": trajectory.horizon,
         "settled": trajectory.settled,
         "terms": _lists(trajectory.terms),
+        "layout": None if trajectory.layout is None else _lists(trajectory.layout._asdict()),
     }
 
 
 def _trajectory(values: Mapping[str, Any]) -> Trajectory:
     return Trajectory(
-        **_arrays({name: values[name] for name in ("theta", "covariance", "mse")}),
+        **_arrays({name: values[name] for name in ("theta", "covariance", "mse", "gain")}),
         places=np.array(values["places"], np.intp),
         numbers=float(values["numbers"]),
         horizon=int(values["horizon"]),
         terms=_arrays(values["terms"]),
         settled=bool(values["settled"]),
+        layout=None if values["layout"] is None else _layout(values["layout"]),
     )
+
+
+def _layout(values: Mapping[str, Any]) -> Layout:
+    arrays = _arrays({name: values[name] for name in ("quiet", "precision")})
+    return Layout(**arrays, log_share=float(values["log_share"]))
 
 
 def _colour_values(colour: Colour) -> dict[str, Any]:
@@ -198,16 +207,12 @@ def _check(fields: dict[str, Any]) -> None:
         "scaling.known": (scaling.known, (r,)),
         "scaling.output_trim": (scaling.output_trim, (m,)),
         "scaling.output_scale": (scaling.output_scale, (m,)),
-        "predictor.state": (fields["predictor"].transition.state, (n, n)),
-        "predictor.input_now": (fields["predictor"].transition.input_now, (n, driven)),
-        "predictor.input_next": (fields["predictor"].transition.input_next, (n, driven)),
-        "predictor.C": (fields["predictor"].C, (m, n)),
-        "predictor.gain": (fields["predictor"].gain, (n, m)),
+        **_predictor_shapes(fields["predictor"], n, m, driven),
         "state_map": (fields["state_map"], (n * (p + 1) + driven * (d + 1), data)),
         "theta": (fields["theta"], (n * n + n * driven + m * n,)),
     }
     if fields["trajectory"] is not None:
-        shapes |= _trajectory_shapes(fields["trajectory"], fields["theta"], m)
+        shapes |= _trajectory_shapes(fields["trajectory"], fields["theta"], n, r, m)
     for name, (array, shape) in shapes.items():
         if array.shape != shape or not np.isfinite(array).all():
             raise ValueError(f"{name} must be finite and of shape {shape}, not {array.shape}")
@@ -241,9 +246,25 @@ def _check(fields: dict[str, Any]) -> None:
         raise ValueError("free_energy and learning must have as many rows")
 
 
-def _trajectory_shapes(trajectory: Trajectory, theta: Array, m: int) -> dict[str, tuple[Array, tuple[int, ...]]]:
+def _predictor_shapes(predictor: Predictor, n: int, m: int, driven: int) -> dict[str, tuple[Array, tuple[int, ...]]]:
+    """Its state is that of the vehicle, n, or more."""
+    carried = max(n, len(predictor.C.T))
+    return {
+        "predictor.state": (predictor.transition.state, (carried, carried)),
+        "predictor.input_now": (predictor.transition.input_now, (carried, driven)),
+        "predictor.input_next": (predictor.transition.input_next, (carried, driven)),
+        "predictor.C": (predictor.C, (m, carried)),
+        "predictor.gain": (predictor.gain, (carried, m)),
+        "predictor.of_outputs": (predictor.of_outputs, (carried, m)),
+        "predictor.of_inputs": (predictor.of_inputs, (carried, driven)),
+    }
+
+
+def _trajectory_shapes(
+    trajectory: Trajectory, theta: Array, n: int, r: int, m: int
+) -> dict[str, tuple[Array, tuple[int, ...]]]:
     """Which shape its arrays must have."""
-    free, places = len(trajectory.places), trajectory.places
+    free, places, layout = len(trajectory.places), trajectory.places, trajectory.layout
     if not (free and places.min() >= 0 and places.max() < len(theta) and len(np.unique(places)) == free):
         raise ValueError("trajectory.places must be different places of theta")
     if not (trajectory.numbers > free and trajectory.horizon >= 1 and len(trajectory.mse)):
@@ -252,6 +273,16 @@ def _trajectory_shapes(trajectory: Trajectory, theta: Array, m: int) -> dict[str
         "trajectory.theta": (trajectory.theta, theta.shape),
         "trajectory.covariance": (trajectory.covariance, (free, free)),
         "trajectory.mse": (trajectory.mse, (len(trajectory.mse), m)),
+        "trajectory.gain": (trajectory.gain, (n, m)),
+        **({} if layout is None else _layout_shapes(layout, r)),
+    }
+
+
+def _layout_shapes(layout: Layout, r: int) -> dict[str, tuple[Array, tuple[int, ...]]]:
+    """Which shape its arrays must have, of r rotors."""
+    return {
+        "trajectory.layout.quiet": (layout.quiet, (len(layout.precision), r)),
+        "trajectory.layout.precision": (layout.precision, (len(layout.precision),)),
     }
 
 

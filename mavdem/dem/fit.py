@@ -12,6 +12,7 @@ from mavdem.dem.breakdown import breaking_down
 from mavdem.dem.coordinates import embed
 from mavdem.dem.free_energy import Belief
 from mavdem.dem.generative import GenerativeModel, Samples
+from mavdem.dem.layout import Layout, Likelihood, layouts
 from mavdem.dem.model import pack, unpack
 from mavdem.dem.parts import Parts
 from mavdem.dem.prediction import Predictor
@@ -62,6 +63,11 @@ class Fit:
     predictor: Predictor
     trajectory: Trajectory | None = None
 
+    @property
+    def settled(self) -> bool:
+        """Whether the last climb has ended at a maximum: the one along trajectories, where there was one."""
+        return self.ascent.settled if self.trajectory is None else self.trajectory.settled
+
 
 def fit(record: Record, settings: Settings, finish: bool = True) -> Fit:
     """Learns from a record, with complete settings.
@@ -98,24 +104,50 @@ def trajectory_by_parts(
     gain: Array,
     record: Record,
     rounds: int = ROUNDS,
+    taken: Layout | None = None,
 ) -> Parts[Trajectory | None]:
     """The climb along trajectories of a record from θ (k,), with a filter of that gain (n, m); in parts.
+
+    Under the package's own prior rotors stand as the free energy says: it climbs with the layout that was ``taken``
+    for granted so far, or with hardly any, and once more from θ where another turns out to be likelier.
 
     ``None`` where the settings ask for none, inputs are unknown, the prior is the paper's or the record is too short.
     """
     if settings.horizon is None or settings.prior == "uniform" or not scaling.known.all():
         return None
-    segments = [(scaling.scale_inputs(inputs), scaling.scale_outputs(outputs)) for inputs, outputs in record.segments]
-    stretches = Stretches.of(segments, max(1, round(settings.horizon / record.dt)))
+    stretches = Stretches.of(scaling.scale_segments(record), max(1, round(settings.horizon / record.dt)))
     yield
     if stretches is None:
         return None
-    precision = model.prior.theta_precision
+    (n, r, _), mean, precision = model.sizes, model.prior.theta_mean, model.prior.theta_precision
+    free = np.diag(precision) < KINEMATIC
+    ways: tuple[Layout, ...] = ()
     if settings.prior == "regulated":
-        free = np.diag(precision) < KINEMATIC
         precision = np.where(np.outer(free, free), WEAK * np.eye(len(free)), precision)
-    prior = model.prior.theta_mean, precision
-    return (yield from climb_by_parts(theta, prior, model.sizes, gain, record.dt, stretches, rounds))
+        ways = layouts(r - scaling.constant)
+    rows = np.flatnonzero(free[n * n : n * n + n * r : r])
+
+    def climb(layout: Layout | None) -> Parts[tuple[Trajectory, Likelihood] | None]:
+        prior = mean, precision if layout is None else precision + layout.added_precision(model.sizes, rows)
+        return climb_by_parts(theta, prior, model.sizes, gain, record.dt, stretches, rounds)
+
+    begun = taken if any(taken is way for way in ways) else next(iter(ways), None)
+    climbed = yield from climb(begun)
+    if climbed is None or not ways:
+        return climbed and climbed[0]
+    trajectory, likelihood = climbed
+    inner = np.ix_(trajectory.places, trajectory.places)
+
+    def log_probability(layout: Layout) -> float:
+        added = layout.added_precision(model.sizes, rows)
+        return layout.log_share + likelihood.log_evidence(mean[trajectory.places], (precision + added)[inner])
+
+    likeliest = max(ways, key=log_probability)
+    if likeliest is not begun:
+        climbed = yield from climb(likeliest)
+        assert climbed is not None
+        trajectory, _ = climbed
+    return replace(trajectory, layout=likeliest)
 
 
 def smoothness_of(settings: Settings, dt: float) -> float:

@@ -16,6 +16,7 @@ from mavdem.dem.colour import Colour, estimate_colour
 from mavdem.dem.fit import Fit, fit, generalized, trajectory_by_parts
 from mavdem.dem.free_energy import free_energy
 from mavdem.dem.generative import Samples
+from mavdem.dem.innovations import with_innovations_by_parts
 from mavdem.dem.learned import Learned
 from mavdem.dem.one_thread import one_thread
 from mavdem.dem.parts import at_once
@@ -126,6 +127,7 @@ def _along_trajectories(fitted: Fit, record: Record, samples: Samples) -> Fit:
     except np.linalg.LinAlgError:
         return fitted
     predictor = fitted.predictor.of_theta(trajectory.theta, model.sizes, record.dt)
+    predictor = at_once(with_innovations_by_parts(predictor, scaling.scale_segments(record)))
     there = replace(ascent, belief=place.belief, state_map=place.state_map)
     onward = replace(fitted, ascent=there, predictor=predictor, trajectory=trajectory)
     mse = trials(onward, record).mse / scaling.output_scale**2

@@ -30,6 +30,9 @@ from mavdem.dem.trials import Unseen
 
 Array = NDArray[np.float64]
 
+FAR = 5.0
+"""Standard deviations of the training data: a forecast so far from the trim counts as twice as uncertain."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Learned:
@@ -140,7 +143,7 @@ class Learned:
                 ascent.lambda_,
                 ascent.lambda_sd,
             ),
-            settled=ascent.settled,
+            settled=fit.settled,
             candidates=candidates,
             dt=record.dt,
             smoothness=fit.smoothness,
@@ -216,10 +219,11 @@ class Learned:
     def forecast(self, inputs: ArrayLike, from_zero: bool = False) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.
 
-        The model runs on from the state at the end of training. With ``shrink_forecasts`` each sample's deviation from
-        the trim has the weight 1 / (1 + V), V being the variance that the posterior of θ gives it, in units of the
-        training variance: what inputs beyond those learnt from ask of uncertain parameters is not believed. Where θ
-        climbed along no trajectories, it has the weight that forecasts of unseen training data earned one so long.
+        The model runs on from the state at the end of training. With ``shrink_forecasts`` each sample's deviation d
+        from the trim has the weight 1 / (1 + V (1 + d² / ``FAR``²)), V being the variance that the posterior of θ gives
+        it, both in units of the training data's spread: what inputs beyond those learnt from ask of uncertain
+        parameters is not believed, and the less the farther it leads. Where θ climbed along no trajectories, it has the
+        weight that forecasts of unseen training data earned one so long.
 
         Args:
             inputs: (H, r) motor outputs over the forecast, in the unit of the training inputs.
@@ -235,10 +239,11 @@ class Learned:
         known = self.scaling.scale_inputs(np.vstack([self.record.inputs[-1], ahead]))
         if from_zero:
             at_trim = np.zeros((1, len(self.model.C)))
-            deviation = np.vstack([at_trim, self.predictor.forecast(np.zeros(len(self.model.A)), known[1:])])
+            at_rest = self.predictor.at_rest(known[min(1, len(ahead))])
+            deviation = np.vstack([at_trim, self.predictor.forecast(at_rest, known[1:])])[: len(ahead)]
         else:
             deviation = self.predictor.forecast(self._last_state, known)
-        return self.scaling.physical_outputs(deviation[: len(ahead)] * self._weight(ahead))
+        return self.scaling.physical_outputs(self._believed(deviation, *self._with(ahead)))
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """The samples after the training data, by a new forecast from every ``steps``-th of them on.
@@ -262,7 +267,7 @@ class Learned:
         scaled = self.scaling.scale_outputs(measured), self.scaling.scale_inputs(known)
         with np.errstate(over="ignore", invalid="ignore"):
             deviation = self.predictor.forecast_every(steps, *scaled, first=len(before[0]))
-            return self.scaling.physical_outputs(deviation * self._weight_every(steps, *scaled, first=len(before[0])))
+            return self.scaling.physical_outputs(self._believed(deviation, steps, *scaled, first=len(before[0])))
 
     def forecast_variance(self, inputs: ArrayLike) -> Array:
         """(H, m) squared error that the forecast expects of itself at each sample, rad² and (rad/s)².
@@ -282,29 +287,27 @@ class Learned:
             spread = 1 - 1 / (1 + spread)
         return (spread + self._by_horizon(self.trajectory.noise, len(ahead))) * self.scaling.output_scale**2
 
-    def _weight(self, ahead: Array) -> Array:
-        """(H, m) of a forecast's deviation from the trim, with inputs (H, r)."""
-        return self._weight_every(*self._with(ahead))
-
     def _with(self, ahead: Array) -> tuple[int, Array, Array, int]:
         """One forecast with inputs (H, r), in the engine's units: its length, outputs, inputs and where it begins."""
         outputs, inputs = self._scaled[-1]
         return len(ahead), outputs, np.vstack([inputs, self.scaling.scale_inputs(ahead)]), len(outputs)
 
-    def _weight_every(self, steps: int, outputs: Array, inputs: Array, first: int) -> Array:
-        """(T − first, m) of the deviations of forecasts that begin at every ``steps``-th sample from the first on.
+    def _believed(self, deviation: Array, steps: int, outputs: Array, inputs: Array, first: int) -> Array:
+        """What is believed of the deviations (T − first, m) that forecasts from every ``steps``-th sample on tell.
 
         Args:
-            steps: that each is long.
+            deviation: from the trim, in the engine's units.
+            steps: that each forecast is long.
             outputs, inputs: (T, m), (T, r) in the engine's units; of the outputs those before each forecast are read.
             first: where the first begins.
         """
         if self.trajectory is None:
-            length = len(inputs) - first
-            return self._by_horizon(self.unseen.weight, length)[np.arange(length) % steps]
+            return np.asarray(
+                deviation * self._by_horizon(self.unseen.weight, len(deviation))[np.arange(len(deviation)) % steps]
+            )
         if not self.settings.shrink_forecasts:
-            return np.ones((len(inputs) - first, outputs.shape[1]))
-        return np.asarray(1 / (1 + self._spread(steps, outputs, inputs, first)))
+            return deviation
+        return deviation / (1 + self._spread(steps, outputs, inputs, first) * (1 + (deviation / FAR) ** 2))
 
     def _spread(self, steps: int, outputs: Array, inputs: Array, first: int) -> Array:
         """(T − first, m) variance that θ's posterior gives such forecasts, in the engine's units."""
@@ -315,7 +318,6 @@ class Learned:
         before = self.trajectory.horizon + 1
         rows = np.arange(first, T, steps) + np.arange(-before, min(steps, T - first))[:, None]
         variance = self.trajectory.spread(
-            self.predictor,
             (n, r, outputs.shape[1]),
             self.dt,
             inputs[np.clip(rows, 0, T - 1)],

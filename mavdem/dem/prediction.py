@@ -25,14 +25,17 @@ class Predictor:
     """A discrete model with its filter gain, in the engine's units.
 
     Attributes:
-        transition: over one sampling step.
+        transition: over one sampling step, of a state (n,): that of the vehicle, which may carry more with it.
         C: (m, n).
         gain: (n, m): how far a prediction error moves the state.
+        of_outputs, of_inputs: (n, m), (n, r): the state at a first sample, from its outputs and inputs alone.
     """
 
     transition: Transition
     C: Array
     gain: Array
+    of_outputs: Array
+    of_inputs: Array
 
     @classmethod
     def of(
@@ -52,18 +55,27 @@ class Predictor:
             P = solve_discrete_are(transition.state.T, C.T, Q, R)
         except ValueError as error:
             raise np.linalg.LinAlgError(f"no filter settles: {error}") from None
-        return cls(transition, C, np.linalg.solve(C @ P @ C.T + R, C @ P).T)
+        return cls._with(transition, C, np.linalg.solve(C @ P @ C.T + R, C @ P).T)
+
+    @classmethod
+    def _with(cls, transition: Transition, C: Array, gain: Array) -> Predictor:
+        """Begins with the state that the first outputs ask for."""
+        return cls(transition, C, gain, np.asarray(np.linalg.pinv(C), np.float64), np.zeros_like(transition.input_now))
 
     def of_theta(self, theta: Array, sizes: tuple[int, int, int], dt: float) -> Predictor:
         """The same filter for a model with other parameters θ (k,), of n states, r inputs and m outputs."""
         A, B, C = unpack(theta, *sizes)
-        return Predictor(discretize(A, B, dt), C, self.gain)
+        return Predictor._with(discretize(A, B, dt), C, self.gain)
+
+    def at_rest(self, inputs: Array) -> Array:
+        """(n,) the state of outputs at their trim, where the inputs (r,) have long been what they are."""
+        return self.of_inputs @ inputs
 
     def filtered(self, outputs: Array, inputs: Array) -> Array:
         """States (T, n), each given the samples up to and including its own; the first from its outputs alone."""
         drive = self._drive(inputs)
         keep = np.eye(len(self.gain)) - self.gain @ self.C
-        first = np.linalg.pinv(self.C) @ outputs[0]
+        first = self.of_outputs @ outputs[0] + self.of_inputs @ inputs[0]
         pushes = drive @ keep.T + outputs[1:] @ self.gain.T
         return np.vstack([first, recursion(keep @ self.transition.state, pushes, first)])
 

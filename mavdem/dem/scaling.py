@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem.model import LinearModel, pack, unpack
+from mavdem.dem.record import Record
 from mavdem.dem.settings import Settings
 from mavdem.dem.spread import Spread
 
@@ -58,6 +59,10 @@ class Scaling(NamedTuple):
         """(T, r) in the unit of the stream to (T, r or r + 1) in the engine's."""
         scaled = np.where(self.known, (inputs - self.input_trim) / self.input_scale, 0.0)
         return np.hstack([scaled, np.ones((len(scaled), 1))]) if self.constant else scaled
+
+    def scale_segments(self, record: Record) -> list[tuple[Array, Array]]:
+        """Inputs and outputs of each segment of a record, in the engine's units."""
+        return [(self.scale_inputs(inputs), self.scale_outputs(outputs)) for inputs, outputs in record.segments]
 
     def physical_inputs(self, scaled: Array) -> Array:
         """(..., r) in the engine's units, without the constant, back to the stream's unit; unknown ones have none."""

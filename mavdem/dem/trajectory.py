@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import t as student
 
+from mavdem.dem.layout import Layout, Likelihood
 from mavdem.dem.model import Transition, discretize, unpack
 from mavdem.dem.parts import Parts, at_once
 from mavdem.dem.positive import inverse, logdet
-from mavdem.dem.prediction import Predictor
 from mavdem.dem.priors import KINEMATIC
 
 Array = NDArray[np.float64]
@@ -118,6 +118,8 @@ class Trajectory:
         terms: each named term of F̄, (I + 1,).
         settled: whether next to nothing was left to climb.
         mse: (L, m) of forecasts inside the training data, by their length.
+        gain: (n, m) of the filter that finds the state before each stretch.
+        layout: the rotors' that was taken for granted; ``None`` where a prior was given, or inputs are not rotors.
     """
 
     theta: Array
@@ -128,6 +130,13 @@ class Trajectory:
     terms: Mapping[str, Array]
     settled: bool
     mse: Array
+    gain: Array
+    layout: Layout | None
+
+    @property
+    def rounds(self) -> int:
+        """Steps that led there."""
+        return len(self.terms["noise entropy"]) - 1
 
     @property
     def freedom(self) -> float:
@@ -157,13 +166,10 @@ class Trajectory:
         numbers = self.numbers * self.horizon / lengths
         return np.asarray(self.mse * (numbers / (numbers - len(self.places)))[:, None])
 
-    def spread(
-        self, predictor: Predictor, sizes: tuple[int, int, int], dt: float, inputs: Array, outputs: Array
-    ) -> Array:
+    def spread(self, sizes: tuple[int, int, int], dt: float, inputs: Array, outputs: Array) -> Array:
         """(S, H, m) variance that θ's posterior gives forecasts; infinite where it leaves the range of numbers.
 
         Args:
-            predictor: of θ.
             sizes: n, r and m.
             dt: sampling step, s.
             inputs: (h + H, S, r) for S forecasts: of the samples before, by which the filter finds the state, and on.
@@ -173,7 +179,7 @@ class Trajectory:
         nudges = NUDGE * np.maximum(1.0, np.abs(free))
         thetas = np.repeat(self.theta[None], len(free) + 1, axis=0)
         thetas[1:, self.places] += np.diag(nudges)
-        bundle = Bundle.of(thetas, sizes, predictor.gain, dt)
+        bundle = Bundle.of(thetas, sizes, self.gain, dt)
         ahead = at_once(bundle.run(inputs, outputs))
         with np.errstate(over="ignore", invalid="ignore"):
             jacobian = (ahead[1:] - ahead[0]) / nudges[:, None, None, None]
@@ -287,6 +293,11 @@ class _Climb:
         slope = -each * jacobian @ errors.ravel() / mse - self.prior_precision @ (free - self.prior_mean)
         return _Slopes(free, mse, slope, each * jacobian @ jacobian.T / mse + self.prior_precision)
 
+    def likelihood(self, at: _Slopes) -> Likelihood:
+        """The log joint less its prior."""
+        off = at.free - self.prior_mean
+        return Likelihood(at.free, at.slope + self.prior_precision @ off, at.curvature - self.prior_precision)
+
     def terms(self, at: _Slopes) -> dict[str, float]:
         """The named terms of F̄, Eq. ``F_action_opt``; X has no entropy of its own along a trajectory."""
         off = at.free - self.prior_mean
@@ -306,7 +317,7 @@ def climb_by_parts(
     dt: float,
     stretches: Stretches,
     rounds: int,
-) -> Parts[Trajectory | None]:
+) -> Parts[tuple[Trajectory, Likelihood] | None]:
     """Climbs from θ by damped Gauss-Newton steps (Levenberg and Marquardt), each of which leads higher.
 
     Args:
@@ -319,6 +330,7 @@ def climb_by_parts(
         rounds: at most so many steps.
 
     Returns:
+        where it ended, and the likelihood about there;
         ``None`` where the stretches are too few for so many parameters, or no step can be made.
     """
     n, r, _ = sizes
@@ -352,8 +364,17 @@ def climb_by_parts(
     covariance = inverse(at.curvature) * climb.numbers / (climb.numbers - len(places))
     terms = {name: np.array([row[name] for row in trace]) for name in trace[0]}
     return Trajectory(
-        best, places, covariance, climb.numbers, stretches.settle, terms, gained <= SETTLED, np.empty((0, sizes[2]))
-    )
+        theta=best,
+        places=places,
+        covariance=covariance,
+        numbers=climb.numbers,
+        horizon=stretches.settle,
+        terms=terms,
+        settled=gained <= SETTLED,
+        mse=np.empty((0, sizes[2])),
+        gain=gain,
+        layout=None,
+    ), climb.likelihood(at)
 
 
 def _mean_square(errors: Array) -> float:

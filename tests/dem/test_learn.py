@@ -36,7 +36,11 @@ def test_a_clean_system_is_recovered_and_forecast():
 
 @pytest.mark.parametrize(
     "settings",
-    [Settings(shrink_forecasts=False), Settings.paper(), Settings(order=2, window=9, shrink_forecasts=False)],
+    [
+        Settings(shrink_forecasts=False),
+        Settings.paper(),
+        Settings(order=2, window=9, shrink_forecasts=False, horizon=None),
+    ],
 )
 def test_the_physical_model_makes_the_forecast(settings):
     flight = simulated(wind=0.5)
@@ -326,7 +330,7 @@ def test_default_fits_settle_where_no_step_leads_higher():
 
 @pytest.mark.slow
 def test_a_climb_that_its_limit_ended_is_cautioned_against_with_what_to_do():
-    learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0, iterations=5))
+    learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0, iterations=5, horizon=None))
     (told,) = [caution for caution in learned.cautions if "iterations" in caution]
     assert "limit of 5 iterations" in told and "Settings.iterations" in told and "more samples" in told
     assert not any("iterations" in caution for caution in learn(simulated(wind=0.5)[:700]).cautions)
@@ -342,7 +346,7 @@ def test_what_was_learnt_is_shown_in_a_line():
 
 def test_a_climb_that_broke_off_where_no_step_led_higher_is_not_said_to_rise(monkeypatch):
     monkeypatch.setattr("mavdem.dem.ascent.SHARES", ())
-    learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0))
+    learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0, horizon=None))
     assert not learned.settled
     (told,) = [caution for caution in learned.cautions if "iterations" in caution]
     assert f"After {len(learned.free_energy) - 1} iterations no step led F̄ higher" in told
@@ -375,7 +379,8 @@ def test_wrong_forecast_inputs_are_named():
 def test_a_forecast_begins_from_the_last_training_input():
     """Between it and the first one ahead the input runs linearly, so the first sample ahead feels both."""
     flight = simulated(wind=0.5)
-    learned = learn(flight[:400], Settings(order=2, window=3, parameter_precision=1.0, shrink_forecasts=False))
+    settings = Settings(order=2, window=3, parameter_precision=1.0, shrink_forecasts=False, horizon=None)
+    learned = learn(flight[:400], settings)
     inputs = learned.record.inputs.copy()
     inputs[-1] += 50.0 * np.sign(GAIN)
     pushed = replace(learned, record=replace(learned.record, inputs=inputs))
@@ -401,7 +406,8 @@ def test_a_hidden_state_has_the_unit_of_the_last_output():
 
 def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest():
     flight = simulated()
-    learned = learn(flight[:700], Settings(order=2, window=3, parameter_precision=1.0, shrink_forecasts=False))
+    settings = Settings(order=2, window=3, parameter_precision=1.0, shrink_forecasts=False, horizon=None)
+    learned = learn(flight[:700], settings)
     inputs = flight.inputs[700:]
     phi, gamma0, gamma1 = discretize(learned.model.A, learned.model.B, learned.dt)
     drift = np.linalg.solve(learned.model.A, (phi - np.eye(2)) @ learned.model.offset)

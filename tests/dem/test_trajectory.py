@@ -101,10 +101,11 @@ def test_a_model_without_noise_is_found_as_it_is():
     precision[free] = WEAK
     start = truth.copy()
     start[free] *= 1 + 0.3 * rng.uniform(-1, 1, len(free))
-    found = at_once(
+    climbed = at_once(
         climb_by_parts(start, (start, np.diag(precision)), (n, r, m), predictor.gain, dt, stretches, rounds=50)
     )
-    assert found is not None
+    assert climbed is not None
+    found, _ = climbed
     np.testing.assert_array_equal(found.places, free)
     np.testing.assert_allclose(found.theta[free], truth[free], rtol=1e-3, atol=1e-3)
 
@@ -181,6 +182,13 @@ def test_an_order_or_a_prior_without_known_inputs_stays():
         record,
     )
     assert at_once(none) is None
+
+
+def test_a_climb_that_breaks_off_is_cautioned_against(monkeypatch):
+    monkeypatch.setattr("mavdem.dem.trajectory.SETTLED", -1.0)
+    learned = learn(FLIGHT[:700], COMPLETE)
+    assert not learned.settled
+    assert any("along trajectories had not settled after" in caution for caution in learned.cautions)
 
 
 def test_it_survives_the_document():
