@@ -58,6 +58,7 @@ def account(report: dict[str, Any], train: Flight, test: Flight, learned: Learne
             "variances."
         ),
         *_model(train, learned),
+        *_physical(train, learned),
         Sentence(
             f"The free energy action F̄ rose by {learned.free_energy.gained:,.0f} nats in "
             f"{len(learned.free_energy) - 1} iterations, to {learned.free_energy[-1]:,.0f}."
@@ -159,6 +160,29 @@ def _model(train: Flight, learned: Learned) -> list[Sentence | Table]:
             "Trim:",
         ),
         *(Sentence(sentence) for sentence in [_stability(model.A)] if sentence),
+    ]
+
+
+def _physical(train: Flight, learned: Learned) -> list[Sentence]:
+    """What the vehicle is made of, as far as the flight tells."""
+    read = learned.physical
+    if read is None:
+        return []
+    if read.caution is not None:
+        return [Sentence(read.caution, "Physical reading:")]
+    motors, damping, lag = read.interval(LEVEL)
+    each = ", ".join(
+        f"{short(name)} {effect:.3g} ± {half:.1g}"
+        for name, effect, half in zip(train.input_names, read.motors, motors, strict=True)
+    )
+    unit = f" rad/s² per {train.input_units[0]}" if train.input_units[0] else ""
+    return [
+        Sentence(
+            f"Motors, once settled, {each}{unit}; damping {read.damping:.3g} ± {damping:.1g} 1/s; "
+            f"lag {1e3 * read.lag:.3g} ± {1e3 * lag:.1g} ms; ± as above. Read by a model of no more than "
+            "these numbers and the wind, beside DEM's.",
+            "Physical reading:",
+        )
     ]
 
 

@@ -6,6 +6,7 @@ from mavdem.dem.learn import learn
 from mavdem.dem.learned import Learned
 from mavdem.dem.model import LinearModel
 from mavdem.dem.online import Estimate, OnlineLearner
+from mavdem.dem.physical import Physical, physical
 from mavdem.dem.settings import Settings
 from mavdem.dem.trace import FreeEnergy, Learning
 
@@ -17,7 +18,9 @@ __all__ = [
     "Learning",
     "LinearModel",
     "OnlineLearner",
+    "Physical",
     "Settings",
     "learn",
     "learn_many",
+    "physical",
 ]

@@ -18,6 +18,7 @@ from mavdem.dem.fit import Fit, generalized, held_by_prior, of_vehicle
 from mavdem.dem.json_text import json_values
 from mavdem.dem.level import require_probability
 from mavdem.dem.model import HELD, LinearModel, unpack
+from mavdem.dem.physical import Physical, physical
 from mavdem.dem.positive import inverse
 from mavdem.dem.prediction import Predictor
 from mavdem.dem.record import Record
@@ -197,6 +198,17 @@ class Learned:
         if self.scatter is None:
             return self._in_places(np.full(len(self.theta_covariance), np.nan))
         return self._in_places(self.scatter.half_width(level))
+
+    @cached_property
+    def physical(self) -> Physical | None:
+        """What motors, damping and lag are, read off the training data by themselves; ``None`` where they tell nothing.
+
+        See :func:`mavdem.dem.physical`.
+        """
+        try:
+            return physical(self.record)
+        except ValueError:
+            return None
 
     def one_step(self) -> Array:
         """(T, m): each training sample predicted from those before it and the inputs; a segment's first is the trim."""

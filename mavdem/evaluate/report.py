@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem import Learned
+from mavdem.dem import Learned, Physical
 from mavdem.dem.choice import Candidate
 from mavdem.dem.trajectory import Trajectory
 from mavdem.evaluate.mspe import mspe, relative_mspe
@@ -71,6 +71,7 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
         "expected_error": float(expected.mean()),
         "inside_90_percent_band": float(inside.mean()),
         "trajectories": _climbed(learned.trajectory),
+        "physical": _physical(learned.physical),
         "candidates": [_candidate(each) for each in learned.candidates],
         "motors_share": learned.unseen.motors_share,
         "cautions": list(learned.cautions),
@@ -80,6 +81,23 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
 def _candidate(candidate: Candidate) -> dict[str, Any]:
     """What was tried, and how it forecast inside the training data; nothing where it broke down."""
     return {**vars(candidate), "error": candidate.error if np.isfinite(candidate.error) else None}
+
+
+def _physical(read: Physical | None) -> dict[str, Any] | None:
+    """What motors, damping and lag are; no intervals where they cannot be told."""
+    if read is None:
+        return None
+    motors, damping, lag = read.interval(0.9)
+    return {
+        "motors": read.motors.tolist(),
+        "damping": read.damping,
+        "lag": read.lag,
+        "delay": read.delay,
+        "interval_90_percent": {"motors": motors.tolist(), "damping": damping, "lag": lag} if read.told else None,
+        "wind": read.wind,
+        "wind_share": read.wind_share,
+        "caution": read.caution,
+    }
 
 
 def _climbed(trajectory: Trajectory | None) -> dict[str, Any] | None:
