@@ -154,8 +154,7 @@ def _trajectory(values: Mapping[str, Any]) -> Trajectory:
 
 
 def _layout(values: Mapping[str, Any]) -> Layout:
-    arrays = _arrays({name: values[name] for name in ("quiet", "precision")})
-    return Layout(**arrays, log_share=float(values["log_share"]))
+    return Layout(np.array(values["quiet"], np.float64), float(values["log_odds"]))
 
 
 def _colour_values(colour: Colour) -> dict[str, Any]:
@@ -274,15 +273,7 @@ def _trajectory_shapes(
         "trajectory.covariance": (trajectory.covariance, (free, free)),
         "trajectory.mse": (trajectory.mse, (len(trajectory.mse), m)),
         "trajectory.gain": (trajectory.gain, (n, m)),
-        **({} if layout is None else _layout_shapes(layout, r)),
-    }
-
-
-def _layout_shapes(layout: Layout, r: int) -> dict[str, tuple[Array, tuple[int, ...]]]:
-    """Which shape its arrays must have, of r rotors."""
-    return {
-        "trajectory.layout.quiet": (layout.quiet, (len(layout.precision), r)),
-        "trajectory.layout.precision": (layout.precision, (len(layout.precision),)),
+        **({} if layout is None else {"trajectory.layout.quiet": (layout.quiet, (len(layout.quiet), r))}),
     }
 
 

@@ -108,7 +108,7 @@ def trajectory_by_parts(
 ) -> Parts[Trajectory | None]:
     """The climb along trajectories of a record from θ (k,), with a filter of that gain (n, m); in parts.
 
-    Under the package's own prior rotors stand as the free energy says: it climbs with the layout that was ``taken``
+    Under the package's own prior rotors stand as the flight tells: it climbs with the layout that was ``taken``
     for granted so far, or with hardly any, and once more from θ where another turns out to be likelier.
 
     ``None`` where the settings ask for none, inputs are unknown, the prior is the paper's or the record is too short.
@@ -138,11 +138,11 @@ def trajectory_by_parts(
     trajectory, likelihood = climbed
     inner = np.ix_(trajectory.places, trajectory.places)
 
-    def log_probability(layout: Layout) -> float:
+    def log_odds(layout: Layout) -> float:
         added = layout.added_precision(model.sizes, rows)
-        return layout.log_share + likelihood.log_evidence(mean[trajectory.places], (precision + added)[inner])
+        return layout.log_odds + likelihood.height(mean[trajectory.places], (precision + added)[inner])
 
-    likeliest = max(ways, key=log_probability)
+    likeliest = max(ways, key=log_odds)
     if likeliest is not begun:
         climbed = yield from climb(likeliest)
         assert climbed is not None

@@ -2,7 +2,9 @@
 
 Rotors that all push a little more lift the vehicle and hardly turn it. Four rotors mostly stand in an X, two on either
 side of each axis, so that two work against two; or in a plus, so that one works against one and two do nothing. Which
-it is the free energy tells: with each layout it is known to second order from where one climb has ended.
+it is the flight tells: by how probable it is at best with each layout, known to second order from where one climb has
+ended. Volumes of the posterior have no say: combinations that a flight hardly excites would count for the layout that
+holds those it does.
 """
 
 from __future__ import annotations
@@ -16,17 +18,18 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-LIFT_PRECISION = 4.0
-"""Prior precision, in the engine's units, of how far all rotors together turn the vehicle."""
-
 QUIET_PRECISION = 0.1
-"""Likewise of each other combination that, with a layout, does not turn it: rotors are not quite alike."""
+"""Prior precision, in the engine's units, of the effect of a combination that does not turn the vehicle: it is within 3
+or so of nothing, since rotors are not quite alike and loads not quite centred."""
+
+ANY_EFFECT = 50.0
+"""Size that the effect of a combination otherwise may have: it is the less likely to be found so near nothing."""
 
 FEWEST_ROTORS = 3
 """With fewer inputs they are not a multirotor's motors, but what somebody demands of an axis."""
 
-X_SHARE, PLUS_SHARE = 0.94, 0.05
-"""Of vehicles with four rotors; the others stand in some other way."""
+X_SHARE, PLUS_SHARE = 0.95, 0.05
+"""Of vehicles with four rotors."""
 
 
 class Layout(NamedTuple):
@@ -34,13 +37,16 @@ class Layout(NamedTuple):
 
     Attributes:
         quiet: (k, r) combinations of their pushes, of unit length and at right angles, that hardly turn the vehicle.
-        precision: (k,) prior precision of the effect of each, in the engine's units.
-        log_share: natural logarithm of the share of vehicles that are so.
+        log_odds: natural logarithm of how likely it is beforehand, against rotors that stand in any way.
     """
 
     quiet: Array
-    precision: Array
-    log_share: float
+    log_odds: float
+
+    @classmethod
+    def of(cls, quiet: Array, share: float) -> Layout:
+        """Of combinations that are quiet in this share of vehicles."""
+        return cls(quiet, float(np.log(share)) + len(quiet) * float(np.log(ANY_EFFECT * QUIET_PRECISION**0.5)))
 
     def added_precision(self, sizes: tuple[int, int, int], rows: NDArray[np.intp]) -> Array:
         """(k, k) what it adds to the prior precision of θ.
@@ -51,7 +57,7 @@ class Layout(NamedTuple):
         """
         n, r, m = sizes
         added = np.zeros((n * n + n * r + m * n,) * 2)
-        of_row = self.quiet.T @ (self.precision[:, None] * self.quiet)
+        of_row = QUIET_PRECISION * self.quiet.T @ self.quiet
         for row in rows:
             places = n * n + row * r + np.arange(len(of_row))
             added[np.ix_(places, places)] = of_row
@@ -65,8 +71,8 @@ class Likelihood(NamedTuple):
     slope: Array
     curvature: Array
 
-    def log_evidence(self, mean: Array, precision: Array) -> float:
-        """With a prior of the parameters, but for what is the same with any prior.
+    def height(self, mean: Array, precision: Array) -> float:
+        """The log joint where it is highest with a prior of the parameters, but for what is the same with any prior.
 
         Args:
             mean, precision: (f,), (f, f) of the prior.
@@ -74,32 +80,25 @@ class Likelihood(NamedTuple):
         posterior = self.curvature + precision
         pull = self.slope + precision @ (mean - self.at)
         off = mean - self.at
-        height = 0.5 * pull @ np.linalg.solve(posterior, pull) - 0.5 * off @ precision @ off
-        return float(height + 0.5 * (np.linalg.slogdet(precision)[1] - np.linalg.slogdet(posterior)[1]))
+        return float(0.5 * pull @ np.linalg.solve(posterior, pull) - 0.5 * off @ precision @ off)
 
 
 @cache
 def layouts(rotors: int) -> tuple[Layout, ...]:
-    """Every way in which so many rotors may stand, the one of which least is known first; none for other inputs.
+    """Every way in which so many rotors may stand, any way first; none for other inputs.
 
     Args:
         rotors: inputs that are motors.
     """
     if rotors < FEWEST_ROTORS:
         return ()
-    lift = np.full((1, rotors), rotors**-0.5)
+    any_way, lift = Layout(np.empty((0, rotors)), 0.0), np.full((1, rotors), rotors**-0.5)
     if rotors != 4:
-        return (Layout(lift, np.array([LIFT_PRECISION]), 0.0),)
-    any_way = Layout(lift, np.array([LIFT_PRECISION]), float(np.log(1 - X_SHARE - PLUS_SHARE)))
-    precision = np.array([LIFT_PRECISION, QUIET_PRECISION, QUIET_PRECISION])
+        return any_way, Layout.of(lift, 1.0)
     ways = np.array([[1, 1, -1, -1], [1, -1, 1, -1], [1, -1, -1, 1]]) / 2
-    in_an_x = [
-        Layout(np.vstack([lift, np.delete(ways, turning, axis=0)]), precision, float(np.log(X_SHARE / 3)))
-        for turning in range(3)
-    ]
+    in_an_x = [Layout.of(np.vstack([lift, np.delete(ways, turning, axis=0)]), X_SHARE / 3) for turning in range(3)]
     in_a_plus = [
-        Layout(np.vstack([lift, *_quiet_in_a_plus(*pair)]), precision, float(np.log(PLUS_SHARE / 6)))
-        for pair in combinations(range(4), 2)
+        Layout.of(np.vstack([lift, *_quiet_in_a_plus(*pair)]), PLUS_SHARE / 6) for pair in combinations(range(4), 2)
     ]
     return any_way, *in_an_x, *in_a_plus
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
+from mavdem.dem.believed import believed, expected_error, sizes
 from mavdem.dem.choice import Candidate
 from mavdem.dem.colour import Colour
 from mavdem.dem.determined import Direction, undetermined, without
@@ -30,9 +31,6 @@ from mavdem.dem.trajectory import Trajectory
 from mavdem.dem.trials import Unseen
 
 Array = NDArray[np.float64]
-
-FAR = 5.0
-"""Standard deviations of the training data: a forecast so far from the trim counts as twice as uncertain."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -231,11 +229,10 @@ class Learned:
     def forecast(self, inputs: ArrayLike, from_zero: bool = False) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.
 
-        The model runs on from the state at the end of training. With ``shrink_forecasts`` each sample's deviation d
-        from the trim has the weight 1 / (1 + V (1 + d² / ``FAR``²)), V being the variance that the posterior of θ gives
-        it, both in units of the training data's spread: what inputs beyond those learnt from ask of uncertain
-        parameters is not believed, and the less the farther it leads. Where θ climbed along no trajectories, it has the
-        weight that forecasts of unseen training data earned one so long.
+        The model runs on from the state at the end of training. With ``shrink_forecasts`` each sample's deviation from
+        the trim is believed as far as the posterior of θ is sure of it (``mavdem.dem.believed``): what inputs beyond
+        those learnt from ask of uncertain parameters is not, and the less the farther it leads. Where θ climbed along
+        no trajectories, it has the weight that forecasts of unseen training data earned one so long.
 
         Args:
             inputs: (H, r) motor outputs over the forecast, in the unit of the training inputs.
@@ -248,13 +245,7 @@ class Learned:
             ValueError: inputs of another width, or not finite.
         """
         ahead = self.record.following_inputs(inputs)
-        known = self.scaling.scale_inputs(np.vstack([self.record.inputs[-1], ahead]))
-        if from_zero:
-            at_trim = np.zeros((1, len(self.model.C)))
-            at_rest = self.predictor.at_rest(known[min(1, len(ahead))])
-            deviation = np.vstack([at_trim, self.predictor.forecast(at_rest, known[1:])])[: len(ahead)]
-        else:
-            deviation = self.predictor.forecast(self._last_state, known)
+        deviation = self._deviation(ahead, from_zero)
         return self.scaling.physical_outputs(self._believed(deviation, *self._with(ahead)))
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
@@ -293,11 +284,22 @@ class Learned:
         ahead = self.record.following_inputs(inputs)
         if self.trajectory is None:
             return self._by_horizon(self.unseen.weighted_mse, len(ahead))
-        spread = self._spread(*self._with(ahead))
+        forecast = self._with(ahead)
+        spread = self._spread(*forecast)
         if self.settings.shrink_forecasts:
-            # A deviation of about 1 beforehand, of which a forecast with that variance tells: V / (1 + V) is left.
-            spread = 1 - 1 / (1 + spread)
+            spread = expected_error(self._deviation(ahead), spread, self._sizes(*forecast))
         return (spread + self._by_horizon(self.trajectory.noise, len(ahead))) * self.scaling.output_scale**2
+
+    def _deviation(self, ahead: Array, from_zero: bool = False) -> Array:
+        """(H, m) from the trim, as the model has it with inputs (H, r), in the engine's units."""
+        known = self.scaling.scale_inputs(np.vstack([self.record.inputs[-1], ahead]))
+        # A model that grows may leave the range of numbers.
+        with np.errstate(over="ignore", invalid="ignore"):
+            if not from_zero:
+                return self.predictor.forecast(self._last_state, known)
+            at_rest = self.predictor.at_rest(known[min(1, len(ahead))])
+            later = self.predictor.forecast(at_rest, known[1:])
+        return np.vstack([np.zeros((1, len(self.model.C))), later])[: len(ahead)]
 
     def _with(self, ahead: Array) -> tuple[int, Array, Array, int]:
         """One forecast with inputs (H, r), in the engine's units: its length, outputs, inputs and where it begins."""
@@ -314,12 +316,16 @@ class Learned:
             first: where the first begins.
         """
         if self.trajectory is None:
-            return np.asarray(
-                deviation * self._by_horizon(self.unseen.weight, len(deviation))[np.arange(len(deviation)) % steps]
-            )
+            weight = self._by_horizon(self.unseen.weight, len(deviation))
+            return np.asarray(deviation * weight[np.arange(len(deviation)) % steps])
         if not self.settings.shrink_forecasts:
             return deviation
-        return deviation / (1 + self._spread(steps, outputs, inputs, first) * (1 + (deviation / FAR) ** 2))
+        spread = self._spread(steps, outputs, inputs, first)
+        return believed(deviation, spread, self._sizes(steps, outputs, inputs, first))
+
+    def _sizes(self, steps: int, outputs: Array, inputs: Array, first: int) -> Array:
+        """S of such forecasts, (T − first, 1)."""
+        return sizes(inputs[first:, : len(self.model.input_trim)], steps)
 
     def _spread(self, steps: int, outputs: Array, inputs: Array, first: int) -> Array:
         """(T − first, m) variance that θ's posterior gives such forecasts, in the engine's units."""

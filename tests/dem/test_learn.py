@@ -37,7 +37,7 @@ def test_a_clean_system_is_recovered_and_forecast():
 @pytest.mark.parametrize(
     "settings",
     [
-        Settings(shrink_forecasts=False),
+        Settings(shrink_forecasts=False, horizon=None),
         Settings.paper(),
         Settings(order=2, window=9, shrink_forecasts=False, horizon=None),
     ],
