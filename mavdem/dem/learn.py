@@ -124,10 +124,10 @@ def _along_trajectories(fitted: Fit, record: Record, samples: Samples) -> Fit:
             if trajectory is None:
                 return fitted
             place = Climb(model, samples).around(trajectory.theta, ascent.belief)
+            predictor = fitted.predictor.of_theta(trajectory.theta, model.sizes, record.dt)
+            predictor = at_once(with_innovations_by_parts(predictor, scaling.scale_segments(record)))
     except np.linalg.LinAlgError:
         return fitted
-    predictor = fitted.predictor.of_theta(trajectory.theta, model.sizes, record.dt)
-    predictor = at_once(with_innovations_by_parts(predictor, scaling.scale_segments(record)))
     there = replace(ascent, belief=place.belief, state_map=place.state_map)
     onward = replace(fitted, ascent=there, predictor=predictor, trajectory=trajectory)
     mse = trials(onward, record).mse / scaling.output_scale**2

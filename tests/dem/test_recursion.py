@@ -1,16 +1,25 @@
-"""A linear model run over many samples: mode by mode, or sample by sample where its modes are no basis."""
+"""A linear model run over many samples: mode by mode, or block by block where its modes are no basis."""
 
 import numpy as np
+import pytest
 
 from mavdem.dem.recursion import WORST_MODES, recursion
 
+DEFECTIVE = np.array([[0.9, 1.0, 0.0], [0.0, 0.9, 1.0], [0.0, 0.0, 0.9]])
+FORGETTING = np.array([[0.9, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+GROWING = np.array([[1.01, 1.0, 0.0], [0.0, 1.01, 1.0], [0.0, 0.0, 0.9]])
 
-def test_defective_dynamics_run_sample_by_sample():
-    F = np.array([[0.9, 1.0, 0.0], [0.0, 0.9, 1.0], [0.0, 0.0, 0.9]])
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 20, 25, 26, 400])
+@pytest.mark.parametrize("F", [DEFECTIVE, FORGETTING, GROWING])
+def test_defective_dynamics_run_as_sample_by_sample(F, samples):
     assert np.linalg.cond(np.linalg.eig(F)[1]) > WORST_MODES
-    pushes = np.random.default_rng(0).standard_normal((20, 3))
+    pushes = np.random.default_rng(0).standard_normal((samples, 3))
+    before = pushes.copy()
     states = recursion(F, pushes, np.ones(3))
-    state = np.ones(3)
-    for push, expected in zip(pushes, states, strict=True):
+    expected, state = [], np.ones(3)
+    for push in pushes:
         state = F @ state + push
-        np.testing.assert_allclose(expected, state)
+        expected.append(state)
+    np.testing.assert_allclose(states, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(pushes, before)

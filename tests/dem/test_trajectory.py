@@ -181,6 +181,19 @@ def test_an_order_or_a_prior_without_known_inputs_stays():
     assert at_once(none) is None
 
 
+def test_a_filter_that_runs_beyond_all_numbers_leaves_theta_where_generalized_coordinates_led_it(monkeypatch):
+    """Stretches are short, and a filter that grows may pass them; over the whole record it does not."""
+
+    def unstable(self, theta, sizes, dt):
+        return replace(self, transition=self.transition._replace(state=10 * self.transition.state))
+
+    monkeypatch.setattr(Predictor, "of_theta", unstable)
+    learned = learn(FLIGHT[:700], COMPLETE)
+    assert learned.trajectory is None
+    short = learn(FLIGHT[:700], replace(COMPLETE, horizon=None))
+    np.testing.assert_array_equal(learned.model.A, short.model.A)
+
+
 def test_a_climb_that_breaks_off_is_cautioned_against(monkeypatch):
     monkeypatch.setattr("mavdem.dem.trajectory.SETTLED", -1.0)
     learned = learn(FLIGHT[:700], COMPLETE)
