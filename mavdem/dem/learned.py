@@ -31,6 +31,9 @@ from mavdem.dem.trials import Unseen
 
 Array = NDArray[np.float64]
 
+beyond_numbers = np.errstate(over="ignore", invalid="ignore")
+"""Around what an unstable model, or inputs without measure, may lead beyond all numbers: infinite or NaN, unwarned."""
+
 FAR = 5.0
 """Standard deviations of the training data: a forecast so far from the trim counts as twice as uncertain."""
 
@@ -210,6 +213,7 @@ class Learned:
         except ValueError:
             return None
 
+    @beyond_numbers
     def one_step(self) -> Array:
         """(T, m): each training sample predicted from those before it and the inputs; a segment's first is the trim."""
         predictions = []
@@ -228,6 +232,7 @@ class Learned:
         """Whether no mode of the model grows, but for rounding."""
         return self.spectral_radius <= 1 + HELD
 
+    @beyond_numbers
     def forecast(self, inputs: ArrayLike, from_zero: bool = False) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.
 
@@ -257,6 +262,7 @@ class Learned:
             deviation = self.predictor.forecast(self._last_state, known)
         return self.scaling.physical_outputs(self._believed(deviation, *self._with(ahead)))
 
+    @beyond_numbers
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """The samples after the training data, by a new forecast from every ``steps``-th of them on.
 
@@ -277,10 +283,10 @@ class Learned:
         before = self.record.segments[-1]
         known, measured = (np.vstack(tables) for tables in zip(before, following, strict=True))
         scaled = self.scaling.scale_outputs(measured), self.scaling.scale_inputs(known)
-        with np.errstate(over="ignore", invalid="ignore"):
-            deviation = self.predictor.forecast_every(steps, *scaled, first=len(before[0]))
-            return self.scaling.physical_outputs(self._believed(deviation, steps, *scaled, first=len(before[0])))
+        deviation = self.predictor.forecast_every(steps, *scaled, first=len(before[0]))
+        return self.scaling.physical_outputs(self._believed(deviation, steps, *scaled, first=len(before[0])))
 
+    @beyond_numbers
     def forecast_variance(self, inputs: ArrayLike) -> Array:
         """(H, m) squared error that the forecast expects of itself at each sample, rad² and (rad/s)².
 
@@ -337,6 +343,7 @@ class Learned:
         )
         return variance.reshape(-1, outputs.shape[1])[: T - first]
 
+    @beyond_numbers
     def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> tuple[Array, Array]:
         """The interval in which each sample of the forecast lies with probability ``level``.
 
