@@ -64,6 +64,8 @@ def test_no_samples_have_no_forecast(model):
     ("steps", "spoil", "named"),
     [
         (0, lambda u, y: (u, y), "^steps"),
+        (True, lambda u, y: (u, y), "^steps"),
+        (10**30, lambda u, y: (u, y), "^steps"),
         (1.5, lambda u, y: (u, y), "^steps"),
         (5, lambda u, y: (u[:, :1], y), "^inputs must have shape"),
         (5, lambda u, y: (u, y[:, 0]), "^outputs must have shape"),

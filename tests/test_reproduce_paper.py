@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,7 +28,10 @@ from paper.words import listed, number, percent
 from scipy.ndimage import gaussian_filter1d
 
 import mavdem
+from mavdem.cli.main import main
 from mavdem.evaluate import analyse_noise
+
+COMMAND = Path(__file__).parents[1] / "tools" / "reproduce_paper"
 
 SMALL = Extent(experiments=(2,), duration=30, recorded=False, priors=2)
 
@@ -193,3 +203,46 @@ def test_items_are_listed_and_others_refused():
     assert [line.split()[0] for line in listed_items] == [item.name for item in ITEMS]
     refused = CliRunner().invoke(reproduce, ["everything"])
     assert refused.exit_code == 2 and "everything" in refused.output
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [(["everything"], "everything"), (["noise", "--out", "FILE"], "--out"), (["noise", "--out", "FOLDER"], "figures")],
+)
+def test_what_cannot_be_done_is_one_document_and_no_work(words, named, tmp_path, capsys):
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "figures").write_text("mine")
+    places = {"FILE": tmp_path / "file", "FOLDER": tmp_path / "folder"}
+    assert main([*(str(places.get(word, word)) for word in words), "--json"], command=reproduce) == 2
+    out, _ = capsys.readouterr()
+    assert named in json.loads(out)["error"]["reason"]
+
+
+def test_a_report_that_cannot_be_written_is_one_sentence(monkeypatch, tmp_path, capsys):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device", "page")
+
+    monkeypatch.setattr("paper.command.write", full)
+    monkeypatch.setattr("paper.command.ITEMS", ())
+    assert main(["--out", str(tmp_path), "--json"], command=reproduce) == 2
+    out, said = capsys.readouterr()
+    assert "No space left" in json.loads(out)["error"]["reason"]
+    assert "should not have happened" not in said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_ended_early_it_says_so_as_other_commands_do(sent, code, tmp_path):
+    words = [sys.executable, str(COMMAND), "noise", "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+    time.sleep(3)
+    assert process.poll() is None, process.communicate()
+    if sent == signal.SIGINT:
+        os.killpg(process.pid, sent)
+    else:
+        process.send_signal(sent)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == code
+    assert b"Traceback" not in said and b"Warning" not in said
+    assert not (tmp_path / "out").exists()

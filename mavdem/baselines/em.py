@@ -237,8 +237,9 @@ def _in_innovation_form(model: GaussianModel) -> StateSpace:
 def starting_points(segments: Segments, order: int, feedthrough: bool, stable: bool, seed: int) -> list[Climb]:
     """The subspace model with noise, and models at random; none of them unstable if they must be ``stable``."""
     rng = np.random.default_rng(seed)
-    at_random = [_at_random(rng, segments, order) for _ in range(STARTS - 1)]
-    return [_from_subspace(segments, order, feedthrough, stable), *at_random]
+    # First, since it refuses an order that no memory holds.
+    from_subspace = _from_subspace(segments, order, feedthrough, stable)
+    return [from_subspace, *(_at_random(rng, segments, order) for _ in range(STARTS - 1))]
 
 
 def _from_subspace(segments: Segments, order: int, feedthrough: bool, stable: bool) -> Climb:

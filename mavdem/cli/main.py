@@ -80,16 +80,17 @@ def mavdem() -> None:
     """
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None, command: click.Command = mavdem) -> int:
     """Runs one command and answers its exit code; no exception but SystemExit leaves it.
 
     Args:
         arguments: the words after ``mavdem``; those of the process unless given.
+        command: that takes them.
     """
     words = sys.argv[1:] if arguments is None else list(arguments)
     prepare_streams()
     try:
-        code = _run(words, as_json="--json" in words)
+        code = _run(command, words, as_json="--json" in words)
         sys.stdout.flush()
         return code
     except BrokenPipeError:
@@ -102,10 +103,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return code
 
 
-def _run(words: list[str], as_json: bool) -> int:
+def _run(command: click.Command, words: list[str], as_json: bool) -> int:
     try:
-        with mavdem.make_context("mavdem", list(words)) as context:
-            mavdem.invoke(context)
+        with command.make_context(command.name, list(words)) as context:
+            command.invoke(context)
     except click.exceptions.Exit as end:
         return end.exit_code
     except click.exceptions.NoArgsIsHelpError as error:

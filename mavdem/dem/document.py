@@ -14,7 +14,7 @@ from mavdem.dem.determined import Direction
 from mavdem.dem.layout import Layout
 from mavdem.dem.model import LinearModel, Transition
 from mavdem.dem.prediction import Predictor
-from mavdem.dem.record import Record
+from mavdem.dem.record import LARGEST, SHORTEST_STEP, Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.scatter import Scatter
 from mavdem.dem.settings import Settings
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from mavdem.dem.learned import Learned
 
 Array = NDArray[np.float64]
+
+ROUNDING = 1e-9
+"""Of a covariance: how far below zero its least variance may be, over the largest."""
 
 ARRAYS = ("theta_covariance", "prior_sd", "free_energy_of_samples", "state_map", "theta")
 
@@ -121,7 +124,7 @@ def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
             Transition(**_arrays(predictor["transition"])),
             **_arrays({name: predictor[name] for name in ("C", "gain", "of_outputs", "of_inputs")}),
         ),
-        "trajectory": None if values["trajectory"] is None else _trajectory(values["trajectory"]),
+        "trajectory": None if values["trajectory"] is None else _trajectory(values["trajectory"], sizes[1]),
         **_arrays({name: values[name] for name in ARRAYS}),
     }
 
@@ -141,7 +144,7 @@ def _trajectory_values(trajectory: Trajectory) -> dict[str, Any]:
     }
 
 
-def _trajectory(values: Mapping[str, Any]) -> Trajectory:
+def _trajectory(values: Mapping[str, Any], rotors: int) -> Trajectory:
     return Trajectory(
         **_arrays({name: values[name] for name in ("theta", "covariance", "mse", "gain")}),
         places=np.array(values["places"], np.intp),
@@ -149,12 +152,14 @@ def _trajectory(values: Mapping[str, Any]) -> Trajectory:
         horizon=int(values["horizon"]),
         terms=_arrays(values["terms"]),
         settled=bool(values["settled"]),
-        layout=None if values["layout"] is None else _layout(values["layout"]),
+        layout=None if values["layout"] is None else _layout(values["layout"], rotors),
     )
 
 
-def _layout(values: Mapping[str, Any]) -> Layout:
-    return Layout(np.array(values["quiet"], np.float64), float(values["log_odds"]))
+def _layout(values: Mapping[str, Any], rotors: int) -> Layout:
+    # Of no combination there is no row that would tell how many rotors there are.
+    quiet = np.array(values["quiet"], np.float64)
+    return Layout(quiet if quiet.size else np.empty((0, rotors)), float(values["log_odds"]))
 
 
 def _colour_values(colour: Colour) -> dict[str, Any]:
@@ -215,6 +220,11 @@ def _check(fields: dict[str, Any]) -> None:
     for name, (array, shape) in shapes.items():
         if array.shape != shape or not np.isfinite(array).all():
             raise ValueError(f"{name} must be finite and of shape {shape}, not {array.shape}")
+    for name, table in (("inputs", inputs), ("outputs", outputs)):
+        if np.abs(table).max() > LARGEST:
+            raise ValueError(f"{name} must not be larger than {LARGEST:g}")
+    if fields["trajectory"] is not None:
+        _check_trajectory(fields["trajectory"], T)
     if len(fields["free_energy_of_samples"]) != record.windows(settings.window or T + 1):
         raise ValueError("free_energy_of_samples must have one value for each sample with a whole window")
     if sum(record.lengths) != T or min(record.lengths, default=0) < 1:
@@ -236,6 +246,8 @@ def _check(fields: dict[str, Any]) -> None:
     for name, values in scales.items():
         if not (np.isfinite(values).all() and np.all(np.asarray(values) > 0)):
             raise ValueError(f"{name} must be positive")
+    if not SHORTEST_STEP <= fields["dt"] <= 1 / SHORTEST_STEP:
+        raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {fields['dt']}")
     if not (unseen.mse >= 0).all() or not (unseen.weighted_mse >= 0).all():
         raise ValueError("unseen.mse and unseen.weighted_mse must not be negative")
     terms = fields["free_energy"].terms
@@ -275,6 +287,24 @@ def _trajectory_shapes(
         "trajectory.gain": (trajectory.gain, (n, m)),
         **({} if layout is None else {"trajectory.layout.quiet": (layout.quiet, (len(layout.quiet), r))}),
     }
+
+
+def _check_trajectory(trajectory: Trajectory, samples: int) -> None:
+    """That what has a shape also is what it is called, of a record of so many samples."""
+    if not (np.isfinite(trajectory.numbers) and trajectory.horizon <= samples):
+        raise ValueError(f"trajectory must have finite numbers, and a horizon within its {samples} samples")
+    if not (trajectory.mse >= 0).all():
+        raise ValueError("trajectory.mse must not be negative")
+    variances = np.linalg.eigvalsh(trajectory.covariance)
+    if not variances[0] >= -ROUNDING * variances[-1]:
+        raise ValueError("trajectory.covariance must be positive definite")
+    terms = trajectory.terms
+    rounds = {term.shape for term in terms.values()}
+    if "noise entropy" not in terms or len(rounds) != 1 or len(*rounds) != 1 or (0,) in rounds:
+        raise ValueError("trajectory.terms must be named as those of the free energy, each with as many values")
+    layout = trajectory.layout
+    if layout is not None and not np.isfinite(layout.log_odds):
+        raise ValueError("trajectory.layout must have finite log_odds")
 
 
 def _finite(value: float) -> float | None:

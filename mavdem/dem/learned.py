@@ -32,6 +32,9 @@ from mavdem.dem.trials import Unseen
 
 Array = NDArray[np.float64]
 
+beyond_numbers = np.errstate(over="ignore", invalid="ignore")
+"""Around what an unstable model, or inputs without measure, may lead beyond all numbers: infinite or NaN, unwarned."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Learned:
@@ -208,6 +211,7 @@ class Learned:
         except ValueError:
             return None
 
+    @beyond_numbers
     def one_step(self) -> Array:
         """(T, m): each training sample predicted from those before it and the inputs; a segment's first is the trim."""
         predictions = []
@@ -226,6 +230,7 @@ class Learned:
         """Whether no mode of the model grows, but for rounding."""
         return self.spectral_radius <= 1 + HELD
 
+    @beyond_numbers
     def forecast(self, inputs: ArrayLike, from_zero: bool = False) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.
 
@@ -248,6 +253,7 @@ class Learned:
         deviation = self._deviation(ahead, from_zero)
         return self.scaling.physical_outputs(self._believed(deviation, *self._with(ahead)))
 
+    @beyond_numbers
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """The samples after the training data, by a new forecast from every ``steps``-th of them on.
 
@@ -268,10 +274,10 @@ class Learned:
         before = self.record.segments[-1]
         known, measured = (np.vstack(tables) for tables in zip(before, following, strict=True))
         scaled = self.scaling.scale_outputs(measured), self.scaling.scale_inputs(known)
-        with np.errstate(over="ignore", invalid="ignore"):
-            deviation = self.predictor.forecast_every(steps, *scaled, first=len(before[0]))
-            return self.scaling.physical_outputs(self._believed(deviation, steps, *scaled, first=len(before[0])))
+        deviation = self.predictor.forecast_every(steps, *scaled, first=len(before[0]))
+        return self.scaling.physical_outputs(self._believed(deviation, steps, *scaled, first=len(before[0])))
 
+    @beyond_numbers
     def forecast_variance(self, inputs: ArrayLike) -> Array:
         """(H, m) squared error that the forecast expects of itself at each sample, rad² and (rad/s)².
 
@@ -293,12 +299,9 @@ class Learned:
     def _deviation(self, ahead: Array, from_zero: bool = False) -> Array:
         """(H, m) from the trim, as the model has it with inputs (H, r), in the engine's units."""
         known = self.scaling.scale_inputs(np.vstack([self.record.inputs[-1], ahead]))
-        # A model that grows may leave the range of numbers.
-        with np.errstate(over="ignore", invalid="ignore"):
-            if not from_zero:
-                return self.predictor.forecast(self._last_state, known)
-            at_rest = self.predictor.at_rest(known[min(1, len(ahead))])
-            later = self.predictor.forecast(at_rest, known[1:])
+        if not from_zero:
+            return self.predictor.forecast(self._last_state, known)
+        later = self.predictor.forecast(self.predictor.at_rest(known[min(1, len(ahead))]), known[1:])
         return np.vstack([np.zeros((1, len(self.model.C))), later])[: len(ahead)]
 
     def _with(self, ahead: Array) -> tuple[int, Array, Array, int]:
@@ -343,6 +346,7 @@ class Learned:
         )
         return variance.reshape(-1, outputs.shape[1])[: T - first]
 
+    @beyond_numbers
     def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> tuple[Array, Array]:
         """The interval in which each sample of the forecast lies with probability ``level``.
 

@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mavdem.dem.real import real_numbers
+from mavdem.dem.real import is_whole, real_numbers
 from mavdem.dem.spread import Spread
 
 Array = NDArray[np.float64]
@@ -116,7 +116,7 @@ class Record:
         Raises:
             ValueError: steps that are no positive number, or tables of other widths, lengths, or not finite.
         """
-        if not (isinstance(steps, int | np.integer) and steps >= 1):
+        if not (is_whole(steps) and steps >= 1):
             raise ValueError(f"steps must be a whole number of at least 1, not {steps!r}")
         ahead, measured = self.following_inputs(inputs), _table(outputs, "outputs", self.outputs.shape[1])
         if len(ahead) != len(measured):

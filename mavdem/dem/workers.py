@@ -33,11 +33,13 @@ def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
         sys.exit("mavdem starts processes, which import this script: make that call below `if __name__ == '__main__':`")
     context = get_context("spawn")
     ear, mouth = context.Pipe(duplex=False)
-    executor = ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(ear,))
+    # Ctrl-C, and a terminal that closes, reach every process of it, but not those begun in here, Python's own for
+    # semaphores among them: the parent decides what it means.
+    with _held_back(signal.SIGINT, signal.SIGHUP):
+        executor = ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(ear,))
     # The mouth is closed first, which the workers hear, and then waited for them.
     with ear, _waited_for(executor), mouth:
-        # Ctrl-C reaches every process of a terminal, but not those begun in here: the parent decides what it means.
-        with _held_back(signal.SIGINT):
+        with _held_back(signal.SIGINT, signal.SIGHUP):
             for _ in range(workers):
                 executor.submit(os.getpid)
         yield executor

@@ -187,6 +187,7 @@ def test_starts_that_break_down_are_left_out_and_all_of_them_are_an_error(breakd
     ("make", "said"),
     [
         (lambda: baselines.em(TRAIN[:30], 2), "^train has too few samples for 2 states: 30 in segments of 30"),
+        (lambda: baselines.em(TRAIN, 10**9), "^train has too few samples for 1000000000 states"),
         (lambda: baselines.em(TRAIN, 0), "^order must be a positive"),
     ],
 )

@@ -198,9 +198,9 @@ def test_an_out_that_is_a_file_is_refused_before_the_work(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
 def test_ended_early_it_leaves_no_process_and_no_file(number, code, tmp_path):
-    """The whole terminal's Ctrl-C, which reaches the workers too."""
+    """The whole terminal's Ctrl-C or end, which reaches the workers too."""
     run = "import sys\nfrom mavdem.cli.entry import run\nif __name__ == '__main__':\n    sys.exit(run())\n"
     script = tmp_path / "script.py"
     script.write_text(run)
@@ -208,7 +208,7 @@ def test_ended_early_it_leaves_no_process_and_no_file(number, code, tmp_path):
     process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
     time.sleep(5)
     assert process.poll() is None, process.communicate()
-    if number == signal.SIGINT:
+    if number != signal.SIGTERM:
         os.killpg(process.pid, number)
     else:
         process.send_signal(number)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ from simulated import GAIN, simulated
 
 from mavdem import Flight, Learned, Settings, learn
 from mavdem.dem.fit import fit, trajectory_by_parts
+from mavdem.dem.layout import layouts
 from mavdem.dem.model import unpack
 from mavdem.dem.parts import at_once
 from mavdem.dem.prediction import Predictor
@@ -18,6 +20,7 @@ from mavdem.dem.trajectory import MOST_STRETCHES, WEAK, Bundle, Stretches, _Clim
 
 COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)
 FLIGHT = simulated(wind=1.0, lag=0.05)
+ROTORS = FLIGHT.inputs.shape[1]
 
 
 def climb_of(flight: Flight) -> tuple[_Climb, np.ndarray]:
@@ -201,12 +204,62 @@ def test_a_climb_that_breaks_off_is_cautioned_against(monkeypatch):
     assert any("along trajectories had not settled after" in caution for caution in learned.cautions)
 
 
-def test_it_survives_the_document():
+@pytest.mark.parametrize("ways", [slice(None), slice(1)])
+def test_it_survives_the_document(monkeypatch, ways):
+    monkeypatch.setattr("mavdem.dem.fit.layouts", lambda rotors: layouts(rotors)[ways])
     learned = learn(FLIGHT[:700], COMPLETE)
     again = Learned.from_json(learned.to_json())
     ahead = FLIGHT.inputs[700:850]
     np.testing.assert_array_equal(again.forecast(ahead), learned.forecast(ahead))
     np.testing.assert_array_equal(again.forecast_variance(ahead), learned.forecast_variance(ahead))
+
+
+@pytest.fixture(scope="module")
+def document():
+    return learn(FLIGHT[:700], COMPLETE).to_json()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("covariance", lambda rows: (-np.array(rows)).tolist()),
+        ("mse", lambda rows: (-np.array(rows)).tolist()),
+        ("numbers", float("inf")),
+        ("horizon", 701),
+        ("terms", {}),
+        ("terms", {"noise entropy": 1.0}),
+        ("terms", {"noise entropy": [1.0, 2.0], "parameter entropy": [1.0]}),
+        ("layout", {"quiet": [[1.0] * (ROTORS + 1)], "log_odds": 0.0}),
+        ("layout", {"quiet": [[1.0] * ROTORS], "log_odds": float("nan")}),
+    ],
+)
+def test_a_document_with_another_trajectory_is_refused(document, name, value):
+    values = json.loads(document)
+    there = values["trajectory"]
+    there[name] = value(there[name]) if callable(value) else value
+    with pytest.raises(ValueError, match="^trajectory"):
+        Learned.from_json(json.dumps(values))
+
+
+@pytest.mark.parametrize("name", ["inputs", "outputs"])
+def test_a_document_of_what_could_not_be_learnt_from_is_refused(document, name):
+    values = json.loads(document)
+    values[name][0][0] = 1e300
+    with pytest.raises(ValueError, match=f"^{name} must not be larger"):
+        Learned.from_json(json.dumps(values))
+    for dt in (1e-300, 1e300):
+        with pytest.raises(ValueError, match="^dt must be positive"):
+            Learned.from_json(json.dumps({**json.loads(document), "dt": dt}))
+
+
+@pytest.mark.parametrize("size", [1e150, 1e300])
+def test_inputs_without_measure_are_forecast_without_a_word(document, size):
+    learned = Learned.from_json(document)
+    ahead = np.full((150, ROTORS), size)
+    with np.errstate(all="raise", under="ignore"):
+        assert learned.forecast(ahead).shape == learned.forecast(ahead, from_zero=True).shape == (150, 2)
+        assert learned.forecast_variance(ahead).shape == learned.forecast_band(ahead)[0].shape == (150, 2)
+        assert learned.forecast_every(5, ahead, np.full((150, 2), 1e308)).shape == (150, 2)
 
 
 def test_a_bundle_runs_beyond_all_numbers_without_a_word():

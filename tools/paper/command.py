@@ -10,15 +10,25 @@ from time import perf_counter
 import click
 from paper.item import Item
 from paper.laboratory import Extent, Laboratory
-from paper.report import ITEMS, PAGE, Judged, document, write
+from paper.report import FIGURES, ITEMS, NUMBERS, PAGE, RECORDING, Judged, document, write
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from mavdem.cli.main import main
+from mavdem.cli.new_file import writing
 from mavdem.cli.output import ASIDE, print_json, print_table, say
+from mavdem.cli.results import check_folder
+from mavdem.cli.signals import unwind_when_terminated
 from mavdem.dem.workers import pool, spare_cores
 
 
-@click.command()
+def run() -> int:
+    """Runs the command of the process and answers its exit code, with errors and signals told as ``mavdem``'s are."""
+    unwind_when_terminated()
+    return main(command=reproduce)
+
+
+@click.command("tools/reproduce_paper")
 @click.argument("names", metavar="[ITEM]...", nargs=-1, type=click.Choice([item.name for item in ITEMS]))
 @click.option(
     "--out",
@@ -39,18 +49,16 @@ def reproduce(names: tuple[str, ...], out: Path, as_json: bool, as_list: bool) -
         for item in ITEMS:
             say(f"{item.name:14}  {item.title} ({item.published.section})")
         return
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        # Not after minutes of work.
-        raise click.BadParameter(f"{out} cannot be made: {error.strerror}.", param_hint="--out") from error
+    check_folder(out, (PAGE, NUMBERS, RECORDING))
+    check_folder(out / FIGURES, ())
     began = perf_counter()
     chosen = [item for item in ITEMS if item.name in names or not names]
     with _Bar() as bar, pool(spare_cores()) as executor:
         laboratory = Laboratory(Extent(), executor, bar.jobs)
         judged = [Judged(item, item.run(laboratory)) for item in bar.items(chosen)]
         bar.begin("Writing the report")
-        write(out, judged, laboratory, perf_counter() - began)
+        with writing(out):
+            write(out, judged, laboratory, perf_counter() - began)
     if as_json:
         print_json(document(judged, perf_counter() - began))
         return
