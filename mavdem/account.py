@@ -63,20 +63,29 @@ def account(report: dict[str, Any], train: Flight, test: Flight, learned: Learne
             f"The free energy action F̄ rose by {learned.free_energy.gained:,.0f} nats in "
             f"{len(learned.free_energy) - 1} iterations, to {learned.free_energy[-1]:,.0f}."
         ),
-        *_trajectories(learned),
+        *_trajectories(train, learned),
     ]
 
 
-def _trajectories(learned: Learned) -> list[Sentence | Table]:
-    """How θ climbed on."""
+def _trajectories(train: Flight, learned: Learned) -> list[Sentence | Table]:
+    """How θ climbed on, and what was taken for granted."""
     trajectory = learned.trajectory
     if trajectory is None:
         return []
+    turning = None if trajectory.layout is None else trajectory.layout.turning
+    layout = ""
+    if turning is not None:
+        up, down = (
+            " and ".join(short(name) for name, way in zip(train.input_names, turning, strict=True) if sign * way > 0)
+            for sign in (1, -1)
+        )
+        layout = f" Of the ways rotors may stand, {up} against {down} fits best, and was leant on."
     log_joint = [sum(term[i] for term in trajectory.terms.values()) for i in (0, -1)]
     return [
         Sentence(
             f"Along trajectories of {trajectory.horizon * learned.dt:.2g} s, in which {trajectory.numbers:.0f} numbers "
             f"are news to {len(trajectory.places)} parameters, it rose by {log_joint[1] - log_joint[0]:.3g} nats more."
+            + layout
         )
     ]
 

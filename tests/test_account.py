@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
+from simulated import simulated
 
 import mavdem
 from mavdem import evaluate
@@ -72,6 +73,14 @@ def test_the_verdict_comes_first_and_repeats_the_table(learned, dem, hold_last, 
         "constant mean": "1",
         "zero": "9",
     }
+
+
+def test_which_rotors_work_against_which_is_told():
+    made = simulated(wind=0.5, lag=0.05)
+    train, test = made[:700], made[700:]
+    learned = mavdem.learn(train, mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0))
+    told = words(account(evaluate.report(train, test, learned), train, test, learned))
+    assert "input 1 and input 4 against input 2 and input 3 fits best" in told
 
 
 def test_cautions_are_told_before_the_figures(learned):

@@ -48,6 +48,15 @@ class Layout(NamedTuple):
         """Of combinations that are quiet in this share of vehicles."""
         return cls(quiet, float(np.log(share)) + len(quiet) * float(np.log(ANY_EFFECT * QUIET_PRECISION**0.5)))
 
+    @property
+    def turning(self) -> Array | None:
+        """(r,) the one combination that turns the vehicle, of unit length; ``None`` where several may."""
+        if len(self.quiet) != self.quiet.shape[1] - 1:
+            return None
+        way = np.linalg.svd(self.quiet)[2][-1]
+        way[np.abs(way) < np.abs(way).max() / 2] = 0.0
+        return np.asarray(way * np.sign(way[np.flatnonzero(way)[0]]))
+
     def added_precision(self, sizes: tuple[int, int, int], rows: NDArray[np.intp]) -> Array:
         """(k, k) what it adds to the prior precision of θ.
 

@@ -104,11 +104,13 @@ def _climbed(trajectory: Trajectory | None) -> dict[str, Any] | None:
     """How θ climbed on along trajectories."""
     if trajectory is None:
         return None
+    turning = None if trajectory.layout is None else trajectory.layout.turning
     return {
         "samples": trajectory.horizon,
         "settled": trajectory.settled,
         "numbers": trajectory.numbers,
         "parameters": len(trajectory.places),
+        "turning": None if turning is None else turning.tolist(),
         "terms": {name: float(term[-1]) for name, term in trajectory.terms.items()},
     }
 
