@@ -38,7 +38,7 @@ def learn(train: Recorded | Sequence[Recorded], settings: Settings | None = None
     Args:
         train: inputs (T, r), outputs (T, m), finite, and the sampling step dt in seconds: a ``Flight``; or a list of
             them, segments with gaps between: nothing is differentiated or forecast across a gap, and forecasts begin
-            at the end of the last.
+            at the end of the last. Three inputs or more are taken for a multirotor's motors, unless a prior is given.
         settings: what decides the fit; ``Settings()``, for real flights, unless given.
 
     Returns:

@@ -49,7 +49,7 @@ class Learned:
             does not count neighbouring samples as independent, as the posterior does; see ``model_interval``. ``None``
             where F̄ has no maximum.
         undetermined: combinations of parameters of which the data tell less than the prior.
-        prior_sd: (k,) prior standard deviations of θ.
+        prior_sd: (k,) prior standard deviations of θ in generalized coordinates; along trajectories they are wider.
         known: (k,) which parameters the prior holds to what is known beforehand: that a rate is the derivative of its
             angle, that C = [I 0]. The others are left to the data.
         free_energy: by iteration, with its named terms.

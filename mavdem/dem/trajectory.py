@@ -116,7 +116,7 @@ class Trajectory:
         numbers: news in the stretches: outputs times stretches that follow each other.
         horizon: samples that each stretch was forecast, and from which the filter found the state before.
         terms: each named term of F̄, (I + 1,).
-        settled: whether next to nothing was left to climb.
+        settled: whether next to nothing was left to climb, by what the last step gained or the curvature promises.
         mse: (L, m) of forecasts inside the training data, by their length.
         gain: (n, m) of the filter that finds the state before each stretch.
         layout: the rotors' that was taken for granted; ``None`` where a prior was given, or inputs are not rotors.
@@ -293,6 +293,10 @@ class _Climb:
         slope = -each * jacobian @ errors.ravel() / mse - self.prior_precision @ (free - self.prior_mean)
         return _Slopes(free, mse, slope, each * jacobian @ jacobian.T / mse + self.prior_precision)
 
+    def promised(self, at: _Slopes) -> float:
+        """Nats that the curvature says are left to climb."""
+        return float(0.5 * at.slope @ np.linalg.solve(at.curvature, at.slope))
+
     def likelihood(self, at: _Slopes) -> Likelihood:
         """The log joint less its prior."""
         off = at.free - self.prior_mean
@@ -331,7 +335,7 @@ def climb_by_parts(
 
     Returns:
         where it ended, and the likelihood about there;
-        ``None`` where the stretches are too few for so many parameters, or no step can be made.
+        ``None`` where the stretches are too few for so many parameters, or errors leave the range of numbers.
     """
     n, r, _ = sizes
     mean, precision = prior
@@ -354,6 +358,7 @@ def climb_by_parts(
                 break
             damping *= FIRMER
         if not gained > 0:
+            gained = climb.promised(at)
             break
         damping /= FIRMER
         at = yield from climb.slopes(there, errors)
