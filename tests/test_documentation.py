@@ -34,6 +34,7 @@ def test_the_scenarios_example_flies(capsys):
     assert capsys.readouterr().out.startswith("[[0. 1.]")
 
 
+@pytest.mark.slow
 def test_the_baselines_example_forecasts(monkeypatch, capsys):
     (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "baselines.md").read_text(), re.DOTALL)
     monkeypatch.chdir(ROOT)

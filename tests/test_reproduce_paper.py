@@ -219,6 +219,7 @@ def test_what_cannot_be_done_is_one_document_and_no_work(words, named, tmp_path,
     assert named in json.loads(out)["error"]["reason"]
 
 
+@pytest.mark.slow
 def test_a_report_that_cannot_be_written_is_one_sentence(monkeypatch, tmp_path, capsys):
     def full(*_):
         raise OSError(errno.ENOSPC, "No space left on device", "page")
@@ -236,7 +237,7 @@ def test_a_report_that_cannot_be_written_is_one_sentence(monkeypatch, tmp_path, 
 def test_ended_early_it_says_so_as_other_commands_do(sent, code, tmp_path):
     words = [sys.executable, str(COMMAND), "noise", "--out", str(tmp_path / "out")]
     process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
-    time.sleep(3)
+    time.sleep(5)
     assert process.poll() is None, process.communicate()
     if sent == signal.SIGINT:
         os.killpg(process.pid, sent)

@@ -12,6 +12,9 @@ from multiprocessing import current_process, get_context, parent_process
 from multiprocessing.connection import Connection
 from threading import Thread
 
+ENDS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+"""What ends a program from outside."""
+
 _ear: Connection | None = None
 """In a worker: where it hears that its work is not wanted any longer."""
 
@@ -34,12 +37,12 @@ def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     context = get_context("spawn")
     ear, mouth = context.Pipe(duplex=False)
     # Ctrl-C, and a terminal that closes, reach every process of it, but not those begun in here, Python's own for
-    # semaphores among them: the parent decides what it means.
-    with _held_back(signal.SIGINT, signal.SIGHUP):
+    # semaphores among them: the parent decides what it means. Nor may anything break off the beginning of a process.
+    with _held_back(*ENDS):
         executor = ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(ear,))
     # The mouth is closed first, which the workers hear, and then waited for them.
     with ear, _waited_for(executor), mouth:
-        with _held_back(signal.SIGINT, signal.SIGHUP):
+        with _held_back(*ENDS):
             for _ in range(workers):
                 executor.submit(os.getpid)
         yield executor
@@ -55,7 +58,7 @@ def _waited_for(executor: ProcessPoolExecutor) -> Iterator[None]:
     try:
         yield
     finally:
-        with _held_back(signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        with _held_back(*ENDS):
             executor.shutdown()
 
 
@@ -82,6 +85,8 @@ def _importing_main() -> bool:
 def _begin(ear: Connection) -> None:
     global _ear
     _ear = ear
+    # Held back while it began; who wants to end a worker alone may.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
     Thread(target=_end_with_parent, daemon=True).start()
 
 

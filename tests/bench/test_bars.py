@@ -50,6 +50,7 @@ def reached(bars):
     return {bar.name: bar.reached for bar in bars.summary()}
 
 
+@pytest.mark.slow
 def test_errors_are_held_against_the_best_peer_of_each_flight_and_against_each(compared, bars):
     ours, one, four = (medians(compared, name) for name in ("DEM", "ARX(1)", "ARX(4)"))
     assert (len(WINDOWS), bars.steps, bars.peers) == (6, STEPS, ("ARX(1)", "ARX(4)"))
@@ -75,6 +76,7 @@ def test_generalized_coordinates_are_counted_by_flight_and_by_window(compared, b
     np.testing.assert_allclose(reached(bars)["flights on which it beats DEM p=1"], (by_flight < 1).mean(axis=0))
 
 
+@pytest.mark.slow
 def test_a_band_holds_what_the_model_says_it_does(bars):
     for window, inside in zip(WINDOWS, bars.inside, strict=True):
         lower, upper = learn(window.train, SETTINGS).forecast_band(window.test.inputs)
@@ -84,6 +86,7 @@ def test_a_band_holds_what_the_model_says_it_does(bars):
     np.testing.assert_allclose(shares, [bars.inside[:, steps - 1].mean() for steps in STEPS])
 
 
+@pytest.mark.slow
 def test_a_forecast_doubts_itself_by_what_it_expects_of_its_first_samples(compared):
     expected = [learn(one.train, SETTINGS).forecast_variance(one.test.inputs) for one in WINDOWS]
     share = np.array(

@@ -52,6 +52,7 @@ def files(folder):
     return [path for path in folder.rglob("*") if path.is_file()]
 
 
+@pytest.mark.slow
 def test_kept_outcomes_are_the_fresh_ones(tmp_path, found_anew):
     assert len(WINDOWS) == 3
     outcomes(tmp_path / "deep" / "er")

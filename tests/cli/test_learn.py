@@ -33,6 +33,7 @@ def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["real", "paper"])
 def test_the_document_is_the_report_of_the_library(preset, tmp_path, capsys):
     out = tmp_path / "new" / "folder"
@@ -137,6 +138,7 @@ def test_an_out_that_is_a_file_is_refused_before_the_work(place, tmp_path, capsy
     assert (tmp_path / "file").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_what_cannot_be_written_leaves_the_old_results(tmp_path, monkeypatch, capsys):
     for name in FILES:
         (tmp_path / name).write_text("old")

@@ -121,6 +121,7 @@ def test_nothing_is_sent_unless_asked_for():
     assert one.link.sent == b""
 
 
+@pytest.mark.slow
 def test_rates_are_asked_for_and_given_back(monkeypatch):
     script = batches(8.0)
     one, _, _ = attached(script, rate=100.0)

@@ -188,6 +188,7 @@ def test_the_blueprint_shows_what_is_there(recording: Path) -> None:
         assert any(f"{entity}/".startswith(f"{origin}/") for entity in entities), f"the view of {origin} is empty"
 
 
+@pytest.mark.slow
 def test_a_flight_is_shown_as_it_is_learnt_from(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     log, path = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog", tmp_path / "flight.rrd"
     monkeypatch.setattr(sys, "argv", ["live_dashboard.py", str(log), str(path), "--seconds", "4"])
