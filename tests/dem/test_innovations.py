@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from simulated import simulated
 
+from mavdem import OnlineLearner, Settings, learn
 from mavdem.dem.innovations import CHANGES, ERRORS, with_innovations_by_parts
+from mavdem.dem.model import unpack
 from mavdem.dem.parts import at_once
 from mavdem.dem.prediction import Predictor
 
@@ -115,6 +120,26 @@ def test_inputs_that_never_change_and_records_that_are_too_short_tell_nothing():
     np.testing.assert_allclose(
         brief.one_step(outputs[:50], inputs[:50]), short.one_step(outputs[:50], inputs[:50]), atol=1e-9
     )
+
+
+def test_what_is_learnt_along_trajectories_foresees_its_own_errors_offline_and_live():
+    flight = simulated(samples=1000, wind=1.0, lag=0.05)
+    settings = Settings(order=3, d=2, window=9, parameter_precision=1.0)
+    learned = learn(flight[:700], settings)
+    long = learned.predictor
+    A, B, C = unpack(learned.theta, 3, 5, 2)
+    short = replace(Predictor.of(A, B, C, flight.dt, np.ones(2), np.eye(3), flight.dt), gain=long.gain[:3])
+    later = learned.scaling.scale_outputs(flight.outputs[700:]), learned.scaling.scale_inputs(flight.inputs[700:])
+    ours, without = (((later[0][1:] - each.one_step(*later)) ** 2).mean(axis=0) for each in (long, short))
+    assert (ours < 0.5 * without).all()
+    online = OnlineLearner(settings, dt=flight.dt, memory=20.0)
+    for time, outputs, inputs in zip(flight.time, flight.outputs, flight.inputs, strict=True):
+        online.update(time, outputs, inputs)
+    assert online._tracker is not None
+    live = online._tracker.now
+    scaled = live.scaling.scale_outputs(flight.outputs[700:]), live.scaling.scale_inputs(flight.inputs[700:])
+    off = (scaled[0][1:] - live.predictor.one_step(*scaled)) * live.scaling.output_scale / learned.scaling.output_scale
+    assert ((off**2).mean(axis=0) < 0.5 * without).all()
 
 
 @pytest.mark.parametrize("growth", [1.02, 1.2])
