@@ -209,5 +209,5 @@ def _in_words(standing: Standing) -> str:
     rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(standing.rates.items()) if rate) or "no attitude"
     learnt, shown = standing.samples
     state = standing.obstacle or "learning"
-    late = f", {1e3 * standing.latency[1]:.1f} ms late" if learnt + shown else ""
+    late = f", 99 % within {1e3 * standing.latency[1]:.1f} ms of their datagram" if learnt + shown else ""
     return f"{standing.vehicle or 'no vehicle'}: {rates}; {learnt} samples learnt{late}; {state.rstrip('.')}."

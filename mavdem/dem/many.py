@@ -9,7 +9,7 @@ from functools import partial
 from itertools import chain, islice
 from typing import TypeVar
 
-from mavdem.dem.workers import pool, spare_cores, told_to_stop
+from mavdem.dem.workers import Pool, pool, spare_cores, told_to_stop
 
 Job = TypeVar("Job")
 Answer = TypeVar("Answer")
@@ -56,8 +56,11 @@ def answer_many(
         try:
             yield from _answer_on(executor, work, jobs, sent, AHEAD_ELSEWHERE)
         finally:
-            for future in sent:
-                future.cancel()
+            # Workers that a signal to the whole group has ended break a pool, which before Python 3.13 waits for ever
+            # where jobs are cancelled.
+            if not isinstance(executor, Pool):
+                for future in sent:
+                    future.cancel()
         return
     first = list(islice(jobs, FEW + 1))
     workers = spare_cores() if len(first) > FEW else 1

@@ -26,8 +26,12 @@ def spare_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+class Pool(ProcessPoolExecutor):
+    """One of ours: its jobs are over at once when its block is left, and need not be cancelled."""
+
+
 @contextmanager
-def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+def pool(workers: int) -> Iterator[Pool]:
     """An executor of ``workers`` processes that are gone when its block is left.
 
     Processes are started afresh ("spawn"): a fork of a process with threads may wait for ever for a lock of theirs.
@@ -39,7 +43,7 @@ def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
     # Ctrl-C, and a terminal that closes, reach every process of it, but not those begun in here, Python's own for
     # semaphores among them: the parent decides what it means. Nor may anything break off the beginning of a process.
     with _held_back(*ENDS):
-        executor = ProcessPoolExecutor(workers, context, initializer=_begin, initargs=(ear,))
+        executor = Pool(workers, context, initializer=_begin, initargs=(ear,))
     # The mouth is closed first, which the workers hear, and then waited for them.
     with ear, _waited_for(executor), mouth:
         with _held_back(*ENDS):
@@ -49,7 +53,7 @@ def pool(workers: int) -> Iterator[ProcessPoolExecutor]:
 
 
 @contextmanager
-def _waited_for(executor: ProcessPoolExecutor) -> Iterator[None]:
+def _waited_for(executor: Pool) -> Iterator[None]:
     """Ends an executor; what a signal means comes after that.
 
     A wait for a thread that is broken off by an exception takes the thread for ended (bpo-45274): of the executor's
