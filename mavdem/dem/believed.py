@@ -43,8 +43,7 @@ def believed(deviation: Array, variance: Array, size: Array) -> Array:
         variance: V, (T, m).
         size: S, (T, 1).
     """
-    certain = np.isfinite(variance) & np.isfinite(deviation)
-    d, V = np.where(certain, deviation, 0.0), np.where(certain, variance, 0.0)
+    _, d, V = _within_numbers(deviation, variance)
     return np.asarray(d / (1 + V / size * (1 + d**2 / (size * FAR**2))))
 
 
@@ -54,7 +53,12 @@ def expected_error(deviation: Array, variance: Array, size: Array) -> Array:
     Args:
         deviation, variance, size: as of :func:`believed`.
     """
-    certain = np.isfinite(variance) & np.isfinite(deviation)
-    d, V = np.where(certain, deviation, 0.0), np.where(certain, variance, 0.0)
+    within, d, V = _within_numbers(deviation, variance)
     off = d - believed(d, V, size)
-    return np.where(certain, (V + off**2) / (1 + V / size), size)
+    return np.where(within, (V + off**2) / (1 + V / size), size)
+
+
+def _within_numbers(deviation: Array, variance: Array) -> tuple[NDArray[np.bool_], Array, Array]:
+    """Where both are numbers, and both with 0 where they are not."""
+    within = np.isfinite(variance) & np.isfinite(deviation)
+    return within, np.where(within, deviation, 0.0), np.where(within, variance, 0.0)

@@ -127,9 +127,11 @@ def trajectory_by_parts(
         ways = layouts(r - scaling.constant)
     rows = np.flatnonzero(free[n * n : n * n + n * r : r])
 
+    def with_layout(layout: Layout | None) -> Array:
+        return precision if layout is None else precision + layout.added_precision(model.sizes, rows)
+
     def climb(layout: Layout | None) -> Parts[tuple[Trajectory, Likelihood] | None]:
-        prior = mean, precision if layout is None else precision + layout.added_precision(model.sizes, rows)
-        return climb_by_parts(theta, prior, model.sizes, gain, record.dt, stretches, rounds)
+        return climb_by_parts(theta, (mean, with_layout(layout)), model.sizes, gain, record.dt, stretches, rounds)
 
     begun = taken if any(taken is way for way in ways) else next(iter(ways), None)
     climbed = yield from climb(begun)
@@ -139,8 +141,7 @@ def trajectory_by_parts(
     inner = np.ix_(trajectory.places, trajectory.places)
 
     def log_odds(layout: Layout) -> float:
-        added = layout.added_precision(model.sizes, rows)
-        return layout.log_odds + likelihood.height(mean[trajectory.places], (precision + added)[inner])
+        return layout.log_odds + likelihood.height(mean[trajectory.places], with_layout(layout)[inner])
 
     likeliest = max(ways, key=log_odds)
     if likeliest is not begun:

@@ -101,25 +101,20 @@ def _longer(predictor: Predictor, of_errors: Array, of_changes: Array) -> Predic
     state, now, later = np.zeros((size, size)), np.zeros((size, r)), np.zeros((size, r))
     state[:n, :n], now[:n], later[:n] = predictor.transition
     # What is expected of the next error: Δu(t + 1) = u(t + 1) − u(t), and so on back.
-    expected, expected_now, expected_later = np.zeros((m, size)), -G[:, 0], G[:, 0]
-    expected[:, errors] = of_errors
-    remembered = [slice(past + j * r, past + (j + 1) * r) for j in range(CHANGES - 1)]
-    for j in range(1, CHANGES):
-        if j == 1:
-            expected_now = expected_now + G[:, 1]
-        else:
-            expected[:, remembered[j - 2]] += G[:, j]
-        expected[:, remembered[j - 1]] -= G[:, j]
+    of_inputs = np.zeros((m, CHANGES + 1, r))
+    of_inputs[:, :-1] += G
+    of_inputs[:, 1:] -= G
+    expected, expected_now, expected_later = np.zeros((m, size)), of_inputs[:, 1], of_inputs[:, 0]
+    expected[:, errors], expected[:, past:] = of_errors, of_inputs[:, 2:].reshape(m, -1)
     state[first], now[first], later[first] = expected, expected_now, expected_later
     state[:n], now[:n], later[:n] = state[:n] + K @ expected, now[:n] + K @ expected_now, later[:n] + K @ expected_later
     # Errors and inputs move one place back.
     state[n + m : past, n : past - m] = np.eye((ERRORS - 1) * m)
-    now[remembered[0]] = np.eye(r)
-    for newer, older in zip(remembered, remembered[1:], strict=False):
-        state[older, newer] = np.eye(r)
+    now[past : past + r] = np.eye(r)
+    state[past + r :, past : size - r] = np.eye((CHANGES - 2) * r)
 
     outputs = np.hstack([C, np.eye(m) - C @ K, np.zeros((m, size - n - m))])
     gain = np.vstack([K, np.eye(m), np.zeros((size - n - m, m))])
     of_outputs = np.vstack([predictor.of_outputs, np.zeros((size - n, m))])
-    of_inputs = np.vstack([predictor.of_inputs, np.zeros((ERRORS * m, r)), *[np.eye(r)] * (CHANGES - 1)])
-    return Predictor(Transition(state, now, later), outputs, gain, of_outputs, of_inputs)
+    long_held = np.vstack([predictor.of_inputs, np.zeros((ERRORS * m, r)), *[np.eye(r)] * (CHANGES - 1)])
+    return Predictor(Transition(state, now, later), outputs, gain, of_outputs, long_held)

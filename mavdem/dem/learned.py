@@ -215,7 +215,7 @@ class Learned:
     def one_step(self) -> Array:
         """(T, m): each training sample predicted from those before it and the inputs; a segment's first is the trim."""
         predictions = []
-        for outputs, inputs in self._scaled:
+        for inputs, outputs in self.scaling.scale_segments(self.record):
             ahead = self.predictor.one_step(outputs, inputs)
             predictions += [self.scaling.output_trim[None], self.scaling.physical_outputs(ahead)]
         return np.concatenate(predictions)
@@ -306,7 +306,7 @@ class Learned:
 
     def _with(self, ahead: Array) -> tuple[int, Array, Array, int]:
         """One forecast with inputs (H, r), in the engine's units: its length, outputs, inputs and where it begins."""
-        outputs, inputs = self._scaled[-1]
+        inputs, outputs = self._last_segment
         return len(ahead), outputs, np.vstack([inputs, self.scaling.scale_inputs(ahead)]), len(outputs)
 
     def _believed(self, deviation: Array, steps: int, outputs: Array, inputs: Array, first: int) -> Array:
@@ -379,15 +379,14 @@ class Learned:
 
     @cached_property
     def _last_state(self) -> Array:
-        return np.asarray(self.predictor.filtered(*self._scaled[-1])[-1])
+        inputs, outputs = self._last_segment
+        return np.asarray(self.predictor.filtered(outputs, inputs)[-1])
 
     @property
-    def _scaled(self) -> list[tuple[Array, Array]]:
-        """Training outputs and inputs of each segment in the engine's units."""
-        scaling = self.scaling
-        return [
-            (scaling.scale_outputs(outputs), scaling.scale_inputs(inputs)) for inputs, outputs in self.record.segments
-        ]
+    def _last_segment(self) -> tuple[Array, Array]:
+        """Inputs and outputs of the last segment of the training data, in the engine's units."""
+        inputs, outputs = self.record.segments[-1]
+        return self.scaling.scale_inputs(inputs), self.scaling.scale_outputs(outputs)
 
     @property
     def places(self) -> NDArray[np.intp]:

@@ -47,10 +47,3 @@ def ardrone(path: Path) -> mavdem.Flight:
     roll_rate = np.interp(time, recorded.imuTime, recorded.imuVAng[0])
     motors = [np.interp(time, recorded.navTime, motor) for motor in recorded.navMotor]
     return mavdem.Flight(time, np.stack(motors, axis=1), np.stack([roll, roll_rate], axis=1), dt=1 / rate)
-
-
-def windows(flight: mavdem.Flight) -> Iterator[tuple[mavdem.Flight, mavdem.Flight]]:
-    """Training and held-out part of every window that fits."""
-    for start in range(0, len(flight) - TRAIN - TEST + 1, HOP):
-        middle = start + TRAIN
-        yield flight[start:middle], flight[middle : middle + TEST]

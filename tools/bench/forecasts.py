@@ -14,11 +14,12 @@ from typing import Any
 
 import click
 import numpy as np
-from flights import SHARED, recorded_flights, windows
+from flights import HOP, SHARED, TEST, TRAIN, recorded_flights
 from rich.progress import track
 
 import mavdem
 from mavdem import evaluate
+from mavdem.windows import windows
 
 DOUBTFUL = 0.5
 """Of the training variance: a forecast that expects to err so much, squared, is said to doubt itself."""
@@ -68,17 +69,15 @@ def print_table(rows: list[dict[str, Any]]) -> None:
 def main(preset: str, settings: str, to: Path | None) -> None:
     base = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
     chosen = replace(base, **json.loads(settings))
-    tried = [(name, *pieces) for name, flight in recorded_flights() for pieces in windows(flight)]
+    tried = [window for name, flight in recorded_flights() for window in windows(name, flight, TRAIN, TEST, HOP)]
     if not tried:
         sys.exit(f"There are no recorded flights in {SHARED}; name their folder in MAVDEM_SHARED_DATA.")
-    answers = mavdem.learn_many((train, chosen) for _, train, _ in tried)
+    answers = mavdem.learn_many((window.train, chosen) for window in tried)
     rows = []
-    for (name, train, test), learned in track(
-        zip(tried, answers, strict=True), total=len(tried), description="Forecasting"
-    ):
+    for window, learned in track(zip(tried, answers, strict=True), total=len(tried), description="Forecasting"):
         if isinstance(learned, ValueError):
             raise learned
-        rows.append(figures(name, train, test, learned))
+        rows.append(figures(window.flight, window.train, window.test, learned))
     print_table(rows)
     if to:
         to.write_text(json.dumps(rows, indent=1))

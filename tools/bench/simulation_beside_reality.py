@@ -15,11 +15,12 @@ from collections.abc import Iterator
 
 import click
 import numpy as np
-from flights import SHARED, recorded_flights, windows
+from flights import HOP, SHARED, TEST, TRAIN, recorded_flights
 from scipy.signal import welch
 
 import mavdem
 from mavdem import evaluate
+from mavdem.windows import windows
 from sitl_scenarios.attitude import euler
 from sitl_scenarios.files import load, names
 from sitl_scenarios.frames import PAPER_ORDER
@@ -59,13 +60,15 @@ def everything() -> Iterator[tuple[str, mavdem.Flight]]:
             yield name, simulated_flight(scenario)
 
 
-def ratio(flight: mavdem.Flight, most: int) -> float:
-    cut = list(windows(flight))
+def ratio(name: str, flight: mavdem.Flight, most: int) -> float:
+    cut = windows(name, flight, TRAIN, TEST, HOP)
     cut = [cut[i] for i in np.unique(np.linspace(0, len(cut) - 1, most).astype(int))]
-    learned = mavdem.learn_many([(train, mavdem.Settings()) for train, _ in cut])
+    learned = mavdem.learn_many([(window.train, mavdem.Settings()) for window in cut])
     ratios = [
-        np.nan if isinstance(found, ValueError) else evaluate.relative_mspe(*pair, found.forecast(pair[1].inputs))
-        for pair, found in zip(cut, learned, strict=True)
+        np.nan
+        if isinstance(found, ValueError)
+        else evaluate.relative_mspe(window.train, window.test, found.forecast(window.test.inputs))
+        for window, found in zip(cut, learned, strict=True)
     ]
     return float(np.median(ratios))
 
@@ -82,7 +85,7 @@ def main(most: int) -> None:
         frequencies, power = welch(flight.outputs[:, 1], 1 / flight.dt, nperseg=min(1024, len(flight)))
         print(
             f"| {name} | {roll:.2f} | {rate:.1f} | {frequencies[power.argmax()]:.1f} "
-            f"| {(flight.inputs @ ROLL).std():.1f} | {ratio(flight, most):.2g} |",
+            f"| {(flight.inputs @ ROLL).std():.1f} | {ratio(name, flight, most):.2g} |",
             flush=True,
         )
 
