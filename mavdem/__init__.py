@@ -5,12 +5,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
+    from mavdem.alignment import read_flight
     from mavdem.dem import Learned, OnlineLearner, Settings, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.flight import Flight
     from mavdem.forecaster import Forecaster
-    from mavdem.read import read_flight
-    from mavdem.telemetry import Telemetry
+    from mavdem.ingest import Telemetry
 
 __all__ = [
     "Flight",
@@ -35,11 +35,11 @@ _HOMES = {
     "NotLearnable": "errors",
     "OnlineLearner": "dem",
     "Settings": "dem",
-    "Telemetry": "telemetry",
+    "Telemetry": "ingest",
     "Unreadable": "errors",
     "learn": "dem",
     "learn_many": "dem",
-    "read_flight": "read",
+    "read_flight": "alignment",
 }
 
 

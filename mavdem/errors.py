@@ -1,4 +1,4 @@
-"""The two ways a request can fail that are the data's doing, not the caller's."""
+"""The two errors whose cause is the data, not the caller."""
 
 from __future__ import annotations
 

@@ -10,19 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-LARGEST = 1e100
-"""Of any number of a flight: differences and squares of larger ones leave the range of numbers."""
-
-GAP = 1.5
-"""A step longer than so many usual ones is a gap: a sample is missing."""
-
-UNIFORMITY = 1e-3
-"""How far, in steps, a time stamp may lie from its place on the uniform grid that suits all of them best."""
+MAX_VALUE = 1e100
+"""Of any number of a flight: differences and squares of larger ones overflow."""
 
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """Uniformly sampled inputs and outputs of one stretch of flight; immutable. Slicing gives a ``Flight``.
+    """Uniformly sampled inputs and outputs of one segment of flight; immutable. Slicing gives a ``Flight``.
 
     Attributes:
         time: (T,) seconds on the autopilot's boot clock, uniform.
@@ -31,6 +25,7 @@ class Flight:
         dt: sampling step, s. Taken from ``time`` unless given; it must be given for a single sample.
         input_names, output_names, input_units, output_units: one string a column.
         provenance: where it came from and how it was made, as plain JSON values.
+        effect_directions: (r,) relative effect of each input on the axis, where the mixer geometry is known; else None.
 
     Raises:
         ValueError: names the argument whose shape, order or values are wrong.
@@ -45,6 +40,7 @@ class Flight:
     input_units: tuple[str, ...] = ()
     output_units: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    effect_directions: NDArray[np.float64] | None = None
 
     def __init__(
         self,
@@ -57,7 +53,10 @@ class Flight:
         input_units: tuple[str, ...] | None = None,
         output_units: tuple[str, ...] | None = None,
         provenance: Mapping[str, Any] | None = None,
+        effect_directions: ArrayLike | None = None,
     ) -> None:
+        if not (provenance is None or isinstance(provenance, Mapping)):
+            raise ValueError(f"provenance must be values by name, not {provenance!r}")
         time = _column(time, "time")
         inputs = _table(inputs, "inputs", len(time))
         outputs = _table(outputs, "outputs", len(time))
@@ -70,7 +69,8 @@ class Flight:
             "output_names": _labels(output_names, "output_names", outputs, "output"),
             "input_units": _labels(input_units, "input_units", inputs, None),
             "output_units": _labels(output_units, "output_units", outputs, None),
-            "provenance": _provenance(provenance),
+            "provenance": dict(provenance or {}),
+            "effect_directions": _directions(effect_directions, inputs),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
@@ -79,7 +79,7 @@ class Flight:
     def segments(
         cls, time: ArrayLike, inputs: ArrayLike, outputs: ArrayLike, dt: float | None = None, **labels: Any
     ) -> tuple[Flight, ...]:
-        """Cuts arrays with gaps into one ``Flight`` for each stretch between them, all with the same ``dt``.
+        """Cuts arrays with gaps into one ``Flight`` for each segment between them, all with the same ``dt``.
 
         ``mavdem.learn`` takes them together.
 
@@ -90,18 +90,18 @@ class Flight:
             labels: names, units and provenance, as for a ``Flight``.
 
         Raises:
-            ValueError: as for a ``Flight``; stretches of a single sample are left out.
+            ValueError: as for a ``Flight``; segments of a single sample are left out.
         """
         stamps = _column(time, "time")
         tables = [_table(values, name, len(stamps)) for values, name in ((inputs, "inputs"), (outputs, "outputs"))]
         steps = np.diff(stamps)
         if not (len(steps) and (steps > 0).all()):
             raise ValueError("time must increase from sample to sample, and there must be two at least")
-        gaps = steps > GAP * np.median(steps)
+        gaps = steps > 1.5 * np.median(steps)
         dt = float(steps[~gaps].mean()) if dt is None else dt
         cuts = np.flatnonzero(gaps) + 1
-        stretches = zip(*(np.split(values, cuts) for values in (stamps, *tables)), strict=True)
-        return tuple(cls(t, u, y, dt, **labels) for t, u, y in stretches if len(t) > 1)
+        parts = zip(*(np.split(values, cuts) for values in (stamps, *tables)), strict=True)
+        return tuple(cls(t, u, y, dt, **labels) for t, u, y in parts if len(t) > 1)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -113,7 +113,7 @@ class Flight:
             raise ValueError("a Flight is uniformly sampled: slice it with a step of 1")
         if not len(self.time[part]):
             raise ValueError(f"the slice {part.start}:{part.stop} of a flight of {len(self)} samples is empty")
-        # Not validated anew: a stretch of what is uniform is uniform, and keeps the step of the whole.
+        # Not validated anew: a part of what is uniform is uniform, and keeps the step of the whole.
         cut = copy(self)
         for name in ("time", "inputs", "outputs"):
             object.__setattr__(cut, name, getattr(self, name)[part])
@@ -138,10 +138,13 @@ class Flight:
         return len(self) * self.dt
 
 
-def _provenance(values: Mapping[str, Any] | None) -> dict[str, Any]:
-    if not (values is None or isinstance(values, Mapping)):
-        raise ValueError(f"provenance must be values by name, not {values!r}")
-    return dict(values or {})
+def _directions(values: ArrayLike | None, inputs: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    if values is None:
+        return None
+    array = _frozen(values, "effect_directions")
+    if array.shape != inputs.shape[1:]:
+        raise ValueError(f"effect_directions must have shape {inputs.shape[1:]}, one for each input, not {array.shape}")
+    return array
 
 
 def _column(values: ArrayLike, name: str) -> NDArray[np.float64]:
@@ -166,13 +169,13 @@ def _frozen(values: ArrayLike, name: str) -> NDArray[np.float64]:
     try:
         if np.asarray(values).dtype.kind not in "biufO":
             raise TypeError(f"{np.asarray(values).dtype} are none")
-        array = np.array(values, dtype=np.float64)
+        array = np.array(values, dtype=np.float64, order="C")  # products round otherwise in another order
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} must be real numbers: {error}") from None
     if not np.isfinite(array).all():
         raise ValueError(f"{name} must be finite; {np.count_nonzero(~np.isfinite(array))} values are NaN or infinite")
-    if np.abs(array).max(initial=0.0) > LARGEST:
-        raise ValueError(f"{name} must not be larger than {LARGEST:g}")
+    if np.abs(array).max(initial=0.0) > MAX_VALUE:
+        raise ValueError(f"{name} must not be larger than {MAX_VALUE:g}")
     array.setflags(write=False)
     return array
 
@@ -187,8 +190,9 @@ def _uniform_step(time: NDArray[np.float64], dt: float | None) -> float:
             raise ValueError(f"time must increase: its mean step is {dt} s")
     elif not (isinstance(dt, int | float | np.integer | np.floating) and np.isfinite(dt) and dt > 0):
         raise ValueError(f"dt must be positive seconds, not {dt!r}")
+    # From the place on the uniform grid that suits all stamps best.
     off_grid = np.ptp(time - dt * np.arange(len(time))) / 2 / dt
-    if off_grid > UNIFORMITY:
+    if off_grid > 1e-3:
         raise ValueError(f"time must be uniform: a stamp lies {off_grid:.3g} steps off a grid of {dt:.6g} s")
     return float(dt)
 

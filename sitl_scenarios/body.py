@@ -1,4 +1,4 @@
-"""Body: how a quadrotor moves through a cycle of its autopilot.
+"""Body: integrates the motion of a quadrotor through one cycle of its autopilot.
 
 A step of h seconds: the rotors' lag is solved exactly; velocity and body rates are advanced by what acts halfway, where
 they and the attitude are predicted with the accelerations before; position and attitude by the mean of the velocities
@@ -11,40 +11,27 @@ from __future__ import annotations
 from math import exp, sqrt
 from typing import NamedTuple
 
-from sitl_scenarios.dynamics import Air, Change, Quaternion, Three, dynamics
-from sitl_scenarios.frames import Four
-from sitl_scenarios.scenario import Vehicle
+from sitl_scenarios.dynamics import Air, Change, Quaternion, Three, dynamics, turned
+from sitl_scenarios.mixer import Four
+from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.vehicles import AIRFRAMES
 
 
 class State(NamedTuple):
-    """Of the vehicle.
+    """Of the vehicle."""
 
-    Attributes:
-        position, velocity: NED, m and m/s.
-        attitude: unit quaternion from body to NED.
-        rates: in body axes, rad/s.
-        rotors: speeds, rad/s.
-        change: what acted last; all of it zero on the ground.
-    """
-
-    position: Three = (0.0, 0.0, 0.0)
+    position: Three = (0.0, 0.0, 0.0)  # with velocity: NED, m and m/s
     velocity: Three = (0.0, 0.0, 0.0)
-    attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)
-    rates: Three = (0.0, 0.0, 0.0)
-    rotors: Four = (0.0, 0.0, 0.0, 0.0)
-    change: Change = (0.0,) * 12
+    attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)  # unit quaternion from body to NED
+    rates: Three = (0.0, 0.0, 0.0)  # in body axes, rad/s
+    rotors: Four = (0.0, 0.0, 0.0, 0.0)  # speeds, rad/s
+    change: Change = (0.0,) * 12  # what acted last; all of it zero on the ground
 
 
 class Body:
-    """A vehicle's way from state to state.
+    """A vehicle's way from state to state, in steps of h = ``step`` seconds."""
 
-    Args:
-        vehicle: which.
-        step: h, s.
-    """
-
-    def __init__(self, vehicle: Vehicle, step: float) -> None:
+    def __init__(self, vehicle: VehicleSpec, step: float) -> None:
         self._change = dynamics(vehicle)
         self._step = step
         up, down = AIRFRAMES[vehicle.model].lag
@@ -57,29 +44,15 @@ class Body:
         return rotors
 
     def moved(self, state: State, targets: Four, air: Air, steps: int) -> State:
-        """The state after some steps in the air.
-
-        Args:
-            state: before.
-            targets: the speeds that the rotors' commands settle at, rad/s.
-            air: about the vehicle.
-            steps: how many.
-        """
+        """The state after some steps in the air; ``targets``: what the rotors' commands settle at, rad/s."""
         change, h, half = self._change, self._step, self._step / 2
-        (x, y, z), (u, v, w), (q0, q1, q2, q3), (p, q, r), rotors, last = state
+        (x, y, z), (u, v, w), attitude, (p, q, r), rotors, last = state
         an, ae, ad, ap, aq, ar = last[:6]
         for _ in range(steps):
             middle_rotors, rotors = self._lagged(rotors, targets)
             # Half a step of rotation by the rates; their own change would be of higher order.
-            hp, hq, hr = p * half / 2, q * half / 2, r * half / 2
-            middle = (
-                q0 - q1 * hp - q2 * hq - q3 * hr,
-                q1 + q0 * hp + q2 * hr - q3 * hq,
-                q2 + q0 * hq + q3 * hp - q1 * hr,
-                q3 + q0 * hr + q1 * hq - q2 * hp,
-            )
             last = change(
-                middle,
+                turned(attitude, (p * half / 2, q * half / 2, r * half / 2)),
                 (u + half * an, v + half * ae, w + half * ad),
                 (p + half * ap, q + half * aq, r + half * ar),
                 middle_rotors,
@@ -92,22 +65,14 @@ class Body:
             u += h * an
             v += h * ae
             w += h * ad
-            hp, hq, hr = half * (p + half * ap), half * (q + half * aq), half * (r + half * ar)
+            halves = half * (p + half * ap), half * (q + half * aq), half * (r + half * ar)
+            a, b, c, d = turned(attitude, halves)
+            size = 1.0 / sqrt(a * a + b * b + c * c + d * d)
+            attitude = a * size, b * size, c * size, d * size
             p += h * ap
             q += h * aq
             r += h * ar
-            q0, q1, q2, q3 = (
-                q0 - q1 * hp - q2 * hq - q3 * hr,
-                q1 + q0 * hp + q2 * hr - q3 * hq,
-                q2 + q0 * hq + q3 * hp - q1 * hr,
-                q3 + q0 * hr + q1 * hq - q2 * hp,
-            )
-            size = 1.0 / sqrt(q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3)
-            q0 *= size
-            q1 *= size
-            q2 *= size
-            q3 *= size
-        return State((x, y, z), (u, v, w), (q0, q1, q2, q3), (p, q, r), rotors, last)
+        return State((x, y, z), (u, v, w), attitude, (p, q, r), rotors, last)
 
     def _lagged(self, rotors: Four, targets: Four) -> tuple[Four, Four]:
         """Speeds half a step and a step later."""

@@ -9,41 +9,25 @@ from __future__ import annotations
 
 from math import atan, cos, exp, fsum, hypot, radians, sin
 
-from sitl_scenarios.attitude import euler
-from sitl_scenarios.frames import Four, frame
-from sitl_scenarios.mixer import mixed
+from sitl_scenarios.dynamics import euler
+from sitl_scenarios.mixer import Four, frame, mix, pulse
 from sitl_scenarios.plan import Wanted
-from sitl_scenarios.pulses import pulse
-from sitl_scenarios.scenario import Vehicle
+from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.sensors import Known
-from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY, Airframe
+from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
 
-FASTEST = 25.0
-"""rad/s: bandwidth of the rate loop that is not exceeded, for the noise that it would put on the motors."""
-
+FASTEST = 25.0  # rad/s: bandwidth of the rate loop that is not exceeded, for the noise that it would put on the motors
 LEAD = 4.0
 """The rotors' lag is made so many times shorter by a lead in the rate loop, and the noise above it as much larger."""
-
-TILT, RATE, SPEED = radians(35), radians(220), 4.0
-"""Most that is asked for: rad, rad/s and m/s."""
-
-PUSH = 7.0
-"""m/s²: most that is held against the wind for good, about what ``TILT`` gives; a storm must not wind it up."""
-
-Outputs = tuple[Four, Four]
-"""Motor commands (1000 to 2000 µs) and demands."""
+MAX_TILT, MAX_RATE, MAX_SPEED = radians(35), radians(220), 4.0  # Most that is asked for: rad, rad/s and m/s
+MAX_PUSH = 7.0
+"""m/s²: most that is held against the wind for good, about what ``MAX_TILT`` gives; a storm must not wind it up."""
 
 
 class Controller:
-    """That of one vehicle in flight.
+    """That of one vehicle in flight; ``cycle`` and the ``delay`` of its estimates in s."""
 
-    Args:
-        vehicle: that it controls.
-        cycle: s.
-        delay: of what it knows, s.
-    """
-
-    def __init__(self, vehicle: Vehicle, cycle: float, delay: float) -> None:
+    def __init__(self, vehicle: VehicleSpec, cycle: float, delay: float) -> None:
         self._body = body = AIRFRAMES[vehicle.model]
         self._frame = places = frame(vehicle.frame, body.arm)
         lag = sum(body.lag) / 2
@@ -56,91 +40,67 @@ class Controller:
         self._cycle = cycle
         self._smooths = 1.0 - exp(-cycle * LEAD * self._velocity)
         self._forgets = 1.0 - exp(-cycle * LEAD / lag) if lag else 1.0
-        per_roll, per_pitch, per_yaw = _authority(body, places.roll, places.right, places.pitch, places.forward)
+        # Moments of a demand of 1 about the three axes, N m, by the slope of the rotors' curves in hover.
+        per_command = body.speed[0] * body.full
+        thrust = (2 * body.thrust[0] * body.hover_speed + body.thrust[1]) * per_command
+        torque = (2 * body.torque[0] * body.hover_speed + body.torque[1]) * per_command
+        of_roll = -fsum(a * b for a, b in zip(places.roll, places.right, strict=True))
+        of_pitch = fsum(a * b for a, b in zip(places.pitch, places.forward, strict=True))
         ix, iy, iz = body.inertia
-        self._per_roll, self._per_pitch, self._per_yaw = ix / per_roll, iy / per_pitch, iz / per_yaw
+        self._per_unit = ix / (thrust * of_roll), iy / (thrust * of_pitch), iz / (torque * 4)
         self.rest()
 
     def rest(self) -> None:
-        """Forgets what was learnt of wind and trim, as on the ground."""
-        self._push = [0.0, 0.0, 0.0]
-        self._smooth = [0.0, 0.0, 0.0]
-        self._trim = [0.0, 0.0, 0.0]
-        self._slow = [0.0, 0.0, 0.0]
+        """Resets the integrators and filters, as on the ground."""
+        self._push, self._smooth, self._trim, self._slow = ([0.0, 0.0, 0.0] for _ in range(4))
 
-    def outputs(self, known: Known, wanted: Wanted, flying: bool) -> Outputs:
-        """One cycle's motor commands and demands.
-
-        Args:
-            known: of the motion.
-            wanted: by the plan.
-            flying: whether it is off the ground; nothing is learnt on it.
-        """
+    def outputs(self, known: Known, wanted: Wanted, flying: bool) -> tuple[Four, Four]:
+        """One cycle's motor commands (1000 to 2000 µs) and demands; nothing is learnt unless ``flying``."""
         (vn, ve, vd), (pn, pe, pd) = known.velocity, known.position
         along, fast = self._position, self._velocity
         wn, we = -along * pn, along * (wanted.aside - pe)
-        limit = SPEED / max(SPEED, hypot(wn, we))
-        wd = -wanted.climb + min(max(along * (-wanted.height - pd), -SPEED), SPEED)
+        limit = MAX_SPEED / max(MAX_SPEED, hypot(wn, we))
+        wd = -wanted.climb + min(max(along * (-wanted.height - pd), -MAX_SPEED), MAX_SPEED)
         error = (wn * limit - vn, we * limit - ve, wd - vd)
-        push = self._push
-        if flying:
-            # A fifth of the loop's bandwidth for the integral: wind is found in about two seconds.
-            gain = fast * fast / 5 * self._cycle
-            push[0] = min(max(push[0] + gain * error[0], -PUSH), PUSH)
-            push[1] = min(max(push[1] + gain * error[1], -PUSH), PUSH)
-            push[2] = min(max(push[2] + gain * error[2], -PUSH), PUSH)
-        # Noise of position and velocity would reach the motors multiplied by every bandwidth within.
-        smooth, share = self._smooth, self._smooths
-        smooth[0] += share * (fast * error[0] - smooth[0])
-        smooth[1] += share * (fast * error[1] - smooth[1])
-        smooth[2] += share * (fast * error[2] - smooth[2])
+        push, smooth = self._push, self._smooth
+        # A fifth of the loop's bandwidth for the integral: wind is found in about two seconds.
+        gain = fast * fast / 5 * self._cycle
+        for i in range(3):
+            if flying:
+                push[i] = min(max(push[i] + gain * error[i], -MAX_PUSH), MAX_PUSH)
+            # Noise of position and velocity would reach the motors multiplied by every bandwidth within.
+            smooth[i] += self._smooths * (fast * error[i] - smooth[i])
         an, ae, ad = smooth[0] + push[0], smooth[1] + push[1], smooth[2] + push[2]
 
         roll, pitch, yaw = euler(known.attitude)
         forward, right = an * cos(yaw) + ae * sin(yaw), ae * cos(yaw) - an * sin(yaw)
         lift = max(GRAVITY - ad, 0.2 * GRAVITY)
-        wanted_pitch = min(max(atan(-forward / lift), -TILT), TILT)
-        wanted_roll = min(max(atan(right / lift * cos(wanted_pitch)), -TILT), TILT) + wanted.roll
+        wanted_pitch = min(max(atan(-forward / lift), -MAX_TILT), MAX_TILT)
+        wanted_roll = min(max(atan(right / lift * cos(wanted_pitch)), -MAX_TILT), MAX_TILT) + wanted.roll
         thrust = self._body.mass * lift / max(cos(roll) * cos(pitch), 0.5)
 
         # Yaw has the rotors' torque only: a quarter of the bandwidth.
         stiff = self._attitude
         p, q, r = known.rates
-        angular = (
-            self._steered(0, stiff * (wanted_roll - roll), p, flying),
-            self._steered(1, stiff * (wanted_pitch - pitch), q, flying),
-            self._steered(2, -stiff / 4 * yaw, r, flying) / 4,
-        )
+        per_roll, per_pitch, per_yaw = self._per_unit
+        # The thrust curve undone, as both autopilots do.
+        slope, offset = self._body.speed
+        command = (self._body.speed_for(thrust / 4) - offset) / slope / self._body.full
         demands = (
-            min(max(angular[0] * self._per_roll, -1.0), 1.0),
-            min(max(angular[1] * self._per_pitch, -1.0), 1.0),
-            min(max(angular[2] * self._per_yaw, -1.0), 1.0),
-            min(max(self._command(thrust / 4), 0.0), 1.0),
+            min(max(self._steered(0, stiff * (wanted_roll - roll), p, flying) * per_roll, -1.0), 1.0),
+            min(max(self._steered(1, stiff * (wanted_pitch - pitch), q, flying) * per_pitch, -1.0), 1.0),
+            min(max(self._steered(2, -stiff / 4 * yaw, r, flying) / 4 * per_yaw, -1.0), 1.0),
+            min(max(command, 0.0), 1.0),
         )
-        a, b, c, d = mixed(self._frame, demands)
+        a, b, c, d = mix(self._frame, demands)
         return (pulse(a), pulse(b), pulse(c), pulse(d)), demands
 
     def _steered(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
         """The angular acceleration to ask for about an axis, rad/s²."""
-        wanted = min(max(wanted, -RATE), RATE)
+        wanted = min(max(wanted, -MAX_RATE), MAX_RATE)
         # The lead (1 + τs)/(1 + τs/LEAD), as LEAD times the rate less its slow part.
         self._slow[axis] += self._forgets * (rate - self._slow[axis])
         led = LEAD * rate - (LEAD - 1.0) * self._slow[axis]
         if flying:
             self._trim[axis] += self._rate / 12 * self._cycle * (wanted - rate)
         return self._rate * (wanted - led + self._trim[axis])
-
-    def _command(self, thrust: float) -> float:
-        """Normalised command for a rotor's thrust, N: the thrust curve undone, as both autopilots do."""
-        slope, offset = self._body.speed
-        return (self._body.speed_for(thrust) - offset) / slope / self._body.full
-
-
-def _authority(body: Airframe, roll: Four, right: Four, pitch: Four, forward: Four) -> tuple[float, float, float]:
-    """Moments of a demand of 1 about the three axes, N m, by the slope of the rotors' curves in hover."""
-    per_command = body.speed[0] * body.full
-    thrust = (2 * body.thrust[0] * body.hover_speed + body.thrust[1]) * per_command
-    torque = (2 * body.torque[0] * body.hover_speed + body.torque[1]) * per_command
-    of_roll = -fsum(a * b for a, b in zip(roll, right, strict=True))
-    of_pitch = fsum(a * b for a, b in zip(pitch, forward, strict=True))
-    return thrust * of_roll, thrust * of_pitch, torque * 4

@@ -1,4 +1,4 @@
-"""Dynamics: what forces and moments do to a quadrotor at one instant.
+"""Dynamics: forces and moments on a quadrotor, and its accelerations.
 
 North-east-down (NED), body axes forward, right, down (FRD). On the body act its weight, the rotors' thrust along −z and
 torque about z, and air that moves past it:
@@ -16,11 +16,11 @@ moments of the rotors, flapping moments, ground effect, and what inflow does to 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import sqrt
+from math import asin, atan2, sqrt
 from typing import NamedTuple
 
-from sitl_scenarios.frames import SPINS, Four, frame
-from sitl_scenarios.scenario import Vehicle
+from sitl_scenarios.mixer import SPINS, Four, frame
+from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.vehicles import AIR_DENSITY, AIRFRAMES, GRAVITY
 
 Three = tuple[float, float, float]
@@ -28,20 +28,14 @@ Quaternion = tuple[float, float, float, float]
 
 
 class Air(NamedTuple):
-    """The air about the vehicle, and what else pushes it.
+    """The air about the vehicle, and what else pushes it."""
 
-    Attributes:
-        north, east, down: m/s, where it moves to.
-        p, q: its rotation about the body's forward and right axes, rad/s.
-        roll, pitch, yaw: a moment on the body, N m, whatever the air does.
-    """
-
-    north: float = 0.0
+    north: float = 0.0  # with east, down: m/s, where it moves to
     east: float = 0.0
     down: float = 0.0
-    p: float = 0.0
+    p: float = 0.0  # with q: its rotation about the body's forward and right axes, rad/s
     q: float = 0.0
-    roll: float = 0.0
+    roll: float = 0.0  # with pitch, yaw: a moment on the body, N m, whatever the air does
     pitch: float = 0.0
     yaw: float = 0.0
 
@@ -49,13 +43,12 @@ class Air(NamedTuple):
 Change = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 """Acceleration NED (m/s²), angular acceleration in body axes (rad/s²), and of that the disturbance: force NED (N) and
 moment in body axes (N m) of everything but weight and the rotors' thrust and torque in still air."""
-
 Dynamics = Callable[[Quaternion, Three, Three, Four, Air], Change]
 """Of attitude (body to NED), velocity (NED, m/s), body rates (rad/s), rotor speeds (rad/s) and the air."""
 
 
-def dynamics(vehicle: Vehicle) -> Dynamics:
-    """What acts on a vehicle in the air, as a function of its state: the one function that flies and is linearised."""
+def dynamics(vehicle: VehicleSpec) -> Dynamics:
+    """Accelerations of a vehicle in the air as a function of its state; flown, and linearised, by this one function."""
     body = AIRFRAMES[vehicle.model]
     places = frame(vehicle.frame, body.arm)
     x1, x2, x3, x4 = places.forward
@@ -138,3 +131,24 @@ def dynamics(vehicle: Vehicle) -> Dynamics:
         )
 
     return change
+
+
+def turned(attitude: Quaternion, half: Three) -> Quaternion:
+    """An attitude after a small rotation about the body's axes by half angles, rad; not quite of unit length."""
+    (a, b, c, d), (x, y, z) = attitude, half
+    return (
+        a - b * x - c * y - d * z,
+        b + a * x + c * z - d * y,
+        c + a * y + d * x - b * z,
+        d + a * z + b * y - c * x,
+    )
+
+
+def euler(attitude: Quaternion) -> tuple[float, float, float]:
+    """Roll, pitch and yaw, rad, Z-Y-X, of a unit quaternion from body to NED."""
+    w, x, y, z = attitude
+    return (
+        atan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)),
+        asin(min(max(2 * (w * y - z * x), -1.0), 1.0)),
+        atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
+    )

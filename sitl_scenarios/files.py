@@ -1,4 +1,4 @@
-"""Files: scenarios by name, and from TOML files."""
+"""Reads scenarios, by name or from TOML files."""
 
 from __future__ import annotations
 
@@ -11,13 +11,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from sitl_scenarios.places import shortened
 from sitl_scenarios.plan import times
-from sitl_scenarios.problems import did_you_mean, told, too_much
-from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.problems import describe_errors, did_you_mean, too_much
+from sitl_scenarios.scenario import Scenario, shortened
 
-LARGEST = 100_000
-"""Bytes of a scenario file: fifty times the longest that comes with the package."""
+MAX_FILE_BYTES = 100_000  # Bytes of a scenario file: fifty times the longest that comes with the package
 
 _FOLDER = files("sitl_scenarios") / "scenarios"
 
@@ -30,11 +28,8 @@ def names() -> tuple[str, ...]:
 def load(name_or_path: str | Path) -> Scenario:
     """A scenario that comes with the package, or the one in a file.
 
-    Args:
-        name_or_path: a name of ``names()``, or the path of a file; what ends in .toml or has a folder is a path.
-
-    Raises:
-        ValueError: there is none, or it is none: one sentence that names the file and what is wrong in it.
+    What ends in .toml or has a folder is a path, everything else a name of ``names()``. Raises ValueError: there is
+    none, or it is none: one sentence that names the file and what is wrong in it.
     """
     given = str(name_or_path)
     if given in names():
@@ -60,11 +55,11 @@ def _content(path: Path) -> bytes:
             # Reading a pipe or a device might never end.
             raise ValueError(f"{path} cannot be read: it is no plain file")
         with path.open("rb") as file:
-            source = file.read(LARGEST + 1)
+            source = file.read(MAX_FILE_BYTES + 1)
     except OSError as error:
         raise ValueError(f"{path} cannot be read: {error.strerror or error}") from None
-    if len(source) > LARGEST:
-        raise ValueError(f"{path} cannot be read: it has more than {LARGEST} bytes, and no scenario is as long")
+    if len(source) > MAX_FILE_BYTES:
+        raise ValueError(f"{path} cannot be read: it has more than {MAX_FILE_BYTES} bytes, and no scenario is as long")
     return source
 
 
@@ -86,15 +81,14 @@ def _table(source: bytes) -> dict[str, Any]:
 
 
 def scenario_of(table: dict[str, Any]) -> Scenario:
-    """The scenario that a table of plain values says, as TOML and JSON have them.
+    """The scenario in a table of plain values, as TOML and JSON have them.
 
-    Raises:
-        ValueError: one sentence that names every key that is wrong, or the first of many.
+    Raises ValueError: one sentence that names every key that is wrong, or the first of many.
     """
     try:
         # By way of JSON, in whose arrays pydantic takes the tuples that it would refuse to take in Python's lists.
         scenario = Scenario.model_validate_json(json.dumps(table, default=str))
     except ValidationError as error:
-        raise ValueError(told(error.errors(), table)) from None
+        raise ValueError(describe_errors(error.errors(), table)) from None
     times(scenario)
     return scenario

@@ -1,36 +1,25 @@
-"""Holding: whether a vehicle could do what was asked of it, or its wind was too much for it."""
+"""Position holding: whether a vehicle kept its place, or the wind was too strong."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from sitl_scenarios.mixer import IDLE
+from sitl_scenarios.mixer import IDLE_COMMAND
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario, Steps
 
-FAR = 5.0
-"""m from where it is asked to be: more than any gust of the scenarios here pushes a vehicle."""
-
-LONG = 1.0
-"""Seconds there after which it is said."""
-
-OFTEN = 0.1
-"""Share of its time in the air with a motor at its limit above which it is said."""
-
-ON_GROUND, IN_AIR = 1, 2
-"""MAV_LANDED_STATE; of those above it takes off or lands."""
+MAX_OFFSET_METRES = 5.0  # m from where it is asked to be: more than any gust of the scenarios here pushes a vehicle
+ON_GROUND, IN_AIR = 1, 2  # MAV_LANDED_STATE; of those above it takes off or lands
 
 
 class Holding:
-    """Watches a flight, block of rows after block of rows.
+    """Follows a flight, block of rows after block of rows.
 
-    Attributes:
-        farthest: m from where it was asked to hover, for a second on end; 0 if never farther than ``FAR``.
-        at_limit: share of the rows in the air at which a motor could not do more, or not less.
+    ``farthest``: m from its place in hover, for a second on end; 0 if never farther than ``MAX_OFFSET_METRES``.
+    ``at_limit``: share of the rows in the air at which a motor could not do more, or not less.
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        """Takes what was asked for."""
         aside = scenario.excitation.distance if isinstance(scenario.excitation, Steps) else 0.0
         # On its way from one end of a sideways step to the other it is where it should be.
         self._aside, self._height = aside, scenario.height
@@ -47,7 +36,7 @@ class Holding:
     def add(self, motion: Motion) -> None:
         """The next rows."""
         flying = motion.armed & (motion.landed_state >= IN_AIR)
-        limited = (motion.outputs >= 2000.0) | (motion.outputs <= 1000.0 + 1000.0 * IDLE)
+        limited = (motion.outputs >= 2000.0) | (motion.outputs <= 1000.0 + 1000.0 * IDLE_COMMAND)
         self._rows += int(np.count_nonzero(flying))
         self._limited += int(np.count_nonzero(limited[flying].any(axis=1)))
         north, east, down = motion.position.T
@@ -56,19 +45,19 @@ class Holding:
         for time, state, armed, distance in rows:
             # Blown down to the ground it is still asked to hover.
             self._phase = state if state != ON_GROUND else self._phase
-            far = armed and self._phase == IN_AIR and distance > FAR
+            far = armed and self._phase == IN_AIR and distance > MAX_OFFSET_METRES
             self._since = (time if self._since is None else self._since) if far else None
-            if self._since is not None and time - self._since >= LONG:
+            if self._since is not None and time - self._since >= 1.0:  # for a second on end
                 self.farthest = max(self.farthest, distance)
 
     def cautions(self) -> list[str]:
-        """What there is to say of it, a sentence each without its full stop."""
-        told = []
+        """One sentence for each problem, without a full stop."""
+        found = []
         if self.farthest:
-            told.append(f"the vehicle could not hold its place and was {self.farthest:.3g} m from it: use less wind")
-        if self.at_limit > OFTEN:
-            told.append(
+            found.append(f"the vehicle could not hold its place and was {self.farthest:.3g} m from it: use less wind")
+        if self.at_limit > 0.1:
+            found.append(
                 f"motors were at their limits in {self.at_limit:.0%} of the time in the air, where nothing linear is "
                 "to be learnt: use less wind, or smaller moments"
             )
-        return told
+        return found

@@ -1,4 +1,4 @@
-"""Linear: the same dynamics about hover, ẋ = Ax + Bu, by central differences.
+"""The dynamics linearised about hover, ẋ = Ax + Bu, by central differences.
 
 About hover in still air, level, nose to the north. In wind a vehicle hovers tilted, with another thrust: the effect of
 its motors there is a few hundredths from what it is here.
@@ -12,11 +12,12 @@ from math import cos, sin, tan
 from typing import Literal
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from sitl_scenarios.dynamics import Air, dynamics
-from sitl_scenarios.frames import PAPER_ORDER
+from sitl_scenarios.mixer import PAPER_ORDER
 from sitl_scenarios.motion import Array
-from sitl_scenarios.scenario import Vehicle
+from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.vehicles import AIRFRAMES
 
 STATES = (
@@ -29,17 +30,11 @@ STATES = (
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """A linear system.
+    """A linear system."""
 
-    Attributes:
-        states: their names, n of them.
-        A: (n, n), 1/s and the like.
-        B: (n, 4), per unit of each motor's command.
-    """
-
-    states: tuple[str, ...]
-    A: Array
-    B: Array
+    states: tuple[str, ...]  # their names, n of them
+    A: Array  # (n, n), 1/s and the like
+    B: Array  # (n, 4), per unit of each motor's command
 
     def of(self, states: Sequence[str]) -> Linear:
         """The rows and columns of some states; what others do to them is left out."""
@@ -52,50 +47,32 @@ class Linear:
         settled = -np.linalg.solve(self.A[rotors, rotors], self.B[rotors])
         return Linear(self.states[:12], self.A[body, body], self.B[body] + self.A[body, rotors] @ settled)
 
-    def per_microsecond(self, vehicle: Vehicle) -> Linear:
-        """With motor commands in µs of PWM instead of the vehicle's own unit."""
-        return Linear(self.states, self.A, self.B * (AIRFRAMES[vehicle.model].full / 1000))
 
-
-def linearised(vehicle: Vehicle) -> Linear:
+def linearised(vehicle: VehicleSpec) -> Linear:
     """All states of ``STATES``, about hover; a rotor's lag is the mean of its two.
 
-    Motor commands are in the vehicle's own unit, in the order of ``sitl_scenarios.frames``.
+    Motor commands are in the vehicle's own unit, in the order of ``sitl_scenarios.mixer``.
     """
     body = AIRFRAMES[vehicle.model]
     derivative = _derivative(vehicle)
-    hover = np.zeros(16)
-    hover[12:] = body.hover_speed
-    commands = np.full(4, body.hover_command)
-    steps = np.repeat([1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.hover_speed], [3, 3, 3, 3, 4])
-    A = np.column_stack(
-        [
-            (derivative(hover + step, commands) - derivative(hover - step, commands)) / (2 * size)
-            for step, size in zip(np.diag(steps), steps, strict=True)
-        ]
-    )
-    size = 1e-5 * body.full
-    B = np.column_stack(
-        [
-            (derivative(hover, commands + step) - derivative(hover, commands - step)) / (2 * size)
-            for step in size * np.eye(4)
-        ]
-    )
-    return Linear(STATES, A, B)
+    # States and commands.
+    hover = np.repeat([0.0, body.hover_speed, body.hover_command], [12, 4, 4])
+    steps = np.repeat([1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.hover_speed, 1e-5 * body.full], [3, 3, 3, 3, 4, 4])
+    columns = [
+        (derivative(hover + step) - derivative(hover - step)) / (2 * size)
+        for step, size in zip(np.diag(steps), steps, strict=True)
+    ]
+    return Linear(STATES, np.column_stack(columns[:16]), np.column_stack(columns[16:]))
 
 
-def axis(vehicle: Vehicle, axis: Literal["roll", "pitch"] = "roll", lag: bool = True) -> Linear:
+def axis(vehicle: VehicleSpec, axis: Literal["roll", "pitch"] = "roll", lag: bool = True) -> Linear:
     """Angle and rate about one axis, in µs of PWM: what a model of a flight is held against.
 
     With ``lag`` there is a third state, the angular acceleration that the rotors make, "roll drive" (rad/s²), which
     follows the commands with the rotors' time constant. Without, it is there at once.
-
-    Args:
-        vehicle: which.
-        axis: which.
-        lag: whether rotors lag.
     """
-    everything = linearised(vehicle).per_microsecond(vehicle)
+    found = linearised(vehicle)
+    everything = Linear(found.states, found.A, found.B * (AIRFRAMES[vehicle.model].full / 1000))
     names = (axis, f"{axis} rate")
     instant = everything.without_lag().of(names)
     tau = sum(AIRFRAMES[vehicle.model].lag) / 2
@@ -111,39 +88,31 @@ def axis(vehicle: Vehicle, axis: Literal["roll", "pitch"] = "roll", lag: bool = 
 def paper_system(order: Literal[1, 2, 3, 4]) -> Linear:
     """A and B of the paper's table ``tab:systems``: AR.Drone 2.0, without rotor drag and lag, PWM of 0 to 255.
 
-    Its y points to the left and its motors are in its own order, see ``sitl_scenarios.frames.PAPER_ORDER``.
-
-    Args:
-        order: System 1 to 4: [φ̇], [φ, φ̇], [ẏ, φ, φ̇], [y, ẏ, φ, φ̇].
+    System 1 to 4 (``order``) have the states [φ̇], [φ, φ̇], [ẏ, φ, φ̇], [y, ẏ, φ, φ̇]. Its y points to the left and its
+    motors are in its own order, see ``sitl_scenarios.mixer.PAPER_ORDER``.
     """
     east = ("east", "east speed", "roll", "roll rate")[4 - order :]
-    found = linearised(Vehicle(model="ardrone2", rotor_drag=False)).without_lag().of(east)
+    found = linearised(VehicleSpec(model="ardrone2", rotor_drag=False)).without_lag().of(east)
     mirror = np.diag([-1.0 if state.startswith("east") else 1.0 for state in east])
     names = tuple({"east": "y", "east speed": "ẏ", "roll": "φ", "roll rate": "φ̇"}[state] for state in east)
     return Linear(names, mirror @ found.A @ mirror, mirror @ found.B[:, PAPER_ORDER])
 
 
-def _derivative(vehicle: Vehicle) -> Callable[[Array, Array], Array]:
-    """Of ``STATES`` by states (16,) and commands (4,)."""
+def _derivative(vehicle: VehicleSpec) -> Callable[[Array], Array]:
+    """Of ``STATES`` by states and commands (20,)."""
     body = AIRFRAMES[vehicle.model]
     change = dynamics(vehicle)
     # A vehicle whose rotors do not lag has no such states; any small lag leaves the same without it.
     tau = sum(body.lag) / 2 or 1e-3
 
-    def derivative(state: Array, commands: Array) -> Array:
+    def derivative(at: Array) -> Array:
+        state, commands = at[:16], at[16:]
         roll, pitch, yaw = state[6:9]
         p, q, r = state[9:12]
-        sines, cosines = [sin(a / 2) for a in (roll, pitch, yaw)], [cos(a / 2) for a in (roll, pitch, yaw)]
-        (sx, sy, sz), (cx, cy, cz) = sines, cosines
-        attitude = (
-            cx * cy * cz + sx * sy * sz,
-            sx * cy * cz - cx * sy * sz,
-            cx * sy * cz + sx * cy * sz,
-            cx * cy * sz - sx * sy * cz,
-        )
+        w, x, y, z = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat(scalar_first=True).tolist()
         vn, ve, vd = state[3:6].tolist()
         o1, o2, o3, o4 = state[12:].tolist()
-        acting = change(attitude, (vn, ve, vd), (float(p), float(q), float(r)), (o1, o2, o3, o4), Air())
+        acting = change((w, x, y, z), (vn, ve, vd), (float(p), float(q), float(r)), (o1, o2, o3, o4), Air())
         turning = q * sin(roll) + r * cos(roll)
         angles = (p + turning * tan(pitch), q * cos(roll) - r * sin(roll), turning / cos(pitch))
         targets = [body.rotor_speed(command) for command in commands.tolist()]

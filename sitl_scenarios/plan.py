@@ -1,4 +1,4 @@
-"""Plan: what a flight wants at each instant, from arming to disarming."""
+"""Flight plan: setpoints over time, from arming to disarming."""
 
 from __future__ import annotations
 
@@ -10,43 +10,21 @@ from scipy.fft import ifft
 
 from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Steps
 
-BOOT = 2.0
-"""Seconds from the autopilot's boot until it arms itself."""
-
-SPIN_UP = 1.0
-"""Seconds from arming to take-off."""
-
-SETTLE = 2.0
-"""Seconds of hover before the excitation begins, and after it ends."""
-
-AFTER = 1.0
-"""Seconds simulated after disarming; and from touch-down, as it is planned, to disarming."""
-
-SHORTEST = 5.0
-"""Seconds of hover without which a flight is refused."""
-
-_FASTEST = 1.5
-"""m/s: the mean of a climb or a descent that takes longer than the usual time."""
-
-_BELOW = 0.2
-"""m below the ground that a descent aims at, so as to touch it."""
+BOOT_SECONDS = 2.0  # Seconds from the autopilot's boot until it arms itself
+SPIN_UP_SECONDS = 1.0  # Seconds from arming to take-off
+SETTLE_SECONDS = 2.0  # Seconds of hover before the excitation begins, and after it ends
+AFTER_SECONDS = 1.0  # Seconds simulated after disarming; and from touch-down, as it is planned, to disarming
+_FASTEST = 1.5  # m/s: the mean of a climb or a descent that takes longer than the usual time
 
 
 class Wanted(NamedTuple):
-    """At one instant of the flight.
+    """At one instant of the flight."""
 
-    Attributes:
-        landed_state: MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing.
-        height: m; climb: its rate, m/s.
-        aside: of the place to hover at, to the right, m.
-        roll: to add to the roll that the position asks for, rad.
-    """
-
-    landed_state: int
-    height: float
+    landed_state: int  # MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing
+    height: float  # m; climb: its rate, m/s
     climb: float
-    aside: float
-    roll: float
+    aside: float  # of the place to hover at, to the right, m
+    roll: float  # to add to the roll that the position asks for, rad
 
 
 class Times(NamedTuple):
@@ -59,29 +37,25 @@ class Times(NamedTuple):
 
 
 def times(scenario: Scenario) -> Times:
-    """When a scenario does what.
-
-    Raises:
-        ValueError: the duration leaves no time to hover.
-    """
+    """When a scenario does what. Raises ValueError: the duration leaves no time to hover."""
     climb, descent = max(3.0, scenario.height / _FASTEST), max(4.0, scenario.height / _FASTEST)
-    shortest = SPIN_UP + climb + SHORTEST + descent + AFTER
+    shortest = SPIN_UP_SECONDS + climb + 5.0 + descent + AFTER_SECONDS  # with five seconds of hover
     if scenario.duration < shortest:
         raise ValueError(
             f"duration must be at least {shortest:g} s for a height of {scenario.height:g} m, not {scenario.duration:g}"
         )
-    return Times(climb, descent, SPIN_UP + climb, scenario.duration - AFTER - descent)
+    return Times(climb, descent, SPIN_UP_SECONDS + climb, scenario.duration - AFTER_SECONDS - descent)
+
+
+def seconds(scenario: Scenario) -> float:
+    """From boot to the end of the last flight, with the seconds on the ground before and after each."""
+    return scenario.flights * (BOOT_SECONDS + scenario.duration + AFTER_SECONDS)
 
 
 class Plan:
     """Spin up, climb for three seconds or as long as it takes, hover and be excited, descend, and wait.
 
-    Args:
-        scenario: whose height, duration and excitation count.
-        cycle: of the autopilot, s.
-
-    Raises:
-        ValueError: the duration leaves no time to hover.
+    Raises ValueError: the duration leaves no time to hover.
     """
 
     def __init__(self, scenario: Scenario, cycle: float) -> None:
@@ -94,17 +68,17 @@ class Plan:
     def at(self, time: float) -> Wanted:
         """What is wanted ``time`` seconds after arming."""
         climb, descent, hover, landing = self._times
-        if time < SPIN_UP:
+        if time < SPIN_UP_SECONDS:
             return Wanted(1, 0.0, 0.0, 0.0, 0.0)
         if time < hover:
-            done, rate = _smooth((time - SPIN_UP) / climb)
+            done, rate = _smooth((time - SPIN_UP_SECONDS) / climb)
             return Wanted(3, self._height * done, self._height * rate / climb, 0.0, 0.0)
         if time < landing:
-            excited = hover + SETTLE <= time < landing - SETTLE
-            aside, roll = self._excited(time - hover - SETTLE) if excited else (0.0, 0.0)
+            excited = hover + SETTLE_SECONDS <= time < landing - SETTLE_SECONDS
+            aside, roll = self._excited(time - hover - SETTLE_SECONDS) if excited else (0.0, 0.0)
             return Wanted(2, self._height, 0.0, aside, roll)
         done, rate = _smooth(min((time - landing) / descent, 1.0))
-        way = self._height + _BELOW
+        way = self._height + 0.2  # aims below the ground, so as to touch it
         return Wanted(4, self._height - way * done, -way * rate / descent, 0.0, 0.0)
 
     def _excited(self, time: float) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Problems: what is wrong with a table of values that is to be a scenario, in words for who wrote it."""
+"""What is wrong in a scenario file, in sentences for its author."""
 
 from __future__ import annotations
 
@@ -6,69 +6,36 @@ import json
 from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from math import isfinite
-from typing import Any
+from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from sitl_scenarios.places import place, shortened
-from sitl_scenarios.scenario import (
-    Chirp,
-    Doublets,
-    Dryden,
-    Gaussian,
-    Gust,
-    Jet,
-    Moment,
-    Multisine,
-    Scenario,
-    Steady,
-    Steps,
-    VonKarman,
-)
+from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind, place, shortened
 
-MOST = 5
-"""Problems that are told one by one: the others often follow from them."""
-
-DEEPEST = 8
-"""Tables and arrays within each other; no scenario needs half of that."""
-
-LARGEST = 1 << 64
-"""Whole numbers from here on are no value of anything here."""
-
+MAX_LISTED = 5  # Problems that are listed one by one: the others often follow from them
+MAX_DEPTH = 8  # Tables and arrays within each other; no scenario needs half of that
 KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
-    "wind": {
-        "steady": Steady,
-        "gaussian": Gaussian,
-        "dryden": Dryden,
-        "von_karman": VonKarman,
-        "gust": Gust,
-        "jet": Jet,
-    },
-    "excitation": {"doublets": Doublets, "chirp": Chirp, "multisine": Multisine, "steps": Steps},
+    section: {get_args(model.model_fields["kind"].annotation)[0]: model for model in get_args(get_args(union)[0])}
+    for section, union in (("wind", Wind), ("excitation", Excitation))
 }
 """Of the sections that have a ``kind``."""
 
 
 def too_much(value: Any, depth: int = 0) -> str:
     """Why a value out of a file is not even looked at; empty if it is."""
-    if depth > DEEPEST:
+    if depth > MAX_DEPTH:
         return "it is nested deeper than any scenario"
-    if isinstance(value, int) and abs(value) >= LARGEST:
+    if isinstance(value, int) and abs(value) >= 1 << 64:
         return "it has a number of more digits than any scenario needs"
     inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     return next(filter(None, (too_much(one, depth + 1) for one in inside)), "")
 
 
-def told(errors: Iterable[Any], table: Mapping[str, Any]) -> str:
-    """The first problems in one sentence, and how many more there are.
-
-    Args:
-        errors: pydantic's, as ``ValidationError.errors`` tells them.
-        table: what was to be a scenario.
-    """
+def describe_errors(errors: Iterable[Any], table: Mapping[str, Any]) -> str:
+    """The first of pydantic's ``errors`` in what was to be a scenario, in one sentence, and how many more there are."""
     wrong = list(dict.fromkeys(shortened(_sentence(detail, table), 300) for detail in errors))
-    more = [f"and {len(wrong) - MOST} more"] if len(wrong) > MOST else []
-    return "; ".join([*wrong[:MOST], *more])
+    more = [f"and {len(wrong) - MAX_LISTED} more"] if len(wrong) > MAX_LISTED else []
+    return "; ".join([*wrong[:MAX_LISTED], *more])
 
 
 def did_you_mean(given: str, known: Iterable[str]) -> str:

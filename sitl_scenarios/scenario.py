@@ -1,46 +1,71 @@
-"""Scenario: what is flown, in what wind, and who tells of it how: everything that decides a simulated flight.
+"""Scenario: vehicle, wind, excitation, messages and faults; everything that decides a simulated flight.
 
 A scenario file is the same in TOML, a table for each section; what it leaves out has the value given here. Directions
-are degrees clockwise from north: wind comes *from* its direction, as in weather reports. What is said of each key here,
-``mavdem fly --describe`` says too: it is the description of the pydantic field.
+are degrees clockwise from north: wind comes *from* its direction, as in weather reports. ``mavdem fly
+--describe`` prints what each key means: the description of its pydantic field.
 """
 
 from __future__ import annotations
 
-from math import inf
+from collections.abc import Sequence
+from math import cos, inf, radians, sin
 from typing import Annotated, Literal
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from sitl_scenarios.places import place
+_COUNTED = {"wind": "wind", "moments": "moment"}  # Sections that there may be several of, and what one is called
+_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
 
-LONGEST = 7200.0
-"""Seconds of a flight: an hour is much, and two are enough."""
 
-MOST = 16
-"""Winds, and moments, that are summed."""
+def place(words: Sequence[int | str]) -> str:
+    """Where something stands: the keys that lead there, an int for one of several, counted from 0."""
+    section, *rest = words
+    if section in _COUNTED and rest and isinstance(rest[0], int):
+        number = rest[0]
+        nth = f"{_ORDINALS[number]} {_COUNTED[section]}" if number < len(_ORDINALS) else f"{section} no. {number + 1}"
+        return f"the {nth}" + (f"'s {_dotted(rest[1:])}" if rest[1:] else "")
+    return _dotted(words)
 
-Positive = Annotated[float, Field(gt=0, le=LONGEST)]
-NotNegative = Annotated[float, Field(ge=0, le=LONGEST)]
+
+def _dotted(words: Sequence[int | str]) -> str:
+    return ".".join(shortened(str(word)) for word in words)
+
+
+def shortened(text: str, longest: int = 60) -> str:
+    """Text cut to ``longest`` characters, with an ellipsis where it was longer."""
+    return text if len(text) <= longest else f"{text[: longest - 2]} …"
+
+
+MAX_SECONDS = 7200.0  # Seconds of a flight: an hour is much, and two are enough
+MAX_WINDS = 16  # Winds, and moments, that are summed
+
+Positive = Annotated[float, Field(gt=0, le=MAX_SECONDS)]
+NotNegative = Annotated[float, Field(ge=0, le=MAX_SECONDS)]
 
 Kernel = Annotated[float, Field(ge=1e-3, le=60)]
 """Seconds. What is shorter than the steps of the physics is white to them; what is longer changes in no flight."""
-
-Angle = Annotated[float, Field(gt=0, le=30)]
-"""Degrees of roll that are asked for."""
-
-Frequency = Annotated[float, Field(gt=0, le=200)]
-"""Hz: half of the greatest rate of a stream."""
-
-Speed = Annotated[float, Field(ge=0, le=60)]
-"""Of wind, m/s: no hurricane's mean is greater."""
+Angle = Annotated[float, Field(gt=0, le=30)]  # Degrees of roll that are asked for
+Frequency = Annotated[float, Field(gt=0, le=200)]  # Hz: half of the greatest rate of a stream
+Speed = Annotated[float, Field(ge=0, le=60)]  # Of wind, m/s: no hurricane's mean is greater
 
 Direction = Annotated[float, Field(ge=-360, le=360)]
+
+
+def towards(direction: float) -> NDArray[np.float64]:
+    """(3,) unit vector NED that wind from ``direction`` degrees, clockwise from north, moves along."""
+    return np.array([-cos(radians(direction)), -sin(radians(direction)), 0.0])
+
 
 Share = Annotated[float, Field(ge=0, le=1)]
 
 _OrInf = BeforeValidator(lambda given: None if given == inf else given)
 """Beside None, the time that never comes: TOML has no word for None, JSON none for infinity."""
+
+
+SENSORS, WIND, MOMENT = range(3)
+"""Purposes of random numbers; winds and moments are numbered further, each in its own list."""
 
 
 class _Section(BaseModel):
@@ -49,8 +74,8 @@ class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True)
 
 
-class Vehicle(_Section):
-    """Who flies."""
+class VehicleSpec(_Section):
+    """The vehicle."""
 
     model: Literal["ardrone2", "iris", "crazyflie"] = "iris"
     """AR.Drone 2.0, 3DR Iris or Crazyflie 2."""
@@ -60,9 +85,15 @@ class Vehicle(_Section):
     """Share of the rotors' speed that the battery loses from the beginning of the flight to its end."""
     rotor_drag: bool = True
     """Whether rotors in wind drag the vehicle along and tilt it; if not, its hull still does."""
+    weak_motor: Annotated[int, Field(ge=0, le=4)] = 0
+    """Motor, counted from 1 as the autopilot does, that loses thrust; 0: none."""
+    weak_from: NotNegative = 0.0
+    """Seconds into the flight from which it is weak."""
+    weak_thrust: Annotated[float, Field(gt=0, le=1)] = 0.65
+    """Share of its thrust that is left."""
 
 
-class Steady(_Section):
+class SteadyWind(_Section):
     """Wind that never changes."""
 
     kind: Literal["steady"]
@@ -72,7 +103,7 @@ class Steady(_Section):
     """It comes from, degrees clockwise from north."""
 
 
-class Gaussian(_Section):
+class GaussianWind(_Section):
     """The paper's noise: white noise through a Gaussian kernel; the autocorrelation is exp(−τ²/4s²)."""
 
     kind: Literal["gaussian"]
@@ -82,13 +113,13 @@ class Gaussian(_Section):
     """Standard deviation of the kernel, s."""
 
 
-class Dryden(_Section):
-    """Turbulence of the Dryden spectra at low altitude (MIL-F-8785C) about a mean wind.
+class TurbulentWind(_Section):
+    """Turbulence at low altitude about a mean wind (MIL-F-8785C).
 
     The military grades of ``wind_at_20_feet`` are 7.7, 15.4 and 23.2 (15, 30 and 45 kt: light, moderate and severe).
     """
 
-    kind: Literal["dryden"]
+    kind: str
     speed: Speed
     """Of the mean wind, m/s, which counts as wind too."""
     direction: Direction = 90.0
@@ -97,16 +128,16 @@ class Dryden(_Section):
     """What the intensity follows from, m/s: 7.7 is light, 15.4 moderate, 23.2 severe."""
 
 
-class VonKarman(_Section):
-    """Turbulence of the von Kármán spectra; keys as of ``Dryden``."""
+class DrydenWind(TurbulentWind):
+    """Turbulence of the Dryden spectra at low altitude (MIL-F-8785C) about a mean wind."""
+
+    kind: Literal["dryden"]
+
+
+class VonKarmanWind(TurbulentWind):
+    """Turbulence of the von Kármán spectra; keys as of ``DrydenWind``."""
 
     kind: Literal["von_karman"]
-    speed: Speed
-    """Of the mean wind, m/s, which counts as wind too."""
-    direction: Direction = 90.0
-    """The mean wind comes from, degrees clockwise from north."""
-    wind_at_20_feet: Speed = 7.7
-    """What the intensity follows from, m/s: 7.7 is light, 15.4 moderate, 23.2 severe."""
 
 
 class Gust(_Section):
@@ -119,7 +150,7 @@ class Gust(_Section):
     """Its greatest, m/s."""
     direction: Direction = 90.0
     """It comes from, degrees clockwise from north."""
-    rise: Annotated[float, Field(ge=1e-3, le=LONGEST)] = 1.0
+    rise: Annotated[float, Field(ge=1e-3, le=MAX_SECONDS)] = 1.0
     """Seconds from its beginning to its greatest, where it stays."""
     hold: Annotated[NotNegative | None, _OrInf] = 0.0
     """Seconds it stays there before it falls as it rose; inf: for good."""
@@ -145,7 +176,7 @@ class Jet(_Section):
     """Of the jet's axis to the right of where the vehicle hovers, seen along the jet, m."""
 
 
-Wind = Annotated[Steady | Gaussian | Dryden | VonKarman | Gust | Jet, Field(discriminator="kind")]
+Wind = Annotated[SteadyWind | GaussianWind | DrydenWind | VonKarmanWind | Gust | Jet, Field(discriminator="kind")]
 
 
 class Moment(_Section):
@@ -213,7 +244,7 @@ Excitation = Annotated[Doublets | Chirp | Multisine | Steps, Field(discriminator
 
 
 class Sensors(_Section):
-    """White noise on what the autopilot knows, and how late it knows it."""
+    """White noise and delay of the autopilot's estimates."""
 
     rate_sd: Annotated[float, Field(ge=0, le=10)] = 0.005
     """Standard deviation of each body rate, rad/s."""
@@ -227,7 +258,7 @@ class Sensors(_Section):
     """Seconds from the motion to the motors' command."""
 
 
-class Stream(_Section):
+class StreamSpec(_Section):
     """What the autopilot sends."""
 
     speaks: Literal["px4", "ardupilot"] = "px4"
@@ -235,7 +266,9 @@ class Stream(_Section):
     rate: Annotated[float, Field(ge=0.1, le=400)] = 100.0
     """Hz of attitude and of motor outputs; other messages that come often come at a quarter of it."""
     rates: dict[str, Annotated[float, Field(ge=0, le=400)]] = {}
-    """Hz by the name of a message, instead: {ATTITUDE = 50, SYS_STATUS = 1}."""
+    """Hz by the name of a message, instead: {ATTITUDE = 50, SYS_STATUS = 1}; 0: not until it is asked for."""
+    only_when_asked: bool = False
+    """Whether only HEARTBEAT and what ``rates`` names comes unasked, as where ArduPilot's SRn_ parameters are 0."""
     system: Annotated[int, Field(ge=1, le=250)] = 1
     """Its MAVLink system id."""
     version: Literal[1, 2] = 2
@@ -254,69 +287,76 @@ class Faults(_Section):
     reordered: Share = 0.0
     """Share of the messages that are overtaken by the one after."""
     reboot: Annotated[Positive | None, _OrInf] = None
-    """Seconds into the flight at which the autopilot begins anew, in the air, with a clock from zero; inf: never."""
+    """Seconds into the flight at which the autopilot reboots in flight, clock and rates too; inf: never."""
+    outage: Annotated[Positive | None, _OrInf] = None
+    """Seconds into the flight at which the link is lost, in both directions; inf: never."""
+    outage_seconds: Positive = 10.0
+    """Seconds until it is back."""
+    clock_jump: Annotated[Positive | None, _OrInf] = None
+    """Seconds into the flight at which the boot clock jumps ahead, as a paused simulator's does; inf: never."""
+    clock_jump_seconds: Positive = 300.0
+    """How far it jumps."""
+    mavproxy_rate: Annotated[float, Field(ge=0, le=400)] = 0.0
+    """Hz to which another ground station sets all streams every 15 s, as MAVProxy does with 4; 0: there is none."""
 
 
 class Scenario(_Section):
-    """A flight from arming to disarming: climb, hover as the sections say, land."""
+    """A flight from arming to disarming: climb, hover with the excitation and in the wind given, land."""
 
     description: str = ""
-    """One sentence that says what it is."""
-    duration: Annotated[float, Field(ge=15, le=LONGEST)] = 60.0
+    """One sentence about it."""
+    duration: Annotated[float, Field(ge=15, le=MAX_SECONDS)] = 60.0
     """Seconds from arming to disarming."""
+    flights: Annotated[int, Field(ge=1, le=100)] = 1
+    """How often it takes off, each time for the duration; faults count from the first."""
     height: Annotated[float, Field(gt=0.5, le=100)] = 5.0
     """Of the hover, m."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0
-    """Of everything random."""
-    vehicle: Vehicle = Vehicle()
-    wind: Annotated[tuple[Wind, ...], Field(max_length=MOST)] = ()
+    """Random seed."""
+    vehicle: VehicleSpec = VehicleSpec()
+    wind: Annotated[tuple[Wind, ...], Field(max_length=MAX_WINDS)] = ()
     """Summed."""
-    moments: Annotated[tuple[Moment, ...], Field(max_length=MOST)] = ()
+    moments: Annotated[tuple[Moment, ...], Field(max_length=MAX_WINDS)] = ()
     """Summed."""
     excitation: Excitation | None = None
     sensors: Sensors = Sensors()
-    stream: Stream = Stream()
+    stream: StreamSpec = StreamSpec()
     faults: Faults = Faults()
+
+    def random(self, *purpose: int) -> np.random.Generator:
+        """The random numbers for one purpose; what others draw does not change them."""
+        return np.random.default_rng(np.random.SeedSequence(self.seed, spawn_key=purpose))
 
     @model_validator(mode="after")
     def _fits_together(self) -> Scenario:
         """What no key can be wrong in by itself."""
+        lasting: list[tuple[str, float | None]] = []
         for number, wind in enumerate(self.wind):
-            if isinstance(wind, Gaussian | Jet) and wind.s >= self.duration:
-                raise ValueError(_too_long(place(["wind", number, "s"]), wind.s, self.duration))
-            if isinstance(wind, Gust) and wind.start >= self.duration:
-                raise ValueError(_too_long(place(["wind", number, "start"]), wind.start, self.duration))
-        for number, moment in enumerate(self.moments):
-            if moment.s >= self.duration:
-                raise ValueError(_too_long(place(["moments", number, "s"]), moment.s, self.duration))
-        excitation = self.excitation
-        if excitation is not None and excitation.period >= self.duration:
-            raise ValueError(_too_long("excitation.period", excitation.period, self.duration))
-        if isinstance(excitation, Doublets) and 2 * excitation.width > excitation.period:
-            raise ValueError(
-                f"excitation.width must be at most half of excitation.period, {excitation.period / 2:g} s, "
-                f"not {excitation.width:g}"
-            )
-        if isinstance(excitation, Chirp | Multisine):
-            if excitation.lowest > excitation.highest:
-                raise ValueError(
-                    f"excitation.lowest must be at most excitation.highest, {excitation.highest:g} Hz, "
-                    f"not {excitation.lowest:g}"
-                )
-            if excitation.highest >= self.stream.rate / 2:
-                raise ValueError(
-                    f"excitation.highest must be below half of stream.rate, {self.stream.rate / 2:g} Hz, "
-                    f"not {excitation.highest:g}"
-                )
-        if isinstance(excitation, Multisine) and excitation.lowest * excitation.period < 1:
-            raise ValueError(
-                f"excitation.lowest must be at least one turn in excitation.period, {1 / excitation.period:g} Hz, "
-                f"not {excitation.lowest:g}"
-            )
-        if self.faults.reboot is not None and self.faults.reboot >= self.duration:
-            raise ValueError(_too_long("faults.reboot", self.faults.reboot, self.duration))
+            lasting.append((place(["wind", number, "s"]), wind.s if isinstance(wind, GaussianWind | Jet) else None))
+            lasting.append((place(["wind", number, "start"]), wind.start if isinstance(wind, Gust) else None))
+        lasting += [(place(["moments", number, "s"]), moment.s) for number, moment in enumerate(self.moments)]
+        lasting.append(("excitation.period", None if self.excitation is None else self.excitation.period))
+        flight = "less than the duration of the flight", self.duration, "s"
+        limits = [(given >= self.duration, key, given, *flight) for key, given in lasting if given is not None]
+        once = [(f"faults.{key}", getattr(self.faults, key)) for key in ("reboot", "outage", "clock_jump")]
+        once += [("vehicle.weak_from", self.vehicle.weak_from)]
+        which = "the flight" if self.flights == 1 else "all flights"
+        flights = f"less than the duration of {which}", self.flights * self.duration, "s"
+        limits += [(given >= flights[1], key, given, *flights) for key, given in once if given is not None]
+        match self.excitation:
+            case Doublets(width=width, period=period):
+                half = "at most half of excitation.period", period / 2, "s"
+                limits.append((2 * width > period, "excitation.width", width, *half))
+            case Chirp(lowest=lowest, highest=highest) | Multisine(lowest=lowest, highest=highest):
+                order, nyquist = "at most excitation.highest", "below half of stream.rate"
+                limits.append((lowest > highest, "excitation.lowest", lowest, order, highest, "Hz"))
+                fastest = self.stream.rate / 2
+                limits.append((highest >= fastest, "excitation.highest", highest, nyquist, fastest, "Hz"))
+        if isinstance(self.excitation, Multisine):
+            least = 1 / self.excitation.period
+            lowest, turn = self.excitation.lowest, "at least one turn in excitation.period"
+            limits.append((lowest * self.excitation.period < 1, "excitation.lowest", lowest, turn, least, "Hz"))
+        for wrong, key, given, relation, limit, unit in limits:
+            if wrong:
+                raise ValueError(f"{key} must be {relation}, {limit:g} {unit}, not {given:g}")
         return self
-
-
-def _too_long(key: str, given: float, duration: float) -> str:
-    return f"{key} must be less than the duration of the flight, {duration:g} s, not {given:g}"

@@ -1,4 +1,4 @@
-"""Sensors: what the autopilot knows of the motion, with noise and late."""
+"""Sensors: the autopilot's estimates of the motion, with noise and delay."""
 
 from __future__ import annotations
 
@@ -10,15 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from sitl_scenarios.body import State
-from sitl_scenarios.dynamics import Quaternion, Three
+from sitl_scenarios.dynamics import Quaternion, Three, turned
 from sitl_scenarios.scenario import Sensors
-
-_BLOCK = 1000
-"""Cycles whose noise is drawn at once."""
 
 
 class Known(NamedTuple):
-    """What the autopilot knows; units as in ``State``."""
+    """The autopilot's estimates; units as in ``State``."""
 
     position: Three
     velocity: Three
@@ -30,11 +27,6 @@ class Sensing:
     """The way from states to what is known of them.
 
     The delay is exact: the state is interpolated between two cycles. Noise is white from cycle to cycle.
-
-    Args:
-        sensors: their noise and delay.
-        cycle: s.
-        noise: source of randomness.
     """
 
     def __init__(self, sensors: Sensors, cycle: float, noise: np.random.Generator) -> None:
@@ -55,13 +47,7 @@ class Sensing:
         (x0, y0, z0), (u0, v0, w0), (a0, b0, c0, d0), (p0, q0, r0) = old[:4]
         nx, ny, nz, nu, nv, nw, ea, eb, ec, np_, nq, nr = next(self._noise)
         a, b, c, d = k * a + m * a0, k * b + m * b0, k * c + m * c0, k * d + m * d0
-        # A small rotation in body axes; half angles.
-        a, b, c, d = (
-            a - b * ea - c * eb - d * ec,
-            b + a * ea + c * ec - d * eb,
-            c + a * eb + d * ea - b * ec,
-            d + a * ec + b * eb - c * ea,
-        )
+        a, b, c, d = turned((a, b, c, d), (ea, eb, ec))
         size = 1.0 / sqrt(a * a + b * b + c * c + d * d)
         return Known(
             (k * x + m * x0 + nx, k * y + m * y0 + ny, k * z + m * z0 + nz),
@@ -73,4 +59,4 @@ class Sensing:
 
 def _rows(sds: np.typing.NDArray[np.float64], noise: np.random.Generator) -> Iterator[list[float]]:
     while True:
-        yield from (noise.standard_normal((_BLOCK, len(sds))) * sds).tolist()
+        yield from (noise.standard_normal((1000, len(sds))) * sds).tolist()

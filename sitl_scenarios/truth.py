@@ -1,15 +1,15 @@
-"""Truth: what a simulated flight was made of, to hold a learnt model against."""
+"""Truth: A, B, wind, disturbance and states of a simulated flight, to compare a learnt model with."""
 
 from __future__ import annotations
 
 import os
 from dataclasses import fields
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.whole_file import whole_file
+from mavdem.files import atomic_write
 from sitl_scenarios.linear import axis
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
@@ -30,10 +30,6 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     - likewise ``pitch_…``.
 
     About hover in still air; see ``sitl_scenarios.linear``.
-
-    Args:
-        scenario: that was flown.
-        motion: of the flight.
     """
     body = AIRFRAMES[scenario.vehicle.model]
     up, down = body.lag
@@ -41,9 +37,9 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     arrays["scenario"] = np.array(scenario.model_dump_json())
     arrays["trim"] = np.full(4, 1000 + 1000 * body.hover_command / body.full)
     arrays["lag"] = np.array([(up + down) / 2, up, down])
-    for number, name in enumerate(("roll", "pitch")):
-        instant = axis(scenario.vehicle, "roll" if name == "roll" else "pitch", lag=False)
-        lagging = axis(scenario.vehicle, "roll" if name == "roll" else "pitch")
+    axes: tuple[Literal["roll", "pitch"], ...] = ("roll", "pitch")
+    for number, name in enumerate(axes):
+        instant, lagging = axis(scenario.vehicle, name, lag=False), axis(scenario.vehicle, name)
         arrays |= {f"{name}_A": instant.A, f"{name}_B": instant.B}
         arrays |= {f"{name}_lag_A": lagging.A, f"{name}_lag_B": lagging.B}
         # The damping by the vehicle's own rate is in A; on the ground nothing moves and nothing acts.
@@ -53,15 +49,9 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
 
 
 def write_truth(path: str | os.PathLike[str], scenario: Scenario, motion: Motion) -> None:
-    """Writes :func:`truth` as .npz; the same flight gives the same bytes.
+    """Writes :func:`truth` as .npz, whole or not at all; the same flight gives the same bytes.
 
-    Args:
-        path: of the file; it appears whole or not at all.
-        scenario: that was flown.
-        motion: of the flight.
-
-    Raises:
-        OSError: it cannot be written.
+    Raises OSError: it cannot be written.
     """
-    with whole_file(path) as file:
+    with atomic_write(path) as file:
         np.savez_compressed(file, allow_pickle=False, **truth(scenario, motion))

@@ -1,48 +1,30 @@
-"""Vehicles: rigid bodies and rotors of quadrotors that were measured and published, the source beside the numbers."""
+"""Vehicles: published rigid bodies and rotors of quadrotors, with the source beside the numbers."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from math import sqrt
 
-GRAVITY = 9.81
-"""m/s², as in the paper's table of systems."""
-
-AIR_DENSITY = 1.225
-"""kg/m³, of the standard atmosphere at sea level (ISO 2533)."""
+GRAVITY = 9.81  # m/s², as in the paper's table of systems
+AIR_DENSITY = 1.225  # kg/m³, of the standard atmosphere at sea level (ISO 2533)
 
 
 @dataclass(frozen=True)
 class Airframe:
-    """A quadrotor, SI units.
+    """A quadrotor, SI units."""
 
-    Attributes:
-        mass: kg.
-        inertia: about forward, right and down, kg m²; the products are taken to be zero.
-        arm: how far forward and right of the centre of mass the rotors of the X frame are, m.
-        hub_height: of the rotors above the centre of mass, m; the drag of the hull acts there too.
-        drag_area: of the hull, C_d A, m².
-        thrust: (a, b) of a rotor, N: aω² + bω at ω rad/s.
-        torque: (a, b) of a rotor, N m, likewise.
-        speed: (slope, offset) of a rotor's speed, rad/s, in the command.
-        full: the command that is 2000 µs; 0 is 1000 µs.
-        lag: time constants of the rotor speed when it rises and when it falls, s.
-        rotor_drag: N per (rad/s · m/s) of one rotor, against the air that moves along its disc.
-        inflow: N per (rad/s · m/s) of one rotor: thrust lost to air that moves down through its disc.
-    """
-
-    mass: float
-    inertia: tuple[float, float, float]
-    arm: tuple[float, float]
-    hub_height: float
-    drag_area: float
-    thrust: tuple[float, float]
-    torque: tuple[float, float]
-    speed: tuple[float, float]
-    full: float
-    lag: tuple[float, float]
-    rotor_drag: float
-    inflow: float
+    mass: float  # kg
+    inertia: tuple[float, float, float]  # about forward, right and down, kg m²; the products are taken to be zero
+    arm: tuple[float, float]  # how far forward and right of the centre of mass the rotors of the X frame are, m
+    hub_height: float  # of the rotors above the centre of mass, m; the drag of the hull acts there too
+    drag_area: float  # of the hull, C_d A, m²
+    thrust: tuple[float, float]  # (a, b) of a rotor, N: aω² + bω at ω rad/s
+    torque: tuple[float, float]  # (a, b) of a rotor, N m, likewise
+    speed: tuple[float, float]  # (slope, offset) of a rotor's speed, rad/s, in the command
+    full: float  # the command that is 2000 µs; 0 is 1000 µs
+    lag: tuple[float, float]  # time constants of the rotor speed when it rises and when it falls, s
+    rotor_drag: float  # N per (rad/s · m/s) of one rotor, against the air that moves along its disc
+    inflow: float  # N per (rad/s · m/s) of one rotor: thrust lost to air that moves down through its disc
 
     def rotor_speed(self, command: float) -> float:
         """What a command settles at, rad/s; the command in the vehicle's own unit, 0 to ``full``."""
@@ -129,5 +111,4 @@ CRAZYFLIE = Airframe(
     drag_area=1e-3,
 )
 
-AIRFRAMES = {"ardrone2": ARDRONE2, "iris": IRIS, "crazyflie": CRAZYFLIE}
-"""By the name that a scenario gives."""
+AIRFRAMES = {"ardrone2": ARDRONE2, "iris": IRIS, "crazyflie": CRAZYFLIE}  # By the name that a scenario gives

@@ -1,7 +1,12 @@
 """What holds for every test."""
 
 import pytest
+from hypothesis import settings
 from threadpoolctl import threadpool_limits
+
+# A busy machine may take long over an example; the profile is otherwise the one that hypothesis chose.
+settings.register_profile("without deadline", settings(), deadline=None)
+settings.load_profile("without deadline")
 
 
 @pytest.fixture(autouse=True, scope="session")

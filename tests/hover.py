@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.telemetry import Telemetry
+from mavdem.ingest.telemetry import Telemetry
 
 Array = NDArray[np.float64]
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from sitl_scenarios.mixer import DISARMED_PULSE
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.pulses import STOPPED
 from sitl_scenarios.simulation import CYCLES
 
 ARMED, UP, DOWN = 2.0, 4.0, 3.0
@@ -36,7 +36,7 @@ def made_up_motion(seconds: float = 20.0, begin: float = 0.0, speaks: str = "px4
     velocity = np.column_stack([np.cos(angle), -np.sin(angle), 0 * angle])
     swing = 60 * flying * np.sin(angle + 1.0)
     signs = np.array([-1, 1, 1, -1])
-    outputs = np.round(np.where(armed, 1100 + 400 * flying, STOPPED[speaks])[:, None] + swing[:, None] * signs)
+    outputs = np.round(np.where(armed, 1100 + 400 * flying, DISARMED_PULSE[speaks])[:, None] + swing[:, None] * signs)
     return Motion(
         time=time,
         position=position,

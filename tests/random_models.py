@@ -6,10 +6,9 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mavdem.dem.free_energy import Belief
-from mavdem.dem.generative import GenerativeModel, Moments, Samples
-from mavdem.dem.priors import Prior
-from mavdem.dem.smoothness import temporal_precision
+from mavdem.dem.engine.coordinates import temporal_precision
+from mavdem.dem.engine.free_energy import Belief
+from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, Prior, SufficientStatistics
 
 Array = NDArray[np.float64]
 
@@ -53,19 +52,19 @@ def random_model(
     )
 
 
-def random_samples(seed: int, model: GenerativeModel, number: int = 40) -> Samples:
+def random_samples(seed: int, model: GenerativeModel, number: int = 40) -> SufficientStatistics:
     rng = np.random.default_rng(seed + 1)
-    return Samples.of(rng.standard_normal((number, model.hidden.start)))
+    return SufficientStatistics.of(rng.standard_normal((number, model.hidden.start)))
 
 
-def random_belief(seed: int, model: GenerativeModel, samples: Samples) -> tuple[Array, Belief]:
+def random_belief(seed: int, model: GenerativeModel, samples: SufficientStatistics) -> tuple[Array, Belief]:
     """Anything a belief may be, not only what the steps arrive at; and the linear map its X comes of."""
     rng = np.random.default_rng(seed + 2)
     k, g = len(model.prior.theta_mean), len(model.prior.lambda_mean)
     size = model.error_operator(model.prior.theta_mean).shape[1] - model.hidden.start
     state_map = rng.standard_normal((size, model.hidden.start))
     return state_map, Belief(
-        Moments.of(model, samples, state_map),
+        GeneralizedMoments.of(model, samples, state_map),
         0.1 * positive_definite(rng, size),
         rng.standard_normal(k),
         0.1 * positive_definite(rng, k),

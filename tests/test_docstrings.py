@@ -67,17 +67,16 @@ def arguments(value: Any) -> list[str]:
     return [name for name in names if not name.startswith("_")]
 
 
-@pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
-def test_a_module_says_what_it_holds(module):
-    assert module.__doc__, f"{module.__name__} has no docstring"
+def test_every_module_says_what_it_holds():
+    assert [module.__name__ for module in MODULES if not module.__doc__] == []
 
 
-@pytest.mark.parametrize("name", EVERYTHING)
-def test_a_public_name_is_documented(name):
-    value = EVERYTHING[name]
-    assert value.__doc__, f"{name} has no docstring"
-    generated = inspect.isclass(value) and value.__doc__.startswith(f"{value.__name__}(")
-    assert not generated, f"{name} has no docstring of its own"
+def test_every_public_name_has_a_docstring_of_its_own():
+    def generated(value):
+        return inspect.isclass(value) and value.__doc__.startswith(f"{value.__name__}(")
+
+    assert len(EVERYTHING) > 500
+    assert [name for name, value in EVERYTHING.items() if not value.__doc__ or generated(value)] == []
 
 
 @pytest.mark.parametrize("name", [name for name, value in EXPORTED.items() if arguments(value)])

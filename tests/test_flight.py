@@ -85,7 +85,7 @@ def test_what_is_wrong_is_named(arguments, message):
         Flight(**{"time": TIME, "inputs": INPUTS, "outputs": OUTPUTS, **arguments})
 
 
-def test_one_sample_needs_its_step_told():
+def test_one_sample_needs_its_step_given():
     with pytest.raises(ValueError, match="dt must be given"):
         Flight([0.0], [[1.0]], [1.0])
     assert Flight([0.0], [[1.0]], [1.0], dt=0.1).dt == 0.1
@@ -104,3 +104,12 @@ def test_a_flight_that_was_pickled_is_still_immutable():
         np.testing.assert_array_equal(again.outputs, flight.outputs)
         with pytest.raises(ValueError, match="read-only"):
             again.outputs[0] = 9.0
+
+
+def test_effect_directions_stay_with_slices_and_must_be_one_for_each_input():
+    time, inputs, outputs = np.arange(5) * 0.01, np.ones((5, 4)), np.ones((5, 2))
+    flight = Flight(time, inputs, outputs, effect_directions=[-1, 1, 1, -1])
+    np.testing.assert_array_equal(flight[1:3].effect_directions, [-1, 1, 1, -1])
+    assert Flight(time, inputs, outputs).effect_directions is None
+    with pytest.raises(ValueError, match=r"effect_directions must have shape \(4,\)"):
+        Flight(time, inputs, outputs, effect_directions=[-1, 1])

@@ -29,6 +29,11 @@ def model(request):
     return MODELS[request.param]
 
 
+def assert_same(actual, expected):
+    """But for rounding: a shrunk forecast differentiates by steps of 1e-6, which leaves nine digits of its size."""
+    np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-6 * TEST.outputs.std())
+
+
 @pytest.mark.parametrize("steps", [1, 7, 50])
 def test_each_piece_is_the_forecast_of_a_model_that_has_seen_all_before_it(model, steps):
     pieces = model.forecast_every(steps, TEST.inputs, TEST.outputs)
@@ -36,18 +41,18 @@ def test_each_piece_is_the_forecast_of_a_model_that_has_seen_all_before_it(model
     for begin in (0, steps, 2 * steps):
         seen = replace(model, record=Record.of(FLIGHT[: 700 + begin]))
         piece = slice(begin, begin + steps)
-        np.testing.assert_allclose(pieces[piece], seen.forecast(TEST.inputs[piece]), rtol=1e-7, atol=1e-9)
+        assert_same(pieces[piece], seen.forecast(TEST.inputs[piece]))
 
 
 def test_some_models_climbed_along_trajectories_and_some_did_not():
     """Their forecasts are weighed in two ways."""
-    assert MODELS["DEM"].trajectory is not None and MODELS["DEM paper"].trajectory is None
+    assert MODELS["DEM"].simulation_fit is not None and MODELS["DEM paper"].simulation_fit is None
 
 
 @pytest.mark.parametrize("steps", [120, 10**9])
 def test_one_piece_is_the_forecast(model, steps):
     whole = model.forecast_every(steps, TEST.inputs, TEST.outputs)
-    np.testing.assert_allclose(whole, model.forecast(TEST.inputs), rtol=1e-7, atol=1e-9)
+    assert_same(whole, model.forecast(TEST.inputs))
 
 
 def test_hold_repeats_the_sample_before_each_piece():

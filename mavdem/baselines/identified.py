@@ -1,4 +1,4 @@
-"""Identified: what a method other than DEM made of a flight, in physical units."""
+"""The result of a method other than DEM, in physical units."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from mavdem.baselines.state_space import StateSpace
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import Record
-
-Array = NDArray[np.float64]
+from mavdem.dem.validation import is_whole
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -24,7 +24,7 @@ class Identified:
         record: the training data.
         starts: (segments, n) the state of each segment's first sample, as the method has it.
         stabilised: whether the model was unstable and, as was asked for, made stable.
-        cautions: one sentence for each thing a user must know before trusting the model.
+        cautions: one sentence for each limitation of the model.
     """
 
     method: str
@@ -48,7 +48,7 @@ class Identified:
 
     @property
     def stable(self) -> bool:
-        """Whether no mode grows, but for rounding: one of spectral radius 1 holds what it has."""
+        """Whether no mode grows, but for rounding: one of spectral radius 1 does not grow."""
         return self.model.stable
 
     def one_step(self) -> Array:
@@ -59,15 +59,11 @@ class Identified:
     def forecast(self, inputs: ArrayLike, from_zero: bool = False) -> Array:
         """Outputs after the training data: row 0 is the first sample after it, the state predicted from all before.
 
-        Row h of the inputs is of the same instant as row h of the answer, which without feedthrough depends on the rows
-        before it only; row 0 on the last training input.
-
-        Args:
-            inputs: (H, r) over the forecast, in the unit of the training inputs.
-            from_zero: begin with state 0 at row 0 (the outputs at their trim), as the paper's figures do.
-
-        Returns:
-            (H, m); of an unstable model it may run beyond all numbers, to infinity or NaN.
+        Row h of the inputs is of the same instant as row h of the forecast, which without feedthrough depends on the
+        rows before it only; row 0 on the last training input.
+        The ``inputs`` (H, r) are in the unit of the training inputs, the result is (H, m); that of an unstable model
+        may overflow to infinity or NaN. ``from_zero`` begins with state 0 at row 0 (the outputs at their trim), as the
+        paper's figures do.
 
         Raises:
             ValueError: inputs of another width, or not finite.
@@ -77,15 +73,10 @@ class Identified:
         return self.model.simulated(state, ahead)
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """The samples after the training data, by a new forecast from every ``steps``-th of them on.
+        """(H, m): the samples after the training data, by a new forecast from every ``steps``-th of them on.
 
-        Args:
-            steps: samples that each forecast is of, at least 1; each begins with the state predicted from all samples
-                before it.
-            inputs, outputs: (H, r) and (H, m) of the samples, in the units of the training data.
-
-        Returns:
-            (H, m); with ``steps`` of H or more what :meth:`forecast` answers.
+        Each begins with the state predicted from all samples before it. ``inputs`` (H, r) and ``outputs`` (H, m) are in
+        the units of the training data. With ``steps`` of H or more it is what :meth:`forecast` returns.
 
         Raises:
             ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
@@ -101,10 +92,17 @@ class Identified:
 def of_stability(model: StateSpace, stabilised: bool) -> tuple[str, ...]:
     """The caution that a model grows, or that it did."""
     if stabilised:
-        return ("The model was unstable and has been made stable, as was asked for.",)
+        return ("The model was unstable and has been made stable, as requested.",)
     if model.stable:
         return ()
     return (
         f"The model is unstable: a mode grows by {model.spectral_radius - 1:.2g} of itself at each sample, and so may "
         f"forecasts.",
     )
+
+
+def required_order(order: int) -> int:
+    """``order`` as an ``int``; ``ValueError`` for what is no positive whole number."""
+    if not (is_whole(order) and order >= 1):
+        raise ValueError(f"order must be a positive whole number, not {order!r}")
+    return int(order)

@@ -1,4 +1,4 @@
-"""Linear regression, also where regressors depend on each other, and drawn in until what it makes is stable."""
+"""Linear regression, also with dependent regressors, and with a ridge that makes a model stable."""
 
 from __future__ import annotations
 
@@ -8,27 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import qr
 
-Array = NDArray[np.float64]
+from mavdem.dem.engine.linalg import Array
 
-DEPENDENT = 1e-8
+RANK_TOLERANCE = 1e-8
 """Singular values of the regressors below this of the largest count as zero: of all solutions the smallest is taken."""
 
-RIDGES = np.geomspace(1e-12, 1e6, 55)
-"""Tried one after the other, per sample: from one that changes nothing to one that leaves nothing."""
+RIDGES = np.geomspace(1e-12, 1e6, 55)  # tried one after the other, per sample: from no effect to zero coefficients
 
 
 def regression(regressors: Array, targets: Array, ridge: NDArray[np.floating] | None = None) -> Array:
     """The smallest least-squares solution (columns, k) of regressors (N, columns) · solution = targets (N, k).
 
-    Args:
-        regressors: of about the same size in every column.
-        targets: what is explained.
-        ridge: (columns,) what the square of each coefficient costs.
+    The square of each coefficient costs its ``ridge`` (columns,).
     """
     if ridge is not None:
         regressors = np.vstack([regressors, np.diag(np.sqrt(ridge))])
         targets = np.vstack([targets, np.zeros((len(ridge), targets.shape[1]))])
-    return np.asarray(np.linalg.lstsq(regressors, targets, rcond=DEPENDENT)[0])
+    return np.asarray(np.linalg.lstsq(regressors, targets, rcond=RANK_TOLERANCE)[0])
 
 
 def triangle(table: Array) -> Array:
@@ -38,16 +34,11 @@ def triangle(table: Array) -> Array:
 
 
 def stable_radius(samples: int) -> float:
-    """The spectral radius that a model which is made stable may have: its slowest mode lasts as long as its data."""
+    """The largest spectral radius of a stabilised model: its slowest mode decays within the length of its data."""
     return 1 - 1 / samples
 
 
 def least_ridge(radius: Callable[[float], float], samples: int) -> float:
-    """The first of :data:`RIDGES`, times the number of samples, with which a model's spectral radius is small enough.
-
-    Args:
-        radius: the spectral radius of the model of a ridge.
-        samples: that it is learnt from.
-    """
+    """The first of :data:`RIDGES`, times the number of samples, whose model has a small enough spectral radius."""
     enough = (ridge for ridge in RIDGES * samples if radius(ridge) <= stable_radius(samples))
     return float(next(enough, RIDGES[-1] * samples))

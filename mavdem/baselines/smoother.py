@@ -1,7 +1,7 @@
 """The Kalman filter and the smoother of Rauch, Tung and Striebel: what is expected of states, given all outputs.
 
-Covariances do not depend on the data and soon stand still. From there on gains are constant, and means run through
-their recursions in one go.
+Covariances do not depend on the data and soon become steady. From there on gains are constant, and the recursions of
+the means are vectorized.
 """
 
 from __future__ import annotations
@@ -9,14 +9,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mavdem.dem.recursion import recursion
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.model import recursion
 
-Array = NDArray[np.float64]
-
-STANDS_STILL = 1e-11
-"""A covariance whose change in a step, relative to its largest entry, is less than this stays as it is."""
+STEADY_TOLERANCE = 1e-11
+"""A covariance whose change in a step, relative to its largest entry, is less than this is taken as steady."""
 
 
 class GaussianModel(NamedTuple):
@@ -33,13 +31,9 @@ class GaussianModel(NamedTuple):
 
 
 class Smoothed(NamedTuple):
-    """States of a segment given all of its outputs.
+    """States of a segment given all of its outputs: means (T, n) and covariances (T, n, n).
 
-    Attributes:
-        means: (T, n).
-        covariances: (T, n, n).
-        lagged: (T − 1, n, n) the covariance of each state but the first with the one before it.
-        log_likelihood: of the segment's outputs.
+    ``lagged`` (T − 1, n, n) are the covariances of each state but the first with the one before it.
     """
 
     means: Array
@@ -51,13 +45,8 @@ class Smoothed(NamedTuple):
 def smoothed(model: GaussianModel, start: Array, inputs: Array, outputs: Array) -> Smoothed:
     """The smoothed states of one segment (Shumway and Stoffer, Journal of Time Series Analysis 3(4), 1982).
 
-    Args:
-        model: of the states.
-        start: (n,) mean of the first one, whose covariance is the identity.
-        inputs, outputs: (T, k), (T, m).
-
-    Raises:
-        numpy.linalg.LinAlgError: a covariance is not positive or not finite.
+    The first one has mean ``start`` (n,) and the identity as covariance; ``LinAlgError`` where a covariance is not
+    positive or not finite.
     """
     A, C, samples = model.A, model.C, len(outputs)
     predicted, gains, filtered, precision_roots = _filter_covariances(model, samples)
@@ -92,7 +81,7 @@ def smoothed(model: GaussianModel, start: Array, inputs: Array, outputs: Array) 
 
 
 def _filter_covariances(model: GaussianModel, samples: int) -> tuple[Array, Array, Array, Array]:
-    """Of each sample until they stand still: covariance before it, gain, covariance after it, and a root of S⁻¹."""
+    """Of each sample until they are steady: covariance before it, gain, covariance after it, and a root of S⁻¹."""
     A, C, Q, R = model.A, model.C, model.Q, model.R
     eye = np.eye(len(A))
     predicted, gains, filtered, roots = [eye], [], [], []
@@ -107,17 +96,17 @@ def _filter_covariances(model: GaussianModel, samples: int) -> tuple[Array, Arra
         gains.append(gain)
         filtered.append(after)
         roots.append(root)
-        if np.abs(following - before).max() < STANDS_STILL * np.abs(before).max():
+        if np.abs(following - before).max() < STEADY_TOLERANCE * np.abs(before).max():
             break
         predicted.append(following)
     predicted = predicted[: len(gains)]
     if not np.isfinite(predicted[-1]).all():
-        raise np.linalg.LinAlgError("the filter's covariance grows beyond all numbers")
+        raise np.linalg.LinAlgError("the filter's covariance overflows")
     return np.array(predicted), np.array(gains), np.array(filtered), np.array(roots)
 
 
 def _smoothed_covariances(model: GaussianModel, filtered: Array, returns: Array, samples: int) -> Array:
-    """(T, n, n), backward; where gains are constant only until it stands still."""
+    """(T, n, n), backward; where gains are constant only until it is steady."""
     steady = len(filtered) - 1
     covariances = np.empty((samples, *model.A.shape))
     covariances[-1] = filtered[-1]
@@ -127,7 +116,7 @@ def _smoothed_covariances(model: GaussianModel, filtered: Array, returns: Array,
         ahead = model.A @ after @ model.A.T + model.Q
         covariances[t] = after + gain @ (covariances[t + 1] - ahead) @ gain.T
         change = np.abs(covariances[t] - covariances[t + 1]).max()
-        if t > steady and change < STANDS_STILL * np.abs(covariances[t]).max():
+        if t > steady and change < STEADY_TOLERANCE * np.abs(covariances[t]).max():
             covariances[steady:t] = covariances[t]
             t = steady
         t -= 1

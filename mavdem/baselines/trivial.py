@@ -1,21 +1,19 @@
-"""The trivial forecasts: what knows nothing of how a vehicle moves, and what every model must beat."""
+"""The trivial forecasts: without a model of the motion, and what every model must beat."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.baselines.identified import Identified
-from mavdem.baselines.state_space import StateSpace
-from mavdem.dem.record import Record, Recorded
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.state_space import StateSpace
+from mavdem.dem.record import Record, UniformRecord
 
-Array = NDArray[np.float64]
 
-
-def hold(train: Recorded | Sequence[Recorded]) -> Identified:
-    """Forecasts that what was measured last stays so; the first sample of a segment is predicted by the mean.
+def hold(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
+    """Forecasts the last measurement; the first sample of a segment is predicted by the mean.
 
     Args:
         train: a ``Flight``, or a list of them, segments with gaps between.
@@ -27,28 +25,14 @@ def hold(train: Recorded | Sequence[Recorded]) -> Identified:
     return _without_dynamics("hold", record, record.outputs.mean(axis=0), held=record.outputs.shape[1])
 
 
-def constant_mean(train: Recorded | Sequence[Recorded]) -> Identified:
-    """Forecasts the mean of the training data.
-
-    Args:
-        train: as for :func:`hold`.
-
-    Raises:
-        ValueError: as :func:`hold`.
-    """
+def constant_mean(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
+    """Forecasts the mean of the training data ``train``, as for :func:`hold`."""
     record = Record.of(train)
     return _without_dynamics("constant mean", record, record.outputs.mean(axis=0), held=0)
 
 
-def zero(train: Recorded | Sequence[Recorded]) -> Identified:
-    """Forecasts zero.
-
-    Args:
-        train: as for :func:`hold`.
-
-    Raises:
-        ValueError: as :func:`hold`.
-    """
+def zero(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
+    """Forecasts zero; ``train`` as for :func:`hold`."""
     record = Record.of(train)
     return _without_dynamics("zero", record, np.zeros(record.outputs.shape[1]), held=0)
 

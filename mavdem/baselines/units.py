@@ -5,22 +5,17 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mavdem.baselines.state_space import StateSpace
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import Record
 
-Array = NDArray[np.float64]
+Segments = list[tuple[Array, Array]]  # inputs (T, k) and outputs (T, m) of each segment, in a method's units
+LEAST_VARIANCE = 1e-16  # of a prediction error, in a method's units: smaller errors are zero
 
-Segments = list[tuple[Array, Array]]
-"""Inputs (T, k) and outputs (T, m) of each segment, in a method's units."""
-
-LEAST_VARIANCE = 1e-16
-"""Of a prediction error, in a method's units: what is predicted better than that is predicted."""
-
-DEPENDENT = 1e-6
-"""A combination of inputs, each in units of its own deviation, that moves by less than this of the liveliest tells
-nothing: the inputs are taken as dependent there, and the model gets the smallest B that explains the rest."""
+RANK_TOLERANCE = 1e-6
+"""A combination of inputs, each in units of its own deviation, that moves by less than this share of the
+largest is dependent: the model gets the smallest B that explains the rest."""
 
 
 class Units(NamedTuple):
@@ -37,18 +32,14 @@ class Units(NamedTuple):
 
     @classmethod
     def of(cls, record: Record) -> Units:
-        """The units in which all training data together have mean 0 and variance 1.
-
-        Raises:
-            ValueError: an output does not vary.
-        """
+        """The units in which the training data have mean 0 and variance 1; ``ValueError`` for a constant output."""
         inputs, outputs = record.spread
         still = np.flatnonzero(~outputs.moving)
         if len(still):
             raise ValueError(f"outputs column {still[0]} must vary: constant samples determine no model")
         scale = np.where(inputs.moving, np.sqrt(inputs.variance), np.inf)
         _, sizes, directions = np.linalg.svd((record.inputs - inputs.mean) / scale, full_matrices=False)
-        kept = sizes > DEPENDENT * sizes[0]
+        kept = sizes > RANK_TOLERANCE * sizes[0]
         components = directions[kept].T / sizes[kept] * np.sqrt(len(record))
         return cls(inputs.mean, components / scale[:, None], outputs.mean, np.sqrt(outputs.variance))
 

@@ -1,1 +1,1 @@
-"""The command line: it composes what the other rooms make, and computes nothing."""
+"""The command line: it composes what the other packages make, and computes nothing."""

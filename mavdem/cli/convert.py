@@ -6,21 +6,26 @@ import os
 
 import click
 
+from mavdem.cli.options import no_option, source_options
 from mavdem.cli.output import print_json, printable, progress, say
-from mavdem.cli.source import no_option, refuse_link, source_options
-from mavdem.convert import convert as convert_file
+from mavdem.cli.sources import refuse_link
+from mavdem.export.conversion import convert as convert_file
 
 
-@click.command()
+@click.command("convert")
 @source_options
 @click.argument("out", type=click.Path(), callback=no_option)
-def convert(source: str, out: str, axis: str, vehicle: str | None, inputs: str | None, as_json: bool) -> None:
+def convert_command(source: str, out: str, axis: str, vehicle: str | None, inputs: str | None, as_json: bool) -> None:
     """Converts a log to another file format.
 
-    OUT says by its ending what is written: .tlog or .mcap receives every frame of the recorded stream with the time it
-    was received, .csv or .parquet the longest settled stretch of one vehicle's flight (--axis, --vehicle, --inputs) as
-    a table.
-    An .mcap also holds every message as JSON, for viewers; converted back to .tlog it is what it was.
+    The ending of OUT says the format. .tlog and .mcap receive every frame of the recorded stream with its receive time.
+    .csv and .parquet receive the longest settled flight of one vehicle as a table (--axis, --vehicle, --inputs); if no
+    model can be learnt from the log, what there is of attitude and inputs, with a caution; at rates far apart, each at
+    its own stamps and nan between. An .mcap file also holds every message as JSON, for viewers; converted back to .tlog
+    it is the original stream.
+
+    In .csv, time is rounded to microseconds, and other numbers have as many digits as float32 needs, in which
+    autopilots send and log them. .parquet keeps float64.
 
     \b
     Examples:
@@ -32,24 +37,28 @@ def convert(source: str, out: str, axis: str, vehicle: str | None, inputs: str |
         raise click.BadParameter(f"there is no folder {os.path.dirname(out)}.", param_hint="OUT")
     try:
         with progress(f"Converting {source}") as done:
-            told = convert_file(source, out, axis, vehicle, inputs, done)
+            written = convert_file(source, out, axis, vehicle, inputs, done)
     except ValueError as error:
         # Unreadable and NotLearnable are ValueErrors too, with sentences of their own.
         if type(error) is not ValueError:
             raise
         raise click.BadParameter(f"{error}.", param_hint="OUT") from error
     if as_json:
-        print_json(told)
+        print_json(written)
         return
-    what = f"{told['samples']} samples" if "samples" in told else f"{told['frames']} frames"
+    what = f"{written['samples']} samples" if "samples" in written else f"{written['frames']} frames"
     say(f"Wrote {what} to {printable(out)}.")
-    if told.get("left_out"):
-        say(f"Left out: {told['left_out']} messages that could not be made frames of.")
-    if told.get("stamps_filled"):
-        say(f"Without a receive time of their own that could be kept: {told['stamps_filled']} frames.")
-    if told.get("bytes_skipped"):
-        say(f"Left out: {told['bytes_skipped']} bytes that belong to no frame.")
-    for repair in told.get("repairs", ()):
-        say(f"Repaired: {repair}")
-    for caution in told.get("cautions", ()):
+    if written.get("left_out"):
+        say(f"Left out: {written['left_out']} messages that cannot be encoded as frames.")
+    if written.get("stamps_filled"):
+        say(f"Receive time copied from the frame before: {written['stamps_filled']} frames.")
+    if written.get("bytes_skipped"):
+        say(f"Left out: {written['bytes_skipped']} bytes that belong to no frame.")
+    if "samples" in written and written["dt"] is None:
+        say("Every signal is at its own stamps, and nan at those of others.")
+    if how := written.get("resampling"):
+        say(f"Steps of {written['dt']:g} s; attitude: {how['attitude']}; inputs: {how['motors']}.")
+    for repair in written.get("repairs", ()):
+        say(f"Noted: {repair}")
+    for caution in written.get("cautions", ()):
         say(f"Caution: {caution}")

@@ -12,61 +12,65 @@ from typing import Any
 
 import click
 import numpy as np
+from click.shell_completion import CompletionItem
 
-from mavdem.cli.new_file import check_file, writing
+from mavdem.cli.options import file_option, no_option
 from mavdem.cli.output import print_json, printable, progress, say, say_aside
-from mavdem.cli.scenario_file import in_toml
-from mavdem.cli.scenario_text import in_words
+from mavdem.cli.output_files import check_file, writing
+from mavdem.cli.scenario import in_toml, in_words
 from mavdem.cli.signals import ending_at_once
-from mavdem.cli.source import no_option
-from mavdem.convert import STREAMS
 from mavdem.errors import Unreadable
-from mavdem.whole_file import replaceable, whole_files
+from mavdem.export.conversion import STREAMS
+from mavdem.files import atomic_writes, replaceable
 from sitl_scenarios.files import load, names, scenario_of
-from sitl_scenarios.frames import frame
 from sitl_scenarios.holding import Holding
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
-from sitl_scenarios.mavlink.live import Ground, Outcome, fly_live
+from sitl_scenarios.mavlink.live import Ground, LiveOutcome, fly_live
 from sitl_scenarios.mavlink.recorded import recorded
+from sitl_scenarios.mixer import frame
 from sitl_scenarios.motion import Motion
+from sitl_scenarios.plan import seconds
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 from sitl_scenarios.simulation import fly as fly_through
 from sitl_scenarios.truth import write_truth
 from sitl_scenarios.vehicles import AIRFRAMES
 
-KEPT_UP = 0.95
-"""Share of the speed asked for below which a live flight is said not to have kept up."""
-
-SLOWEST, FASTEST = 0.01, 1000.0
-"""Seconds that a live flight may fly in a second; no machine reaches the greater."""
+KEPT_UP = 0.95  # share of the speed asked for below which a live flight is reported as too slow
+SLOWEST, FASTEST = 0.01, 1000.0  # seconds that a live flight may fly in a second; no machine reaches the greater
 
 
-@click.command()
-@click.argument("scenario", required=False)
-@click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    callback=no_option,
-    help="Telemetry log (.tlog) or MCAP recording (.mcap) to write; the truth goes beside it, .truth.npz.",
+class ScenarioName(click.Path):
+    """The name of a scenario, or a file."""
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        """Scenarios that begin with what was typed, and files where none does."""
+        fitting = [CompletionItem(name) for name in names() if name.startswith(incomplete)]
+        return fitting or super().shell_complete(ctx, param, incomplete)  # bash offers names or files, not both
+
+
+@click.command("fly")
+@click.argument("scenario", type=ScenarioName(), required=False)
+@file_option(
+    "--out", "Telemetry log (.tlog) or MCAP recording (.mcap) to write; the true states go beside it, .truth.npz."
 )
-@click.option(
-    "--rrd", type=click.Path(path_type=Path), callback=no_option, help="Rerun recording to write: the flight in 3D."
-)
-@click.option("--udp", metavar="HOST:PORT", callback=no_option, help="Fly live and speak MAVLink to HOST:PORT.")
+@file_option("--rrd", "Rerun recording to write: the flight in 3D.")
+@click.option("--udp", metavar="HOST:PORT", callback=no_option, help="Fly live and send MAVLink to HOST:PORT.")
 @click.option(
     "--speed",
     type=click.FloatRange(SLOWEST, FASTEST),
-    help="Of a live flight: seconds flown in a second.  [default: 1]",
+    help="Speed of a live flight, as a multiple of real time.  [default: 1]",
 )
-@click.option("--seed", type=int, help="Of everything random, instead of the scenario's.")
+@click.option("--seed", type=int, help="Random seed, instead of the scenario's.")
 @click.option("--duration", type=float, help="Seconds from arming to disarming, instead of the scenario's.")
 @click.option(
-    "--describe", is_flag=True, help="Say what the scenario is, every value and what it may be, and fly nothing."
+    "--describe",
+    is_flag=True,
+    help="Print the scenario as a .toml file with the meaning and range of every value; nothing is flown.",
 )
-@click.option("--list", "as_list", is_flag=True, help="List the scenarios, one a line, the name first.")
+@click.option("--list", "as_list", is_flag=True, help="List the scenarios, one a line, name first.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
-def fly(
+def fly_command(
     scenario: str | None,
     out: Path | None,
     rrd: Path | None,
@@ -78,28 +82,30 @@ def fly(
     as_list: bool,
     as_json: bool,
 ) -> None:
-    """Flies a simulated quadrotor in wind.
+    """Simulates the flight of a quadrotor in wind.
 
     SCENARIO is a name from --list, or the path of a .toml file. The vehicle arms, climbs, hovers as the scenario says,
-    lands and disarms, and speaks MAVLink as PX4 or ArduPilot does: into a log (--out), which comes with the truth it
-    was made of, or live to a ground station (--udp), which may ask it for messages and parameters, and arm and disarm
-    it. The same scenario and seed give the same log, byte by byte; its clock begins on 1 January 2026.
+    lands and disarms. It sends MAVLink as PX4 or ArduPilot does: into a log (--out), with the true states beside it, or
+    live to a ground station (--udp), which may request messages and parameters, arm and disarm. The same scenario and
+    seed give the same log, byte by byte; its clock starts on 1 January 2026.
 
     \b
     Examples:
       mavdem fly --list
       mavdem fly hover_blower --out flight.tlog --rrd flight.rrd
       mavdem learn flight.tlog --out result
+
     \b
-    Scenarios of your own: begin with one of these.
+    Scenarios of your own: start from one of these.
       mavdem fly hover_blower --describe > mine.toml
       mavdem fly mine.toml --seed 2 --duration 120 --out flight.mcap
+
     \b
     Live, for a ground station that listens on port 14550:
       mavproxy.py --master=udpin:127.0.0.1:14550 --streamrate=-1
       mavdem fly hover_blower --udp 127.0.0.1:14550
 
-    Without --streamrate=-1 MAVProxy asks ArduPilot for 4 Hz, from which nothing can be learnt.
+    Without --streamrate=-1 MAVProxy requests 4 Hz from ArduPilot, which is too slow to learn from.
     """
     asked = {"--out": out, "--rrd": rrd, "--udp": udp, "--speed": speed}
     if as_list:
@@ -116,18 +122,18 @@ def fly(
         _describe(scenario, _chosen(scenario, seed, duration), as_json)
         return
     if udp is not None and (out or rrd):
-        raise click.UsageError("--udp flies live, --out and --rrd fly into files: choose one.")
+        raise click.UsageError("--udp flies live; --out and --rrd write files: choose one.")
     if udp is None and speed is not None:
-        raise click.UsageError("--speed is of a live flight: leave it out, or fly live with --udp.")
+        raise click.UsageError("--speed applies to a live flight only: leave it out, or fly live with --udp.")
     chosen = _chosen(scenario, seed, duration)
     if udp is not None:
-        told = _live(Path(scenario).stem, chosen, udp, 1.0 if speed is None else speed)
+        report = _live(Path(scenario).stem, chosen, udp, 1.0 if speed is None else speed)
     elif out or rrd:
-        told = _to_files(Path(scenario).stem, chosen, out, rrd)
+        report = _to_files(Path(scenario).stem, chosen, out, rrd)
     else:
-        raise click.UsageError("Nothing to fly for: name a file with --out or --rrd, or a ground station with --udp.")
+        raise click.UsageError("No output: name a file with --out or --rrd, or a ground station with --udp.")
     if as_json:
-        print_json({"scenario": scenario, "seed": chosen.seed, "duration": chosen.duration, **told})
+        print_json({"scenario": scenario, "seed": chosen.seed, "duration": chosen.duration, **report})
 
 
 def _refuse_beside(option: str, asked: dict[str, Any]) -> None:
@@ -148,13 +154,13 @@ def _list(as_json: bool) -> None:
 
 
 def _chosen(named: str, seed: int | None, duration: float | None) -> Scenario:
-    """The scenario with what the command line says instead."""
+    """The scenario with the options of the command line."""
     try:
         scenario = load(named)
     except ValueError as error:
         raise click.BadParameter(f"{error}.", param_hint="SCENARIO") from error
     if scenario == Scenario():
-        say_aside(f"{printable(Path(named).name)} says nothing of its own: every value is the default.")
+        say_aside(f"{printable(Path(named).name)} sets no value: every value is the default.")
     given = {"seed": seed, "duration": duration}
     instead = {key: value for key, value in given.items() if value is not None}
     try:
@@ -184,34 +190,34 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     truth = None if out is None else out.with_suffix(".truth.npz")
     check_file(truth, "--out", (".npz",))
     check_file(rrd, "--rrd", (".rrd",))
-    # The log appears last, when all that goes with it is there.
+    # The log appears last, with its companions in place.
     files = [path for path in (truth, rrd, out) if path is not None]
     if len({replaceable(path) for path in files}) < len(files):
-        raise Unreadable("--out and --rrd lead to the same file: name another.")
+        raise Unreadable("--out and --rrd are the same file: name another.")
     began = perf_counter()
     with _in_a_sentence(), progress(f"Flying {name}") as done:
         motion = fly_through(scenario, done)
-    told: dict[str, Any] = {}
-    with writing(*files), whole_files(*files) as unfinished, progress("Writing", measured=False):
+    report: dict[str, Any] = {}
+    with writing(*files), atomic_writes(*files) as unfinished, progress("Writing", measured=False):
         place = dict(zip(files, unfinished, strict=True))
         if out is not None and truth is not None:
             stream = recorded(scenario, motion, Simulation(scenario).cycle, lambda _: None)
             with place[out].open("wb") as file:
-                told |= {"out": str(out), "frames": STREAMS[out.suffix.lower()](file, stream), "truth": str(truth)}
+                report |= {"out": str(out), "frames": STREAMS[out.suffix.lower()](file, stream), "truth": str(truth)}
             write_truth(place[truth], scenario, motion)
         if rrd is not None:
             _write_rrd(place[rrd], name, scenario, motion)
-            told |= {"rrd": str(rrd)}
-    told["took"] = round(perf_counter() - began, 3)
-    say_aside(f"Flew {motion.time[-1]:.1f} s in {told['took']:.1f} s.")
+            report |= {"rrd": str(rrd)}
+    report["took"] = round(perf_counter() - began, 3)
+    say_aside(f"Flew {motion.time[-1]:.1f} s in {report['took']:.1f} s.")
     holding = Holding(scenario)
     holding.add(motion)
-    told |= _say_cautions(holding)
+    report |= _say_cautions(holding)
     if out is not None:
-        say_aside(f"Wrote {told['frames']} frames to {printable(out)}, and the truth to {printable(truth)}.")
+        say_aside(f"Wrote {report['frames']} frames to {printable(out)}, and the true states to {printable(truth)}.")
     if rrd is not None:
         say_aside(f"Wrote {printable(rrd)}; open it with `rerun {printable(rrd)}`.")
-    return told
+    return report
 
 
 @contextmanager
@@ -244,9 +250,9 @@ def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, An
     host, port = _address(udp)
     if not math.isfinite(speed):
         raise click.BadParameter("it must be a number.", param_hint="--speed")
-    whole = scenario.duration
+    whole = seconds(scenario)
     with _in_a_sentence(), closing(Ground(host, port)) as ground:
-        say_aside(f"Flying {printable(name)} for {whole:g} s, speaking to {printable(udp)}; Ctrl-C ends it.")
+        say_aside(f"Flying {printable(name)} for {whole:g} s, sending to {printable(udp)}; Ctrl-C ends it.")
         with progress(f"Flying {name}") as done:
             outcome = fly_live(
                 scenario, Simulation(scenario), ground, speed, lambda now: done(min(now / whole, 1.0)), say_aside
@@ -264,18 +270,20 @@ def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, An
     }
 
 
-def _say_outcome(outcome: Outcome, speed: float) -> None:
+def _say_outcome(outcome: LiveOutcome, speed: float) -> None:
     ended = "Stopped after" if outcome.stopped else "Flew"
     say_aside(f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames.")
     if outcome.flown < KEPT_UP * speed * outcome.took:
-        say_aside(f"This machine kept up with {outcome.flown / outcome.took:.2g} times real time, not {speed:g}.")
+        say_aside(
+            f"This machine is too slow: it ran at {outcome.flown / outcome.took:.2g} times real time, not {speed:g}."
+        )
     if outcome.unheard:
-        say_aside(f"More was said to it than it can answer: {outcome.unheard} datagrams were dropped, or part of them.")
+        say_aside(f"Received more than it can process: {outcome.unheard} datagrams were dropped, at least in part.")
 
 
 def _address(udp: str) -> tuple[str, int]:
     host, _, port = udp.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
     if not host or not port.isascii() or not port.isdigit() or len(port) > 5 or not 0 < int(port) < 1 << 16:
-        raise click.BadParameter(f"{udp} must be HOST:PORT, as 127.0.0.1:14550.", param_hint="--udp")
+        raise click.BadParameter(f"{udp} must be HOST:PORT, such as 127.0.0.1:14550.", param_hint="--udp")
     return host, int(port)

@@ -1,4 +1,4 @@
-"""``mavdem learn``: from a log to a model, its forecasts and pictures."""
+"""``mavdem learn``: from a log to a model, its forecasts and plots."""
 
 from __future__ import annotations
 
@@ -12,39 +12,33 @@ import click
 from click.core import ParameterSource
 
 from mavdem import evaluate
-from mavdem.cli.model_options import chosen_settings, model_options
-from mavdem.cli.output import print_json, progress
-from mavdem.cli.results import NAMES, check_folder, folder_named, write_results
-from mavdem.cli.source import read_source, source_options
-from mavdem.cli.summary import print_summary
+from mavdem.alignment.read import learnable_flight
+from mavdem.cli.options import chosen_settings, model_options, source_options, window_options
+from mavdem.cli.output import print_blocks, print_json, printable, progress, say
+from mavdem.cli.output_files import RESULT_FILES, check_folder, folder_named, write_results
+from mavdem.cli.sources import read_source
 from mavdem.dem import Learned, Settings
 from mavdem.dem import learn as learn_model
-from mavdem.dem.learn import FEWEST_SAMPLES
+from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
+from mavdem.evaluate.flight_windows import TEST, TRAIN, fewer_samples, usual_samples
 from mavdem.flight import Flight
-from mavdem.read import learnable_flight
-from mavdem.windows import FAST, TEST, TRAIN, USUAL_RATE, usual_samples
+from mavdem.report.learned import learned_report
 
 
-@click.command()
+@click.command("learn")
 @source_options
 @click.option("--out", type=click.Path(), required=True, callback=folder_named, help="Folder for the results.")
 @model_options
+@window_options
 @click.option(
-    "--train",
-    type=click.IntRange(FEWEST_SAMPLES),
-    help=f"Samples to learn from. [default: {TRAIN}; {TRAIN / USUAL_RATE:g} s of them where they come faster than "
-    f"{FAST:.0f} Hz]",
+    "--start",
+    type=click.FloatRange(0),
+    default=0.0,
+    show_default=True,
+    help="Start of training: seconds into the settled flight.",
 )
-@click.option(
-    "--test",
-    type=click.IntRange(1),
-    help=f"Samples after them to forecast. [default: {TEST}; {TEST / USUAL_RATE:g} s likewise]",
-)
-@click.option(
-    "--start", type=click.FloatRange(0), default=0.0, show_default=True, help="Seconds into the settled flight."
-)
-def learn(
+def learn_command(
     source: str,
     axis: str,
     vehicle: str | None,
@@ -57,16 +51,31 @@ def learn(
     test: int | None,
     start: float,
 ) -> None:
-    """Learns a linear model from a log and forecasts with it.
+    """Learns a linear model and tests it on held-out data.
 
-    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. Of the longest stretch of settled
-    flight, --train samples are learnt from and the --test samples after them forecast. The folder --out receives
-    model.json (the model with all it needs to forecast), report.json (the figures), flight.rrd (pictures, to be opened
-    with `rerun flight.rrd`) and flight.mcap (the same series of numbers, for Foxglove or PlotJuggler).
+    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. In its longest settled flight the
+    model is trained on --train samples. It then forecasts the --test samples after them, which it has not seen.
+
+    \b
+    The report has, in this order:
+      RMSE and error ratio on the held-out test set, beside forecasts
+        without a model (an error ratio below 1 is better than a constant)
+      cautions: read them before you use the model
+      the model dx/dt = A x + B u with 90 % intervals, and its poles
+      the physical parameters (motor effect, damping, lag), or why they
+        are not identifiable
+
+    \b
+    The folder --out receives:
+      model.json   the model, with all it needs to forecast
+      report.json  the figures
+      flight.rrd   the plots: open them with `rerun flight.rrd`
+      flight.mcap  the same time series, for Foxglove or PlotJuggler
 
     \b
     Examples:
       mavdem learn flight.tlog --out result
+      mavdem learn flight.tlog --out result --axis pitch --start 20
       mavdem learn flight.tlog --out result --preset paper --order 2
     """
     settings = chosen_settings(preset, order)
@@ -80,19 +89,21 @@ def learn(
     report = {
         **evaluate.report(training, following, learned),
         "settings": asdict(learned.settings),
-        "verdict": asdict(verdict),
+        "verdict": verdict.as_dict(),
         "seconds": round(perf_counter() - began, 3),
-        "files": {name: str(out / name) for name in NAMES},
+        "files": {name: str(out / name) for name in RESULT_FILES},
     }
     write_results(out, report, training, following, learned)
     if as_json:
         print_json(report)
     else:
-        print_summary(report, training, following, learned)
+        print_blocks(learned_report(report, training, following, learned))
+        say(f"Took {report['seconds']:.1f} s. Written: {', '.join(map(printable, report['files'].values()))}")
+        say(f"Open the plots with `{shlex.join(['rerun', printable(out / 'flight.rrd')])}`.")
 
 
 def _cut(flight: Flight, start: float, train: int, test: int) -> tuple[Flight, Flight]:
-    """The samples to learn from and those to forecast."""
+    """The training samples and the test samples."""
     if not math.isfinite(start):
         raise click.BadParameter("it must be a number of seconds.", param_hint="--start")
     first = round(min(start / flight.dt, len(flight)))
@@ -101,17 +112,16 @@ def _cut(flight: Flight, start: float, train: int, test: int) -> tuple[Flight, F
         return flight[first : first + train], flight[first + train : first + train + test]
     reason = (
         f"The settled flight has {len(flight)} samples ({flight.duration:.1f} s), {left} of them from {start:g} s on, "
-        f"and {train} to learn from with {test} to forecast are more."
+        f"but {train} training and {test} test samples were asked for."
     )
-    fewer_test = min(test, max(left // 6, 1))
-    fewer_train = min(train, left - fewer_test)
+    fewer_train, fewer_test = fewer_samples(left, train, test)
     if fewer_train < FEWEST_SAMPLES:
         raise NotLearnable(reason, "Start earlier, with a smaller --start.")
     raise NotLearnable(reason, f"Ask for fewer: `{_again(fewer_train, fewer_test)}`.")
 
 
 def _again(train: int, test: int) -> str:
-    """The command that was given, with other numbers of samples."""
+    """The same command with other numbers of samples."""
     context = click.get_current_context()
     kept = [
         word
@@ -128,5 +138,6 @@ def _learn(training: Flight, settings: Settings) -> Learned:
             return learn_model(training, settings)
     except ValueError as error:
         raise NotLearnable(
-            f"No model could be learnt: {error}.", "Choose another part of the flight with --start, or more of it."
+            f"No model could be learnt: {error}.",
+            "Choose another part of the flight with --start, or more of it with --train.",
         ) from error

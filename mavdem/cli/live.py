@@ -4,68 +4,152 @@ from __future__ import annotations
 
 import gc
 import math
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack, closing
 from pathlib import Path
 from time import monotonic
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
-from mavdem.attached import Attached, Standing
-from mavdem.cli.dashboard import Dashboard
-from mavdem.cli.main import DONE, UNSUPPORTED, UNUSABLE
-from mavdem.cli.model_options import chosen_settings, model_options
-from mavdem.cli.new_file import check_file, writing
+from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
+from mavdem.cli.options import chosen_settings, file_option, model_options, motion_options, no_option
 from mavdem.cli.output import print_json, printable, say_aside
-from mavdem.cli.signals import asked_to_end
-from mavdem.cli.source import motion_options, no_option
-from mavdem.convert import STREAMS
+from mavdem.cli.output_files import check_file, writing
+from mavdem.cli.signals import asked_to_end, ending_at_once
+from mavdem.dem.online.learner import HORIZONS
 from mavdem.errors import Unreadable
-from mavdem.ingest.link import Link
-from mavdem.ingest.raw_recording import RawRecording
-from mavdem.learning_process import LearningProcess
-from mavdem.live import LiveStream
-from mavdem.whole_file import whole_file
+from mavdem.export.conversion import STREAMS
+from mavdem.files import atomic_write
+from mavdem.live import LiveStream, SessionStatus, Setup
+from mavdem.live.link import Link
+from mavdem.live.recording import RawRecording
+from mavdem.live.session import LearningProcess, LiveSession
+from mavdem.live.status import ACCOUNT, sentence
 
-TELL_EVERY = 5.0
-"""Seconds from one line on standard error that says how things stand to the next."""
+if TYPE_CHECKING:
+    from mavdem.view.live import LiveView, RecordingFile
+
+
+class Dashboard:
+    """Shows a live flight in a viewer, browsers and an .rrd file; without a screen and these options, nowhere."""
+
+    def __init__(self, link: str, axis: str, rrd: Path | None, serve: bool, connect: str | None) -> None:
+        """Opens the sinks; raises ``Unreadable`` for a port that is taken, ``BadParameter`` for an invalid URL."""
+        # Rerun takes a second to load.
+        with ending_at_once():
+            from mavdem.view.live import RecordingFile, WebServer, sinks_for
+            from mavdem.view.viewer import has_screen
+        self._link, self._axis = link, axis
+        self._view: LiveView | None = None
+        self._troubles: list[str] = []
+        self._sinks = []
+        self._file: RecordingFile | None = None
+        self._where = ""
+        if rrd is None and not serve and connect is None and not has_screen():
+            self._where = "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
+            return
+        try:
+            self._sinks = sinks_for(rrd, serve, connect)
+        except ValueError as error:
+            raise click.BadParameter(f"{error}.", param_hint="--connect") from error
+        except OSError as error:
+            raise Unreadable(f"The dashboard cannot be opened: {error}.") from None
+        for sink in self._sinks:
+            if isinstance(sink, WebServer):
+                self._where = f"Open {sink.page} in a browser."
+            elif isinstance(sink, RecordingFile):
+                self._file = sink
+
+    @property
+    def opened(self) -> bool:
+        """Whether there was something to show."""
+        return self._view is not None
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the file contains any of it."""
+        return self._file is not None and self._file.kept
+
+    @property
+    def broken(self) -> bool:
+        """Whether the file could not be written completely."""
+        return self._file is not None and self._file.broken
+
+    def say_where(self) -> None:
+        """Prints how to open the view, unless it opens by itself."""
+        if self._where:
+            say_aside(self._where)
+
+    def open(self, setup: Setup) -> LiveView:
+        """Shows the rows of a setup from now on."""
+        from mavdem.view.live import Channels, LiveView
+
+        names = setup.layout.names
+        channels = Channels(
+            self._link,
+            setup.dt,
+            HORIZONS,
+            names,
+            (self._axis, f"{self._axis} rate"),
+            (setup.scale.unit,) * len(names),
+            ("rad", "rad/s"),
+        )
+        if self._view is None:
+            self._view = LiveView(channels, self._sinks)
+        self._view.change(channels)
+        return self._view
+
+    def report(self, status: SessionStatus) -> None:
+        """Shows the status, and prints what is wrong with the view."""
+        if self._view is None:
+            return
+        self._view.status(status)
+        for trouble in self._view.troubles:
+            if trouble not in self._troubles:
+                self._troubles.append(trouble)
+                say_aside(trouble)
+
+    def close(self) -> None:
+        """Ends the view."""
+        if self._view is not None:
+            self._view.close()
+        else:
+            for sink in self._sinks:
+                sink.close()
+
+
+STATUS_SECONDS = 5.0  # between two status lines on standard error
 
 
 def _number(context: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
-    """Refuses what is no number: it lies in every range, since it is not outside."""
+    """Refuses NaN, which every range accepts."""
     if value is not None and math.isnan(value):
         raise click.BadParameter("it must be a number.", context, parameter)
     return value
 
 
-@click.command()
+@click.command("live")
 @click.argument("link")
 @motion_options
 @model_options
-@click.option("--rrd", type=click.Path(path_type=Path), callback=no_option, help="Rerun recording to write.")
-@click.option("--serve", is_flag=True, help="Show it to browsers of this machine.")
-@click.option("--connect", metavar="URL", callback=no_option, help="Show it in a Rerun viewer that listens there.")
-@click.option(
-    "--record", type=click.Path(path_type=Path), callback=no_option, help="Keep the raw stream: FILE.tlog or FILE.mcap."
-)
-@click.option(
-    "--model",
-    type=click.Path(path_type=Path),
-    callback=no_option,
-    help="Where the model is kept at the end. [default: beside --rrd or --record, .model.json]",
-)
+@file_option("--rrd", "Rerun recording to write.")
+@click.option("--serve", is_flag=True, help="Show it in a browser on this machine; Rerun's usage statistics are off.")
+@click.option("--connect", metavar="URL", callback=no_option, help="Show it in the Rerun viewer at this address.")
+@file_option("--record", "Raw stream to record: FILE.tlog or FILE.mcap.")
+@file_option("--model", "Where to write the model at the end. [default: beside --rrd or --record, .model.json]")
 @click.option(
     "--request-rate",
     type=click.FloatRange(1, 1000),
     metavar="HZ",
     callback=_number,
-    help="Ask the vehicle for attitude and motor outputs at this rate. Without it nothing is ever sent.",
+    help="Ask the vehicle for attitude and motor outputs at this rate, and at 4 Hz for what shows a landing; what "
+    "comes faster already stays as it is. Without it nothing is ever sent.",
 )
 @click.option(
     "--duration", type=click.FloatRange(0, min_open=True), callback=_number, help="Seconds after which to end."
 )
-def live(
+def live_command(
     link: str,
     axis: str,
     vehicle: str | None,
@@ -83,14 +167,14 @@ def live(
 ) -> None:
     """Attaches to a link and learns while the vehicle flies.
 
-    LINK is a connection string of pymavlink's: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or a
-    serial port as /dev/ttyACM0,115200. Within seconds of take-off a dashboard shows roll as it is measured, expected
-    and predicted, the free energy, the model and the disturbance of the wind. Nothing is sent unless --request-rate is
-    given, and what was there before is then restored at the end. Ctrl-C, SIGTERM and SIGHUP end it and keep the model;
-    pressed again they change nothing.
+    LINK is a connection string of pymavlink: udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or a
+    serial port such as /dev/ttyACM0,115200. A dashboard shows the measured and the predicted roll, the free energy, the
+    model and the wind disturbance. Take-off and climb are not learned from: the first model comes 8 to 20 s after
+    take-off. Nothing is sent without --request-rate; with it, the former message rates are restored at the end. Ctrl-C,
+    SIGTERM and SIGHUP end it and write the model; a second one changes nothing.
 
-    It ends with 0 when there is a model, with 1 when there is none, also when nothing took off, and with 2 when a file
-    could not be written to its end; --json prints its document either way.
+    The exit code is 0 with a model, 1 without one, also if nothing took off, and 2 if a file could not be written
+    completely. --json prints its document in each case.
 
     \b
     Examples:
@@ -100,114 +184,135 @@ def live(
     \b
     Without a vehicle, in two terminals:
       mavdem live udpin:127.0.0.1:14550 --rrd flight.rrd
-      mavdem fly iris_gusts --udp 127.0.0.1:14550
+      mavdem fly iris_multisine --udp 127.0.0.1:14550
     """
     settings = chosen_settings(preset, order)
-    place = _checked(rrd, record, model)
+    model_path = _check_files(rrd, record, model)
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)
         ends.callback(opened.close)
         if opened.speaks_first and request_rate is None:
             raise click.BadParameter(
-                f"{link} answers only who speaks to it, and nothing is sent without --request-rate: give that, or "
-                "listen with udpin:HOST:PORT.",
+                f"{link} sends only after it has received something, and nothing is sent without --request-rate: add "
+                "that, or listen with udpin:HOST:PORT.",
                 param_hint="LINK",
             )
-        dashboard = ends.enter_context(Dashboard(link, axis, rrd, serve, connect))
+        dashboard = ends.enter_context(closing(Dashboard(link, axis, rrd, serve, connect)))
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(LearningProcess())
-        show, tell = dashboard.open, dashboard.tell
-        attached = Attached(opened, stream, settings, show, tell, say_aside, executor, recording, request_rate)
-        ends.callback(attached.end)
+        show, report = dashboard.open, dashboard.report
+        session = LiveSession(opened, stream, settings, show, report, say_aside, executor, recording, request_rate)
+        ends.callback(session.end)
         dashboard.say_where()
         say_aside(f"Listening on {link}; Ctrl-C ends it.")
-        if place is None:
-            say_aside("The model is not kept: name a file with --model, --rrd or --record.")
+        if model_path is None:
+            say_aside("The model will not be written: name a file with --model, --rrd or --record.")
         asked = signals.enter_context(asked_to_end())
-        took = _run(attached, asked, duration)
-        told = _told(attached.standing, link, took)
-        # What was learnt is dearest: it is kept before anything that may fail, or takes its time, ends.
-        kept, code = _keep_model(attached, place)
+        took = _run(session, asked, duration)
+        account = session.account()
+        say_aside(_account_line(account))
+        if ahead := _ahead(session.status, axis):
+            say_aside(sentence(ahead))
+        tasks = ["learning the model of the last samples"] if session.learner is not None else []
+        tasks += ["restoring the vehicle's message rates"] if session.asked else []
+        tasks += ["completing files"] if rrd is not None or record is not None else []
+        if tasks:
+            say_aside(f"Ending: {', '.join(tasks)}; this takes some seconds.")
+        status = session.status
+        # The model is written first: what follows may fail or take its time.
+        written, code = _write_model(session, model_path)
         ends.close()
-        told["events"] = list(attached.said)
-        told["rrd"] = str(rrd) if dashboard.recorded else None
-        told["record"] = None if recording is None else {"file": str(record), "frames": recording.frames}
-        told["model"] = None if kept is None else str(kept)
         if rrd is not None and not dashboard.opened:
-            say_aside(f"Nothing came that could be shown, so there is no {rrd}.")
+            say_aside(f"There was nothing to show, so {rrd} was not written.")
         if as_json:
-            print_json(told)
-    if attached.recording is not recording or dashboard.broken:
+            print_json(
+                {
+                    "link": link,
+                    "vehicle": status.vehicle,
+                    "seconds": round(took, 3),
+                    "account": {kind: round(spent, 3) for kind, spent in account.items()},
+                    "samples": {"learnt": status.learned, "shown": status.shown},
+                    "rates": status.rates,
+                    "lost": status.lost,
+                    "latency": dict(zip(("median", "p99"), status.latency, strict=True)),
+                    "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
+                    "obstacle": status.obstacle,
+                    "events": list(session.sentences),
+                    "rrd": str(rrd) if dashboard.recorded else None,
+                    "record": None if recording is None else {"file": str(record), "frames": recording.frames},
+                    "model": None if written is None else str(written),
+                }
+            )
+    if session.recording is not recording or dashboard.broken:
         code = UNUSABLE
     click.get_current_context().exit(code)
 
 
-def _checked(rrd: Path | None, record: Path | None, model: Path | None) -> Path | None:
-    """Refuses, before the flight, what could not be written after it; answers where the model goes."""
+def _check_files(rrd: Path | None, record: Path | None, model: Path | None) -> Path | None:
+    """Refuses, before the flight, files that could not be written after it; returns the path of the model."""
     check_file(rrd, "--rrd", (".rrd",))
     check_file(record, "--record", tuple(STREAMS))
     beside = rrd or record
-    kept = model or (None if beside is None else beside.with_suffix(".model.json"))
-    check_file(kept, "--model", (".json",))
-    return kept
+    path = model or (None if beside is None else beside.with_suffix(".model.json"))
+    check_file(path, "--model", (".json",))
+    return path
 
 
-def _keep_model(attached: Attached, place: Path | None) -> tuple[Path | None, int]:
-    """Writes the model of the last samples; answers where, and the exit code that goes with it."""
-    if attached.learner is None:
-        say_aside("There is no model: no settled flight was heard.")
-        return None, UNSUPPORTED
+def _write_model(session: LiveSession, path: Path | None) -> tuple[Path | None, int]:
+    """Writes the model of the last samples, or the last good one; returns the written path and the exit code."""
     try:
-        text = attached.learner.learn_now().to_json()
+        text = session.final_model().to_json()
     except ValueError as error:
-        say_aside(f"There is no model: {error}.")
+        say_aside(sentence(f"There is no model: {error}"))
         return None, UNSUPPORTED
-    if place is None:
-        say_aside("The model was not kept.")
+    if path is None:
+        say_aside("The model was not written.")
         return None, DONE
     try:
-        with writing(place), whole_file(place) as file:
+        with writing(path), atomic_write(path) as file:
             file.write(text.encode() + b"\n")
     except Unreadable as error:
         say_aside(f"The model is lost: {error}")
         return None, UNUSABLE
-    say_aside(f"Kept the model in {printable(place)}.")
-    return place, DONE
+    say_aside(f"Wrote the model to {printable(path)}.")
+    return path, DONE
 
 
-def _told(standing: Standing, link: str, took: float) -> dict[str, Any]:
-    learnt, shown = standing.samples
-    median, late = standing.latency
-    return {
-        "link": link,
-        "vehicle": standing.vehicle,
-        "seconds": round(took, 3),
-        "samples": {"learnt": learnt, "shown": shown},
-        "rates": standing.rates,
-        "lost": standing.lost,
-        "latency": {"median": median, "p99": late},
-        "obstacle": standing.obstacle,
-    }
-
-
-def _run(attached: Attached, asked: Callable[[], bool], duration: float | None) -> float:
-    """Until the time is over or it is asked to end; answers how many seconds that was."""
-    # What is there by now stays: looking at it again and again would hold samples up for tens of milliseconds.
+def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None) -> float:
+    """Runs until the time is over or the user asks to end; returns the seconds it took."""
+    # Existing objects are not collected again: that would delay samples by tens of milliseconds.
     gc.collect()
     gc.freeze()
-    began = told = monotonic()
+    began = reported = monotonic()
+    line = ""
     while not asked() and (duration is None or monotonic() - began < duration):
-        attached.step()
-        if monotonic() - told >= TELL_EVERY:
-            told = monotonic()
-            say_aside(_in_words(attached.standing))
+        session.step()
+        if monotonic() - reported >= STATUS_SECONDS:
+            reported, before, line = monotonic(), line, _status_line(session.status, session.stream.axis)
+            if line not in ("", before):
+                say_aside(line)
     return monotonic() - began
 
 
-def _in_words(standing: Standing) -> str:
-    rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(standing.rates.items()) if rate) or "no attitude"
-    learnt, shown = standing.samples
-    state = standing.obstacle or "learning"
-    late = f", 99 % within {1e3 * standing.latency[1]:.1f} ms of their datagram" if learnt + shown else ""
-    return f"{standing.vehicle or 'no vehicle'}: {rates}; {learnt} samples learnt{late}; {state.rstrip('.')}."
+def _account_line(account: Mapping[str, float]) -> str:
+    spent = ", ".join(f"{seconds:.0f} s {ACCOUNT[kind]}" for kind, seconds in account.items() if seconds >= 0.5)
+    return f"Of {sum(account.values()):.0f} s: {spent or 'nothing'}."
+
+
+def _ahead(status: SessionStatus, axis: str) -> str:
+    """How well the model predicts; empty before it has."""
+    seconds, half = status.ahead
+    said = f"{axis} predicted {seconds:.2g} s ahead with constant inputs within ±{math.degrees(half):.2g}° (90 %)"
+    return said if math.isfinite(half) else ""
+
+
+def _status_line(status: SessionStatus, axis: str) -> str:
+    """Empty before there is a vehicle: the session has reported that."""
+    if status.vehicle is None:
+        return ""
+    rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate) or "no attitude"
+    late = f", latency {1e3 * status.latency[1]:.1f} ms (99 %)" if status.learned + status.shown else ""
+    ahead = f"; {ahead}" if (ahead := _ahead(status, axis)) else ""
+    learned = f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}"
+    return f"{learned}. {sentence(status.obstacle)}" if status.obstacle else f"{learned}; learning."

@@ -1,48 +1,40 @@
-"""``mavdem order``: how many states a vehicle's motion has, by the free energy."""
+"""``mavdem order``: the model order by the free energy (extended DEM)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import closing
 from functools import partial
-from math import isfinite
 from time import perf_counter
-from typing import Any
 
 import click
 
-from mavdem.account import Sentence, Table
-from mavdem.cli.output import print_json, printable, progress, say, say_aside
-from mavdem.cli.several import Refused, check_sources, names_of, nothing_left
-from mavdem.cli.source import motion_options, read_source
-from mavdem.cli.summary import print_account
-from mavdem.dem.many import answer_many
-from mavdem.dem.order import LARGEST, MOST_STATES, FlightOrders, OrderChoice, orders_of
-from mavdem.errors import NotLearnable, Unreadable
+from mavdem.cli.options import motion_options
+from mavdem.cli.output import print_blocks, print_json, progress
+from mavdem.cli.sources import Refused, end_report, names_of, nothing_left, of_each
+from mavdem.dem.order.choice import DEFAULT_MAX_ORDER, LARGEST_ORDER, FlightOrders, OrderChoice, orders_of
+from mavdem.dem.parallel import parallel_map
+from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
-from mavdem.read import learnable_flight
-
-UNREADABLE = 2
-"""Exit code."""
+from mavdem.report.order import order_report
 
 
-@click.command()
+@click.command("order")
 @motion_options
 @click.argument("sources", metavar="SOURCE...", type=click.Path(), nargs=-1, required=True)
 @click.option(
     "--max-order",
-    type=click.IntRange(1, LARGEST),
-    default=MOST_STATES,
+    type=click.IntRange(1, LARGEST_ORDER),
+    default=DEFAULT_MAX_ORDER,
     show_default=True,
-    help="The most states that are tried.",
+    help="The largest number of states to try.",
 )
 @click.option(
     "--unknown-inputs",
     is_flag=True,
-    help="Take the motors for unknown, as the paper's black-box estimation does: η̃ᵛ = 0, P̃ᵛ = e².",
+    help="Treat the motors as unknown inputs, as the paper's black-box estimation does: η̃ᵛ = 0, P̃ᵛ = e².",
 )
 @click.pass_context
-def order(
+def order_command(
     context: click.Context,
     sources: tuple[str, ...],
     axis: str,
@@ -52,31 +44,40 @@ def order(
     max_order: int,
     unknown_inputs: bool,
 ) -> None:
-    """Finds how many states the motion has, by the free energy.
+    """Finds the model order (number of states) by the free energy.
 
-    Each SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. Its longest stretch of settled
-    flight is learnt with 1, 2, ... states, nothing given of A, B and C and the same priors for each (extended DEM).
-    The free energy action rises up to the order that the outputs show, and saturates there; over several flights it is
-    averaged, with its spread. What neither motors nor wind move is not counted, and what colours the wind is.
+    Each SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. Models with 1, 2, ... states are
+    learnt from its longest settled flight, with A, B and C free and the same priors for each order (extended DEM). The
+    free energy action F̄ increases up to the order that the outputs show, and saturates there. Over several flights F̄ is
+    averaged, and its spread is reported. States that neither the motors nor the wind excite are not counted; wind that
+    changes slowly may count as one.
 
     \b
     Examples:
       mavdem order flight.tlog
       mavdem order one.tlog two.tlog three.tlog --unknown-inputs --json
 
-    A SOURCE that does not tell is named, and the others stand. Ends with 0 when an order was found, with 1 when no
-    flight tells one, and with 2 when a SOURCE cannot be read.
+    A SOURCE without an order is reported, and the others are used. Exit code: 0 if an order was found, 1 if no flight
+    has one, 2 if a SOURCE cannot be read.
     """
-    check_sources(sources)
     began = perf_counter()
-    flights, refused = _flights(sources, (axis, vehicle, inputs))
-    told = _orders(flights, max_order, not unknown_inputs, refused, dict(zip(names_of(sources), sources, strict=True)))
-    if not told:
+    channels: list[int] = []
+
+    def with_as_many_inputs(_: str, flight: Flight) -> Flight:
+        channels.append(flight.inputs.shape[1])
+        if channels[-1] != channels[0]:
+            reason = f"It has {channels.pop()} inputs, and the flights before it {channels[0]}."
+            raise NotLearnable(reason, "Find its order by itself.")
+        return flight
+
+    flights, refused = of_each(sources, axis, vehicle, inputs, with_as_many_inputs)
+    found = _orders(flights, max_order, not unknown_inputs, refused, dict(zip(names_of(sources), sources, strict=True)))
+    if not found:
         raise nothing_left(refused, "given an order")
-    choice = OrderChoice(tuple(told.values()))
+    choice = OrderChoice(tuple(found.values()))
     report = {
         **choice.to_dict(),
-        "flights": list(told),
+        "flights": list(found),
         "axis": axis,
         "known_inputs": not unknown_inputs,
         "refused": [one.values for one in refused],
@@ -84,84 +85,34 @@ def order(
     }
     if as_json:
         print_json(report)
-        for one in refused:
-            say_aside(printable(f"mavdem: {one.source} does not tell: {one.error}"))
     else:
-        print_account(_account(choice, list(told)))
-        for one in refused:
-            say(f"{one.name}: does not tell. {one.error}\n")
-        say(f"Took {report['seconds']:.1f} s.")
-    if any(isinstance(one.error, Unreadable) for one in refused):
-        context.exit(UNREADABLE)
-
-
-def _flights(
-    sources: Sequence[str], of_flight: tuple[str, str | None, str | None]
-) -> tuple[dict[str, Flight], list[Refused]]:
-    """Settled flights by name, as many inputs each, and what is none."""
-    found: dict[str, Flight] = {}
-    refused = []
-    for name, source in zip(names_of(sources), sources, strict=True):
-        try:
-            flight, _ = learnable_flight(read_source(source), *of_flight)
-            inputs = flight.inputs.shape[1]
-            first = next(iter(found.values()), flight).inputs.shape[1]
-            if inputs != first:
-                raise NotLearnable(
-                    f"It has {inputs} inputs, and the flights before it {first}.", "Ask for its order by itself."
-                )
-            found[name] = flight
-        except (NotLearnable, Unreadable) as error:
-            refused.append(Refused(name, source, error))
-    return found, refused
+        print_blocks(order_report(choice, list(found)))
+    end_report(context, refused, "no order", f"Took {report['seconds']:.1f} s.", as_json)
 
 
 def _orders(
     flights: dict[str, Flight], most: int, known: bool, refused: list[Refused], sources: dict[str, str]
 ) -> dict[str, FlightOrders]:
-    """What each flight tells by name; those that tell nothing are added to the refused."""
-    told = {}
+    """F̄ by order of each flight, by name; flights without any are added to ``refused``."""
+    found = {}
     work = partial(_tried, most=most, known=known)
     with (
         progress(f"Learning {len(flights)} flight{'s' * (len(flights) != 1)} with 1 to {most} states") as done,
-        closing(answer_many(work, flights.values())) as coming,
+        closing(parallel_map(work, flights.values())) as coming,
     ):
-        for number, (name, answer) in enumerate(zip(flights, coming, strict=True), 1):
-            if isinstance(answer, ValueError):
-                cure = "Record a longer flight, or a livelier one."
-                refused.append(Refused(name, sources[name], NotLearnable(f"{str(answer).capitalize()}.", cure)))
+        for number, (name, result) in enumerate(zip(flights, coming, strict=True), 1):
+            if isinstance(result, ValueError):
+                cure = "Record a longer flight, or one with more motion."
+                refused.append(Refused(name, sources[name], NotLearnable(f"{str(result).capitalize()}.", cure)))
             else:
-                told[name] = answer
+                found[name] = result
             done(number / len(flights))
-    return told
+    return found
 
 
 def _tried(flight: Flight, most: int, known: bool) -> FlightOrders | ValueError:
-    """What a flight tells, or why it tells nothing."""
+    """F̄ by order of a flight, or the error."""
     try:
         return orders_of(flight, most, known)
     except ValueError as error:
         return error
-
-
-def _account(choice: OrderChoice, names: Sequence[str]) -> list[Sentence | Table]:
-    several = len(names) > 1
-    header = ["states", *names, *(["mean", "spread"] if several else [])]
-    highest = choice.free_energy[:, choice.chosen - 1]
-    rows = []
-    for row, order in enumerate(choice.orders):
-        cells = [_nats(value) for value in choice.free_energy[:, row] - highest]
-        if several:
-            mean, spread = choice.mean[row], choice.spread[row]
-            cells += [_nats(mean - choice.mean[choice.chosen - 1]), _nats(spread)]
-        rows.append([f"{order}{' (chosen)' if order == choice.chosen else ''}", *cells])
-    return [
-        Sentence("", lead=choice.reason),
-        Table(header, rows),
-        Sentence("F̄ in nats, over that of the chosen order; spread is the standard deviation of F̄ over the flights."),
-        *(Sentence(remark, "Caution:") for remark in choice.remarks),
-    ]
-
-
-def _nats(value: Any) -> str:
-    return f"{value:,.1f}" if isfinite(value) else "-"

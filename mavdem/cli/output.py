@@ -1,4 +1,4 @@
-"""Where output goes: the result to standard output, progress and complaints to standard error."""
+"""Output: the result on standard output, progress and errors on standard error."""
 
 from __future__ import annotations
 
@@ -9,31 +9,26 @@ import math
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
 import click
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
+from rich.table import Table as Grid
 
-ASIDE = Console(stderr=True, highlight=False, markup=False, emoji=False)
-"""Standard error."""
+from mavdem.report.blocks import Sentence, Table
 
-WIDTH_OF_A_PIPE = 120
-"""Columns a table may take where standard output is no terminal."""
+STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
+WIDTH_OF_A_PIPE = 120  # columns a table may take where standard output is no terminal
 
-
-PLAIN = {"±": "+-", "°": "deg", "µ": "u", "“": '"', "”": '"', "\N{COMBINING MACRON}": "", "²": "^2"}
-"""What stands for a character that the terminal cannot show; a question mark for any other."""
+PLAIN_CHARACTERS = {"±": "+-", "°": "deg", "µ": "u", "“": '"', "”": '"', "\N{COMBINING MACRON}": "", "²": "^2"}
+"""Replacements of characters that the terminal cannot show; others become a question mark."""
 
 
 def prepare_streams() -> None:
-    """Lets no character that the terminal cannot show end a run, and shows a warning as one line.
-
-    A stream that the process was started without is as one that nobody reads.
-    """
+    """Lets no character that the terminal cannot show end a run, and shows a warning as one line."""
     codecs.register_error("plain", _plain)
     sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115 - it stays open for as long as the process
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
@@ -46,11 +41,13 @@ def prepare_streams() -> None:
 def _plain(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    return "".join(PLAIN.get(character, "?") for character in error.object[error.start : error.end]), error.end
+    return "".join(
+        PLAIN_CHARACTERS.get(character, "?") for character in error.object[error.start : error.end]
+    ), error.end
 
 
 def json_text(document: Any) -> str:
-    """A JSON document; numbers that JSON does not know (NaN, infinity) become null."""
+    """A JSON document; NaN and infinity become null."""
     return json.dumps(_finite(document), indent=1, allow_nan=False)
 
 
@@ -68,7 +65,7 @@ def say(text: str = "") -> None:
 
 
 def say_aside(text: str) -> None:
-    """Prints on standard error; where that fails there is nobody left to tell, and the exit code must do."""
+    """Prints on standard error; a failure is ignored: the exit code reports it."""
     with suppress(OSError):
         click.echo(text, file=sys.stderr)
 
@@ -104,10 +101,30 @@ class _Page(Console):
         raise
 
 
-def print_table(table: Table) -> None:
+def print_table(table: Grid) -> None:
     """Prints a table and an empty line on standard output."""
     width = None if sys.stdout.isatty() else WIDTH_OF_A_PIPE
     _Page(width=width, highlight=False, markup=False, emoji=False).print(table, "")
+
+
+def print_blocks(blocks: Iterable[Sentence | Table]) -> None:
+    """Prints sentences and tables, each with an empty line after it."""
+    for block in blocks:
+        if isinstance(block, Sentence):
+            say(f"{f'{block.lead} {block.text}'.strip()}\n")
+        else:
+            print_table(_grid(block))
+
+
+def _grid(table: Table) -> Grid:
+    first, *others = table.header
+    grid = Grid(box=None, pad_edge=False)
+    grid.add_column(first, no_wrap=True)
+    for other in others:
+        grid.add_column(other, justify="right")
+    for row in table.rows:
+        grid.add_row(*row)
+    return grid
 
 
 def complain(reason: str, remedy: str, as_json: bool) -> None:
@@ -119,16 +136,11 @@ def complain(reason: str, remedy: str, as_json: bool) -> None:
 
 @contextmanager
 def progress(title: str, measured: bool = True) -> Iterator[Callable[[float], None]]:
-    """A bar on standard error, where that is a terminal; yields what to call with the fraction done.
-
-    Args:
-        title: what is being done.
-        measured: whether the fraction will be told; otherwise the bar only shows that something is going on.
-    """
-    if not ASIDE.is_terminal:
+    """A bar on standard error, if that is a terminal; yields the function to call with the fraction done."""
+    if not STDERR.is_terminal:
         yield lambda _: None
         return
     columns = TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn()
-    with Progress(*columns, console=ASIDE, transient=True) as bar:
+    with Progress(*columns, console=STDERR, transient=True) as bar:
         task = bar.add_task(printable(title), total=1.0 if measured else None)
         yield lambda fraction: bar.update(task, completed=fraction)

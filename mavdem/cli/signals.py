@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-INTERRUPTED, OF_SIGNAL = 130, 128
-"""Exit codes as a shell reports them: of SIGINT; of any signal, less its number."""
+INTERRUPTED, OF_SIGNAL = 130, 128  # exit codes as a shell reports them: of SIGINT; of any signal, less its number
 
 
 @contextmanager
@@ -24,9 +23,9 @@ def ending_at_once() -> Iterator[None]:
 
 
 def unwind_when_terminated() -> None:
-    """Lets SIGTERM, and a closed terminal's SIGHUP, end the process as an exception does: what is temporary goes.
+    """Lets SIGTERM, and a closed terminal's SIGHUP, end the process as an exception does: temporary files are removed.
 
-    Who started the process with SIGHUP ignored, as nohup does, wants it to go on.
+    A process that was started with SIGHUP ignored, as by nohup, continues.
     """
     signal.signal(signal.SIGTERM, _unwind)
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
@@ -35,9 +34,10 @@ def unwind_when_terminated() -> None:
 
 @contextmanager
 def asked_to_end() -> Iterator[Callable[[], bool]]:
-    """Takes Ctrl-C, SIGTERM and SIGHUP for a request to end, and gives what tells whether there was one.
+    """Takes Ctrl-C, SIGTERM and SIGHUP as a request to end, and yields a function that returns whether there was one.
 
-    Asking again changes nothing: what is kept at the end must not be lost to impatience. An ignored SIGHUP stays so.
+    Asking again changes nothing, until the process is gone: what is kept at the end must not be lost to impatience, nor
+    the exit code. An ignored SIGHUP stays so.
     """
     asked = False
 
@@ -53,7 +53,7 @@ def asked_to_end() -> Iterator[Callable[[], bool]]:
         yield lambda: asked
     finally:
         for number, handler in before.items():
-            signal.signal(number, handler)
+            signal.signal(number, signal.SIG_IGN if asked else handler)
 
 
 def _end(number: int, frame: FrameType | None) -> None:

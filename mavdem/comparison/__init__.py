@@ -1,15 +1,13 @@
-"""Comparison: DEM and other methods tried on the same windows of the same flights.
+"""Comparison: DEM and other methods on the same windows of the same flights.
 
-``method`` says what a method is and ``methods`` which are compared, ``outcome`` tries one on one window, ``comparison``
-all on all, ``standing`` says what that comes to by flight and over flights, and ``account`` how it is told.
+``methods`` lists the methods, ``outcome`` runs one on one window, ``comparison`` runs all on all, and ``summaries``
+summarises outcomes by flight and over flights.
 """
 
-from mavdem.comparison.account import account
 from mavdem.comparison.comparison import Comparison, compare, outcomes
-from mavdem.comparison.method import Method
 from mavdem.comparison.methods import GENERALIZED_COORDINATES, METHODS, PEERS, dem
-from mavdem.comparison.outcome import Outcome, judge
-from mavdem.comparison.standing import AtHorizon, Loss, OverFlights, Standing
+from mavdem.comparison.outcome import Method, Outcome, judge
+from mavdem.comparison.summaries import AtHorizon, Loss, MethodSummary, OverFlights
 
 __all__ = [
     "GENERALIZED_COORDINATES",
@@ -21,8 +19,7 @@ __all__ = [
     "Method",
     "Outcome",
     "OverFlights",
-    "Standing",
-    "account",
+    "MethodSummary",
     "compare",
     "dem",
     "judge",

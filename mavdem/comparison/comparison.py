@@ -1,7 +1,8 @@
-"""Comparison: every method on every window of every flight, the first method beside each of the others."""
+"""Every method on every window of every flight, the first method beside each of the others."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Generator, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
@@ -9,67 +10,54 @@ from functools import cached_property
 from itertools import product
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mavdem.comparison.method import Method
 from mavdem.comparison.methods import METHODS
-from mavdem.comparison.outcome import Outcome, judge
-from mavdem.comparison.standing import Loss, OverFlights, Standing, losses, over_flights, standings
-from mavdem.dem.many import answer_many
-from mavdem.windows import Window
-
-Array = NDArray[np.float64]
+from mavdem.comparison.outcome import Method, Outcome, judge
+from mavdem.comparison.summaries import Loss, MethodSummary, OverFlights, flight_summaries, losses, over_flights
+from mavdem.dem.parallel import parallel_map
+from mavdem.evaluate.flight_windows import Window
 
 
 def outcomes(
     windows: Iterable[Window], methods: Sequence[Method] = METHODS, executor: Executor | None = None
 ) -> Generator[Outcome, None, None]:
-    """What each method makes of each window, all methods of one window after those of another, as they are there.
+    """The outcomes of all ``methods`` on each of the ``windows``, one window after the other, as they are ready.
 
-    By default on all cores this process may use, in processes that import the running script: call it below ``if
-    __name__ == "__main__":``. It is a pure function of window and method, so outcomes may be kept, and only those be
-    asked for that are new.
-
-    Args:
-        windows: of one or several flights.
-        methods: what learns.
-        executor: does the work; any ``concurrent.futures.Executor``, which is left running.
+    By default it uses all cores of this process, in processes that import the running script: call it below ``if
+    __name__ == "__main__":``. An outcome depends on its window and method only, so that it can be stored.
+    Windows may be of several flights; an ``executor`` is any ``concurrent.futures.Executor``, and is left running.
 
     Raises:
-        concurrent.futures.BrokenExecutor: a worker died, such as for want of memory.
+        concurrent.futures.BrokenExecutor: a worker died, for example for lack of memory.
     """
-    return answer_many(_judge, ((method, window) for window, method in product(windows, methods)), executor)
+    return parallel_map(judge_job, ((method, window) for window, method in product(windows, methods)), executor)
 
 
 def compare(
     windows: Sequence[Window], methods: Sequence[Method] = METHODS, executor: Executor | None = None
 ) -> Comparison:
-    """Tries all methods on all windows; see :func:`outcomes`, of which this waits for the last.
+    """Runs all ``methods`` on all ``windows`` and compares the first with each of the others.
 
-    Args:
-        windows: of one or several flights.
-        methods: what learns, the one that the others are compared with first.
-        executor: does the work; any ``concurrent.futures.Executor``, which is left running.
+    Arguments are as for :func:`outcomes`, also ``executor``.
 
     Raises:
         ValueError: as :meth:`Comparison.of`.
-        concurrent.futures.BrokenExecutor: a worker died, such as for want of memory.
+        concurrent.futures.BrokenExecutor: a worker died, for example for lack of memory.
     """
     return Comparison.of(windows, outcomes(windows, methods, executor))
 
 
-def _judge(job: tuple[Method, Window]) -> Outcome:
+def judge_job(job: tuple[Method, Window]) -> Outcome:
+    """A method tried on a window; a function of the module, for other processes."""
     return judge(*job)
 
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """All outcomes, and what they come to.
+    """All outcomes with their summaries.
 
     Attributes:
         windows: of one or several flights; those of a flight have the same number of samples and channels.
-        methods: their names, the one that the others are compared with first.
+        methods: their names; the first is compared with each of the others.
         outcomes: by window, and in each by method.
     """
 
@@ -79,11 +67,9 @@ class Comparison:
 
     @classmethod
     def of(cls, windows: Sequence[Window], outcomes: Iterable[Outcome]) -> Comparison:
-        """Of outcomes in any order.
+        """The comparison of ``outcomes`` in any order: one for every method on each of the ``windows``.
 
-        Args:
-            windows: at least one.
-            outcomes: one for every window and every method that any of them names; methods in order of appearance.
+        Methods are in order of appearance.
 
         Raises:
             ValueError: an outcome is missing or of no window, or there is no window.
@@ -106,58 +92,45 @@ class Comparison:
         return tuple(dict.fromkeys(window.flight for window in self.windows))
 
     def of_flight(self, flight: str) -> Comparison:
-        """The part that is of one flight.
-
-        Args:
-            flight: its name.
-        """
+        """The part of one ``flight``, by its name."""
         own = [place for place, window in enumerate(self.windows) if window.flight == flight]
         return Comparison(
             tuple(self.windows[place] for place in own), self.methods, tuple(self.outcomes[place] for place in own)
         )
 
-    def standings(self, flight: str, from_zero: bool = False) -> tuple[Standing, ...]:
-        """Each method's standing on one flight, the least error first.
+    def summaries(self, flight: str, from_zero: bool = False) -> tuple[MethodSummary, ...]:
+        """Each method's summary on the ``flight`` of that name, the lowest error first.
 
-        Args:
-            flight: its name.
-            from_zero: judge forecasts that begin with state 0, as the paper's figures do, and not with the state at the
-                end of training; there are no shorter horizons then.
+        With ``from_zero`` forecasts start from state 0, as the paper's figures do, not from the state at the end of
+        training; there are no shorter horizons then.
         """
-        return self._standings[from_zero][flight]
+        return self._summaries[from_zero][flight]
+
+    def standings(self, flight: str, from_zero: bool = False) -> tuple[MethodSummary, ...]:
+        """Deprecated name of :meth:`summaries`, with the same ``flight`` and ``from_zero``."""
+        warnings.warn("Comparison.standings is now Comparison.summaries", DeprecationWarning, stacklevel=2)
+        return self.summaries(flight, from_zero)
 
     @cached_property
-    def _standings(self) -> dict[bool, dict[str, tuple[Standing, ...]]]:
+    def _summaries(self) -> dict[bool, dict[str, tuple[MethodSummary, ...]]]:
         parts = [(flight, self.of_flight(flight)) for flight in self.flights]
         return {
             from_zero: {
-                flight: standings(part.windows, part.methods, part.outcomes, from_zero) for flight, part in parts
+                flight: flight_summaries(part.windows, part.methods, part.outcomes, from_zero) for flight, part in parts
             }
             for from_zero in (False, True)
         }
 
     def losses(self, from_zero: bool = False) -> tuple[Loss, ...]:
-        """Where the first method's median error over a flight's windows is larger than another's: the worst first.
-
-        Args:
-            from_zero: as for :meth:`standings`.
-        """
-        return losses(self._standings[from_zero], self.methods[0])
+        """Where the first method's median error on a flight is larger than another's; ``from_zero`` as above."""
+        return losses(self._summaries[from_zero], self.methods[0])
 
     def over_flights(self, from_zero: bool = False) -> tuple[OverFlights, ...]:
-        """Each method's standing over all flights, which count alike, the least error first.
-
-        Args:
-            from_zero: as for :meth:`standings`.
-        """
-        return over_flights(self._standings[from_zero])
+        """Each method's summary over all flights, the lowest error first; ``from_zero`` as above."""
+        return over_flights(self._summaries[from_zero])
 
     def to_dict(self, from_zero: bool = False) -> dict[str, Any]:
-        """As plain JSON values, by flight and by window; errors that are infinite are the number infinity.
-
-        Args:
-            from_zero: as for :meth:`standings`.
-        """
+        """As plain JSON values, by flight and by window, infinite errors as infinity; ``from_zero`` as above."""
         return {
             "reference": self.methods[0],
             "methods": list(self.methods),
@@ -168,7 +141,7 @@ class Comparison:
         }
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row for each window, method and horizon, and one for the whole test part begun from zero."""
+        """A row for each window, method and horizon, and one for the whole test part forecast from state 0."""
         return [
             {
                 "flight": window.flight,
@@ -198,7 +171,7 @@ class Comparison:
             "output_units": list(first.train.output_units),
             "training_samples": len(first.train),
             "forecast_samples": len(first.test),
-            "standings": [standing.to_dict() for standing in self.standings(flight, from_zero)],
+            "standings": [summary.to_dict() for summary in self.summaries(flight, from_zero)],
             "windows": [
                 {
                     "start": window.start,

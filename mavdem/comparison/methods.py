@@ -1,4 +1,4 @@
-"""The methods that are compared: DEM, its peers, and what needs no model."""
+"""The methods that are compared: DEM, other model classes, and forecasts without a model."""
 
 from __future__ import annotations
 
@@ -6,24 +6,23 @@ from dataclasses import replace
 from functools import partial
 
 from mavdem import baselines
-from mavdem.comparison.method import Method
+from mavdem.comparison.outcome import Method
 from mavdem.dem import Settings, learn
 
 
 def dem(name: str, settings: Settings) -> Method:
-    """DEM with settings.
-
-    Args:
-        name: of the method.
-        settings: what decides the fit.
-    """
+    """DEM with these ``settings`` of the fit, as the method of this ``name``."""
     return Method(name, partial(learn, settings=settings))
 
+
+PAPER_SETTINGS_WITHOUT = replace(Settings.paper(), p=1, d=1, window=2)
+"""The paper's settings without generalized coordinates: the first derivative, which the model needs, and no
+higher one."""
 
 DEM = dem("DEM", Settings())
 DEM_WITHOUT = dem("DEM p=1", replace(Settings(), p=1, d=1))
 PAPER = dem("DEM paper", Settings.paper())
-PAPER_WITHOUT = dem("DEM paper p=1", replace(Settings.paper(), p=1, d=1, window=2))
+PAPER_WITHOUT = dem("DEM paper p=1", PAPER_SETTINGS_WITHOUT)
 
 PEERS = (
     *(Method(f"subspace({order})", partial(baselines.subspace, order=order)) for order in (2, 4)),
@@ -40,8 +39,8 @@ TRIVIAL = (
 )
 
 METHODS = (DEM, DEM_WITHOUT, PAPER, PAPER_WITHOUT, *PEERS, *TRIVIAL)
-"""What ``mavdem compare`` compares; the first with each other. p = 1 is what the paper calls without generalized
-coordinates (section V.G): the first derivative, which the model itself needs, and none beyond."""
+"""The methods of ``mavdem compare``; the first is compared with each of the others. p = 1 is what the paper calls
+without generalized coordinates (section V.G): the first derivative only, which the model itself needs."""
 
 GENERALIZED_COORDINATES = ((DEM.name, DEM_WITHOUT.name), (PAPER.name, PAPER_WITHOUT.name))
-"""Names of methods that differ in nothing else: with generalized coordinates, and without."""
+"""Pairs of names: the same method with generalized coordinates, and without."""

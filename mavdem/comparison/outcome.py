@@ -1,42 +1,49 @@
-"""Outcome: what one method makes of one window."""
+"""A method, and its outcome on one window."""
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from time import thread_time
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mavdem.comparison.method import Method
+from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate import Skill, horizons, mspe, skill, skill_by_horizon
+from mavdem.evaluate.flight_windows import Window
+from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster, ProbabilisticForecaster
-from mavdem.windows import Window
 
-Array = NDArray[np.float64]
+
+class Method(NamedTuple):
+    """A method to compare, of a unique ``name``: ``learn`` trains a model on a flight.
+
+    To run in other processes ``learn`` must be a module's function, or a ``partial`` of one.
+    """
+
+    name: str
+    learn: Callable[[Flight], Forecaster]
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What one method made of one window; every error is infinite where it has no forecast.
+    """One method on one window; every error is infinite if it has no forecast.
 
     Attributes:
         method: its name.
-        flight, start: which window.
-        failure: why there is no forecast; empty where there is one.
-        stable: whether no mode of the model grows; ``None`` where there is no model.
-        cautions: what the model itself warns of.
+        flight, start: of the window.
+        failure: why there is no forecast; else empty.
+        stable: whether the model has no growing mode; ``None`` without a model.
+        cautions: of the model.
         mspe: (m,) of the forecast from the end of training, in the squares of the outputs' units.
-        skill: by horizon, the last one that of the whole test part.
-        mspe_from_zero, skill_from_zero: of the forecast of the whole test part that begins with state 0.
-        forecast, forecast_from_zero: (H, m), for pictures; ``None`` where there is none.
-        expected: (H, m) squared error that ``forecast`` expects of itself at each sample, in the squares of the units;
-            ``None`` where the method does not say.
-        band: lower and upper bounds, (H, m) each, between which it holds a sample to lie with probability 0.9; or
-            ``None``.
-        seconds: of a processor that learning took.
+        skill: by horizon; the last one is that of the whole test part.
+        mspe_from_zero, skill_from_zero: of the forecast of the whole test part that starts from state 0.
+        seconds: processor time of the training.
+        forecast, forecast_from_zero: (H, m); ``None`` without a forecast.
+        expected: (H, m) squared error that the model expects of ``forecast``; ``None`` if it has no variance.
+        band: lower and upper edge, (H, m) each, of the 90 % band; or ``None``.
     """
 
     method: str
@@ -49,15 +56,15 @@ class Outcome:
     skill: tuple[Skill, ...]
     mspe_from_zero: Array
     skill_from_zero: Skill
-    forecast: Array | None
-    forecast_from_zero: Array | None
-    expected: Array | None
-    band: tuple[Array, Array] | None
     seconds: float
+    forecast: Array | None = None
+    forecast_from_zero: Array | None = None
+    expected: Array | None = None
+    band: tuple[Array, Array] | None = None
 
     @property
     def diverged(self) -> bool:
-        """Whether there is a forecast, and it runs beyond all numbers."""
+        """Whether there is a forecast and it is infinite or NaN somewhere."""
         return not self.failure and not np.isfinite(self.mspe).all()
 
     def to_dict(self) -> dict[str, Any]:
@@ -67,21 +74,17 @@ class Outcome:
             "stable": self.stable,
             "cautions": list(self.cautions),
             "mspe": {"per_output": self.mspe.tolist(), "total": float(self.mspe.sum())},
-            "skill": [told(one) for one in self.skill],
+            "skill": [skill_values(one) for one in self.skill],
             "from_zero": {
                 "mspe": {"per_output": self.mspe_from_zero.tolist(), "total": float(self.mspe_from_zero.sum())},
-                "skill": told(self.skill_from_zero),
+                "skill": skill_values(self.skill_from_zero),
             },
             "seconds": round(self.seconds, 4),
         }
 
 
-def told(skill: Skill) -> dict[str, Any]:
-    """A skill as plain JSON values by name.
-
-    Args:
-        skill: what is told.
-    """
+def skill_values(skill: Skill) -> dict[str, Any]:
+    """A skill as plain JSON values by name."""
     return skill._asdict() | {
         "per_output": skill.per_output.tolist(),
         "relative_per_output": skill.relative_per_output.tolist(),
@@ -89,20 +92,14 @@ def told(skill: Skill) -> dict[str, Any]:
 
 
 def judge(method: Method, window: Window) -> Outcome:
-    """Learns the first part of a window and forecasts the second; what the data make go wrong is the outcome.
-
-    Args:
-        method: what learns.
-        window: what is learnt from and forecast.
-    """
+    """Trains ``method`` on the first part of ``window`` and forecasts the second; failures are in the outcome."""
     began = thread_time()
-    # What numpy and scipy would warn of is in the outcome.
+    # The outcome has what numpy and scipy would warn of.
     with np.errstate(all="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
             model = method.learn(window.train)
-            seconds = thread_time() - began
-            return _forecast(method, window, model, seconds)
+            return _forecast(method, window, model, thread_time() - began)
         except (ValueError, ArithmeticError, RuntimeError) as error:
             failure = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
             return _failed(method, window, failure, thread_time() - began)
@@ -145,9 +142,5 @@ def _failed(method: Method, window: Window, failure: str, seconds: float) -> Out
         skill=skills,
         mspe_from_zero=infinite,
         skill_from_zero=skills[-1],
-        forecast=None,
-        forecast_from_zero=None,
-        expected=None,
-        band=None,
         seconds=seconds,
     )

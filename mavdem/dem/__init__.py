@@ -1,14 +1,13 @@
 """Dynamic Expectation Maximization of linear models: arrays in, a learnt model out."""
 
-from mavdem.dem.batch import learn_many
-from mavdem.dem.gaussian import Gaussian
-from mavdem.dem.learn import learn
+from mavdem.dem.engine.model import LinearModel
+from mavdem.dem.engine.trace import FreeEnergy, Learning
+from mavdem.dem.graybox import Physical, physical
 from mavdem.dem.learned import Learned
-from mavdem.dem.model import LinearModel
-from mavdem.dem.online import Estimate, OnlineLearner
-from mavdem.dem.physical import Physical, physical
-from mavdem.dem.settings import Settings
-from mavdem.dem.trace import FreeEnergy, Learning
+from mavdem.dem.learning import learn, learn_many
+from mavdem.dem.online.learner import Estimate, OnlineLearner
+from mavdem.dem.settings import Gaussian, Settings
+from mavdem.dem.smoothness import SmoothnessEstimate, estimate_smoothness
 
 __all__ = [
     "Estimate",
@@ -20,6 +19,8 @@ __all__ = [
     "OnlineLearner",
     "Physical",
     "Settings",
+    "SmoothnessEstimate",
+    "estimate_smoothness",
     "learn",
     "learn_many",
     "physical",

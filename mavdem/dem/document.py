@@ -1,324 +1,305 @@
-"""A learnt model as a JSON document, and back: every field by its name, arrays as nested lists."""
+"""The document of a learnt model, ``model.json``: every field by its name, arrays as nested lists.
+
+It depends on the parts of a result, not on :class:`mavdem.dem.Learned`, which converts itself by it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Mapping
+from dataclasses import fields, is_dataclass
+from types import GenericAlias
+from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    PlainValidator,
+    TypeAdapter,
+    ValidationError,
+    ValidationInfo,
+    create_model,
+)
 
-from mavdem.dem.choice import Candidate
-from mavdem.dem.colour import Colour
-from mavdem.dem.determined import Direction
-from mavdem.dem.layout import Layout
-from mavdem.dem.model import LinearModel, Transition
-from mavdem.dem.prediction import Predictor
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.model import LinearModel, Transition
+from mavdem.dem.engine.state_space import StateSpace
+from mavdem.dem.engine.trace import FreeEnergy, Learning
+from mavdem.dem.forecast.mixer import MixerPrior
+from mavdem.dem.forecast.simulation_error import SimulationFit
+from mavdem.dem.forecasts import TrainingForecasts
 from mavdem.dem.record import LARGEST, SHORTEST_STEP, Record
 from mavdem.dem.scaling import Scaling
-from mavdem.dem.scatter import Scatter
-from mavdem.dem.settings import Settings
-from mavdem.dem.trace import FreeEnergy, Learning
-from mavdem.dem.trajectory import Trajectory
-from mavdem.dem.trials import Unseen
+from mavdem.dem.settings import CompleteSettings
+from mavdem.dem.smoothness import SmoothnessEstimate
+from mavdem.dem.uncertainty import Direction, SandwichCovariance
+from mavdem.dem.validation import STRICT, first_problem
 
-if TYPE_CHECKING:
-    from mavdem.dem.learned import Learned
-
-Array = NDArray[np.float64]
-
-ROUNDING = 1e-9
-"""Of a covariance: how far below zero its least variance may be, over the largest."""
-
-ARRAYS = ("theta_covariance", "prior_sd", "free_energy_of_samples", "state_map", "theta")
+ROUNDING = 1e-9  # of a covariance: how far below zero its least variance may be, relative to the largest
 
 
-def values_of(learned: Learned) -> dict[str, Any]:
-    """The fields of a learnt model as plain JSON values."""
-    return {
-        "settings": learned.settings.to_dict(),
-        "model": _lists(learned.model._asdict()),
-        "known": learned.known.tolist(),
-        "free_energy": _lists(learned.free_energy.terms),
-        "learning": _lists(vars(learned.learning)),
-        "settled": learned.settled,
-        "unseen": _lists(learned.unseen._asdict()),
-        "candidates": [{**vars(c), "error": _finite(c.error)} for c in learned.candidates],
-        "dt": learned.dt,
-        "smoothness": learned.smoothness,
-        "colour": None if learned.colour is None else _colour_values(learned.colour),
-        "scatter": None if learned.scatter is None else _lists(learned.scatter._asdict()),
-        "undetermined": [
-            {"weights": direction.weights.tolist(), "share": direction.share} for direction in learned.undetermined
-        ],
-        "cautions": list(learned.cautions),
-        "inputs": learned.record.inputs.tolist(),
-        "outputs": learned.record.outputs.tolist(),
-        "segments": list(learned.record.lengths),
-        "scaling": _lists(learned.scaling._asdict()),
-        "predictor": {
-            "transition": _lists(learned.predictor.transition._asdict()),
-            "C": learned.predictor.C.tolist(),
-            "gain": learned.predictor.gain.tolist(),
-            "of_outputs": learned.predictor.of_outputs.tolist(),
-            "of_inputs": learned.predictor.of_inputs.tolist(),
-        },
-        "trajectory": None if learned.trajectory is None else _trajectory_values(learned.trajectory),
-        **{name: getattr(learned, name).tolist() for name in ARRAYS},
-    }
+KEYS = {"smoothness_estimate": "colour", "simulation_fit": "trajectory", "converged": "settled"}
+"""Of attributes whose keys in the document are older."""
+
+TINY = float(np.finfo(np.float64).tiny)  # the least of what must be positive
 
 
-def fields_of(values: Any) -> dict[str, Any]:
-    """The fields of a learnt model by name, from what :func:`values_of` gave.
-
-    Raises:
-        ValueError: something is missing, of another kind, or of a shape that does not fit the rest.
-    """
-    try:
-        fields = _fields(values)
-        _check(fields)
-    except (KeyError, TypeError, AttributeError, IndexError, OverflowError, AssertionError) as error:
-        raise ValueError(f"not the document of a learnt model: {type(error).__name__} {error}") from None
-    return fields
-
-
-def _fields(values: Mapping[str, Any]) -> dict[str, Any]:
-    predictor, scaling, model = values["predictor"], values["scaling"], LinearModel(**_arrays(values["model"]))
-    sizes = len(model.A), model.B.shape[1], len(model.C)
-    return {
-        "settings": Settings.from_dict(values["settings"]),
-        "model": model,
-        "known": np.array(values["known"], np.bool_),
-        "free_energy": FreeEnergy(_arrays(values["free_energy"])),
-        "learning": Learning(**_arrays(values["learning"])),
-        "settled": bool(values["settled"]),
-        "unseen": Unseen(
-            **_arrays({name: values["unseen"][name] for name in ("mse", "weight", "weighted_mse")}),
-            motors_share=float(values["unseen"]["motors_share"]),
-        ),
-        "candidates": tuple(Candidate(**{**c, "error": _or_infinite(c["error"])}) for c in values["candidates"]),
-        "dt": float(values["dt"]),
-        "smoothness": float(values["smoothness"]),
-        "colour": None if values["colour"] is None else _colour(values["colour"]),
-        "scatter": None if values["scatter"] is None else _scatter(values["scatter"]),
-        "undetermined": tuple(
-            Direction(np.array(direction["weights"], np.float64), float(direction["share"]), sizes)
-            for direction in values["undetermined"]
-        ),
-        "cautions": tuple(values["cautions"]),
-        "record": Record(
-            np.array(values["inputs"], np.float64),
-            np.array(values["outputs"], np.float64),
-            float(values["dt"]),
-            tuple(map(int, values["segments"])),
-        ),
-        "scaling": Scaling(
-            np.array(scaling["input_trim"], float),
-            np.array(scaling["input_scale"], float),
-            np.array(scaling["output_trim"], float),
-            np.array(scaling["output_scale"], float),
-            bool(scaling["constant"]),
-            np.array(scaling["known"], np.bool_),
-        ),
-        "predictor": Predictor(
-            Transition(**_arrays(predictor["transition"])),
-            **_arrays({name: predictor[name] for name in ("C", "gain", "of_outputs", "of_inputs")}),
-        ),
-        "trajectory": None if values["trajectory"] is None else _trajectory(values["trajectory"], sizes[1]),
-        **_arrays({name: values[name] for name in ARRAYS}),
-    }
-
-
-def _scatter(values: Mapping[str, Any]) -> Scatter:
-    return Scatter(np.array(values["covariance"], np.float64), float(values["freedom"]))
-
-
-def _trajectory_values(trajectory: Trajectory) -> dict[str, Any]:
-    return {
-        **_lists({name: getattr(trajectory, name) for name in ("theta", "places", "covariance", "mse", "gain")}),
-        "numbers": trajectory.numbers,
-        "horizon": trajectory.horizon,
-        "settled": trajectory.settled,
-        "terms": _lists(trajectory.terms),
-        "layout": None if trajectory.layout is None else _lists(trajectory.layout._asdict()),
-    }
-
-
-def _trajectory(values: Mapping[str, Any], rotors: int) -> Trajectory:
-    return Trajectory(
-        **_arrays({name: values[name] for name in ("theta", "covariance", "mse", "gain")}),
-        places=np.array(values["places"], np.intp),
-        numbers=float(values["numbers"]),
-        horizon=int(values["horizon"]),
-        terms=_arrays(values["terms"]),
-        settled=bool(values["settled"]),
-        layout=None if values["layout"] is None else _layout(values["layout"], rotors),
-    )
-
-
-def _layout(values: Mapping[str, Any], rotors: int) -> Layout:
-    # Of no combination there is no row that would tell how many rotors there are.
-    quiet = np.array(values["quiet"], np.float64)
-    return Layout(quiet if quiet.size else np.empty((0, rotors)), float(values["log_odds"]))
-
-
-def _colour_values(colour: Colour) -> dict[str, Any]:
-    return {
-        "smoothness": colour.smoothness,
-        "log_sd": _finite(colour.log_sd),
-        "tried": colour.tried.tolist(),
-        "free_energy": colour.free_energy.tolist(),
-    }
-
-
-def _colour(values: Mapping[str, Any]) -> Colour:
-    arrays = _arrays({name: values[name] for name in ("tried", "free_energy")})
-    return Colour(float(values["smoothness"]), _or_infinite(values["log_sd"]), **arrays)
-
-
-def _check(fields: dict[str, Any]) -> None:
-    """That every array is finite and of the shape that the model, the data and the settings give it."""
-    model, settings, scaling = fields["model"], fields["settings"], fields["scaling"]
-    unseen, scatter = fields["unseen"], fields["scatter"]
-    record = fields["record"]
-    inputs, outputs = record.inputs, record.outputs
-    tables = {"model.A": model.A, "unseen.mse": unseen.mse, "inputs": inputs, "outputs": outputs}
-    for name, table in tables.items():
-        if table.ndim != 2 or not table.size:
-            raise ValueError(f"{name} must be a table, not of shape {table.shape}")
-    n, (T, r), m = len(model.A), inputs.shape, outputs.shape[1]
-    k, p, d, driven = n * n + n * r + m * n, settings.p, settings.d, r + scaling.constant
-    data = m * (p + 1) + driven * (d + 1)
-    shapes = {
-        "model.A": (model.A, (n, n)),
-        "model.B": (model.B, (n, r)),
-        "model.C": (model.C, (m, n)),
-        "model.offset": (model.offset, (n,)),
-        "model.input_trim": (model.input_trim, (r,)),
-        "model.output_trim": (model.output_trim, (m,)),
-        "theta_covariance": (fields["theta_covariance"], (k, k)),
-        **({"scatter.covariance": (scatter.covariance, (k, k))} if scatter else {}),
-        **{f"undetermined[{i}]": (d.weights, (k,)) for i, d in enumerate(fields["undetermined"])},
-        "prior_sd": (fields["prior_sd"], (k,)),
-        "known": (fields["known"], (k,)),
-        "inputs": (inputs, (T, r)),
-        "outputs": (outputs, (T, m)),
-        "unseen.mse": (unseen.mse, (len(unseen.mse), m)),
-        "unseen.weight": (unseen.weight, unseen.mse.shape),
-        "unseen.weighted_mse": (unseen.weighted_mse, unseen.mse.shape),
-        "scaling.input_trim": (scaling.input_trim, (r,)),
-        "scaling.input_scale": (scaling.input_scale, (r,)),
-        "scaling.known": (scaling.known, (r,)),
-        "scaling.output_trim": (scaling.output_trim, (m,)),
-        "scaling.output_scale": (scaling.output_scale, (m,)),
-        **_predictor_shapes(fields["predictor"], n, m, driven),
-        "state_map": (fields["state_map"], (n * (p + 1) + driven * (d + 1), data)),
-        "theta": (fields["theta"], (n * n + n * driven + m * n,)),
-    }
-    if fields["trajectory"] is not None:
-        shapes |= _trajectory_shapes(fields["trajectory"], fields["theta"], n, r, m)
-    for name, (array, shape) in shapes.items():
-        if array.shape != shape or not np.isfinite(array).all():
-            raise ValueError(f"{name} must be finite and of shape {shape}, not {array.shape}")
-    for name, table in (("inputs", inputs), ("outputs", outputs)):
-        if np.abs(table).max() > LARGEST:
-            raise ValueError(f"{name} must not be larger than {LARGEST:g}")
-    if fields["trajectory"] is not None:
-        _check_trajectory(fields["trajectory"], T)
-    if len(fields["free_energy_of_samples"]) != record.windows(settings.window or T + 1):
-        raise ValueError("free_energy_of_samples must have one value for each sample with a whole window")
-    if sum(record.lengths) != T or min(record.lengths, default=0) < 1:
-        raise ValueError(f"segments must be positive lengths that sum to {T}, not {record.lengths}")
-    open_settings = [
-        name for name in ("order", "d", "window", "parameter_precision") if getattr(settings, name) is None
-    ]
-    if open_settings or settings.smoothness == "learn":
-        raise ValueError(f"settings must be complete, not without {', '.join(open_settings or ['smoothness'])}")
-    scales = {
-        "dt": fields["dt"],
-        "smoothness": fields["smoothness"],
-        "scaling.input_scale": scaling.input_scale,
-        "scaling.output_scale": scaling.output_scale,
-        "prior_sd": fields["prior_sd"],
-        "theta_covariance": np.diag(fields["theta_covariance"]),
-        **({"scatter": np.append(np.diag(scatter.covariance), scatter.freedom)} if scatter else {}),
-    }
-    for name, values in scales.items():
-        if not (np.isfinite(values).all() and np.all(np.asarray(values) > 0)):
-            raise ValueError(f"{name} must be positive")
-    if not SHORTEST_STEP <= fields["dt"] <= 1 / SHORTEST_STEP:
-        raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {fields['dt']}")
-    if not (unseen.mse >= 0).all() or not (unseen.weighted_mse >= 0).all():
-        raise ValueError("unseen.mse and unseen.weighted_mse must not be negative")
-    terms = fields["free_energy"].terms
-    lengths = {len(term) for term in terms.values()}
-    lengths |= {len(rows) for rows in vars(fields["learning"]).values()}
-    if not terms or len(lengths) != 1 or 0 in lengths:
-        raise ValueError("free_energy and learning must have as many rows")
-
-
-def _predictor_shapes(predictor: Predictor, n: int, m: int, driven: int) -> dict[str, tuple[Array, tuple[int, ...]]]:
-    """Its state is that of the vehicle, n, or more."""
-    carried = max(n, len(predictor.C.T))
-    return {
-        "predictor.state": (predictor.transition.state, (carried, carried)),
-        "predictor.input_now": (predictor.transition.input_now, (carried, driven)),
-        "predictor.input_next": (predictor.transition.input_next, (carried, driven)),
-        "predictor.C": (predictor.C, (m, carried)),
-        "predictor.gain": (predictor.gain, (carried, m)),
-        "predictor.of_outputs": (predictor.of_outputs, (carried, m)),
-        "predictor.of_inputs": (predictor.of_inputs, (carried, driven)),
-    }
-
-
-def _trajectory_shapes(
-    trajectory: Trajectory, theta: Array, n: int, r: int, m: int
-) -> dict[str, tuple[Array, tuple[int, ...]]]:
-    """Which shape its arrays must have."""
-    free, places, layout = len(trajectory.places), trajectory.places, trajectory.layout
-    if not (free and places.min() >= 0 and places.max() < len(theta) and len(np.unique(places)) == free):
-        raise ValueError("trajectory.places must be different places of theta")
-    if not (trajectory.numbers > free and trajectory.horizon >= 1 and len(trajectory.mse)):
-        raise ValueError("trajectory must have more numbers than places, a horizon and errors of forecasts")
-    return {
-        "trajectory.theta": (trajectory.theta, theta.shape),
-        "trajectory.covariance": (trajectory.covariance, (free, free)),
-        "trajectory.mse": (trajectory.mse, (len(trajectory.mse), m)),
-        "trajectory.gain": (trajectory.gain, (n, m)),
-        **({} if layout is None else {"trajectory.layout.quiet": (layout.quiet, (len(layout.quiet), r))}),
-    }
-
-
-def _check_trajectory(trajectory: Trajectory, samples: int) -> None:
-    """That what has a shape also is what it is called, of a record of so many samples."""
-    if not (np.isfinite(trajectory.numbers) and trajectory.horizon <= samples):
-        raise ValueError(f"trajectory must have finite numbers, and a horizon within its {samples} samples")
-    if not (trajectory.mse >= 0).all():
-        raise ValueError("trajectory.mse must not be negative")
-    variances = np.linalg.eigvalsh(trajectory.covariance)
+def _covariance(array: Array) -> Array:
+    variances = np.linalg.eigvalsh(array)
     if not variances[0] >= -ROUNDING * variances[-1]:
-        raise ValueError("trajectory.covariance must be positive definite")
-    terms = trajectory.terms
-    rounds = {term.shape for term in terms.values()}
-    if "noise entropy" not in terms or len(rounds) != 1 or len(*rounds) != 1 or (0,) in rounds:
-        raise ValueError("trajectory.terms must be named as those of the free energy, each with as many values")
-    layout = trajectory.layout
-    if layout is not None and not np.isfinite(layout.log_odds):
-        raise ValueError("trajectory.layout must have finite log_odds")
+        raise ValueError("must be positive definite")
+    return array
 
 
-def _finite(value: float) -> float | None:
-    """JSON has no infinity: nothing stands for it."""
-    return value if np.isfinite(value) else None
+def _variances(array: Array) -> Array:
+    if not (array.diagonal() > 0).all():
+        raise ValueError("must be positive on its diagonal")
+    return array
 
 
-def _or_infinite(value: float | None) -> float:
-    return np.inf if value is None else float(value)
+def _step(value: Any) -> Any:
+    if not (isinstance(value, float | int) and SHORTEST_STEP <= value <= 1 / SHORTEST_STEP):
+        raise ValueError(f"must be positive seconds, at least {SHORTEST_STEP:g}, not {value!r}")
+    return value
 
 
-def _lists(arrays: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: np.asarray(value).tolist() for name, value in arrays.items()}
+def _innovation_form(value: Any) -> Any:
+    """The predictor of an older document, whose filter corrects the state of each sample, in today's form."""
+    if not (isinstance(value, dict) and "transition" in value):
+        return value
+    try:
+        transition = Transition(**{name: np.array(matrix, np.float64) for name, matrix in value["transition"].items()})
+        C, gain, *first = (np.array(value[name], np.float64) for name in ("C", "gain", "of_outputs", "of_inputs"))
+        return _plain(StateSpace.of_transition(transition, C, gain, (first[0], first[1])))
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        raise ValueError(f"is not a predictor: {error}") from None
 
 
-def _arrays(values: Mapping[str, Any]) -> dict[str, Array]:
-    return {name: np.array(value, dtype=np.float64) for name, value in values.items()}
+def _shape(sizes: str, least: float = -np.inf, most: float = np.inf, dtype: DTypeLike = np.float64) -> Any:
+    """The type of nested lists that become an array of finite numbers between ``least`` and ``most``.
+
+    Equal names of ``sizes`` are equal throughout a document: the validation's context holds those found so far.
+    """
+    names = sizes.split()
+    shape = f"({', '.join(names)})"
+
+    def validated(value: Any, info: ValidationInfo) -> NDArray[Any]:
+        try:
+            array = np.array(value, dtype)
+        except (TypeError, ValueError, OverflowError):
+            raise ValueError(f"must be numbers of shape {shape}") from None
+        known: dict[str, int] = {} if info.context is None else info.context
+        if not array.size and len(names) == 2:
+            array = array.reshape(0, known.get(names[1], 0))
+        if array.ndim != len(names) or not np.isfinite(array).all():
+            raise ValueError(f"must be finite and of shape {shape}, not {array.shape}")
+        expected = tuple(known.setdefault(name, size) for name, size in zip(names, array.shape, strict=True))
+        if array.shape != expected:
+            raise ValueError(f"must be of shape {expected}, not {array.shape}")
+        if not (array >= least).all():
+            raise ValueError("must be positive" if least > 0 else "must not be negative")
+        if not (np.abs(array) <= most).all():
+            raise ValueError(f"must not be larger than {most:g}")
+        return array
+
+    return Annotated[Any, PlainValidator(validated)]
+
+
+def _part(kind: Callable[..., Any], **hints: Any) -> Any:
+    """The type of an object of these fields, which makes a ``kind`` of them; a text is the sizes of an array."""
+    given = {name: (_shape(hint) if isinstance(hint, str) else hint, ...) for name, hint in hints.items()}
+    model = create_model(kind.__name__, __config__=STRICT, **given)  # type: ignore[call-overload]
+    return Annotated[model, AfterValidator(lambda part: kind(**dict(part)))]
+
+
+def _by_name(sizes: str) -> Any:
+    """Arrays of one shape by name."""
+    return GenericAlias(dict, (str, _shape(sizes)))
+
+
+Covariance: Any = Annotated[_shape("k k"), AfterValidator(_variances)]
+Step = Annotated[float, BeforeValidator(_step)]
+Whole = Annotated[int, Field(ge=1)]
+Positive = Annotated[float, Field(gt=0)]
+Unbounded = Annotated[float | None, AfterValidator(lambda value: np.inf if value is None else value)]
+"""JSON has no infinity: null represents it."""
+
+DOCUMENT = TypeAdapter(
+    _part(
+        dict,
+        settings=Any,
+        inputs=_shape("T r", most=LARGEST),
+        outputs=_shape("T m", most=LARGEST),
+        segments=list[Whole],
+        dt=Step,
+        smoothness=Positive,
+        model=_part(LinearModel, A="n n", B="n r", C="m n", offset="n", input_trim="r", output_trim="m"),
+        theta_covariance=Covariance,
+        prior_sd=_shape("k", least=TINY),
+        known=_shape("k", dtype=np.bool_),
+        free_energy=_by_name("iterations"),
+        learning=_part(
+            Learning,
+            theta="iterations k",
+            theta_sd="iterations k",
+            lambda_="iterations g",
+            lambda_sd="iterations g",
+        ),
+        settled=bool,
+        training_forecasts=_part(
+            TrainingForecasts,
+            mse=_shape("H m", least=0),
+            weight="H m",
+            weighted_mse=_shape("H m", least=0),
+            motors_share=float,
+        ),
+        colour=_part(SmoothnessEstimate, smoothness=float, log_sd=Unbounded, tried="tried", free_energy="tried") | None,
+        scatter=_part(SandwichCovariance, covariance=Covariance, freedom=Positive) | None,
+        undetermined=GenericAlias(list, (_part(dict, weights="k", share=float),)),
+        cautions=list[str],
+        scaling=_part(
+            Scaling,
+            input_trim="r",
+            input_scale=_shape("r", least=TINY),
+            output_trim="m",
+            output_scale=_shape("m", least=TINY),
+            constant=bool,
+            known=_shape("r", dtype=np.bool_),
+        ),
+        predictor=Annotated[
+            _part(
+                StateSpace,
+                A="carried carried",
+                B="carried driven",
+                C="m carried",
+                D="m driven",
+                K="carried m",
+                offset="carried",
+                input_trim="driven",
+                output_trim="m",
+                second_of_outputs="carried m",
+                second_of_inputs="carried driven",
+            ),
+            BeforeValidator(_innovation_form),
+        ],
+        trajectory=_part(
+            SimulationFit,
+            theta="K",
+            places=_shape("free", least=0, dtype=np.intp),
+            covariance=Annotated[_shape("free free"), AfterValidator(_covariance)],
+            mse=_shape("longest m", least=0),
+            gain="n m",
+            numbers=float,
+            horizon=Whole,
+            settled=bool,
+            terms=_by_name("rounds"),
+            layout=_part(MixerPrior, quiet="combinations r", log_odds=float) | None,
+        )
+        | None,
+        free_energy_of_samples="windows",
+        state_map="X data",
+        theta="K",
+    )
+)
+"""The document by its keys. Sizes: T samples, r inputs, m outputs, n states, k parameters of the vehicle, K of the
+engine, which may have a constant input more."""
+
+
+def values_of(parts: Mapping[str, Any]) -> dict[str, Any]:
+    """Plain JSON values of the fields of a learnt model, ``parts`` by name."""
+    record: Record = parts["record"]
+    values = {name: _plain(value) for name, value in parts.items() if name != "record"}
+    # A direction's sizes are those of the model.
+    directions = [{"weights": one["weights"], "share": one["share"]} for one in values["undetermined"]]
+    values |= {key: values.pop(name) for name, key in KEYS.items()}
+    return {
+        **values,
+        "free_energy": _plain(parts["free_energy"].terms),
+        "undetermined": directions,
+        "inputs": record.inputs.tolist(),
+        "outputs": record.outputs.tolist(),
+        "segments": list(record.lengths),
+    }
+
+
+def parts_of(values: Any) -> dict[str, Any]:
+    """The fields of a learnt model, from what :func:`values_of` returned; ``ValueError`` if one does not fit."""
+    sizes: dict[str, int] = {}
+    try:
+        parts: dict[str, Any] = DOCUMENT.validate_python(_current(values), context=sizes)
+    except ValidationError as error:
+        problem = first_problem(error)
+        missing = problem.endswith("is missing") or not isinstance(values, dict)
+        raise ValueError(f"not the document of a learnt model: {problem}" if missing else problem) from None
+    parts |= {name: parts.pop(key) for name, key in KEYS.items()}
+    parts["settings"] = CompleteSettings.from_dict(parts["settings"])
+    inputs, outputs, segments = (parts.pop(name) for name in ("inputs", "outputs", "segments"))
+    parts["record"] = Record(inputs, outputs, parts["dt"], tuple(segments))
+    _check(parts, sizes)
+    model_sizes = sizes["n"], sizes["r"], sizes["m"]
+    parts["undetermined"] = tuple(Direction(**one, sizes=model_sizes) for one in parts["undetermined"])
+    return {
+        **parts,
+        "free_energy": FreeEnergy(parts["free_energy"]),
+        "cautions": tuple(parts["cautions"]),
+    }
+
+
+def _current(values: Any) -> Any:
+    """A document with the keys of today: version 0.1 wrote every candidate, and "unseen" for the training forecasts."""
+    if not (isinstance(values, dict) and "unseen" in values):
+        return values
+    kept = {name: value for name, value in values.items() if name not in ("unseen", "candidates")}
+    return {"training_forecasts": values["unseen"], **kept}
+
+
+def _check(parts: Mapping[str, Any], sizes: Mapping[str, int]) -> None:
+    """Whether sizes follow from each other, and what else a single field does not show."""
+    record, settings, simulation_fit = parts["record"], parts["settings"], parts["simulation_fit"]
+    n, r, m, T, p = (*(sizes[name] for name in ("n", "r", "m", "T")), settings.p)
+    driven = r + parts["scaling"].constant
+    expected = {
+        "k": n * n + n * r + m * n,
+        "K": n * n + n * driven + m * n,
+        "driven": driven,
+        "data": m * (p + 1) + driven * (settings.d + 1),
+        "X": n * (p + 1) + driven * (settings.d + 1),
+        "T": sum(record.lengths),
+        "windows": record.windows(settings.window),
+    }
+    for name, size in expected.items():
+        if sizes[name] != size:
+            raise ValueError(f"the document's arrays must have {name} = {size}, not {sizes[name]}")
+    if not (min(n, r, m, T, sizes["H"], sizes.get("iterations", 0)) and sizes["carried"] >= n):
+        raise ValueError("the document's arrays must not be empty")
+    if simulation_fit is not None:
+        _check_simulation_fit(simulation_fit, sizes)
+
+
+def _check_simulation_fit(fit: SimulationFit, sizes: Mapping[str, int]) -> None:
+    free, T = sizes["free"], sizes["T"]
+    if not (free and fit.places.max() < sizes["K"] and len(np.unique(fit.places)) == free):
+        raise ValueError("trajectory.places must be different indices of theta")
+    if not (fit.numbers > free and fit.horizon <= T and sizes["longest"]):
+        raise ValueError(f"trajectory must have more numbers than places, and a horizon within its {T} samples")
+    if not ("noise entropy" in fit.terms and sizes["rounds"]):
+        raise ValueError("trajectory.terms must be named like those of the free energy")
+
+
+def _plain(value: Any) -> Any:
+    """Arrays, tuples and dataclasses as lists and dictionaries."""
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    if isinstance(value, CompleteSettings):
+        return value.to_dict()
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
+    elif is_dataclass(value):
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {name: _plain(inner) for name, inner in value.items()}
+    if isinstance(value, tuple | list):
+        return [_plain(inner) for inner in value]
+    return None if isinstance(value, float) and np.isinf(value) else value

@@ -3,116 +3,116 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import TYPE_CHECKING, Any
+from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm
 
-from mavdem.dem.believed import believed, expected_error, sizes
-from mavdem.dem.choice import Candidate
-from mavdem.dem.colour import Colour
-from mavdem.dem.determined import Direction, undetermined, without
-from mavdem.dem.document import fields_of, values_of
-from mavdem.dem.fit import Fit, generalized, held_by_prior, of_vehicle
-from mavdem.dem.json_text import json_values
-from mavdem.dem.level import require_probability
-from mavdem.dem.model import HELD, LinearModel, unpack
-from mavdem.dem.physical import Physical, physical
-from mavdem.dem.positive import inverse
-from mavdem.dem.prediction import Predictor
+from mavdem.dem.document import parts_of, values_of
+from mavdem.dem.engine.linalg import Array, inverse
+from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
+from mavdem.dem.engine.state_space import StateSpace
+from mavdem.dem.engine.trace import FreeEnergy, Learning
+from mavdem.dem.fitting import Fit, generalized, held_by_prior, of_vehicle
+from mavdem.dem.forecast.simulation_error import SimulationFit
+from mavdem.dem.forecasts import Forecasts, TrainingForecasts
+from mavdem.dem.graybox import Physical, physical
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
-from mavdem.dem.scatter import Certainty, Scatter
-from mavdem.dem.settings import Settings
-from mavdem.dem.trace import FreeEnergy, Learning
-from mavdem.dem.trajectory import Trajectory
-from mavdem.dem.trials import Unseen
+from mavdem.dem.selection import Candidate
+from mavdem.dem.settings import CompleteSettings
+from mavdem.dem.smoothness import SmoothnessEstimate
+from mavdem.dem.uncertainty import (
+    Direction,
+    ParameterUncertainty,
+    SandwichCovariance,
+    marginal_information,
+    undetermined_directions,
+)
+from mavdem.dem.validation import LEVEL, json_values, require_probability
 
-Array = NDArray[np.float64]
+may_overflow = np.errstate(over="ignore", invalid="ignore")
+"""Forecasts of an unstable model, or with huge inputs, overflow to infinity or NaN without a warning."""
 
-beyond_numbers = np.errstate(over="ignore", invalid="ignore")
-"""Around what an unstable model, or inputs without measure, may lead beyond all numbers: infinite or NaN, unwarned."""
+RENAMED = {
+    "colour": "smoothness_estimate",
+    "settled": "converged",
+    "trajectory": "simulation_fit",
+    "unseen": "training_forecasts",
+}
+"""Attributes of earlier versions, which still work with a warning."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Learned:
-    """A learnt model with its posterior, its climb and its forecasts, in physical units.
+    """A learnt model with its posterior, its iterations and its forecasts, in physical units.
 
     Attributes:
         settings: as used, with nothing left open.
         model: posterior means.
-        theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units: along
-            trajectories, or in generalized coordinates where θ stayed there.
-        scatter: of the estimate of θ, physical units: how far it would fall from here on other data of this kind. It
-            does not count neighbouring samples as independent, as the posterior does; see ``model_interval``. ``None``
-            where F̄ has no maximum.
-        undetermined: combinations of parameters of which the data tell less than the prior.
-        prior_sd: (k,) prior standard deviations of θ in generalized coordinates; along trajectories they are wider.
-        known: (k,) which parameters the prior holds to what is known beforehand: that a rate is the derivative of its
-            angle, that C = [I 0]. The others are left to the data.
+        theta_covariance: (k, k) posterior covariance of θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)], physical units: of the
+            simulation-error fit, or of DEM where there was none.
+        scatter: sandwich covariance of the estimate of θ, physical units, over data of this kind. Unlike the posterior
+            it allows for correlated samples; see ``model_interval``. ``None`` where F̄ has no maximum.
+        undetermined: combinations of parameters that the data determine less than the prior.
+        prior_sd: (k,) prior standard deviations of θ in DEM; those of the simulation-error fit are wider.
+        known: (k,) which parameters the prior fixes: that a rate is the derivative of its angle, that C = [I 0].
         free_energy: by iteration, with its named terms.
-        free_energy_of_samples: (T′,) F(t) of the samples at ``places``: how well each agrees with the model.
+        free_energy_of_samples: (T′,) F(t) of the samples at ``places``: how well each sample agrees with the model.
         learning: parameters and hyperparameters by iteration.
-        settled: whether F̄ had stopped rising; where not, a caution says how the climb ended.
-        candidates: every choice that was tried.
+        converged: whether the last fit converged; where not, a caution says how it ended.
         dt: sampling step, s.
         smoothness: kernel width s of the noise, s.
-        colour: how it was found and how flat F̄ᵒ is about it, where the settings left it to be learnt.
+        smoothness_estimate: of ``Settings(smoothness="learn")``, with its uncertainty; ``None`` for others.
         record: the training data, physical.
-        unseen: what forecasts of each half of the training data by a model of the other half tell.
-        cautions: one sentence for each thing a user must know before trusting the model.
-        trajectory: how θ climbed on along trajectories, in the engine's units; ``None`` where it did not.
-        scaling, predictor, state_map, theta: the engine's own, in its units: what :meth:`one_step`, :meth:`forecast`
-            and :meth:`process_noise` compute with.
+        training_forecasts: forecasts of the training data, and the error to expect of others.
+        cautions: limits of the model, one sentence each.
+        simulation_fit: the simulation-error fit of θ, in the engine's units; ``None`` where there was none.
+        scaling, predictor, state_map, theta: what :meth:`one_step`, :meth:`forecast` and :meth:`process_noise` compute
+            with, in the engine's units.
     """
 
-    settings: Settings
+    settings: CompleteSettings
     model: LinearModel
     theta_covariance: Array
-    scatter: Scatter | None
+    scatter: SandwichCovariance | None
     undetermined: tuple[Direction, ...]
     prior_sd: Array
     known: NDArray[np.bool_]
     free_energy: FreeEnergy
     free_energy_of_samples: Array
     learning: Learning
-    settled: bool
-    candidates: tuple[Candidate, ...]
+    converged: bool
     dt: float
     smoothness: float
-    colour: Colour | None
+    smoothness_estimate: SmoothnessEstimate | None
     record: Record
-    unseen: Unseen
+    training_forecasts: TrainingForecasts
     cautions: tuple[str, ...]
     scaling: Scaling
-    predictor: Predictor
+    predictor: StateSpace
     state_map: Array
     theta: Array
-    trajectory: Trajectory | None
+    simulation_fit: SimulationFit | None
 
     @classmethod
     def of(
         cls,
         fit: Fit,
         record: Record,
-        certainty: Certainty,
+        uncertainty: ParameterUncertainty,
         free_energy_of_samples: Array,
-        unseen: Unseen,
-        candidates: tuple[Candidate, ...],
-        colour: Colour | None,
+        training_forecasts: TrainingForecasts,
+        smoothness_estimate: SmoothnessEstimate | None,
         cautions: tuple[str, ...],
     ) -> Learned:
-        """The result of a fit to the training data it was made from.
+        """The result of a finished ``fit``, in the engine's units, to the training data ``record`` it was made from.
 
-        Args:
-            fit: the settled (or given up) fit, in the engine's units.
-            record: the training data it was made from, in physical units.
-            certainty: of the fit's θ, in the engine's units.
-            free_energy_of_samples: F(t) of its generalized samples.
-            unseen: forecasts of data that the fit has not seen.
-            candidates, colour, cautions: as in :class:`Learned`, found outside the fit.
+        ``uncertainty`` is of the fit's θ, ``free_energy_of_samples`` of its generalized samples;
+        ``training_forecasts``, ``smoothness_estimate`` and ``cautions`` were found outside the fit.
         """
         order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
         scale = scaling.parameter_scale(order)
@@ -120,19 +120,19 @@ class Learned:
         of_motors = np.ix_(motors, motors)
         precision = fit.model.prior.theta_precision
         prior_covariance = inverse(precision) * np.outer(scale, scale)
-        covariance, scatter = ascent.belief.theta_covariance, certainty.scatter
-        if fit.trajectory is not None:
-            covariance = fit.trajectory.theta_covariance(inverse(precision))
-            scatter = Scatter(covariance, fit.trajectory.freedom)
+        covariance, scatter = ascent.belief.theta_covariance, uncertainty.scatter
+        if fit.simulation_fit is not None:
+            covariance = fit.simulation_fit.theta_covariance(inverse(precision))
+            scatter = SandwichCovariance(covariance, fit.simulation_fit.freedom)
         covariance = covariance * np.outer(scale, scale)
         held = held_by_prior(np.diag(precision)[motors], scale[motors], fit.settings, record)
-        information = without(certainty.information, precision, motors)
+        information = marginal_information(uncertainty.information, precision, motors)
         return cls(
             settings=fit.settings,
             model=scaling.physical_model(ascent.belief.theta, order),
             theta_covariance=covariance[of_motors],
             scatter=scatter and scatter._replace(covariance=(scatter.covariance * np.outer(scale, scale))[of_motors]),
-            undetermined=undetermined(
+            undetermined=undetermined_directions(
                 information, precision[of_motors], ~held, (order, record.inputs.shape[1], fit.model.m)
             ),
             prior_sd=np.sqrt(np.diag(prior_covariance))[motors],
@@ -140,54 +140,65 @@ class Learned:
             free_energy=FreeEnergy(dict(ascent.terms)),
             free_energy_of_samples=free_energy_of_samples,
             learning=Learning(
-                (ascent.theta * scale)[:, motors],
-                (ascent.theta_sd * scale)[:, motors],
+                (ascent.theta * scale)[:, motors].copy(),
+                (ascent.theta_sd * scale)[:, motors].copy(),
                 ascent.lambda_,
                 ascent.lambda_sd,
             ),
-            settled=fit.settled,
-            candidates=candidates,
+            converged=fit.converged,
             dt=record.dt,
             smoothness=fit.smoothness,
-            colour=colour,
+            smoothness_estimate=smoothness_estimate,
             record=record,
-            unseen=unseen,
+            training_forecasts=training_forecasts,
             cautions=cautions,
             scaling=scaling,
             predictor=fit.predictor,
-            state_map=ascent.state_map,
+            state_map=np.ascontiguousarray(ascent.state_map),
             theta=ascent.belief.theta,
-            trajectory=fit.trajectory,
+            simulation_fit=fit.simulation_fit,
         )
 
     def __repr__(self) -> str:
-        (n, r), m, told = self.model.B.shape, len(self.model.C), len(self.cautions)
+        (n, r), m, number = self.model.B.shape, len(self.model.C), len(self.cautions)
         return (
             f"<Learned: {n} states, {r} inputs, {m} outputs from {len(self.record)} samples at {1 / self.dt:.6g} Hz, "
-            f"F̄ {self.free_energy[-1]:,.0f}{'' if self.settled else ' (not settled)'}, "
-            f"{told} caution{'' if told == 1 else 's'}>"
+            f"F̄ {self.free_energy[-1]:,.0f}{'' if self.converged else ' (not converged)'}, "
+            f"{number} caution{'' if number == 1 else 's'}>"
         )
 
     @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """Deprecated: what was used is in :attr:`settings`; its only entry."""
+        warn("Learned.candidates is deprecated: Learned.settings has what was used", DeprecationWarning, stacklevel=2)
+        error = np.mean(self.training_forecasts.mse / self.record.outputs.var(axis=0))
+        return (Candidate(self.settings.window, self.settings.parameter_precision, float(error)),)
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name not in RENAMED:
+                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+            warn(f"Learned.{name} is now Learned.{RENAMED[name]}", DeprecationWarning, stacklevel=2)
+            return getattr(self, RENAMED[name])
+
+    @property
     def model_sd(self) -> LinearModel:
-        """DEM's posterior standard deviations in the places of A, B and C; the offset's and trims' are NaN.
+        """DEM's posterior standard deviations, arranged like A, B and C; the offset's and trims' are NaN.
 
-        They count neighbouring samples as independent and so are too small; see :meth:`model_interval`.
+        They count neighbouring samples as independent and are too small; see :meth:`model_interval`.
         """
-        return self._in_places(np.sqrt(np.diag(self.theta_covariance)))
+        return self._arranged(np.sqrt(np.diag(self.theta_covariance)))
 
-    def _in_places(self, values: Array) -> LinearModel:
+    def _arranged(self, values: Array) -> LinearModel:
         (n, r), m = self.model.B.shape, len(self.model.C)
         return LinearModel(*unpack(values, n, r, m), np.full(n, np.nan), np.full(r, np.nan), np.full(m, np.nan))
 
-    def model_interval(self, level: float = 0.9) -> LinearModel:
-        """Half widths, in the places of A, B and C, of intervals about the estimates; the offset's and trims' are NaN.
+    def model_interval(self, level: float = LEVEL) -> LinearModel:
+        """Half widths of intervals, arranged like A, B and C; the offset's and trims' are NaN.
 
-        An interval holds its parameter with probability ``level`` as far as the estimate's :attr:`scatter` tells: that
-        the motors answer the very disturbance which is called noise biases the estimate, and is not in it.
-
-        Args:
-            level: probability, between 0 and 1.
+        An interval contains its parameter with probability ``level`` as far as :attr:`scatter` goes. The bias of closed
+        loop, where inputs are correlated with the disturbance, is not included.
 
         Returns:
             NaN throughout where :attr:`scatter` is not known.
@@ -197,12 +208,12 @@ class Learned:
         """
         require_probability(level)
         if self.scatter is None:
-            return self._in_places(np.full(len(self.theta_covariance), np.nan))
-        return self._in_places(self.scatter.half_width(level))
+            return self._arranged(np.full(len(self.theta_covariance), np.nan))
+        return self._arranged(self.scatter.half_width(level))
 
     @cached_property
     def physical(self) -> Physical | None:
-        """What motors, damping and lag are, read off the training data by themselves; ``None`` where they tell nothing.
+        """The gray-box model of motors, damping and lag, of all the training data; ``None`` where none can be fitted.
 
         See :func:`mavdem.dem.physical`.
         """
@@ -211,12 +222,12 @@ class Learned:
         except ValueError:
             return None
 
-    @beyond_numbers
+    @may_overflow
     def one_step(self) -> Array:
         """(T, m): each training sample predicted from those before it and the inputs; a segment's first is the trim."""
         predictions = []
         for inputs, outputs in self.scaling.scale_segments(self.record):
-            ahead = self.predictor.one_step(outputs, inputs)
+            ahead = self.predictor.one_step(inputs, outputs)
             predictions += [self.scaling.output_trim[None], self.scaling.physical_outputs(ahead)]
         return np.concatenate(predictions)
 
@@ -228,171 +239,71 @@ class Learned:
     @property
     def stable(self) -> bool:
         """Whether no mode of the model grows, but for rounding."""
-        return self.spectral_radius <= 1 + HELD
+        return self.spectral_radius <= 1 + STABILITY_TOLERANCE
 
-    @beyond_numbers
+    @may_overflow
     def forecast(self, inputs: ArrayLike, from_zero: bool = False) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.
 
-        The model runs on from the state at the end of training. With ``shrink_forecasts`` each sample's deviation from
-        the trim is believed as far as the posterior of θ is sure of it (``mavdem.dem.believed``): what inputs beyond
-        those learnt from ask of uncertain parameters is not, and the less the farther it leads. Where θ climbed along
-        no trajectories, it has the weight that forecasts of unseen training data earned one so long.
+        It continues from the state at the end of training. With ``shrink_forecasts`` each deviation from the trim is
+        shrunk by the posterior variance of θ (``mavdem.dem.forecast.shrinkage``): more with inputs larger than those
+        of the training data, and for larger deviations. Without a simulation-error fit the deviation has the weight
+        that is best for forecasts of that length inside the training data.
 
-        Args:
-            inputs: (H, r) motor outputs over the forecast, in the unit of the training inputs.
-            from_zero: begin with state 0 at row 0 (the outputs at their trim), as the paper's figures do.
-
-        Returns:
-            (H, m).
+        ``inputs`` (H, r) are the motor outputs over the forecast, in the unit of the training inputs; the result is
+        (H, m). ``from_zero`` begins with state 0 at row 0 (the outputs at their trim), as the paper's figures do.
 
         Raises:
             ValueError: inputs of another width, or not finite.
         """
-        ahead = self.record.following_inputs(inputs)
-        deviation = self._deviation(ahead, from_zero)
-        return self.scaling.physical_outputs(self._believed(deviation, *self._with(ahead)))
+        return self._forecasts.mean_and_variance(self.record.following_inputs(inputs), from_zero)[0]
 
-    @beyond_numbers
+    @may_overflow
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """The samples after the training data, by a new forecast from every ``steps``-th of them on.
 
-        Each is as :meth:`forecast`'s, from the state that the filter has of all samples before it; nothing is learnt
-        anew.
-
-        Args:
-            steps: samples that each forecast is of, at least 1.
-            inputs, outputs: (H, r) and (H, m) of the samples, in the units of the training data.
-
-        Returns:
-            (H, m); with ``steps`` of H or more what :meth:`forecast` answers.
+        Each is as :meth:`forecast`'s, from the state that the filter has after all samples before it; nothing is
+        fitted again. ``inputs`` (H, r) and ``outputs`` (H, m) are in the units of the training data. The result is
+        (H, m); with ``steps`` of H or more the same as :meth:`forecast`.
 
         Raises:
             ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
         """
-        following = self.record.following(steps, inputs, outputs)
-        before = self.record.segments[-1]
-        known, measured = (np.vstack(tables) for tables in zip(before, following, strict=True))
-        scaled = self.scaling.scale_outputs(measured), self.scaling.scale_inputs(known)
-        deviation = self.predictor.forecast_every(steps, *scaled, first=len(before[0]))
-        return self.scaling.physical_outputs(self._believed(deviation, steps, *scaled, first=len(before[0])))
+        return self._forecasts.every(steps, *self.record.following(steps, inputs, outputs))
 
-    @beyond_numbers
+    @may_overflow
     def forecast_variance(self, inputs: ArrayLike) -> Array:
-        """(H, m) squared error that the forecast expects of itself at each sample, rad² and (rad/s)².
+        """(H, m) expected squared error, rad² and (rad/s)², of :meth:`forecast` with ``inputs`` (H, r)."""
+        return self._forecasts.mean_and_variance(self.record.following_inputs(inputs))[1]
 
-        Args:
-            inputs: (H, r) as for :meth:`forecast`.
-
-        Raises:
-            ValueError: as :meth:`forecast`.
-        """
-        ahead = self.record.following_inputs(inputs)
-        if self.trajectory is None:
-            return self._by_horizon(self.unseen.weighted_mse, len(ahead))
-        forecast = self._with(ahead)
-        spread = self._spread(*forecast)
-        if self.settings.shrink_forecasts:
-            spread = expected_error(self._deviation(ahead), spread, self._sizes(*forecast))
-        return (spread + self._by_horizon(self.trajectory.noise, len(ahead))) * self.scaling.output_scale**2
-
-    def _deviation(self, ahead: Array, from_zero: bool = False) -> Array:
-        """(H, m) from the trim, as the model has it with inputs (H, r), in the engine's units."""
-        known = self.scaling.scale_inputs(np.vstack([self.record.inputs[-1], ahead]))
-        if not from_zero:
-            return self.predictor.forecast(self._last_state, known)
-        later = self.predictor.forecast(self.predictor.at_rest(known[min(1, len(ahead))]), known[1:])
-        return np.vstack([np.zeros((1, len(self.model.C))), later])[: len(ahead)]
-
-    def _with(self, ahead: Array) -> tuple[int, Array, Array, int]:
-        """One forecast with inputs (H, r), in the engine's units: its length, outputs, inputs and where it begins."""
-        inputs, outputs = self._last_segment
-        return len(ahead), outputs, np.vstack([inputs, self.scaling.scale_inputs(ahead)]), len(outputs)
-
-    def _believed(self, deviation: Array, steps: int, outputs: Array, inputs: Array, first: int) -> Array:
-        """What is believed of the deviations (T − first, m) that forecasts from every ``steps``-th sample on tell.
-
-        Args:
-            deviation: from the trim, in the engine's units.
-            steps: that each forecast is long.
-            outputs, inputs: (T, m), (T, r) in the engine's units; of the outputs those before each forecast are read.
-            first: where the first begins.
-        """
-        if self.trajectory is None:
-            weight = self._by_horizon(self.unseen.weight, len(deviation))
-            return np.asarray(deviation * weight[np.arange(len(deviation)) % steps])
-        if not self.settings.shrink_forecasts:
-            return deviation
-        spread = self._spread(steps, outputs, inputs, first)
-        return believed(deviation, spread, self._sizes(steps, outputs, inputs, first))
-
-    def _sizes(self, steps: int, outputs: Array, inputs: Array, first: int) -> Array:
-        """S of such forecasts, (T − first, 1)."""
-        return sizes(inputs[first:, : len(self.model.input_trim)], steps)
-
-    def _spread(self, steps: int, outputs: Array, inputs: Array, first: int) -> Array:
-        """(T − first, m) variance that θ's posterior gives such forecasts, in the engine's units."""
-        assert self.trajectory is not None
-        (n, _), (T, r) = self.model.B.shape, inputs.shape
-        if first == T:
-            return np.empty((0, outputs.shape[1]))
-        before = self.trajectory.horizon + 1
-        rows = np.arange(first, T, steps) + np.arange(-before, min(steps, T - first))[:, None]
-        variance = self.trajectory.spread(
-            (n, r, outputs.shape[1]),
-            self.dt,
-            inputs[np.clip(rows, 0, T - 1)],
-            outputs[np.clip(rows[:before], 0, T - 1)],
-        )
-        return variance.reshape(-1, outputs.shape[1])[: T - first]
-
-    @beyond_numbers
-    def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> tuple[Array, Array]:
+    @may_overflow
+    def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> tuple[Array, Array]:
         """The interval in which each sample of the forecast lies with probability ``level``.
 
-        Its width is what forecasts of that length erred inside the training data, as far as θ's own uncertainty, which
-        the inputs scale, is not the cause, and that uncertainty; or, where θ climbed along no trajectories, what
-        forecasts of unseen training data erred. Beyond the longest such forecast it stays as wide as that.
-
-        Args:
-            inputs: (H, r) as for :meth:`forecast`.
-            level: probability, between 0 and 1.
+        Its variance is that of forecasts of the same length inside the training data, and of θ, which the inputs scale;
+        or, without a simulation-error fit, the former, corrected for the number of parameters. Beyond the longest such
+        forecast it stays the same. ``inputs`` (H, r) are as for :meth:`forecast`.
 
         Returns:
             lower and upper bounds, (H, m) each.
 
         Raises:
-            ValueError: as :meth:`forecast`.
+            ValueError: as :meth:`forecast`, or a level that is no probability between 0 and 1.
         """
         require_probability(level)
-        centre = self.forecast(inputs)
-        if self.trajectory is None:
-            half = norm.ppf(0.5 + level / 2) * np.sqrt(self._by_horizon(self.unseen.weighted_mse, len(centre)))
-        else:
-            half = self.trajectory.quantile(level) * np.sqrt(self.forecast_variance(inputs))
-        return centre - half, centre + half
-
-    @staticmethod
-    def _by_horizon(values: Array, length: int) -> Array:
-        """The first ``length`` rows; beyond the longest horizon that was tried, its row again."""
-        return np.asarray(values[np.minimum(np.arange(length), len(values) - 1)])
+        mean, variance = self._forecasts.mean_and_variance(self.record.following_inputs(inputs))
+        half = self._forecasts.quantile(level) * np.sqrt(variance)
+        return mean - half, mean + half
 
     @cached_property
-    def _last_state(self) -> Array:
-        inputs, outputs = self._last_segment
-        return np.asarray(self.predictor.filtered(outputs, inputs)[-1])
-
-    @property
-    def _last_segment(self) -> tuple[Array, Array]:
-        """Inputs and outputs of the last segment of the training data, in the engine's units."""
-        inputs, outputs = self.record.segments[-1]
-        return self.scaling.scale_inputs(inputs), self.scaling.scale_outputs(outputs)
+    def _forecasts(self) -> Forecasts:
+        shrink, fit = self.settings.shrink_forecasts, self.simulation_fit
+        return Forecasts(self.record, self.scaling, self.predictor, fit, self.training_forecasts, shrink)
 
     @property
     def places(self) -> NDArray[np.intp]:
         """(T′,) the training samples that have a whole window in their segment."""
         window = self.settings.window
-        assert window is not None
         return np.concatenate(
             [
                 start + window // 2 + np.arange(max(0, length - window + 1))
@@ -401,7 +312,7 @@ class Learned:
         )
 
     def process_noise(self) -> tuple[NDArray[np.intp], Array]:
-        """The estimated process noise w = x′ − A x − B v: wind and all else the model leaves out.
+        """The estimated process noise w = x′ − A x − B v: wind and everything else outside the model.
 
         Returns:
             places (T′,) of the training samples that have a whole window, and w (T′, n) there, in units of the
@@ -415,7 +326,7 @@ class Learned:
         return self.places, noise * self.scaling.state_scale(n)
 
     def estimated_inputs(self) -> tuple[NDArray[np.intp], Array]:
-        """The inputs as the model has them: those recorded, or, with unknown inputs, what explains the motion.
+        """The estimated inputs: close to the recorded ones, or, with unknown inputs, what explains the motion.
 
         Returns:
             places (T′,) of the training samples that have a whole window, and v (T′, r) there; of unknown inputs in the
@@ -423,7 +334,7 @@ class Learned:
         """
         r, order = self.model.B.shape[1], self.settings.p + 1
         v = self._generalized_states[:, self.model.A.shape[0] * order :][:, :r]
-        return self.places, self.scaling.physical_inputs(v)
+        return self.places, self.scaling.input_trim + self.scaling.input_scale * v
 
     @cached_property
     def _generalized_states(self) -> Array:
@@ -431,17 +342,14 @@ class Learned:
         return np.concatenate(generalized(self.settings, self.scaling, self.record)) @ self.state_map.T
 
     def to_json(self) -> str:
-        """Everything as a JSON object, the training data included; :meth:`from_json` reads it back."""
-        return json.dumps(values_of(self))
+        """Everything as a JSON object, the training data included; :meth:`from_json` is its inverse."""
+        return json.dumps(values_of({field.name: getattr(self, field.name) for field in fields(self)}))
 
     @classmethod
     def from_json(cls, text: str) -> Learned:
-        """The result that :meth:`to_json` wrote.
-
-        Args:
-            text: the JSON document itself, not the name of a file.
+        """The result from the ``text`` of :meth:`to_json`: the JSON document itself, not the name of a file.
 
         Raises:
             ValueError: it is not such a document; what is missing or of another shape is named.
         """
-        return cls(**fields_of(json_values(text, "a learnt model")))
+        return cls(**parts_of(json_values(text, "a learnt model")))

@@ -2,50 +2,33 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import cumulative_trapezoid
 
-from mavdem.dem.gaussian import Gaussian
-from mavdem.dem.model import pack
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.model import pack
 from mavdem.dem.record import Record
-from mavdem.dem.settings import Settings
+from mavdem.dem.settings import CompleteSettings, Gaussian
 
-Array = NDArray[np.float64]
-
-KNOWN = float(np.exp(20.0))
-"""Precision of a parameter that is known: its prior standard deviation is 5e-5."""
-
-KINEMATIC = 1e4
-"""Precision of a kinematic relation: exact on paper, but the two outputs come from different sensors."""
+KNOWN = float(np.exp(20.0))  # precision of a known parameter: its prior standard deviation is 5e-5
+KINEMATIC = 1e4  # precision of a kinematic relation: exact on paper, but the two outputs come from different sensors
 
 NATURAL_FREQUENCY, DAMPING_RATE = 3.0, 5.0
-"""A held attitude returns to trim: ω₀ (rad/s) and 2ζω₀ (1/s) of the "regulated" prior; ζ is about 0.8."""
+"""A controlled attitude returns to trim: ω₀ (rad/s) and 2ζω₀ (1/s) of the "regulated" prior; ζ is about 0.8."""
 
 ACTUATOR_RATE = 20.0
 """1/s: the "regulated" prior of an actuator lag of 50 ms, between the 20 and 100 ms of common multirotors."""
 
 KINEMATIC_SHARE = 0.5
-"""An output is taken for the derivative of another when it explains more than this share of its changes."""
+"""An output counts as the derivative of another when it explains more than this share of its changes."""
 
-KINEMATIC_SPAN = 0.2
-"""Seconds over which the changes are compared: long enough for noise to average out, short against the motion."""
-
-
-class Prior(NamedTuple):
-    """Gaussian priors of θ and λ."""
-
-    theta_mean: Array  # (k,)
-    theta_precision: Array  # (k, k)
-    lambda_mean: Array  # (g,)
-    lambda_precision: Array  # (g, g)
+KINEMATIC_SECONDS = 0.2  # over which the changes are compared: long enough to average noise, short against the motion
 
 
 def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
-    """Pairs (i, j) of output columns where j is the time derivative of i, judged from the samples."""
-    span = max(1, round(KINEMATIC_SPAN / record.dt))
+    """Pairs (i, j) of output columns where j is the time derivative of i, computed from the samples."""
+    span = max(1, round(KINEMATIC_SECONDS / record.dt))
     changes, integrals = [np.empty((0, record.outputs.shape[1]))], [np.empty((0, record.outputs.shape[1]))]
     for _, outputs in record.segments:
         integrated = cumulative_trapezoid(outputs, dx=record.dt, axis=0, initial=0)
@@ -64,7 +47,7 @@ def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
     return tuple(pairs)
 
 
-def hyperparameter_prior(settings: Settings, n: int, m: int) -> tuple[Array, Array]:
+def hyperparameter_prior(settings: CompleteSettings, n: int, m: int) -> tuple[Array, Array]:
     """Mean (g,) and precision (g, g) of λ: those of measurement noise first, then those of process noise."""
     of_outputs, of_states = hyperparameter_groups(settings, n, m)
     if settings.lambda_prior is not None:
@@ -83,12 +66,8 @@ def hyperparameter_prior(settings: Settings, n: int, m: int) -> tuple[Array, Arr
     return np.asarray(means, np.float64), np.diag(precisions)
 
 
-def hyperparameter_groups(settings: Settings, n: int, m: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Which entry of λ each of the m outputs and each of the n states has.
-
-    Raises:
-        ValueError: the settings' groups are not of so many outputs or states.
-    """
+def hyperparameter_groups(settings: CompleteSettings, n: int, m: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Which entry of λ each of the m outputs and each of the n states has."""
     groups = []
     for name, given, size in (("output_groups", settings.output_groups, m), ("state_groups", settings.state_groups, n)):
         if given is not None and len(given) != size:
@@ -98,16 +77,10 @@ def hyperparameter_groups(settings: Settings, n: int, m: int) -> tuple[NDArray[n
 
 
 def explicit_prior(prior: Gaussian, weak: float, places: NDArray[np.intp], scale: Array) -> tuple[Array, Array]:
-    """A prior of the vehicle's θ in physical units, brought to the engine's; what else it learns has η = 0 and is weak.
+    """A prior of the vehicle's θ in physical units, in the engine's, where these parameters are at ``places`` (k,).
 
-    Args:
-        prior: of the vehicle's k parameters.
-        weak: prior precision of the others.
-        places: (k,) where in the engine's θ they stand.
-        scale: physical size of a unit of each of the engine's parameters.
-
-    Raises:
-        ValueError: it is of another number of parameters.
+    Others have η = 0 and the prior precision ``weak``. ``scale`` is the physical size of a unit of each of the
+    engine's.
     """
     theta, theta_precision = prior.arrays
     if len(theta) != len(places):
@@ -118,33 +91,22 @@ def explicit_prior(prior: Gaussian, weak: float, places: NDArray[np.intp], scale
     return mean, precision
 
 
-def uniform_prior(settings: Settings, n: int, r: int, m: int) -> tuple[Array, Array]:
+def uniform_prior(settings: CompleteSettings, n: int, r: int, m: int) -> tuple[Array, Array]:
     """η drawn from U[−1, 1] and P = ``parameter_precision``·I for every parameter (the paper, ``alg_settings``)."""
-    assert settings.parameter_precision is not None
     k = n * n + n * r + m * n
     mean = np.random.default_rng(settings.seed).uniform(-1, 1, k)
     return mean, np.eye(k) * settings.parameter_precision
 
 
 def regulated_prior(
-    settings: Settings, n: int, motors: int, constant: bool, scale: Array, pairs: tuple[tuple[int, int], ...]
+    settings: CompleteSettings, n: int, motors: int, constant: bool, scale: Array, pairs: tuple[tuple[int, int], ...]
 ) -> tuple[Array, Array]:
-    """What is known of any attitude loop before a flight.
+    """Mean (k,) and precision (k, k) of θ: what is known of any attitude loop a priori.
 
-    Outputs return to their trim; where output j is the derivative of output i, row i of the model says just that;
-    each hidden state is a lag that feeds the state before it (the first one, the last output); C = [I 0].
-
-    Args:
-        settings: with ``parameter_precision`` chosen.
-        n: states.
-        motors: inputs that are motors; ``constant``: whether one more, after them, is the constant.
-        scale: (m,) physical size of a unit of each output.
-        pairs: of :func:`derivative_pairs`.
-
-    Returns:
-        mean (k,) and precision (k, k) of θ.
+    Outputs return to their trim; where output j is the derivative of output i, row i of the model is ẋᵢ = xⱼ; each
+    hidden state is a lag that feeds the state before it (the first one, the last output); C = [I 0]. The input after
+    the motors may be the ``constant``. ``scale`` (m,) is the physical size of a unit of each output.
     """
-    assert settings.parameter_precision is not None
     m = len(scale)
     weak = settings.parameter_precision
     r = motors + constant

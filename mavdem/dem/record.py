@@ -1,7 +1,7 @@
-"""The record that is learnt from: uniformly sampled segments, with gaps of any length between them.
+"""The training data: uniformly sampled segments, with gaps of any length between them.
 
-Nothing is differentiated, filtered or forecast across a gap: whatever looks at more than one sample at a time goes
-through :attr:`Record.segments`.
+Nothing is differentiated, filtered or forecast across a gap: whatever uses more than one sample at a time uses
+:attr:`Record.segments`.
 """
 
 from __future__ import annotations
@@ -9,25 +9,44 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mavdem.dem.real import is_whole, real_numbers
-from mavdem.dem.spread import Spread
-
-Array = NDArray[np.float64]
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.validation import is_whole, real_numbers
 
 SHORTEST_STEP, LARGEST = 1e-9, 1e50
-"""Seconds between samples, and size of one: beyond, squares and derivatives leave the range of numbers."""
+"""Seconds between samples, and size of one: beyond, squares and derivatives overflow."""
 
-SAME_STEP = 1e-6
-"""How far the sampling steps of segments may differ, relative to the first: by rounding only."""
+SAME_STEP = 1e-6  # how far the sampling steps of segments may differ, relative to the first: by rounding only
+ROUNDING = 1e-9  # relative to its size: a channel that varies by less is constant
+SMALLEST_RANGE = 1e-50  # likewise in any unit: squares and derivatives would underflow
 
 
-class Recorded(Protocol):
-    """What learning needs of a flight: inputs (T, r), outputs (T, m) and the sampling step, s."""
+class Spread(NamedTuple):
+    """Mean, variance and range of each column; (k,) each."""
+
+    mean: Array
+    variance: Array
+    lowest: Array
+    highest: Array
+
+    @classmethod
+    def of(cls, samples: Array) -> Spread:
+        """That of samples (T, k)."""
+        return cls(samples.mean(axis=0), samples.var(axis=0), samples.min(axis=0), samples.max(axis=0))
+
+    @property
+    def moving(self) -> NDArray[np.bool_]:
+        """(k,) which columns vary by more than rounding."""
+        size = np.maximum(np.abs(self.lowest), np.abs(self.highest))
+        return np.asarray(self.highest - self.lowest > np.maximum(ROUNDING * size, SMALLEST_RANGE))
+
+
+class UniformRecord(Protocol):
+    """What ``learn`` needs of a flight: inputs (T, r), outputs (T, m) and the sampling step, s."""
 
     @property
     def inputs(self) -> Array: ...  # noqa: D102
@@ -36,29 +55,27 @@ class Recorded(Protocol):
     @property
     def dt(self) -> float: ...  # noqa: D102
 
+    # May have ``effect_directions`` (r,) as well: the relative effect of each motor on the axis, as the mixer has it.
+
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Samples of one or several segments, one after the other.
+    """Samples of segments of ``lengths``, one after the other: inputs (T, r), outputs (T, m), physical.
 
-    Attributes:
-        inputs, outputs: (T, r), (T, m), physical.
-        dt: sampling step, s.
-        lengths: samples of each segment; they sum to T.
+    ``effect_directions`` (r,) are the relative effect of each motor on the axis; ``None`` where the mixer's geometry is
+    not known. ``input_names`` are those of the flight, none where it has none.
     """
 
     inputs: Array
     outputs: Array
     dt: float
     lengths: tuple[int, ...]
+    effect_directions: Array | None = None
+    input_names: tuple[str, ...] = ()
 
     @classmethod
-    def of(cls, train: Recorded | Sequence[Recorded]) -> Record:
-        """From a flight, or from several segments of the same vehicle sampled at the same rate.
-
-        Raises:
-            ValueError: names what is of the wrong shape, not finite, or differs from segment to segment.
-        """
+    def of(cls, train: UniformRecord | Sequence[UniformRecord]) -> Record:
+        """From a flight, or segments of one sampled at the same rate; ``ValueError`` names what does not fit."""
         if isinstance(train, Record):
             return train
         flights = train if isinstance(train, Sequence) else [train]
@@ -72,7 +89,10 @@ class Record:
                 raise ValueError(f"{name} must have as many columns in every segment, not {widths}")
         if np.ptp(steps) > SAME_STEP * steps[0]:
             raise ValueError(f"dt must be the same in every segment, not between {min(steps)} and {max(steps)} s")
-        return cls(np.concatenate(inputs), np.concatenate(outputs), steps[0], tuple(len(table) for table in outputs))
+        lengths = tuple(len(table) for table in outputs)
+        directions = _directions(flights, inputs[0].shape[1])
+        names = tuple(getattr(flights[0], "input_names", ()))
+        return cls(np.concatenate(inputs), np.concatenate(outputs), steps[0], lengths, directions, names)
 
     def __len__(self) -> int:
         return len(self.outputs)
@@ -99,23 +119,11 @@ class Record:
         return max(self.lengths)
 
     def following_inputs(self, inputs: ArrayLike) -> Array:
-        """The inputs (H, r) of a forecast of what follows the record, checked; of one input (H,) will do.
-
-        Raises:
-            ValueError: inputs of another width, or not finite.
-        """
+        """The inputs (H, r) of a forecast of what follows the record, checked; of one input (H,) will do."""
         return _table(inputs, "inputs", self.inputs.shape[1])
 
     def following(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> tuple[Array, Array]:
-        """The inputs (H, r) and outputs (H, m) that follow the record, checked; likewise for a single column.
-
-        Args:
-            steps: of the forecasts that begin among them, checked to be a number of samples.
-            inputs, outputs: of the same instants.
-
-        Raises:
-            ValueError: steps that are no positive number, or tables of other widths, lengths, or not finite.
-        """
+        """The inputs (H, r) and outputs (H, m) that follow the record, checked, as is the number of ``steps``."""
         if not (is_whole(steps) and steps >= 1):
             raise ValueError(f"steps must be a whole number of at least 1, not {steps!r}")
         ahead, measured = self.following_inputs(inputs), _table(outputs, "outputs", self.outputs.shape[1])
@@ -124,7 +132,7 @@ class Record:
         return ahead, measured
 
     def windows(self, window: int) -> int:
-        """How many windows of so many samples lie wholly inside a segment."""
+        """The number of windows of ``window`` samples inside segments."""
         return sum(max(0, length - window + 1) for length in self.lengths)
 
     def halves(self) -> tuple[Record, Record]:
@@ -135,7 +143,7 @@ class Record:
     def _part(self, start: int, stop: int) -> Record:
         inside = np.diff(np.clip(np.append(self.starts, len(self)), start, stop))
         lengths = tuple(int(length) for length in inside if length)
-        return Record(self.inputs[start:stop], self.outputs[start:stop], self.dt, lengths)
+        return Record(self.inputs[start:stop], self.outputs[start:stop], self.dt, lengths, self.effect_directions)
 
 
 def _table(values: ArrayLike, name: str, columns: int) -> Array:
@@ -149,7 +157,18 @@ def _table(values: ArrayLike, name: str, columns: int) -> Array:
     return table
 
 
-def _checked(train: Recorded) -> tuple[Array, Array, float]:
+def _directions(flights: Sequence[UniformRecord], motors: int) -> Array | None:
+    """(r,) the effect directions of all segments; ``None`` unless each has the same, and not all are zero."""
+    given = [getattr(flight, "effect_directions", None) for flight in flights]
+    tables = [real_numbers(each, "effect_directions") for each in given if each is not None]
+    for table in tables:
+        if table.shape != (motors,) or not np.isfinite(table).all():
+            raise ValueError(f"effect_directions must be {motors} finite numbers, not {table}")
+    same = len(tables) == len(flights) and tables[0].any() and all(np.array_equal(table, tables[0]) for table in tables)
+    return tables[0] if same else None
+
+
+def _checked(train: UniformRecord) -> tuple[Array, Array, float]:
     try:
         inputs, outputs = real_numbers(train.inputs, "inputs"), real_numbers(train.outputs, "outputs")
         dt = float(real_numbers(train.dt, "dt"))

@@ -7,19 +7,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.model import LinearModel, pack, unpack
-from mavdem.dem.record import Record
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.model import LinearModel, pack, unpack
+from mavdem.dem.record import Record, Spread
 from mavdem.dem.settings import Settings
-from mavdem.dem.spread import Spread
-
-Array = NDArray[np.float64]
 
 
 class Scaling(NamedTuple):
     """y = output_trim + output_scale · (engine's y), and likewise for inputs.
 
     ``constant``: whether one more input, after the motors, is 1. ``known``: which of the recorded inputs count; of the
-    others the engine has 0, which is all that is known of them, and a unit of theirs is one of its own.
+    others the engine has 0, and their unit is the engine's own.
     """
 
     input_trim: Array  # (r,)
@@ -31,11 +29,7 @@ class Scaling(NamedTuple):
 
     @classmethod
     def of(cls, inputs: Spread, outputs: Spread, settings: Settings) -> Scaling:
-        """The scaling that ``settings.scaling`` asks for; see :class:`Settings`.
-
-        Raises:
-            ValueError: a channel that must vary does not.
-        """
+        """The scaling that ``settings.scaling`` asks for; ``ValueError`` where a channel that must vary does not."""
         known = known_inputs(settings, len(inputs.mean))
         if known.any() and not inputs.moving[known].any():
             raise ValueError(f"inputs {_CONSTANT}")
@@ -48,7 +42,7 @@ class Scaling(NamedTuple):
             output_trim, output_scale = outputs.mean, np.sqrt(outputs.variance)
         if known.any() and settings.scaling == "channel":
             trim[known] = inputs.mean[known]
-            # One scale for all inputs: a motor that hardly moves must not have its noise blown up.
+            # One scale for all inputs: the noise of a motor that hardly moves must not be amplified.
             scale[known] = np.sqrt(inputs.variance[known].mean())
         if known.any() and settings.scaling == "paper":
             trim[known] = inputs.mean[known].mean()
@@ -63,10 +57,6 @@ class Scaling(NamedTuple):
     def scale_segments(self, record: Record) -> list[tuple[Array, Array]]:
         """Inputs and outputs of each segment of a record, in the engine's units."""
         return [(self.scale_inputs(inputs), self.scale_outputs(outputs)) for inputs, outputs in record.segments]
-
-    def physical_inputs(self, scaled: Array) -> Array:
-        """(..., r) in the engine's units, without the constant, back to the stream's unit; unknown ones have none."""
-        return self.input_trim + self.input_scale * scaled
 
     def scale_outputs(self, outputs: Array) -> Array:
         """(T, m) in rad and rad/s to the engine's units."""
@@ -92,16 +82,12 @@ class Scaling(NamedTuple):
         """The model of the engine's θ (k,) in physical units."""
         r, m = len(self.input_trim), len(self.output_trim)
         A, B, C = unpack(theta * self.parameter_scale(order), order, r + self.constant, m)
-        offset = B[:, r] if self.constant else np.zeros(order)
-        return LinearModel(A, B[:, :r], C, offset, self.input_trim, self.output_trim)
+        offset = B[:, r].copy() if self.constant else np.zeros(order)
+        return LinearModel(A, B[:, :r].copy(), C, offset, self.input_trim, self.output_trim)
 
 
 def known_inputs(settings: Settings, inputs: int) -> NDArray[np.bool_]:
-    """Which (r,) of so many recorded inputs are known.
-
-    Raises:
-        ValueError: the settings say it of another number.
-    """
+    """(r,) which of so many recorded inputs are known; ``ValueError`` where settings are of another number."""
     if isinstance(settings.known_inputs, tuple) and len(settings.known_inputs) != inputs:
         raise ValueError(f"known_inputs must say it of {inputs} inputs, not of {len(settings.known_inputs)}")
     return np.broadcast_to(np.array(settings.known_inputs), inputs).copy()

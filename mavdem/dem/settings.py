@@ -1,213 +1,229 @@
-"""Settings: everything that decides a fit."""
+"""Settings: everything that decides a fit; and the complete ones, with nothing left to the data."""
 
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from math import e
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import AfterValidator, Field, InstanceOf
 
-from mavdem.dem.gaussian import Gaussian
-from mavdem.dem.json_text import json_values
-from mavdem.dem.positive import require_positive_definite
-from mavdem.dem.real import is_number, is_whole
+from mavdem.dem.engine.linalg import Array, require_positive_definite
+from mavdem.dem.validation import checked_fields, json_values, real_numbers
 
-LARGEST_LOG = 100.0
-"""Of a log precision: e^±100 is beyond anything measured, and far within what numbers hold."""
-
-SMALLEST = 1e-50
-"""Of a positive setting; and the inverse of the largest."""
+LARGEST_LOG = 100.0  # of a log precision: e^±100 is beyond anything measured, and far from overflow
+SMALLEST = 1e-50  # of a positive setting; the largest is its inverse
 
 
 @dataclass(frozen=True)
+class Gaussian:
+    """N(mean, precision⁻¹). A known entry is one of high precision; a structure is a matrix of them.
+
+    Attributes:
+        mean: (k,).
+        precision: (k, k), symmetric positive definite; a number or (k,) stands for a diagonal.
+
+    Raises:
+        ValueError: names what is not finite, of the wrong shape or not positive definite.
+    """
+
+    mean: tuple[float, ...]
+    precision: tuple[tuple[float, ...], ...]
+
+    def __init__(self, mean: ArrayLike, precision: ArrayLike) -> None:
+        means, precisions = real_numbers(mean, "mean"), real_numbers(precision, "precision")
+        if means.ndim != 1 or not len(means) or not np.isfinite(means).all():
+            raise ValueError(f"mean must be finite numbers of shape (k,), not of shape {means.shape}")
+        if precisions.ndim == 0:
+            precisions = np.full(len(means), precisions)
+        if precisions.ndim == 1 and len(precisions) == len(means):
+            precisions = np.diag(precisions)
+        require_positive_definite(precisions, "precision", len(means))
+        object.__setattr__(self, "mean", tuple(means.tolist()))
+        object.__setattr__(self, "precision", tuple(map(tuple, precisions.tolist())))
+
+    @property
+    def arrays(self) -> tuple[Array, Array]:
+        """Mean (k,) and precision (k, k)."""
+        return np.array(self.mean), np.array(self.precision)
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Gaussian:
+        """From ``values`` = {"mean": …, "precision": …}; ``ValueError`` for anything else."""
+        if not isinstance(values, Mapping) or set(values) != {"mean", "precision"}:
+            raise ValueError(f'a Gaussian must be {{"mean": [...], "precision": ...}}, not {values!r}')
+        return cls(values["mean"], values["precision"])
+
+
+def _numbered_from_zero(groups: tuple[int, ...]) -> tuple[int, ...]:
+    if sorted(set(groups)) != list(range(len(set(groups)))):
+        raise ValueError
+    return groups
+
+
+def _positive_definite(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    require_positive_definite(np.array(rows), "it", len(rows))
+    return rows
+
+
+Positive = Annotated[float, Field(ge=SMALLEST, le=1 / SMALLEST)]
+LogPrecision = Annotated[float, Field(ge=-LARGEST_LOG, le=LARGEST_LOG)]
+Groups = Annotated[tuple[int, ...], Field(min_length=1), AfterValidator(_numbered_from_zero)]
+Matrix = Annotated[tuple[tuple[float, ...], ...], Field(min_length=1), AfterValidator(_positive_definite)]
+
+_POSITIVE = f"a positive number of at least {SMALLEST:g} and at most {1 / SMALLEST:g}"
+_ONE_OR_EACH = ", or one for each group"
+_LOG_PRECISION = f"a number of at most {LARGEST_LOG:g} either way{_ONE_OR_EACH}"
+_GROUPS = "group numbers that start at 0 and leave none out, or None"
+
+LogPrecisions = Annotated[LogPrecision | tuple[LogPrecision, ...], Field(description=_LOG_PRECISION)]
+Precisions = Annotated[Positive | tuple[Positive, ...], Field(description=_POSITIVE + _ONE_OR_EACH)]
+PositiveOrNone = Annotated[Positive | None, Field(description=f"{_POSITIVE}, or None")]
+GroupsOrNone = Annotated[Groups | None, Field(description=_GROUPS)]
+Flag = Annotated[bool, Field(description="True or False")]
+
+
+def _whole(least: int, otherwise: str = "") -> Any:
+    return Field(ge=least, le=2**63 - 1, description=f"a whole number of at least {least}{otherwise}")
+
+
+@dataclass(frozen=True, eq=False)
 class Settings:
     """Everything that decides a fit. ``Settings()`` is for real flights, :meth:`paper` for the paper's experiments.
 
-    ``window`` and ``parameter_precision`` may be ``None``, which leaves them to the training data: every combination of
-    the candidates in ``mavdem.dem.choice`` is learnt, and the one whose forecasts inside the data err least is kept.
+    Settings are equal where all their values are, complete (:class:`CompleteSettings`) or not.
 
     Attributes:
         order: number of states n; states beyond the outputs are hidden. ``None``: one more than outputs.
         p: embedding order of outputs and states.
         d: embedding order of the inputs; ``None``: 2, or p if that is less.
-        window: samples that each generalized vector is read from, more than p and d.
-        smoothness: kernel width s of the noise, seconds; ``None``: one sampling step; "learn": the one at which F̄ᵒ of
-            the training data is highest.
-        correlation: S, of the noise and its derivatives. "sampled": as the window reads them from samples;
-            "continuous": the true ones, Eq. ``Smatrix``.
+        window: samples that each generalized vector is computed from, more than p and d; ``None``: 0.09 s of them,
+            or as few as possible where segments are too short (``mavdem.dem.selection``).
+        smoothness: kernel width s of the noise, seconds; ``None``: one sampling step; "learn": the one that maximises
+            F̄ᵒ of the training data (:func:`mavdem.dem.estimate_smoothness`).
+        correlation: S, of the noise and its derivatives. "sampled": of derivatives computed from the window's samples;
+            "continuous": of the true derivatives, Eq. ``Smatrix``.
         last_derivative_zero: whether the derivative of the highest order is taken to be zero and counted as evidence,
             as the paper's D does, or is left out.
         scaling: "channel": every output and the inputs are centred and brought to unit variance, and a constant input
             learns the trim; "paper": outputs as they are, one mean and one range for all inputs; "none": both as they
             are.
-        prior: "regulated": each output tends back to its trim, rates are derivatives of angles, hidden states are
+        prior: "regulated": each output returns to its trim, rates are derivatives of angles, hidden states are
             actuator lags, C = [I 0]; "uniform": a mean drawn from U[−1, 1] for every parameter; or a ``Gaussian`` of
             θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] in physical units, in which a known parameter is one of high precision.
         parameter_precision: prior precision P of each free parameter, in the units of ``scaling``; under a ``Gaussian``
-            prior, only of the trim.
+            prior, only of the trim; ``None``: 10 under the "regulated" prior, or, without a
+            simulation-error fit, the one of four that forecasts the training data best; under others 1.
         lambda_z, lambda_w: prior means of the log precisions of measurement and process noise, in the units of
             ``scaling``; one number, or one for each group.
-        lambda_z_precision, lambda_w_precision: how sure the prior is of them, likewise.
+        lambda_z_precision, lambda_w_precision: precisions of these priors, likewise.
         lambda_prior: in place of these four, a ``Gaussian`` of all λ, outputs' groups before states'.
         output_groups, state_groups: for each output, and each state, the number of its group, from 0; a group shares
             one λ. ``None``: all share one, as in the paper.
-        known_inputs: whether the recorded inputs are η̃ᵛ; if not, it is 0, and B belongs to inputs nobody recorded. For
-            each column by itself, if several are given: a column of zeros then stands for one unknown input.
+        known_inputs: whether the recorded inputs are η̃ᵛ; if not, it is 0, and B belongs to unrecorded inputs. Or a
+            flag for each column: a column of zeros then represents one unknown input.
         input_precision: P̃ᵛ, in the units of ``scaling``: the precision of inputs about η̃ᵛ and of each derivative; one
             number, one for each input, or a matrix ((d + 1)r, (d + 1)r), order-major.
         state_rate, parameter_rate, hyperparameter_rate: learning rates k^X, k^θ and k^λ of Eq. ``GA_basic``, in the
             engine's units; ``None``: the exact limit, in which each step goes to its maximum.
-        horizon: seconds of the trajectories along which θ climbs on from where generalized coordinates led it, where
-            inputs are known and the prior is not "uniform" (``mavdem.dem.trajectory``); ``None``: it stays there.
-        shrink_forecasts: whether forecasts are drawn back towards the trim by as much as the posterior of θ advises;
-            or, where there were no trajectories, forecasts of training data that a fit has not seen.
-        iterations: at most so many rounds of D, E and M steps; they end earlier when F̄ has settled.
+        horizon: seconds of the simulation-error fit that refines θ after DEM, where inputs are known and the prior is
+            not "uniform" (``mavdem.dem.forecast.simulation_error``); ``None``: no such fit.
+        shrink_forecasts: whether forecasts are shrunk towards the trim as far as the posterior of θ is uncertain; or,
+            where θ was not refined, by the weight that forecasts of the training data give.
+        iterations: the most rounds of D, E and M steps; fewer when F̄ has converged.
         seed: of everything random (the "uniform" prior).
 
     Raises:
         ValueError: names the setting and says what it must be.
     """
 
-    order: int | None = None
-    p: int = 2
-    d: int | None = None
-    window: int | None = None
-    smoothness: float | Literal["learn"] | None = None
-    correlation: Literal["sampled", "continuous"] = "sampled"
-    last_derivative_zero: bool = False
-    scaling: Literal["channel", "paper", "none"] = "channel"
-    prior: Literal["regulated", "uniform"] | Gaussian = "regulated"
-    parameter_precision: float | None = None
-    lambda_z: float | tuple[float, ...] = 20.0
-    lambda_z_precision: float | tuple[float, ...] = e**25
-    lambda_w: float | tuple[float, ...] = 3.0
-    lambda_w_precision: float | tuple[float, ...] = 0.01
-    lambda_prior: Gaussian | None = None
-    output_groups: tuple[int, ...] | None = None
-    state_groups: tuple[int, ...] | None = None
-    known_inputs: bool | tuple[bool, ...] = True
-    input_precision: float | tuple[float, ...] | tuple[tuple[float, ...], ...] = e**12
-    state_rate: float | None = None
-    parameter_rate: float | None = None
-    hyperparameter_rate: float | None = None
-    horizon: float | None = 0.3
-    shrink_forecasts: bool = True
-    iterations: int = 200
-    seed: int = 0
+    order: Annotated[int | None, _whole(1, ", or None for one more than outputs")] = None
+    p: Annotated[int, _whole(0)] = 2
+    d: Annotated[int | None, _whole(0, ", or None")] = None
+    window: Annotated[int | None, _whole(1, ", or None")] = None
+    smoothness: Annotated[
+        Positive | Literal["learn"] | None, Field(description='a positive number, None or "learn"')
+    ] = None
+    correlation: Annotated[Literal["sampled", "continuous"], Field(description='"sampled" or "continuous"')] = "sampled"
+    last_derivative_zero: Flag = False
+    scaling: Annotated[Literal["channel", "paper", "none"], Field(description='"channel", "paper" or "none"')] = (
+        "channel"
+    )
+    prior: Annotated[
+        Literal["regulated", "uniform"] | InstanceOf[Gaussian],
+        Field(description='"regulated", "uniform" or a Gaussian'),
+    ] = "regulated"
+    parameter_precision: PositiveOrNone = None
+    lambda_z: LogPrecisions = 20.0
+    lambda_z_precision: Precisions = e**25
+    lambda_w: LogPrecisions = 3.0
+    lambda_w_precision: Precisions = 0.01
+    lambda_prior: Annotated[InstanceOf[Gaussian] | None, Field(description="a Gaussian or None")] = None
+    output_groups: GroupsOrNone = None
+    state_groups: GroupsOrNone = None
+    known_inputs: Annotated[
+        bool | Annotated[tuple[bool, ...], Field(min_length=1)],
+        Field(description="True or False, or one of them for each input"),
+    ] = True
+    input_precision: Annotated[
+        Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | Matrix,
+        Field(description="a positive number, one for each input, or a positive definite matrix"),
+    ] = e**12
+    state_rate: PositiveOrNone = None
+    parameter_rate: PositiveOrNone = None
+    hyperparameter_rate: PositiveOrNone = None
+    horizon: PositiveOrNone = 0.3
+    shrink_forecasts: Flag = True
+    iterations: Annotated[int, _whole(1)] = 200
+    seed: Annotated[int, _whole(0)] = 0
 
     def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if isinstance(value, np.generic):
-                object.__setattr__(self, name, value.item())
-        for name in (
-            "lambda_z",
-            "lambda_z_precision",
-            "lambda_w",
-            "lambda_w_precision",
-            "input_precision",
-            "known_inputs",
-        ):
-            object.__setattr__(self, name, _tuples(getattr(self, name)))
-        for name in ("output_groups", "state_groups"):
-            object.__setattr__(self, name, _tuples(getattr(self, name)))
-            self._require_groups(name)
-        for name in ("order", "p", "d", "window", "iterations", "seed"):
-            value = getattr(self, name)
-            optional = name in ("order", "d", "window")
-            _require(is_whole(value) or optional and value is None, name, "a whole number", value)
-        for name in ("smoothness", "scaling", "prior", "correlation"):
-            _require(not isinstance(getattr(self, name), np.ndarray), name, "no array", getattr(self, name))
-        for name in ("last_derivative_zero", "shrink_forecasts"):
-            _require(isinstance(getattr(self, name), bool), name, "True or False", getattr(self, name))
-        known = self.known_inputs if isinstance(self.known_inputs, tuple) else (self.known_inputs,)
-        said = bool(known) and all(isinstance(one, bool) for one in known)
-        _require(said, "known_inputs", "True or False, or that for each input", self.known_inputs)
-        prior = self.lambda_prior is None or isinstance(self.lambda_prior, Gaussian)
-        _require(prior, "lambda_prior", "a Gaussian or None", self.lambda_prior)
-        _require(
-            self.order is None or self.order >= 1, "order", "at least 1, or None for one more than outputs", self.order
-        )
-        _require(self.p >= 0, "p", "at least 0", self.p)
-        _require(self.d is None or self.d >= 0, "d", "None or at least 0", self.d)
+        plain = {name: _plain(value) for name, value in vars(self).items()}
+        for name, value in checked_fields(type(self), plain).items():
+            object.__setattr__(self, name, value)
+        self._require_consistent()
+
+    def _require_consistent(self) -> None:
+        """What no field can satisfy by itself."""
         fewest = max(self.p, self.d or 0) + 1
         _require(self.window is None or self.window >= fewest, "window", f"at least {fewest} for p and d", self.window)
-        learnt = self.smoothness is None or self.smoothness == "learn" or _positive(self.smoothness)
-        _require(learnt, "smoothness", 'a positive number, None or "learn"', self.smoothness)
-        for name in ("parameter_precision", "state_rate", "parameter_rate", "hyperparameter_rate", "horizon"):
-            value = getattr(self, name)
-            _require(value is None or _positive(value), name, f"{_LIKE[_positive]}, or None", value)
         for kind, groups in (("z", self.output_groups), ("w", self.state_groups)):
-            for name, fits in ((f"lambda_{kind}", _finite), (f"lambda_{kind}_precision", _positive)):
-                self._require_each(name, fits, 1 if groups is None else max(groups) + 1)
-        self._require_input_precision()
-        scalings = ("channel", "paper", "none")
-        _require(self.scaling in scalings, "scaling", '"channel", "paper" or "none"', self.scaling)
-        correlations = ("sampled", "continuous")
-        _require(self.correlation in correlations, "correlation", '"sampled" or "continuous"', self.correlation)
-        # What is read as the highest order of the states' noise would take one derivative more.
+            number = 1 if groups is None else max(groups) + 1
+            for name in (f"lambda_{kind}", f"lambda_{kind}_precision"):
+                value = getattr(self, name)
+                fits = not isinstance(value, tuple) or len(value) == number
+                _require(fits, name, f"a number for each of {number} groups", value)
+        # The highest order of the states' noise, computed from samples, would take one derivative more.
         needed = self.correlation == "continuous" or not self.last_derivative_zero
         _require(needed, "correlation", '"continuous" with last_derivative_zero', self.correlation)
-        named = isinstance(self.prior, Gaussian) or self.prior in ("regulated", "uniform")
-        _require(named, "prior", '"regulated", "uniform" or a Gaussian', self.prior)
-        # The scale of x is then held by nothing, and F̄ is highest where C is nothing.
+        # Else nothing fixes the scale of x, and F̄ is largest at C = 0.
         needed = self.last_derivative_zero or self.prior != "uniform"
         _require(needed, "last_derivative_zero", "True with the uniform prior, which leaves C free", False)
         _require(self.last_derivative_zero or self.p > 0, "last_derivative_zero", "True with p = 0", False)
-        needed = all(known) or self.smoothness != "learn"
-        _require(needed, "smoothness", "a number where inputs are unknown, which have a colour of their own", "learn")
-        needed = all(known) or self.prior != "regulated"
+        all_known = all(np.atleast_1d(self.known_inputs))
+        needed = all_known or self.smoothness != "learn"
+        _require(needed, "smoothness", "a number where inputs are unknown, whose smoothness differs", "learn")
+        needed = all_known or self.prior != "regulated"
         _require(needed, "known_inputs", "True with the regulated prior, under which B would stay 0", False)
-        _require(self.iterations >= 1, "iterations", "at least 1", self.iterations)
-        _require(self.seed >= 0, "seed", "at least 0", self.seed)
 
-    def _require_groups(self, name: str) -> None:
-        groups = getattr(self, name)
-        numbered = groups is None or (
-            isinstance(groups, tuple)
-            and groups != ()
-            and all(map(is_whole, groups))
-            and sorted(set(groups)) == list(range(len(set(groups))))
-        )
-        _require(numbered, name, "group numbers that start at 0 and leave none out, or None", groups)
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Settings) and vars(self) == vars(other)
 
-    def _require_each(self, name: str, fits: Callable[[object], bool], groups: int) -> None:
-        value = getattr(self, name)
-        if isinstance(value, tuple):
-            _require(
-                len(value) == groups and all(map(fits, value)),
-                name,
-                f"{_LIKE[fits]} for each of {groups} groups",
-                value,
-            )
-        else:
-            _require(fits(value), name, _LIKE[fits], value)
-
-    def _require_input_precision(self) -> None:
-        value = self.input_precision
-        if not isinstance(value, tuple):
-            return _require(_positive(value), "input_precision", "a positive number or a matrix", value)
-        if value and not any(isinstance(one, tuple) for one in value):
-            return _require(all(map(_positive, value)), "input_precision", "positive numbers", value)
-        try:
-            matrix = np.array(value, np.float64)
-        except (TypeError, ValueError, OverflowError):
-            matrix = np.empty(0)
-        require_positive_definite(matrix, "input_precision", len(value))
+    def __hash__(self) -> int:
+        return hash(tuple(vars(self).values()))
 
     @classmethod
-    def paper(cls, order: int = 2, seed: int = 0) -> Settings:
+    def paper(cls, order: int = 2, seed: int = 0) -> Self:
         """The settings of the paper, section V.D (``alg_settings``): p = 2, d = 1, s = dt, η from U[−1, 1], P = e⁴.
 
         Where the paper and its authors' code leave a choice: outputs are not centred; the D step takes the exact
         limit k → ∞; D's last row is zero and counts; F̄ and its mean-field terms are exact; the first step already
-        uses the prior λ; inputs are embedded over the outputs' window, so that both belong to one instant.
-
-        Args:
-            order: number of states n; the paper's models have two.
-            seed: of the draw of η.
+        uses the prior λ; inputs are embedded over the outputs' window, so that both belong to one instant. ``order``
+        is the number of states n, two in the paper's models, and ``seed`` that of the draw of η.
         """
         return cls(
             order=order,
@@ -230,21 +246,27 @@ class Settings:
             seed=seed,
         )
 
+    def completed(self, order: int, d: int, window: int, parameter_precision: float) -> CompleteSettings:
+        """These settings; where they leave ``order``, ``d``, ``window`` or ``parameter_precision`` open, with these."""
+        chosen = {"order": order, "d": d, "window": window, "parameter_precision": parameter_precision}
+        fixed = {name: value for name, value in vars(self).items() if value is not None}
+        return CompleteSettings(**{**vars(self), **chosen, **fixed})
+
     def to_dict(self) -> dict[str, Any]:
-        """The settings as plain JSON values by name; :meth:`from_dict` reads them back."""
+        """The settings as plain JSON values by name; :meth:`from_dict` is its inverse."""
         return asdict(self)
 
     def to_json(self) -> str:
-        """The settings as a JSON object; :meth:`from_json` reads it back."""
+        """The settings as a JSON object; :meth:`from_json` is its inverse."""
         return json.dumps(self.to_dict(), indent=1)
 
     @classmethod
-    def from_json(cls, text: str) -> Settings:
-        """Settings whose :meth:`to_json` wrote ``text``; ``ValueError`` names a key that is not a setting."""
+    def from_json(cls, text: str) -> Self:
+        """Settings from the ``text`` of :meth:`to_json`; ``ValueError`` names a key that is not a setting."""
         return cls.from_dict(json_values(text, "settings"))
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Settings:
+    def from_dict(cls, values: dict[str, Any]) -> Self:
         """Settings from plain values by name; ``ValueError`` names a key that is not a setting."""
         if not isinstance(values, dict):
             raise ValueError(f"settings must be an object of settings by name, not {values!r}")
@@ -259,26 +281,22 @@ class Settings:
         return cls(**{**values, **gaussians})
 
 
-def _finite(value: object) -> bool:
-    """Whether it is a log precision that arithmetic can bear."""
-    return is_number(value) and abs(value) <= LARGEST_LOG
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CompleteSettings(Settings):
+    """Settings with a number for all that may be left to the data; the fields are those of :class:`Settings`."""
+
+    order: Annotated[int, _whole(1)]
+    d: Annotated[int, _whole(0)]
+    window: Annotated[int, _whole(1)]
+    smoothness: Annotated[Positive | None, Field(description="a positive number or None")] = None
+    parameter_precision: Annotated[Positive, Field(description=_POSITIVE)]
 
 
-def _positive(value: object) -> bool:
-    return is_number(value) and SMALLEST <= value <= 1 / SMALLEST
-
-
-_LIKE: dict[Callable[[object], bool], str] = {
-    _finite: f"a number of at most {LARGEST_LOG:g} either way",
-    _positive: f"a positive number of at least {SMALLEST:g} and at most {1 / SMALLEST:g}",
-}
-
-
-def _tuples(value: Any) -> Any:
+def _plain(value: Any) -> Any:
     """Lists and arrays as tuples of plain numbers, which cannot be changed and compare by value."""
     if isinstance(value, np.ndarray | np.generic):
         value = value.tolist()
-    return tuple(map(_tuples, value)) if isinstance(value, (list, tuple)) else value
+    return tuple(map(_plain, value)) if isinstance(value, list | tuple) else value
 
 
 def _require(holds: bool, name: str, expected: str, value: object) -> None:

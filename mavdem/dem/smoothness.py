@@ -1,106 +1,118 @@
-"""The correlation between a coloured noise and its own derivatives.
-
-The noise is white noise convolved with the Gaussian kernel exp(−t²/2s²). Its autocorrelation is exp(−τ²/4s²), so
-the smoothness s is the width of the *kernel*, not of the autocorrelation, and the first derivative has variance
-1/(2s²).
-
-Derivatives that are read from samples are others than the true ones: a window averages, and a difference sees nothing
-within a step. What is read is linear in the samples, so its covariance is known as exactly as that of the noise.
-"""
+"""The smoothness s of the noise, estimated by maximising F̄ᵒ."""
 
 from __future__ import annotations
 
-from math import factorial
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.linalg import inv
-from scipy.special import erf
+from scipy.optimize import minimize_scalar
+from scipy.stats import norm
 
-from mavdem.dem.coordinates import taylor_weights
+from mavdem.dem.engine.ascent import ascend
+from mavdem.dem.engine.generative import SufficientStatistics
+from mavdem.dem.engine.linalg import Array, raise_on_overflow
+from mavdem.dem.fitting import generalized, generative_model, with_smoothness
+from mavdem.dem.record import Record, UniformRecord
+from mavdem.dem.scaling import Scaling
+from mavdem.dem.settings import CompleteSettings
+from mavdem.dem.validation import LEVEL, require_probability
 
-WORST_CONDITION = 1e12
-"""Of a covariance that is inverted: beyond, less than four digits are left of some of it."""
+MIN_STEPS = 0.25  # steps: noise of a smoothness below this is white to the samples, whatever it is between them
+
+MAX_SHARE, MAX_STEPS = 0.05, 1000.0
+"""Of the longest segment: smoother noise does not change often enough to be measured. And in steps: of smoother noise
+differences between samples are rounding."""
+
+GRID_POINTS = 9  # of the first, coarse search, over ln s
+CURVATURE_STEP = 0.1  # in ln s: for the curvature of F̄ᵒ by differences
 
 
-def temporal_covariance(order: int, smoothness: float) -> NDArray[np.float64]:
-    """Covariance of [w, w′, …] of a noise of unit variance, Eq. ``Smatrix`` before it is inverted.
+class SmoothnessEstimate(NamedTuple):
+    """The estimated smoothness, and how flat F̄ᵒ is around it.
+
+    Attributes:
+        smoothness: kernel width s, seconds.
+        log_sd: standard deviation of ln s, from the curvature of F̄ᵒ for the effective number of samples: F̄ᵒ counts
+            neighbours as independent. Infinite at an end of the range.
+        tried: (k,) every s at which F̄ᵒ was computed, seconds, increasing.
+        free_energy: (k,) F̄ᵒ there.
+    """
+
+    smoothness: float
+    log_sd: float
+    tried: Array
+    free_energy: Array
+
+    def interval(self, level: float = LEVEL) -> tuple[float, float]:
+        """The interval of s with probability ``level``, seconds."""
+        require_probability(level)
+        span = float(np.exp(norm.ppf(0.5 + level / 2) * self.log_sd))
+        return self.smoothness / span, self.smoothness * span
+
+
+def estimate_smoothness(
+    train: UniformRecord | Sequence[UniformRecord], settings: CompleteSettings | None = None
+) -> SmoothnessEstimate:
+    """The smoothness s of a flight's noise: the maximum of F̄ᵒ over s.
+
+    Each sample's derivatives determine s: a noise of variance 1 has a derivative of variance 1/(2s²). So the shortest
+    window with two derivatives is enough, without hidden states, which would explain coloured noise as motion. Sensor
+    noise is assumed small (``Settings.lambda_z``): where it is not, s is too short.
 
     Args:
-        order: highest derivative.
-        smoothness: kernel width s > 0, seconds.
+        train: a ``Flight``, or a list of segments, as for ``learn``.
+        settings: whose ``smoothness`` is not used; unless given, those described above.
 
-    Returns:
-        (order + 1, order + 1), in powers of 1/s: entry (i, j) is (−1)ⁱ times the (i+j)-th derivative of the
-        autocorrelation at zero, which vanishes where i + j is odd.
+    Raises:
+        ValueError: no segment has a window of three samples, or no smoothness in range could be fitted.
     """
-    covariance = np.zeros((order + 1, order + 1))
-    for i in range(order + 1):
-        for j in range(i % 2, order + 1, 2):
-            k = (i + j) // 2
-            derivative = (-1) ** k * factorial(2 * k) / factorial(k) / (4 * smoothness**2) ** k
-            covariance[i, j] = (-1) ** i * derivative
-    return covariance
+    record = Record.of(train)
+    if settings is None:
+        settings = CompleteSettings(order=record.outputs.shape[1], p=2, d=2, window=3, parameter_precision=1.0)
+    if not record.windows(settings.window):
+        raise ValueError(f"train must have a segment of at least {settings.window} samples, not {record.longest}")
+    scaling = Scaling.of(*record.spread, settings)
+    model = generative_model(settings, scaling, record)
+    samples = SufficientStatistics.of(*generalized(settings, scaling, record))
+    values: dict[float, float] = {}
+
+    def value(log_s: float) -> float:
+        if log_s not in values:
+            try:
+                with raise_on_overflow():
+                    own = with_smoothness(model, settings, float(np.exp(log_s)), record.dt)
+                    values[log_s] = float(ascend(own, samples, settings.iterations).free_energy[-1])
+            except (np.linalg.LinAlgError, ValueError):
+                values[log_s] = -np.inf
+        return values[log_s]
+
+    longest = min(max(MAX_SHARE * record.longest, 1.0), MAX_STEPS)
+    lowest, highest = np.log([MIN_STEPS * record.dt, longest * record.dt])
+    grid = np.linspace(lowest, highest, GRID_POINTS)
+    best = int(np.argmax([value(place) for place in grid]))
+    if not np.isfinite(value(grid[best])):
+        raise ValueError("the training data do not determine the smoothness of their noise: set it")
+    log_s, log_sd = float(grid[best]), np.inf
+    if 0 < best < GRID_POINTS - 1 and np.isfinite([value(grid[best - 1]), value(grid[best + 1])]).all():
+        bracket = grid[best - 1], grid[best + 1]
+        # Where F̄ᵒ cannot be computed between the two, it counts as the lower of them.
+        lowest_value = min(value(place) for place in bracket)
+        found = minimize_scalar(lambda at: -max(value(at), lowest_value), bounds=bracket, options={"xatol": 0.01})
+        log_s = float(found.x)
+        curvature = (
+            value(log_s - CURVATURE_STEP) + value(log_s + CURVATURE_STEP) - 2 * value(log_s)
+        ) / CURVATURE_STEP**2
+        if -np.inf < curvature < 0:
+            log_sd = float(np.sqrt(_redundancy(np.exp(log_s), record.dt) / -curvature))
+    tried = sorted(place for place, found in values.items() if np.isfinite(found))
+    return SmoothnessEstimate(float(np.exp(log_s)), log_sd, np.exp(tried), np.array([values[place] for place in tried]))
 
 
-def temporal_precision(order: int, smoothness: float) -> NDArray[np.float64]:
-    """S(s²), the inverse of :func:`temporal_covariance`, (order + 1, order + 1).
+def _redundancy(smoothness: float, dt: float) -> float:
+    """Samples per effective sample: Σ_k ρ(k dt)², for the autocorrelation ρ of the noise.
 
-    It is inverted in units of s, where its condition does not depend on the unit of time.
+    A sample's square, by which variances are estimated, is correlated with its neighbours' by ρ².
     """
-    units = smoothness ** np.arange(order + 1)
-    return np.asarray(inv(temporal_covariance(order, 1.0)) * np.outer(units, units))
-
-
-def sampled_output_precision(order: int, smoothness: float, dt: float, window: int) -> NDArray[np.float64]:
-    """S of a noise on the samples themselves, z, whose derivatives are read from a window of them.
-
-    W K Wᵀ inverted, for the weights W of ``taylor_weights`` and K the autocorrelation between samples of the window.
-
-    Args:
-        order: highest derivative.
-        smoothness: kernel width s > 0, seconds.
-        dt, window: sampling step (s) and samples read.
-
-    Returns:
-        (order + 1, order + 1).
-    """
-    weights, lag = _reading(order, dt, window)
-    return _precision_in_steps(weights @ np.exp(-((lag / smoothness) ** 2) / 4) @ weights.T, dt)
-
-
-def sampled_state_precision(order: int, smoothness: float, dt: float, window: int) -> NDArray[np.float64]:
-    """S of a noise that drives the states, w, whose k-th derivative is read as the k + 1-st of what it drives.
-
-    So it is that of the noise's integral, of which the weights of derivatives see differences only: with
-    g(τ) = ∫₀^τ (τ − u) exp(−u²/4s²) du, the mean square of the integral over τ is 2 g(τ), and the covariance −W g Wᵀ.
-
-    Args:
-        order: highest derivative of the noise, one less than that of the states.
-        smoothness, dt, window: as in :func:`sampled_output_precision`.
-
-    Returns:
-        (order + 1, order + 1).
-    """
-    weights, lag = _reading(order + 1, dt, window)
-    span, s = np.abs(lag), smoothness
-    g = span * s * np.sqrt(np.pi) * erf(span / (2 * s)) + 2 * s**2 * np.expm1(-((span / s) ** 2) / 4)
-    return _precision_in_steps(-weights[1:] @ g @ weights[1:].T, dt)
-
-
-def _reading(order: int, dt: float, window: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Weights (order + 1, window) of derivatives at the window's centre, and the times between its samples, s."""
-    instants = dt * np.arange(window)
-    return taylor_weights(order, dt, window, window // 2), instants[:, None] - instants
-
-
-def _precision_in_steps(covariance: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
-    """The inverse, taken in units of steps, where orders do not differ by powers of the sampling rate."""
-    units = dt ** np.arange(len(covariance))
-    if not np.linalg.cond(covariance * np.outer(units, units)) < WORST_CONDITION:
-        raise ValueError(
-            f"smoothness must be shorter for derivatives up to order {len(covariance) - 1}, or correlation "
-            '"continuous": as they are read from samples, those of so smooth a noise are lost in rounding'
-        )
-    inverse = inv(covariance * np.outer(units, units)) * np.outer(units, units)
-    return np.asarray((inverse + inverse.T) / 2)
+    lags = np.arange(-round(10 * smoothness / dt) - 1, round(10 * smoothness / dt) + 2) * dt
+    return float(np.exp(-((lags / smoothness) ** 2) / 2).sum())

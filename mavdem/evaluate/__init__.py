@@ -1,14 +1,24 @@
-"""Evaluation: how far forecasts are off, beside those that know nothing, and whether noise is what it is taken for.
+"""Evaluation: the error of forecasts beside a baseline, paired tests, and tests of the noise.
 
-``mspe`` states the error, ``skill`` at which horizon, ``paired`` whether one method errs less than another, ``noise``
-whether what is left over is Gaussian and of what colour, ``report`` what there is to tell of one learnt flight.
+``mspe`` is the error, ``skill`` the error ratio by horizon, ``paired`` the comparison of two methods, ``analyse_noise``
+tests whether noise is Gaussian or white, ``report`` has the figures of one learnt flight.
 """
 
-from mavdem.evaluate.mspe import Mspe, mspe, relative_mspe, squared_errors
+from mavdem.evaluate.flight_report import report, trivial_forecasts
+from mavdem.evaluate.flight_windows import Window, windows
 from mavdem.evaluate.noise import Noise, Significance, analyse_noise, process_noise
-from mavdem.evaluate.paired import Paired, Span, paired
-from mavdem.evaluate.report import report, trivial_forecasts
-from mavdem.evaluate.skill import HORIZONS, Skill, horizons, skill, skill_by_horizon
+from mavdem.evaluate.paired_test import Paired, Span, paired
+from mavdem.evaluate.squared_error import (
+    HORIZONS,
+    Mspe,
+    Skill,
+    horizons,
+    mspe,
+    relative_mspe,
+    skill,
+    skill_by_horizon,
+    squared_errors,
+)
 
 __all__ = [
     "HORIZONS",
@@ -18,6 +28,7 @@ __all__ = [
     "Significance",
     "Skill",
     "Span",
+    "Window",
     "analyse_noise",
     "horizons",
     "mspe",
@@ -29,4 +40,5 @@ __all__ = [
     "skill_by_horizon",
     "squared_errors",
     "trivial_forecasts",
+    "windows",
 ]

@@ -1,15 +1,16 @@
-"""What a noise is like: whether it is Gaussian, as the Laplace approximation takes it, and whether white or coloured.
+"""Tests of a noise: whether it is Gaussian, as the Laplace approximation assumes, and whether it is white or coloured.
 
-The Jarque-Bera test asks whether skewness and excess kurtosis are those of chance, and takes samples for independent.
-Coloured ones scatter more: of a stationary Gaussian series of autocorrelation ρ the variances of √N times skewness and
-kurtosis tend to 6 Σρ(k)³ and 24 Σρ(k)⁴ over all lags, positive and negative (Lomnicki), where independent samples have
-6 and 24. So coloured Gaussian noise is called non-Gaussian as good as always. ``normality`` estimates these sums as
-Lobato and Velasco do and holds its level for any colour; ``normality_if_white`` is the plain test.
+The Jarque-Bera test of skewness and excess kurtosis assumes independent samples. Those of coloured noise have a larger
+variance: for a stationary Gaussian series of autocorrelation ρ, the variances of √N times skewness and kurtosis tend to
+6 Σρ(k)³ and 24 Σρ(k)⁴ over all lags, positive and negative (Lomnicki), instead of 6 and 24. So the test rejects
+coloured Gaussian noise nearly always. ``normality`` estimates these sums as Lobato and Velasco do and keeps its level
+for any colour; ``normality_if_white`` is the plain test.
 
-The Ljung-Box test asks whether autocorrelations up to a lag are those of chance.
+The Ljung-Box test is of the autocorrelations up to a lag.
 
-A process noise is *estimated* from derivatives, each read from a window of samples, so that neighbours share samples
-and agree even where the noise is white. ``overlap`` says how many do; ``whiteness`` is then of values that share none.
+A process noise is *estimated* from derivatives, each from a window of samples, so that neighbouring values share
+samples and are correlated for any noise. ``overlap`` is the number of values that share a sample; ``whiteness`` is of
+values that share none.
 
 References:
     C. M. Jarque, A. K. Bera, "A test for normality of observations and regression residuals", International
@@ -25,32 +26,24 @@ from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.stats import chi2, jarque_bera, norm
 
 from mavdem.dem import Learned
+from mavdem.dem.engine.linalg import Array
 
-Array = NDArray[np.float64]
-
-FEWEST_VALUES = 20
-"""Below this no test of shape or colour says anything."""
-
-LAGS, SHARE_OF_LAGS = 10, 5
-"""The Ljung-Box test takes so many lags, but no more than one of so many values."""
-
-SHOWN_LAGS = 100
-"""Lags of the autocorrelation that are told, of which a quarter of the values is the most."""
-
-BOUND = float(norm.ppf(0.975))
-"""Half width of the 95 % bounds of white noise's autocorrelation, times √N."""
+MIN_VALUES = 20  # with fewer values no test of shape or colour has power
+LAGS, SHARE_OF_LAGS = 10, 5  # the Ljung-Box test uses at most so many lags, and one lag for so many values
+MAX_LAGS = 100  # lags of the reported autocorrelation; at most a quarter of the values
+WHITE_BOUND = float(norm.ppf(0.975))  # half width of the 95 % bounds of white noise's autocorrelation, times √N
 
 
 class Significance(NamedTuple):
-    """What a test came to.
+    """The result of a test.
 
     Attributes:
-        statistic: large where the hypothesis is unlikely.
-        p_value: how probable a statistic as large is where it holds.
+        statistic: large if the hypothesis is unlikely.
+        p_value: probability of a statistic at least as large under the hypothesis.
     """
 
     statistic: float
@@ -59,10 +52,10 @@ class Significance(NamedTuple):
 
 @dataclass(frozen=True)
 class Noise:
-    """What one series of noise is like.
+    """The statistics of one series of noise.
 
     Attributes:
-        values: how many there are.
+        values: number of values.
         dt: step between them, s.
         mean, sd: in the unit of the noise.
         skewness, excess_kurtosis: 0 of a Gaussian.
@@ -70,16 +63,16 @@ class Noise:
         edges: one more than bins.
         autocorrelation: at lags 0, 1, …, in steps.
         bound: 95 % of white noise's autocorrelations lie within ± this.
-        normality: whether it is Gaussian, of whatever colour.
-        normality_if_white: the same by the plain Jarque-Bera test, which rejects coloured noise for its colour.
-        whiteness: whether values that share no samples are white.
-        whiteness_of_all: whether all values are, shared samples or not.
-        overlap: neighbouring values up to so many steps apart, less one, share samples.
-        correlation_time: seconds over which it agrees with itself: the integral of the autocorrelation, over both
-            signs of lag, up to where it first falls below ``bound``.
+        normality: test for Gaussian noise of any colour.
+        normality_if_white: the plain Jarque-Bera test, which rejects coloured noise too.
+        whiteness: test for white noise, of values that share no samples.
+        whiteness_of_all: the same of all values.
+        overlap: values closer than so many steps share samples.
+        correlation_time: s, the integral of the autocorrelation over both signs of lag, up to where it first falls
+            below ``bound``.
         smoothness: kernel width s, in seconds, of the Gaussian-kernel noise whose autocorrelation exp(−τ²/4s²) falls
-            to a half at the same lag. Of white noise it is what samples cannot tell from white, about a third of dt.
-        effective_values: as many independent ones tell as much of the mean.
+            to a half at the same lag. White noise has about a third of dt, the resolution of the samples.
+        effective_values: effective sample size of the mean.
     """
 
     values: int
@@ -108,12 +101,9 @@ class Noise:
 
 
 def analyse_noise(values: ArrayLike, dt: float, overlap: int = 1) -> Noise:
-    """What a series of noise is like.
+    """The statistics of a series of noise: ``values`` (N,), finite, ``dt`` seconds apart, in any unit.
 
-    Args:
-        values: (N,) finite, ``dt`` apart, in any unit.
-        dt: seconds.
-        overlap: how many neighbouring values an underlying sample goes into; 1 where each value is its own.
+    ``overlap``: number of neighbouring values that an underlying sample contributes to; 1 if values share none.
 
     Raises:
         ValueError: fewer than twenty values that share no samples, or values that are not finite or do not vary.
@@ -121,19 +111,17 @@ def analyse_noise(values: ArrayLike, dt: float, overlap: int = 1) -> Noise:
     series = np.asarray(values, np.float64)
     if series.ndim != 1 or not np.isfinite(series).all():
         raise ValueError(f"values must be finite, of shape (N,), not {series.shape}")
-    if overlap < 1 or len(series[::overlap]) < FEWEST_VALUES:
-        raise ValueError(
-            f"values must be {FEWEST_VALUES} at least that share no samples, not {len(series)} / {overlap}"
-        )
+    if overlap < 1 or len(series[::overlap]) < MIN_VALUES:
+        raise ValueError(f"values must be {MIN_VALUES} at least that share no samples, not {len(series)} / {overlap}")
     if not np.ptp(series):
         raise ValueError("values must vary")
     deviation = series - series.mean()
     sd = float(deviation.std())
     covariance = autocovariance(deviation / sd)
-    lags = min(SHOWN_LAGS, len(series) // 4) + 1
+    lags = min(MAX_LAGS, len(series) // 4) + 1
     histogram, edges = np.histogram(deviation / sd, bins="auto", density=True)
     plain = jarque_bera(series)
-    bound = BOUND / float(np.sqrt(len(series)))
+    bound = WHITE_BOUND / float(np.sqrt(len(series)))
     time = dt * _integrated(covariance, bound)
     return Noise(
         len(series),
@@ -158,11 +146,7 @@ def analyse_noise(values: ArrayLike, dt: float, overlap: int = 1) -> Noise:
 
 
 def normality(series: ArrayLike) -> Significance:
-    """Whether a stationary series of whatever colour is Gaussian (Lobato and Velasco's G, χ² of two degrees).
-
-    Args:
-        series: (N,) values.
-    """
+    """Test whether a stationary series of any colour is Gaussian (Lobato and Velasco's G, χ² of two degrees)."""
     x = np.asarray(series, np.float64)
     x = x - x.mean()
     n, variance = len(x), x.var()
@@ -176,11 +160,7 @@ def normality(series: ArrayLike) -> Significance:
 
 
 def whiteness(series: ArrayLike) -> Significance:
-    """Whether a series is white: Ljung and Box's Q of the first lags, ten or a fifth of the values, χ² of as many.
-
-    Args:
-        series: (N,) values.
-    """
+    """Test whether a series is white: Ljung and Box's Q of the first ten lags, χ² of as many degrees."""
     x = np.asarray(series, np.float64)
     n = len(x)
     lags = np.arange(1, min(LAGS, n // SHARE_OF_LAGS) + 1)
@@ -190,28 +170,23 @@ def whiteness(series: ArrayLike) -> Significance:
 
 
 def autocovariance(deviation: Array) -> Array:
-    """(N,) Σ x_t x_{t+k} / N at lags k = 0 … N − 1, of a series (N,) of mean zero.
-
-    Args:
-        deviation: from the mean.
-    """
+    """(N,) Σ x_t x_{t+k} / N at lags k = 0 … N − 1, of a series (N,) of mean zero."""
     n = len(deviation)
     spectrum = np.abs(np.fft.rfft(deviation, 2 * n)) ** 2
     return np.asarray(np.fft.irfft(spectrum)[:n] / n)
 
 
 def _integrated(correlation: Array, bound: float) -> float:
-    """Sum over lags of both signs, up to the first that is chance."""
+    """Sum over lags of both signs, up to the first below the bound."""
     ends = np.flatnonzero(correlation < bound)
     return float(2 * correlation[: ends[0] if len(ends) else None].sum() - 1)
 
 
 def _width(correlation: Array, bound: float) -> float:
-    """Steps: the kernel width that the lag of half height belongs to.
+    """Steps: the kernel width that belongs to the lag of half height.
 
-    Between lags, ln ρ is taken for linear in the square of the lag, as that of Gaussian-kernel noise is. The height is
-    where the estimate scatters least: half as much as one from the integral, which adds up what chance leaves of the
-    tail.
+    Between lags, ln ρ is interpolated linearly in the squared lag, as for Gaussian-kernel noise. Half height has the
+    estimate of lowest variance: half that of one from the integral, which includes the random tail.
     """
     after = int(np.flatnonzero(correlation < 0.5)[0])
     before = after - 1
@@ -221,14 +196,11 @@ def _width(correlation: Array, bound: float) -> float:
 
 
 def process_noise(learned: Learned) -> dict[int, Noise]:
-    """What the process noise of a learnt model is like, as it drives each output, by the output's number.
+    """The statistics of the process noise of ``learned``, as it drives each output, by the output's number.
 
-    That is C w, w = x′ − A x − B v as the D step found it, in units of the outputs per second: for the roll rate
-    rad/s², the w^φ̇ of the paper's histograms. It does not depend on what the states are called. Where the training data
-    have gaps it is that of the longest stretch between them.
-
-    Args:
-        learned: the model.
+    That is C w, w = x′ − A x − B v as the D step estimates it, in units of the outputs per second: for the roll rate
+    rad/s², the w^φ̇ of the paper's histograms. It does not depend on the coordinates of the states. If the training
+    data have gaps it is that of the longest part between them.
 
     Raises:
         ValueError: too few training samples, or a noise that does not vary, as when p = 0.

@@ -1,6 +1,7 @@
 """Ingest: recorded flights as ``Log`` and ``Telemetry``."""
 
 from mavdem.ingest.formats import read_log
-from mavdem.ingest.log import Log, Speaker, Unread
+from mavdem.ingest.log import Component, Log, Unread
+from mavdem.ingest.telemetry import Telemetry
 
-__all__ = ["Log", "Speaker", "Unread", "read_log"]
+__all__ = ["Log", "Component", "Telemetry", "Unread", "read_log"]

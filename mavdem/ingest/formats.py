@@ -1,31 +1,27 @@
-"""Which kind of log a file is, by its first bytes and then by its name, and who reads it."""
+"""Which format a log file has, by its first bytes and then by its name, and which reader it takes."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 from mavdem.errors import Unreadable
-from mavdem.ingest.dataflash_text import is_text as is_dataflash_text
-from mavdem.ingest.files import READ, file_beginning
-from mavdem.ingest.framing import MARKER_1, MARKER_2, Progress
+from mavdem.ingest.contents import READABLE_FORMATS, file_beginning
+from mavdem.ingest.dataflash.text import is_text as is_dataflash_text
 from mavdem.ingest.log import Log
-from mavdem.ingest.receipt import STAMP
-from mavdem.ingest.tlog import read_tlog
+from mavdem.ingest.mavlink.framing import MARKER_1, MARKER_2, Progress
+from mavdem.ingest.mavlink.stream import FrameStream
+from mavdem.ingest.tlog import STAMP_BYTES, read_tlog, tlog_stream
 
-ULOG, DATAFLASH, DATAFLASH_TEXT = "PX4 ULog", "DataFlash", "DataFlash as text"
-MCAP, TLOG = "MCAP recording", "telemetry log"
+ULOG, DATAFLASH, MCAP, TLOG = "PX4 ULog", "DataFlash", "MCAP recording", "telemetry log"
 BEGINNINGS = {b"ULog\x01\x12\x35": ULOG, b"\xa3\x95": DATAFLASH, b"\x89MCAP0\r\n": MCAP}
-"""First bytes of the logs that can be read and begin in one way."""
-NAMES = {".ulg": ULOG, ".bin": DATAFLASH, ".mcap": MCAP}
-"""What a file is by its name, where its beginning is damaged."""
-OTHERS = {
-    b"\x1f\x8b": "a gzip archive",
-    b"PK\x03\x04": "a zip archive",
-}
-"""First bytes of the files that are often at hand where a log is meant."""
-SAMPLE = 4096
+"""First bytes of each format that has fixed ones."""
+EXTENSIONS = {".ulg": ULOG, ".bin": DATAFLASH, ".mcap": MCAP}
+"""Format by file name, for a file whose beginning is damaged."""
+ARCHIVES = {b"\x1f\x8b": "a gzip archive", b"PK\x03\x04": "a zip archive"}
+"""First bytes of files that often contain a log but are not read."""
+
+LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 
 
 def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = None) -> Log:
@@ -37,51 +33,59 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = N
         progress: called with the fraction done.
 
     Raises:
-        Unreadable: the file cannot be opened, is of another kind, or there is no flight in it.
-        ValueError: ``path`` is no path.
+        Unreadable: the file cannot be opened, has another format, or contains no flight.
+        ValueError: ``path`` is not a path.
     """
+    name, kind = _name_and_format(path)
+    # A library that only one format needs is imported when a file of that format is read.
+    if kind == ULOG:
+        from mavdem.ingest.ulog.log import read_ulog
+
+        return read_ulog(name, progress)
+    if kind == DATAFLASH:
+        from mavdem.ingest.dataflash.log import read_dataflash
+
+        return read_dataflash(name, progress)
+    if kind == MCAP:
+        from mavdem.ingest.mcap.log import read_mcap
+
+        return read_mcap(name, progress)
+    return read_tlog(name, progress)
+
+
+def read_stream(path: str | bytes | os.PathLike[str], progress: Progress | None = None) -> FrameStream:
+    """Reads the MAVLink frames of a telemetry log (.tlog) or of an MCAP recording (.mcap), whatever the file's name.
+
+    Raises Unreadable: it cannot be opened, has another format, or no MAVLink; ValueError: ``path`` is not a path.
+    """
+    name, kind = _name_and_format(path)
+    if kind == MCAP:
+        from mavdem.ingest.mcap.log import mcap_stream
+
+        return mcap_stream(name, progress)
+    if kind != TLOG:
+        raise Unreadable(f"{name} is {kind}, which holds no MAVLink frames: convert it to a table (.csv).")
+    return tlog_stream(name, progress)
+
+
+def _name_and_format(path: str | bytes | os.PathLike[str]) -> tuple[str, str]:
     if not isinstance(path, str | bytes | os.PathLike):
         raise ValueError(f"path must name a file, not be {path!r}")
     name = os.fsdecode(path)
-    beginning = file_beginning(name, SAMPLE)
-    reader = _reader(_kind(name, beginning))
-    if reader is None:
-        other = next((other for first, other in OTHERS.items() if beginning.startswith(first)), "text")
-        raise Unreadable(f"{name} is {other}: {READ}.")
-    return reader(name, progress)
-
-
-def _kind(name: str, beginning: bytes) -> str | None:
-    """None for what is surely something else."""
+    beginning = file_beginning(name, 4096)
     for first, kind in BEGINNINGS.items():
         if beginning.startswith(first):
-            return kind
+            return name, kind
     if is_dataflash_text(beginning):
-        return DATAFLASH_TEXT
-    if beginning.startswith(tuple(OTHERS)):
-        return None
-    if len(beginning) > STAMP and beginning[STAMP] in (MARKER_1, MARKER_2):
-        return TLOG
-    named = NAMES.get(Path(name.removesuffix(".xz")).suffix.lower())
-    return named or (None if _is_text(beginning) else TLOG)
-
-
-def _reader(kind: str | None) -> Callable[[str, Progress | None], Log] | None:
-    """Libraries that only one kind of log needs are imported when it comes."""
-    if kind == ULOG:
-        from mavdem.ingest.ulog import read_ulog
-
-        return read_ulog
-    if kind in (DATAFLASH, DATAFLASH_TEXT):
-        from mavdem.ingest.dataflash import read_dataflash
-
-        return read_dataflash
-    if kind == MCAP:
-        from mavdem.ingest.mcap_log import read_mcap
-
-        return read_mcap
-    return read_tlog if kind == TLOG else None
-
-
-def _is_text(content: bytes) -> bool:
-    return not any(byte < 9 or (13 < byte < 32 and byte != 27) or byte > 126 for byte in content)
+        return name, DATAFLASH
+    if beginning.startswith(LFS_POINTER):
+        raise Unreadable(f"{name} is a pointer of Git LFS, not the log itself: fetch that with `git lfs pull`.")
+    other = next((other for first, other in ARCHIVES.items() if beginning.startswith(first)), None)
+    if other is None:
+        if beginning[STAMP_BYTES : STAMP_BYTES + 1] in (bytes([MARKER_1]), bytes([MARKER_2])):
+            return name, TLOG
+        kind_by_name = EXTENSIONS.get(Path(name.removesuffix(".xz")).suffix.lower())
+        binary = any(byte < 9 or (13 < byte < 32 and byte != 27) or byte > 126 for byte in beginning)
+        if kind_by_name is not None or binary:
+            return name, kind_by_name or TLOG
+    raise Unreadable(f"{name} is {other or 'text'}: {READABLE_FORMATS}.")

@@ -1,8 +1,8 @@
-"""PX4's topics in MAVLink's words: which topic becomes which message, field by field.
+"""PX4's topics as MAVLink messages: which topic becomes which message, field by field.
 
-The translation is the one PX4 itself does when it sends these messages; each function names the file of
+PX4 translates in the same way when it sends these messages; each function names the file of
 https://github.com/PX4/PX4-Autopilot/tree/main/src/modules/mavlink/streams it agrees with. Topics are defined in
-https://github.com/PX4/PX4-Autopilot/tree/main/msg. Fields of a message that no topic tells are left out.
+https://github.com/PX4/PX4-Autopilot/tree/main/msg. Fields that no topic has are left out.
 """
 
 from __future__ import annotations
@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.geometry import layout
-from mavdem.ingest.meaning import ARMED, CUSTOM_MODE
-from mavdem.telemetry import Columns
+from mavdem.ingest.motors import motor_geometry
+from mavdem.ingest.telemetry import Columns, selected
+from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, IN_AIR, LANDING, ON_GROUND, PX4, TAKING_OFF, heartbeat_fields
 
-Topic = Mapping[str, NDArray[Any]]
+Px4Topic = Mapping[str, NDArray[Any]]
 """The fields of one topic by pyulog's names ("q[0]"), (N,) each, and beside them ``time`` (N,) s since boot."""
-Topics = Mapping[str, Mapping[int, Topic]]
-"""Topics by name, and of each the instances by their number."""
+Topics = Mapping[str, Mapping[int, Px4Topic]]  # Topics by name, and of each the instances by their number
 Parameters = Mapping[str, float]
 
 NEEDED: Mapping[str, tuple[str, ...]] = {
@@ -38,41 +37,32 @@ NEEDED: Mapping[str, tuple[str, ...]] = {
     "vehicle_thrust_setpoint": ("xyz[3]",),
 }
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
-PX4 = 12
-"""MAV_AUTOPILOT_PX4."""
-BRIDGED = 0.1
-"""Longest step, s, of the attitude that a line may bridge: half a period of the 5 Hz at which roll dynamics live."""
+MAX_ATTITUDE_STEP = 0.1
+"""Longest step, s, of the attitude that is interpolated: half a period at 5 Hz, the band of the roll dynamics."""
 
-_ARMING_STATE_ARMED = 2
-_FIXED_WING, _GROUND_ROVER, _GENERIC_MULTIROTOR = 1, 10, 43
-_OF_WINGS = {1: _GENERIC_MULTIROTOR, 2: _FIXED_WING, 3: _GROUND_ROVER}
-"""MAV_TYPE by vehicle_status.vehicle_type, which tells no number of rotors."""
-_ON_GROUND, _IN_AIR, _TAKING_OFF, _LANDING = 1, 2, 3, 4
-_SETPOINT_TAKEOFF, _SETPOINT_LAND = 3, 4
+_GENERIC_MULTIROTOR = 43
+_OF_WINGS = {1: _GENERIC_MULTIROTOR, 2: 1, 3: 10}
+"""MAV_TYPE by vehicle_status.vehicle_type, which has no number of rotors: a multirotor, a fixed wing, a rover."""
 _OUTPUTS, _MOTORS, _CONTROLS = 16, 12, 8
 
 
 def mav_type(topics: Topics, parameters: Parameters) -> int | None:
-    """MAV_TYPE, from vehicle_status.system_type, the parameter MAV_TYPE, or the kind of wings; None when none says."""
+    """MAV_TYPE, from vehicle_status.system_type, the parameter MAV_TYPE, or the kind of wings; None without any."""
     status = _first(topics, "vehicle_status") or {}
-    said = [*status.get("system_type", ()), parameters.get("MAV_TYPE", 0)]
-    said = [int(kind) for kind in said if 0 < kind < 256] or [
+    types = [*status.get("system_type", ()), parameters.get("MAV_TYPE", 0)]
+    types = [int(kind) for kind in types if 0 < kind < 256] or [
         *(_OF_WINGS[kind] for kind in status.get("vehicle_type", ()) if kind in _OF_WINGS),
         *(_GENERIC_MULTIROTOR for rotary in status.get("is_rotary_wing", ()) if rotary),
     ]
-    return max(set(said), key=said.count, default=None)
+    return max(set(types), key=types.count, default=None)
 
 
 def messages(topics: Topics, parameters: Parameters, vehicle: str, kind: int | None) -> dict[str, Columns]:
     """The messages that topics make, by name; ``time`` is PX4's own stamp of the topic, ``boot`` 0 throughout.
 
-    Args:
-        topics: as far as they were logged.
-        parameters: of the autopilot.
-        vehicle: its MAV_TYPE without the prefix.
-        kind: its MAV_TYPE, None when unknown.
+    ``vehicle`` is the MAV_TYPE without its prefix, ``kind`` its number, None when unknown.
     """
-    with np.errstate(all="ignore"):  # damage makes numbers that are none; who uses them leaves them out
+    with np.errstate(all="ignore"):  # damage makes values that are not finite; their readers leave them out
         made = {
             "ATTITUDE_QUATERNION": _attitude_quaternion(topics),
             "SERVO_OUTPUT_RAW": _servo_output_raw(topics),
@@ -89,19 +79,39 @@ def messages(topics: Topics, parameters: Parameters, vehicle: str, kind: int | N
     }
 
 
+def names(topics: Topics, made: Mapping[str, Columns]) -> dict[str, str]:
+    """The topic behind each message that is ``made`` or could be; of several the one with the message's stamps."""
+    attitude, rates = "vehicle_attitude", _first(topics, "vehicle_angular_velocity")
+    if rates is not None and "ATTITUDE_QUATERNION" in made:
+        stamped = np.isin(made["ATTITUDE_QUATERNION"]["time"], rates["time"]).all()
+        attitude = "vehicle_angular_velocity" if stamped else attitude
+    old = "actuator_controls_0" in topics and "vehicle_torque_setpoint" not in topics
+    return {
+        "ATTITUDE_QUATERNION": attitude,
+        "SERVO_OUTPUT_RAW": "actuator_outputs",
+        "HIL_ACTUATOR_CONTROLS": "actuator_motors",
+        "ACTUATOR_CONTROL_TARGET": "actuator_controls_0" if old else "vehicle_torque_setpoint",
+        "HEARTBEAT": "vehicle_status",
+        "EXTENDED_SYS_STATE": "vehicle_land_detected",
+        "LOCAL_POSITION_NED": "vehicle_local_position",
+    }
+
+
 def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]] | None:
     """ATTITUDE_QUATERNION.hpp: vehicle_attitude and, from PX4 1.10 on, vehicle_angular_velocity for the rates.
 
-    PX4 sends the rates that were last published. Here attitude, the smoother of the two, is moved to the stamps of the
-    rates by the line between its neighbours, so that neither is late. Only an attitude too slow for that keeps its own.
+    PX4 sends the rates that were last published. Here attitude, the smoother of the two, is interpolated at the stamps
+    of the rates, so that neither is late. Only an attitude too slow for that keeps its own stamps.
     """
     attitude = _first(topics, "vehicle_attitude")
     if attitude is None or not _has(attitude, "q", 4):
         return None
-    q, names = _array(attitude, "q", 4), ("q1", "q2", "q3", "q4")
-    if all(name in attitude for name in ("rollspeed", "pitchspeed", "yawspeed")):
-        rates = {name: attitude[name] for name in ("rollspeed", "pitchspeed", "yawspeed")}
-        return {"time": attitude["time"], **dict(zip(names, q.T, strict=True)), **rates}
+    q = _array(attitude, "q", 4)
+    rates = ("rollspeed", "pitchspeed", "yawspeed")
+    names = ("q1", "q2", "q3", "q4", *rates)
+    if all(name in attitude for name in rates):
+        columns = [*q.T, *(attitude[name] for name in rates)]
+        return {"time": attitude["time"], **dict(zip(names, columns, strict=True))}
     angular = _first(topics, "vehicle_angular_velocity")
     if angular is None or not _has(angular, "xyz", 3):
         return None
@@ -112,30 +122,23 @@ def _attitude_quaternion(topics: Topics) -> dict[str, NDArray[Any]] | None:
     if len(q) < 2:
         return None
     steps = np.diff(measured)
-    if np.median(steps) > BRIDGED:
+    if np.median(steps) > MAX_ATTITUDE_STEP:
         xyz = np.column_stack([np.interp(measured, moments, rate) for rate in xyz.T])
         time = stamps
     else:
         after = np.clip(np.searchsorted(measured, moments), 1, len(measured) - 1)
-        inside = (moments >= measured[0]) & (moments <= measured[-1]) & (steps[after - 1] <= BRIDGED)
+        inside = (moments >= measured[0]) & (moments <= measured[-1]) & (steps[after - 1] <= MAX_ATTITUDE_STEP)
         q, xyz, time = _between(measured, q, after[inside], moments[inside]), xyz[inside], time[inside]
-    return {
-        "time": time,
-        **dict(zip(names, q.T, strict=True)),
-        **dict(zip(("rollspeed", "pitchspeed", "yawspeed"), xyz.T, strict=True)),
-    }
+    return {"time": time, **dict(zip(names, [*q.T, *xyz.T], strict=True))}
 
 
-def _moments(*topics: Topic) -> list[NDArray[np.float64]]:
-    """When each was measured, s, where all tell it in order, or else published, a little later: not one each way."""
-    told = all("timestamp_sample" in topic for topic in topics)
-    if told and all(topic["timestamp_sample"][0] > 0 and _increasing(topic["timestamp_sample"]) for topic in topics):
-        return [topic["timestamp_sample"] / 1e6 for topic in topics]
+def _moments(*topics: Px4Topic) -> list[NDArray[np.float64]]:
+    """When each was measured, s, where all topics have that in order; else when all were published, a little later."""
+    stamped = all("timestamp_sample" in topic for topic in topics)
+    sampled = [topic["timestamp_sample"] for topic in topics] if stamped else []
+    if stamped and all(stamps[0] > 0 and (stamps[1:] >= stamps[:-1]).all() for stamps in sampled):
+        return [stamps / 1e6 for stamps in sampled]
     return [topic["time"] for topic in topics]
-
-
-def _increasing(stamps: NDArray[Any]) -> bool:
-    return bool((stamps[1:] >= stamps[:-1]).all())
 
 
 def _between(
@@ -166,7 +169,7 @@ def _servo_output_raw(topics: Topics) -> dict[str, NDArray[Any]] | None:
     return {"time": time[order], "port": port[order], **fields}
 
 
-def _outputs(topic: Topic) -> NDArray[np.float64]:
+def _outputs(topic: Px4Topic) -> NDArray[np.float64]:
     """(N, 16), zero beyond the number of outputs in use."""
     there = [n for n in range(_OUTPUTS) if f"output[{n}]" in topic]
     outputs = np.zeros((len(topic["time"]), _OUTPUTS))
@@ -185,7 +188,7 @@ def _hil_actuator_controls(topics: Topics, vehicle: str, parameters: Parameters)
     topic = _first(topics, "actuator_motors")
     if topic is None or not _has(topic, "control", 1):
         return None
-    plan = layout(vehicle, "PX4", parameters, range(1, _OUTPUTS + 1), _OUTPUTS)
+    plan = motor_geometry(vehicle, "PX4", parameters, range(1, _OUTPUTS + 1), _OUTPUTS)
     channel = {motor: motor for motor in range(1, _MOTORS + 1)}
     if plan is not None and not plan.channels_assumed:
         channel = dict(zip(plan.motors, plan.channels, strict=True))
@@ -224,14 +227,8 @@ def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]] | None:
     status = _first(topics, "vehicle_status")
     if status is None or "arming_state" not in status:
         return None
-    armed = status["arming_state"] == _ARMING_STATE_ARMED
-    count = len(status["time"])
-    return {
-        "time": status["time"],
-        "type": np.full(count, kind, dtype=np.uint8),
-        "autopilot": np.full(count, PX4, dtype=np.uint8),
-        "base_mode": np.where(armed, CUSTOM_MODE | ARMED, CUSTOM_MODE).astype(np.uint8),
-    }
+    base_mode = np.where(status["arming_state"] == 2, CUSTOM_MODE | ARMED, CUSTOM_MODE)
+    return {"time": status["time"], **heartbeat_fields(kind, PX4, base_mode)}
 
 
 def _extended_sys_state(topics: Topics) -> dict[str, NDArray[Any]] | None:
@@ -245,15 +242,16 @@ def _extended_sys_state(topics: Topics) -> dict[str, NDArray[Any]] | None:
         return None
     time = np.unique(np.concatenate([topic["time"] for topic in (land, mode, target) if topic is not None]))
     time = time[time >= land["time"].min()]
-    state = np.where(_held(land, "landed", time), _ON_GROUND, _IN_AIR)
+    state = np.where(_held(land, "landed", time), ON_GROUND, IN_AIR)
     automatic = (_held(mode, "flag_control_auto_enabled", time) > 0) & (_held(target, "current.valid", time) > 0)
     heading_for = _held(target, "current.type", time)
-    state[(state == _IN_AIR) & automatic & (heading_for == _SETPOINT_TAKEOFF)] = _TAKING_OFF
-    state[(state == _IN_AIR) & automatic & (heading_for == _SETPOINT_LAND)] = _LANDING
+    # SETPOINT_TYPE_TAKEOFF and SETPOINT_TYPE_LAND
+    state[(state == IN_AIR) & automatic & (heading_for == 3)] = TAKING_OFF
+    state[(state == IN_AIR) & automatic & (heading_for == 4)] = LANDING
     return {"time": time, "landed_state": state.astype(np.uint8)}
 
 
-def _held(topic: Topic | None, field: str, time: NDArray[np.float64]) -> NDArray[np.float64]:
+def _held(topic: Px4Topic | None, field: str, time: NDArray[np.float64]) -> NDArray[np.float64]:
     """The field's last value at each time (N,); 0 before the first, and where it was not logged."""
     if topic is None or field not in topic:
         return np.zeros(len(time))
@@ -268,18 +266,18 @@ def _local_position_ned(topics: Topics) -> dict[str, NDArray[Any]] | None:
     if topic is None or not all(field in topic for field in fields):
         return None
     valid = topic.get("v_z_valid", np.ones(len(topic["time"]))).astype(np.bool_)
-    return {"time": topic["time"][valid], **{field: topic[field][valid] for field in fields}}
+    return selected({field: topic[field] for field in ("time", *fields)}, valid)
 
 
-def _first(topics: Topics, name: str) -> Topic | None:
+def _first(topics: Topics, name: str) -> Px4Topic | None:
     """The instance of the lowest number."""
     instances = topics.get(name)
     return instances[min(instances)] if instances else None
 
 
-def _has(topic: Topic, field: str, count: int) -> bool:
+def _has(topic: Px4Topic, field: str, count: int) -> bool:
     return all(f"{field}[{n}]" in topic for n in range(count))
 
 
-def _array(topic: Topic, field: str, count: int) -> NDArray[np.float64]:
+def _array(topic: Px4Topic, field: str, count: int) -> NDArray[np.float64]:
     return np.column_stack([topic[f"{field}[{n}]"] for n in range(count)]).astype(np.float64)

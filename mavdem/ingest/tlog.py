@@ -1,90 +1,202 @@
-"""Telemetry logs (.tlog): each frame as it came over the link, behind the 8-byte time it was received.
+"""Telemetry logs (.tlog): reading and writing frames, each behind the 8-byte time at which it was received.
 
-The time is big-endian microseconds since 1970. It orders nothing here, being late by seconds at times: messages are
-placed by the autopilot's own stamps (``clocks``). Layout: pymavlink ``mavutil.mavlogfile``.
+The receive stamp is big-endian microseconds since 1970. It may be late by seconds, so messages are placed in time by
+the autopilot's own stamps (``mavlink.clocks``) instead. Layout: pymavlink ``mavutil.mavlogfile``.
 """
 
 from __future__ import annotations
 
 import mmap
 import os
-from collections.abc import Iterator
+import struct
+from collections.abc import Iterable, Iterator
+from typing import BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
-from mavdem.ingest.census import Census
-from mavdem.ingest.checksum import Bytes
-from mavdem.ingest.decode import seeds
-from mavdem.ingest.files import READ, mapped_bytes, require_whole
-from mavdem.ingest.framing import GOOD, Frames, Progress, concatenated, find_frames
+from mavdem.ingest.contents import READABLE_FORMATS, mapped_bytes, require_whole
 from mavdem.ingest.log import Log
-from mavdem.ingest.receipt import STAMP, Receipts
-from mavdem.ingest.stream import Stream
-from mavdem.ingest.vehicles import assemble
+from mavdem.ingest.mavlink.checksum import Bytes, rows_of
+from mavdem.ingest.mavlink.definitions import seeds
+from mavdem.ingest.mavlink.frame_index import FrameIndex
+from mavdem.ingest.mavlink.framing import GOOD, Frames, Progress, concatenated, find_frames
+from mavdem.ingest.mavlink.outlier_stamps import Places, Times, far_off
+from mavdem.ingest.mavlink.stream import FrameStream
+from mavdem.ingest.mavlink.vehicles import assemble
 
-BLOCK = 1 << 20
-"""Bytes looked through for line ends at a time."""
-FEWEST_LINE_ENDS = 8
-"""Line feeds that must all stand behind a carriage return before a file counts as converted: chance gives 1 in 2^64."""
+STAMP_BYTES = 8  # Bytes of the receive stamp before each frame
+MAX_STAMP_JUMP = 3600.0  # Seconds from its neighbours beyond which a receive stamp is wrong
+MAX_JUMP_AFTER_DAMAGE = 60.0  # The same for a stamp after damage, which may itself be damaged
+STAMP_WINDOW = 9  # Stamps whose median is compared with the one in their middle
+CHANCE_FRAMES = 1e-6
+"""Good frames a byte that belongs to none, of which a log has more; random bytes have some 1.5e-7."""
+BATCH, BLOCK = 1 << 16, 1 << 20  # Stamps read together, and bytes searched for line ends at a time
 
 
 def read_tlog(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
-    """Reads a telemetry log, damaged ones as far as they go.
+    """Reads a telemetry log; a damaged one as far as possible.
 
-    Args:
-        path: the file.
-        progress: called with the fraction done.
-
-    Raises:
-        Unreadable: the file cannot be opened, or there is no MAVLink in it, or it is cut short while it is read.
+    Raises Unreadable: the file cannot be opened, contains no MAVLink, or is cut short while it is read.
     """
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(mapped_bytes(path))
-    census, receipts = Census(len(data), seeds()), Receipts(data)
+    index, stamps = FrameIndex(len(data), seeds()), ReceiveStamps(data)
     for frames in _tables(data, source, progress):
-        census.add(frames)
-        receipts.add(frames)
-    receipts.close()
-    if not census.good:
-        raise Unreadable(_nothing_in(source, census.frames))
-    return assemble(data, census, receipts.at, receipts.span, receipts.bytes_skipped, source, repairs)
+        index.add(frames)
+        stamps.add(frames)
+    stamps.close()
+    _require_mavlink(source, index.good, index.frames, stamps.bytes_skipped)
+    return assemble(data, index, stamps.at, stamps.span, stamps.bytes_skipped, source, repairs)
 
 
-def tlog_stream(path: str | os.PathLike[str], progress: Progress | None = None) -> Stream:
+def tlog_stream(path: str | os.PathLike[str], progress: Progress | None = None) -> FrameStream:
     """The frames of a telemetry log with their receive stamps, in the order they were received.
 
-    Args:
-        path: the file.
-        progress: called with the fraction done.
-
-    Raises:
-        Unreadable: as ``read_tlog``.
+    Raises Unreadable: as ``read_tlog``.
     """
     source = os.fspath(path)
     data, repairs = _without_carriage_returns(mapped_bytes(path))
-    receipts, tables = Receipts(data), []
+    stamps, tables = ReceiveStamps(data), []
     for table in _tables(data, source, progress):
-        receipts.add(table)
+        stamps.add(table)
         tables.append(table)
     frames = concatenated(tables)
-    if not (frames.verdict == GOOD).any():
-        raise Unreadable(_nothing_in(source, len(frames)))
-    return Stream(source, ".tlog", data, frames, receipts.recorded(frames.start), receipts.bytes_skipped, repairs)
+    good = int(np.count_nonzero(frames.verdict == GOOD))
+    _require_mavlink(source, good, len(frames), stamps.bytes_skipped)
+    return FrameStream(source, ".tlog", data, frames, stamps.recorded(frames.start), stamps.bytes_skipped, repairs)
+
+
+def write_tlog(file: BinaryIO, stream: FrameStream) -> int:
+    """Writes every frame of a stream with its stamp and returns how many there were."""
+    return write_stamped(file, stream.stamped_frames())
+
+
+def write_stamped(file: BinaryIO, frames: Iterable[tuple[int, bytes]]) -> int:
+    """Writes frames, each after its receive stamp, UNIX µs, and returns how many there were."""
+    count = 0
+    for stamp, frame in frames:
+        file.write(struct.pack(">Q", stamp) + frame)
+        count += 1
+    return count
+
+
+class ReceiveStamps:
+    """The receive stamps of a stream, added table by table; only the places of wrong stamps are kept.
+
+    ``bytes_skipped`` counts the bytes that are neither frame nor stamp.
+    """
+
+    def __init__(self, data: Bytes) -> None:
+        self._data = data
+        self.bytes_skipped = len(data)
+        self._end = 0
+        self._last: Times = np.empty(0)
+        self._steady = True
+        self._all = self._near = (np.nan, np.nan)
+        self._without: list[Places] = [np.empty(0, dtype=np.int64)]
+        self._wrong: list[Places] = [np.empty(0, dtype=np.int64)]
+        # Stamps whose neighbours have not all arrived, after the checked stamps that are their neighbours.
+        self._waiting = (np.empty(0, dtype=np.int64), np.empty(0), np.empty(0))
+        self._checked = 0
+        # Places of frames without a trustworthy stamp, and the end of the stream; complete after ``close``.
+        self._untrusted: Places = np.empty(0, dtype=np.int64)
+
+    def add(self, frames: Frames) -> None:
+        """Adds the next frames of the stream."""
+        if not len(frames):
+            return
+        space = frames.start - np.concatenate([[self._end], frames.end[:-1]])
+        self._end = int(frames.end[-1])
+        self.bytes_skipped -= int(np.minimum(space, STAMP_BYTES).sum() + (frames.end - frames.start).sum())
+        stamped = space >= STAMP_BYTES
+        if not stamped.all():
+            self._without.append(frames.start[~stamped])
+        start = frames.start[stamped]
+        limit = np.where(space[stamped] == STAMP_BYTES, MAX_STAMP_JUMP, MAX_JUMP_AFTER_DAMAGE)
+        times = _stamps(self._data, start) / 1e6
+        steps = np.abs(np.diff(times, prepend=self._last))
+        self._steady = self._steady and bool((steps <= limit[len(limit) - len(steps) :]).all())
+        self._last = times[-1:] if len(times) else self._last
+        self._all = _extended(self._all, times)
+        starts, before, limits = self._waiting
+        joined = np.concatenate([before, times]), np.concatenate([limits, limit])
+        self._waiting = (np.concatenate([starts, start]), *joined)
+        if len(self._waiting[0]) >= STAMP_WINDOW:
+            self._check(STAMP_WINDOW // 2)
+
+    def close(self) -> None:
+        """Ends the stream."""
+        self._check(0)
+        untrusted = self._without if self._steady else self._without + self._wrong
+        self._untrusted = np.sort(np.concatenate([*untrusted, [len(self._data)]]))
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last trustworthy stamp, UNIX s; NaN where there is none."""
+        return self._all if self._steady else self._near
+
+    def at(self, start: Places) -> Times:
+        """UNIX s (N,) of the frames that begin at ``start`` (N,), ascending.
+
+        NaN where there is no stamp or it lies far from its neighbours'.
+        """
+        times = np.empty(len(start))
+        for begin in range(0, len(start), BATCH):
+            rows = slice(begin, begin + BATCH)
+            places = start[rows].astype(np.int64)
+            untrusted = self._untrusted[np.searchsorted(self._untrusted, places)] == places
+            times[rows] = np.where(untrusted, np.nan, _stamps(self._data, places) / 1e6)
+        return times
+
+    def recorded(self, start: Places) -> NDArray[np.uint64]:
+        """UNIX µs (N,) before the frames that begin at ``start`` (N,); 0 where there are none."""
+        stampless = np.isin(start, np.concatenate(self._without))
+        return np.where(stampless, np.uint64(0), _stamps(self._data, start.astype(np.int64)))
+
+    def _check(self, not_yet: int) -> None:
+        start, times, limit = self._waiting
+        far = far_off(times, STAMP_WINDOW, limit)
+        rows = slice(self._checked, len(start) - not_yet)
+        if far[rows].any():
+            self._wrong.append(start[rows][far[rows]])
+        self._near = _extended(self._near, times[rows][~far[rows]])
+        kept = max(rows.stop - STAMP_WINDOW // 2, 0)
+        self._waiting = (start[kept:], times[kept:], limit[kept:])
+        self._checked = rows.stop - kept
+
+
+def _extended(span: tuple[float, float], values: Times) -> tuple[float, float]:
+    """The least and the greatest of ``span``, NaN at first, and the values."""
+    least, greatest = np.fmin(span[0], values.min(initial=np.inf)), np.fmax(span[1], values.max(initial=-np.inf))
+    return (float(least), float(greatest)) if len(values) else span
+
+
+def _stamps(data: Bytes, start: NDArray[np.int64]) -> NDArray[np.uint64]:
+    """Big-endian µs before each frame; undefined for a frame that begins before a stamp fits."""
+    if len(data) < STAMP_BYTES:
+        return np.zeros(len(start), dtype=np.uint64)
+    return rows_of(data, np.maximum(start - STAMP_BYTES, 0), STAMP_BYTES).view(">u8")[:, 0].astype(np.uint64)
 
 
 def _tables(data: Bytes, source: str, progress: Progress | None) -> Iterator[Frames]:
-    """What ``find_frames`` gives, as long as the file is whole."""
-    for frames in find_frames(data, seeds(), STAMP, progress):
+    """The tables of ``find_frames``; raises ``Unreadable`` when the file is cut meanwhile."""
+    for frames in find_frames(data, seeds(), STAMP_BYTES, progress):
         require_whole(data, source)
         yield frames
 
 
 def _without_carriage_returns(content: bytes | mmap.mmap) -> tuple[Bytes, tuple[str, ...]]:
-    """Undoes the conversion of line ends that some transfers do: then no line feed is without a carriage return."""
+    """Undoes the conversion of line ends by a text-mode transfer: each line feed then follows a carriage return."""
     data = np.frombuffer(content, dtype=np.uint8)
-    feeds = _converted_line_ends(data)
-    if feeds < FEWEST_LINE_ENDS:
+    feeds = 0
+    for begin in range(0, len(data), BLOCK):
+        at = begin + np.flatnonzero(data[begin : begin + BLOCK] == ord("\n"))
+        if len(at) and (at[0] == 0 or (data[at - 1] != ord("\r")).any()):
+            return data, ()
+        feeds += len(at)
+    if feeds < 8:  # chance gives 1 in 2^64
         return data, ()
     restored = np.empty(len(data) - feeds, dtype=np.uint8)
     place = 0
@@ -95,25 +207,16 @@ def _without_carriage_returns(content: bytes | mmap.mmap) -> tuple[Bytes, tuple[
         kept = block[~put]
         restored[place : place + len(kept)] = kept
         place += len(kept)
-    sentence = f"The file had been transferred as text, which put 0D before each of its {feeds} bytes 0A; undone."
+    sentence = f"The file was transferred as text, which inserted 0D before each of its {feeds} bytes 0A; undone."
     return restored, (sentence,)
 
 
-def _converted_line_ends(data: Bytes) -> int:
-    """How many line feeds there are, if each is behind a carriage return; else 0."""
-    feeds = 0
-    for begin in range(0, len(data), BLOCK):
-        at = begin + np.flatnonzero(data[begin : begin + BLOCK] == ord("\n"))
-        if len(at) and (at[0] == 0 or (data[at - 1] != ord("\r")).any()):
-            return 0
-        feeds += len(at)
-    return feeds
-
-
-def _nothing_in(source: str, frames: int) -> str:
-    if frames:
-        return (
-            f"{source} holds {frames} frames that look like MAVLink, but none agrees with a dialect that "
-            "pymavlink knows: it is of another dialect or damaged throughout."
+def _require_mavlink(source: str, good: int, frames: int, skipped: int) -> None:
+    if good > CHANCE_FRAMES * skipped:
+        return
+    if frames and not good:
+        raise Unreadable(
+            f"{source} contains {frames} frames that look like MAVLink, but none matches a dialect that "
+            "pymavlink has: it is of another dialect or damaged throughout."
         )
-    return f"{source} holds no MAVLink: {READ}."
+    raise Unreadable(f"{source} contains no MAVLink: {READABLE_FORMATS}.")

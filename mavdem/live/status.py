@@ -1,67 +1,97 @@
-"""What the rows are, and how things stand with the link and the vehicle."""
+"""What a live session reports: one status of the link, the vehicle and the learning, and events."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from math import nan
+from typing import Any, NamedTuple
 
-from mavdem.ingest.geometry import Layout
-from mavdem.ingest.scale import Scale
+from mavdem.dem import Estimate
 
 
-@dataclass(frozen=True, eq=False)
-class Setup:
-    """What the rows of a segment are, as the ``provenance`` of a ``Flight`` has it.
+def sentence(text: str) -> str:
+    """``text`` with a capital letter and one full stop; empty if it is."""
+    text = text.rstrip(". ")
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
 
-    Attributes:
-        segment: its number.
-        boot: number of the boot.
-        dt: step, s.
-        attitude, motors: the messages they are read from.
-        layout, scale: of the inputs.
-        rates: Hz of attitude and motors, from which the step was decided.
-        start: first point of the grid, s; rows may begin a few seconds later, once it was decided.
-    """
 
-    segment: int
-    boot: int
-    dt: float
-    attitude: str
-    motors: str
-    layout: Layout
-    scale: Scale
-    rates: tuple[float, ...]
-    start: float
+class Event(NamedTuple):
+    """One event: the UNIX time ``received``, s, of the bytes that caused it, and a ``sentence``."""
+
+    received: float
+    sentence: str
+
+
+NOT_FLYING = "The vehicle is on the ground."
+FLIGHT_UNKNOWN = "Nothing shows yet whether the vehicle flies."
+NO_FLIGHT = NOT_FLYING, FLIGHT_UNKNOWN
+UNCONFIRMED = (
+    "The vehicle did not confirm that its message rates were restored (the link was lost?): reboot it, or set them "
+    "again."
+)
+NOT_SETTLED = "This part of the flight is not learned from: climb, landing or strong tilt."
+ACCOUNT = {
+    "learned": "learned from (what was taken back after a landing included)",
+    "unsettled": "in the air, but climbing, landing, tilted too far, or at the beginning of a segment",
+    "on_ground": "on the ground",
+    "waiting": "without attitude and motor outputs that come fast enough",
+    "silent": "without a message",
+    "link_lost": "with the link lost",
+    "no_vehicle": "without a vehicle",
+}
+"""What the seconds of a session are accounted for as."""
+
+
+AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
+
+
+def ahead_of(estimate: Estimate | None) -> tuple[float, float]:
+    """``SessionStatus.ahead`` of an estimate; NaN without one."""
+    if estimate is None:
+        return nan, nan
+    seconds = estimate.ahead_times - estimate.time
+    nearest = int(abs(seconds - AHEAD).argmin())
+    return float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])
 
 
 @dataclass(frozen=True)
-class Status:
-    """How things stand; ``dataclasses.asdict`` makes it plain JSON values.
+class SessionStatus:
+    """The status of a live session at one moment.
+
+    ``LiveStream`` fills in what concerns the link and the vehicle, ``LiveSession`` the rows, the latency and the
+    silence of the link. ``dataclasses.asdict`` turns it into plain JSON values.
 
     Attributes:
-        vehicle: the one that is followed, "system:component"; None before it is known.
-        speakers: every sender kept: system, component, kind, autopilot, frames, lost, flies.
-        others: frames of senders beyond those.
-        rates: Hz of the vehicle's messages of attitude and outputs over the last two seconds of its clock.
-        frames: whole frames received.
-        unread: those of another dialect or damaged.
+        vehicle: the followed vehicle, "system:component"; ``None`` before one is chosen.
+        obstacle: why there are no rows or no new model; empty while all is well.
+        rates: Hz of the vehicle's attitude and motor messages over the last two seconds of its clock, by name.
+        flying: whether the vehicle is armed and airborne.
+        learned, shown: rows that the learner used, and rows that were only shown.
+        latency: median and 99th percentile, s, from the link to the estimate.
+        ahead: about ``AHEAD`` seconds ahead, and the half width, rad, of the 90 % band of the angle predicted there.
+        lost: messages of the vehicle missing by its sequence numbers.
+        late: samples that came too late for their row.
+        outlier_stamps: messages with outlier time stamps.
+        frames, unread: complete frames, and those of another dialect or damaged.
         garbage: bytes that belong to no frame.
-        lost: messages of the vehicle that are missing by its sequence numbers.
-        late: samples that came too late to be told in their place.
-        strays: messages whose time stamps were far off.
-        verdict: what keeps rows from coming, one sentence; empty while nothing does.
-        armed_and_airborne: whether the vehicle flies.
+        senders: each sender kept: system, component, kind, autopilot, frames, lost, flies.
+        others: frames of senders that are no longer kept.
     """
 
-    vehicle: str | None
-    speakers: tuple[dict[str, Any], ...]
-    others: int
-    rates: dict[str, float]
-    frames: int
-    unread: int
-    garbage: int
-    lost: int
-    late: int
-    strays: int
-    verdict: str
-    armed_and_airborne: bool
+    vehicle: str | None = None
+    obstacle: str = ""
+    rates: Mapping[str, float] = field(default_factory=dict)
+    flying: bool = False
+    learned: int = 0
+    shown: int = 0
+    latency: tuple[float, float] = (nan, nan)
+    ahead: tuple[float, float] = (nan, nan)
+    lost: int = 0
+    late: int = 0
+    outlier_stamps: int = 0
+    frames: int = 0
+    unread: int = 0
+    garbage: int = 0
+    senders: tuple[dict[str, Any], ...] = ()
+    others: int = 0

@@ -1,46 +1,106 @@
-"""Flown: a simulated flight as a Rerun file: the vehicle in its wind, and beside it what the autopilot knew and did."""
+"""A simulated flight as a Rerun file: the vehicle in wind in 3D, with the autopilot's estimates and motor outputs."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator
+from dataclasses import dataclass
+from math import ceil
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from mavdem.euler import roll_and_pitch
+from mavdem.files import atomic_write
+from mavdem.ingest.mavlink.euler import roll_and_pitch
 from mavdem.view import lines
-from mavdem.view.lines import FLIGHT_TIME, Line
-from mavdem.view.pose import Array, Pose
-from mavdem.view.scene import draw_scene, scene_view
-from mavdem.view.ticks import LABELS_IF_LOW, readable_range
-from mavdem.whole_file import whole_file
+from mavdem.view.lines import FLIGHT_TIME, LABELS_IF_LOW, Line, collapsed_panels, readable_range, time_plot, utf8
+
+Array = NDArray[np.float64]
+
+AIRBORNE_SPEED_SHARE = 0.7  # share of the median speed of armed rotors above which they carry the vehicle
+MAX_ROWS = 50_000  # the viewer draws every row
+SPOOLING_SECONDS = 0.5  # how long rotors take to speed up and to slow down
+FRAMES_A_SECOND = 50  # of the 3D view
+TRAIL, POINTS_A_SECOND = 4.0, 20  # seconds of the way behind the vehicle that are drawn, anew ten times a second
+WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in lengths of an arm
+WIND_AWAY = 1.4  # where that arrow ends before the vehicle, in lengths of an arm
+THRUST_SCALE = 1.1  # length of a rotor's arrow where it carries its quarter of the weight, in lengths of an arm
+EYE_POSITION = (-5.2, 2.2, -3.5)  # in lengths of an arm, north, east and down: from the south-east and above
+EYE_TARGET = (0.0, 0.6, -0.2)  # what is looked at, likewise: a little to the east, where there is room for the wind
+MAX_GROUND_METRES, GROUND_MARGIN_METRES = 50.0, 8.0  # the ground is drawn so far from the start, around the flight
+
+BODY, NOSE, GROUND = (210, 214, 220), (255, 107, 107), (70, 74, 80)
+TRAIL_COLOUR, WIND_COLOUR = (94, 214, 120), (72, 219, 219)
+SLOW, HOVERING, FAST = (60, 110, 255), (165, 165, 170), (255, 150, 30)  # a rotor, by its speed beside the hover's
+
+
+@dataclass(frozen=True, eq=False)
+class Pose:
+    """A flight to be shown: N rows, NED and body axes forward, right, down.
+
+    Attributes:
+        time: (N,) s.
+        position: (N, 3) m.
+        attitude, known_attitude: (N, 4) unit quaternions (w, x, y, z), body to NED, true and as estimated.
+        rates, known_rates: (N, 3) body rates, rad/s, likewise.
+        outputs: (N, 4) of the motors, µs.
+        rotor_speeds: (N, 4) rad/s.
+        wind: (N, 3) NED, m/s, where the air moves to.
+        moment: (N, 3) of what disturbs, body, N m.
+        armed: (N,) bool.
+        rotors: (4, 2) where the rotors are, forward and right of the centre of mass, m.
+    """
+
+    time: Array
+    position: Array
+    attitude: Array
+    known_attitude: Array
+    rates: Array
+    known_rates: Array
+    outputs: Array
+    rotor_speeds: Array
+    wind: Array
+    moment: Array
+    armed: NDArray[np.bool_]
+    rotors: Array
+
+    @property
+    def arm(self) -> float:
+        """How far the farthest rotor is from the centre of mass, m."""
+        return float(np.hypot(*self.rotors.T).max())
+
+    def carries(self) -> NDArray[np.bool_]:
+        """(N,) where the rotors carry the vehicle, without spooling up and down; everywhere if they never do."""
+        speed = self.rotor_speeds.mean(axis=1)
+        hover = float(np.median(speed[self.armed])) if self.armed.any() else np.inf
+        carried = self.time[speed > AIRBORNE_SPEED_SHARE * hover]
+        if not len(carried) or carried[-1] - carried[0] < 3 * SPOOLING_SECONDS:
+            return np.ones(len(speed), dtype=np.bool_)
+        return np.asarray((self.time > carried[0] + SPOOLING_SECONDS) & (self.time < carried[-1] - SPOOLING_SECONDS))
+
+    def at(self, rate: float) -> NDArray[np.intp]:
+        """Rows of the flight, evenly, at about ``rate`` Hz, no faster than there are, and fewer of a long flight."""
+        step, count = float(np.median(np.diff(self.time))), len(self.time)
+        return np.arange(0, count, max(round(1 / rate / step), ceil(count / MAX_ROWS)))
 
 
 def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:
-    """Writes a flight as an .rrd file that opens with its own blueprint; it appears whole or not at all.
+    """Writes a flight, ``pose``, as an .rrd file ``path`` with its own blueprint; ``name`` is the recording's.
 
-    Args:
-        path: the file, in a folder that is there.
-        name: of the recording.
-        pose: the flight.
-
-    Raises:
-        OSError: it cannot be written there.
+    It appears whole or not at all: ``OSError`` if it cannot be written there.
     """
     recording = rr.RecordingStream("mavdem_flight")
     memory = recording.memory_recording()
     shown = list(_plots(pose))
     recording.send_blueprint(_blueprint(pose, shown), make_active=False)
-    # A file's name need not be UTF-8, and what Rerun is given must be.
-    recording.send_recording_name(name.encode(errors="replace").decode())
+    recording.send_recording_name(utf8(name))
     draw_scene(recording, pose)
     for plot in shown:
         plot.draw(recording, pose)
-    with whole_file(path) as file:
-        # Rerun does not tell when a file it writes fails, as on a full disk; Python does.
+    with atomic_write(path) as file:
+        # Rerun does not report when a file it writes fails, as on a full disk; Python does.
         file.write(memory.drain_as_bytes())
 
 
@@ -61,43 +121,29 @@ class _Plot:
         """Over the whole flight, with room for the legend beside it, and the range of what is in the air."""
         values = [values[carries] for *_, values in self.series]
         low, high = min(float(one.min()) for one in values), max(float(one.max()) for one in values)
-        time = rr.TimeRange(
-            start=rr.TimeRangeBoundary.absolute(seconds=0.0), end=rr.TimeRangeBoundary.absolute(seconds=1.22 * end)
-        )
-        return rrb.TimeSeriesView(
-            name=self.title,
-            origin=self.origin,
-            axis_x=rrb.archetypes.TimeAxis(view_range=time),
-            axis_y=rrb.ScalarAxis(range=readable_range(low, high, LABELS_IF_LOW)),
-            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
-        )
+        return time_plot(self.title, self.origin, (0.0, 1.22 * end), readable_range(low, high, LABELS_IF_LOW))
 
 
 def _plots(pose: Pose) -> Iterator[_Plot]:
-    roll = [("true", lines.PREDICTED, 4.0, _roll(pose.attitude)), _measured(_roll(pose.known_attitude))]
-    yield _Plot("roll", "Roll, °", roll)
-    rate = [
-        ("true", lines.PREDICTED, 4.0, np.degrees(pose.rates[:, 0])),
-        _measured(np.degrees(pose.known_rates[:, 0])),
-    ]
-    yield _Plot("roll_rate", "Roll rate, °/s", rate)
+    rolls = (roll_and_pitch(attitude)[0] for attitude in (pose.attitude, pose.known_attitude))
+    yield _Plot("roll", "Roll, °", _true_and_estimated(*rolls))
+    rates = _true_and_estimated(pose.rates[:, 0], pose.known_rates[:, 0])
+    yield _Plot("roll_rate", "Roll rate, °/s", rates)
     yield _Plot("motors", "Motor outputs, µs", _several("motor 1,motor 2,motor 3,motor 4", pose.outputs))
-    yield _Plot("wind", "Wind at the vehicle, m/s, where it blows to", _several("north,east,down", pose.wind))
+    yield _Plot("wind", "Wind at the vehicle, m/s (the direction it blows to)", _several("north,east,down", pose.wind))
     moment = _several("roll,pitch,yaw", 1e3 * pose.moment)
-    yield _Plot("moment", "Moment of the disturbance, mN m", moment)
+    yield _Plot("moment", "Disturbance moment, mN m", moment)
 
 
-def _measured(values: Array) -> tuple[str, lines.Colour, float, Array]:
-    return "known to the autopilot", lines.MEASURED, 1.2, values
+def _true_and_estimated(true: Array, estimated: Array) -> list[tuple[str, lines.Colour, float, Array]]:
+    return [
+        ("true", lines.PREDICTED, 4.0, np.degrees(true)),
+        ("estimated", lines.MEASURED, 1.2, np.degrees(estimated)),
+    ]
 
 
 def _several(names: str, table: Array) -> list[tuple[str, lines.Colour, float, Array]]:
     return [(name, lines.distinct(i), 1.2, table[:, i]) for i, name in enumerate(names.split(","))]
-
-
-def _roll(attitude: Array) -> Array:
-    """(N,) degrees, of unit quaternions (N, 4)."""
-    return np.degrees(roll_and_pitch(attitude)[0])
 
 
 def _blueprint(pose: Pose, plots: list[_Plot]) -> rrb.Blueprint:
@@ -107,9 +153,99 @@ def _blueprint(pose: Pose, plots: list[_Plot]) -> rrb.Blueprint:
         rrb.Horizontal(
             scene_view(pose), rrb.Vertical(*(plot.view(end, carries) for plot in plots)), column_shares=[45, 55]
         ),
-        rrb.TimePanel(state="collapsed", timeline=FLIGHT_TIME, play_state="playing", loop_mode="all"),
-        rrb.BlueprintPanel(state="collapsed"),
-        rrb.SelectionPanel(state="collapsed"),
+        *collapsed_panels(play_state="playing", loop_mode="all"),
         auto_views=False,
         auto_layout=False,
     )
+
+
+def draw_scene(recording: rr.RecordingStream, pose: Pose) -> None:
+    """Draws the vehicle and what is around it, all along the flight."""
+    # North, east, down are to a world what forward, right, down are to a body.
+    for place in ("world", "world/here"):
+        recording.log(place, rr.ViewCoordinates.FRD, static=True)
+    rows = pose.at(FRAMES_A_SECOND)
+    _vehicle(recording, pose, rows)
+    _surroundings(recording, pose, rows)
+
+
+def scene_view(pose: Pose) -> rrb.View:
+    """The view that the scene is seen in."""
+    return rrb.Spatial3DView(
+        name="Vehicle, rotor thrust, flight path (green), wind (turquoise)",
+        # What moves along with the vehicle but does not turn with it: the eye does too.
+        origin="world/here",
+        contents="world/**",
+        line_grid=False,
+        eye_controls=rrb.EyeControls3D(
+            kind=rrb.Eye3DKind.Orbital,
+            position=pose.arm * np.array(EYE_POSITION),
+            look_target=pose.arm * np.array(EYE_TARGET),
+            eye_up=(0, 0, -1),
+        ),
+    )
+
+
+def _index(time: Array) -> list[rr.TimeColumn]:
+    return [rr.TimeColumn(FLIGHT_TIME, duration=time)]
+
+
+def _vehicle(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) -> None:
+    """A box with a nose on four arms; each rotor's colour shows its speed, its arrow its thrust."""
+    arm, index = pose.arm, _index(pose.time[rows])
+    recording.send_columns("world/here", index, rr.Transform3D.columns(translation=pose.position[rows]))
+    attitude = np.roll(pose.attitude[rows], -1, axis=1)  # Rerun has w last
+    recording.send_columns("world/here/vehicle", index, rr.Transform3D.columns(quaternion=attitude))
+    hubs = np.column_stack([pose.rotors, np.full(len(pose.rotors), -0.12 * arm)])
+    body = rr.Boxes3D(half_sizes=[[0.34 * arm, 0.2 * arm, 0.1 * arm]], colors=BODY, fill_mode="solid")
+    recording.log("world/here/vehicle/body", body, static=True)
+    arms = rr.LineStrips3D([[[0, 0, 0], hub] for hub in hubs.tolist()], radii=0.03 * arm, colors=BODY)
+    recording.log("world/here/vehicle/arms", arms, static=True)
+    nose = rr.Arrows3D(vectors=[[0.75 * arm, 0, 0]], origins=[[0.3 * arm, 0, 0]], radii=0.04 * arm, colors=NOSE)
+    recording.log("world/here/vehicle/nose", nose, static=True)
+    count = len(hubs)
+    discs = rr.Cylinders3D(lengths=[0.02 * arm] * count, radii=[0.48 * arm] * count, centers=hubs, fill_mode="solid")
+    recording.log("world/here/vehicle/rotors", discs, static=True)
+    speeds = pose.rotor_speeds
+    carries = pose.carries()
+    hover = float(np.median(speeds[carries]))
+    most = float(np.percentile(np.abs(speeds[carries] - hover), 98))
+    beside = np.clip((speeds[rows] - hover) / max(most, 1e-9), -1, 1)
+    scale = np.array([SLOW, HOVERING, FAST], dtype=np.float64)
+    colours = np.stack([np.interp(beside, [-1, 0, 1], channel) for channel in scale.T], axis=-1).astype(np.uint8)
+    columns = rr.Cylinders3D.columns(colors=colours.reshape(-1, 3)).partition([count] * len(rows))
+    recording.send_columns("world/here/vehicle/rotors", index, columns)
+    thrust = (speeds[rows] / max(hover, 1e-9)) ** 2
+    vectors = np.zeros((len(rows), count, 3))
+    vectors[:, :, 2] = -THRUST_SCALE * arm * thrust
+    recording.log("world/here/vehicle/thrust", rr.Arrows3D.from_fields(origins=hubs, radii=[0.025 * arm]), static=True)
+    arrows = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3), colors=colours.reshape(-1, 3))
+    recording.send_columns("world/here/vehicle/thrust", index, arrows.partition([count] * len(rows)))
+
+
+def _surroundings(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) -> None:
+    """The wind at the vehicle, its flight path, and the ground with a line every metre."""
+    lowest, highest = (
+        np.clip(edge(pose.position[:, :2], axis=0), -MAX_GROUND_METRES, MAX_GROUND_METRES) for edge in (np.min, np.max)
+    )
+    (north, east), (northern, eastern) = (
+        np.floor(lowest) - GROUND_MARGIN_METRES,
+        np.ceil(highest) + GROUND_MARGIN_METRES,
+    )
+    squares = [[[n, east, 0], [n, eastern, 0]] for n in np.arange(north, northern + 1)]
+    squares += [[[north, e, 0], [northern, e, 0]] for e in np.arange(east, eastern + 1)]
+    recording.log("world/ground", rr.LineStrips3D(squares, radii=0.004, colors=[GROUND]), static=True)
+    arm = pose.arm
+    vectors = WIND_SCALE * arm * pose.wind[rows]
+    # Its head stays out of the rotors.
+    speed = np.linalg.norm(vectors, axis=1, keepdims=True)
+    away = WIND_AWAY * arm * vectors / np.maximum(speed, 1e-9)
+    recording.log("world/here/wind", rr.Arrows3D.from_fields(radii=[0.05 * arm], colors=[WIND_COLOUR]), static=True)
+    columns = rr.Arrows3D.columns(vectors=vectors, origins=-away - vectors)
+    recording.send_columns("world/here/wind", _index(pose.time[rows]), columns)
+    now = pose.at(10)
+    before = np.searchsorted(pose.time, pose.time[now] - TRAIL)
+    step = max(len(pose.time) // len(pose.at(POINTS_A_SECOND)), 1)
+    strips = [pose.position[first : last + 1 : step] for first, last in zip(before, now, strict=True)]
+    recording.log("world/trail", rr.LineStrips3D.from_fields(radii=[0.022 * arm], colors=[TRAIL_COLOUR]), static=True)
+    recording.send_columns("world/trail", _index(pose.time[now]), rr.LineStrips3D.columns(strips=strips))

@@ -3,86 +3,76 @@
 from __future__ import annotations
 
 import os
+from math import floor, log10
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from mavdem.dem import Learned
 from mavdem.dem.priors import hyperparameter_groups
+from mavdem.files import atomic_write
 from mavdem.flight import Flight
-from mavdem.naming import entries, left_free, named, short, state_names, state_rate_units
+from mavdem.report.learned import summary
+from mavdem.report.names import entries, left_free, named, short, state_names, state_rate_units
 from mavdem.view import lines
-from mavdem.view.blueprint import blueprint
-from mavdem.view.lines import Line
-from mavdem.view.outlook import Outlook, outlooks
-from mavdem.view.parameters import by_group, estimate_band, prior_outweighs_data
-from mavdem.view.summary import summary
+from mavdem.view.lines import (
+    ITERATIONS_A_SECOND,
+    LABELS,
+    LABELS_ACROSS,
+    LABELS_IF_LOW,
+    Line,
+    collapsed_panels,
+    readable_range,
+    time_plot,
+    utf8,
+)
+from mavdem.view.series import OutputSeries, by_group, estimate_band, output_series, prior_outweighs_data
 
 Array = NDArray[np.float64]
 
 
 def write_recording(path: str | os.PathLike[str], train: Flight, test: Flight, learned: Learned) -> None:
-    """Writes what was learnt from ``train`` and how it forecasts ``test``, the samples right after, as an .rrd file.
+    """Writes the model of ``train`` and its forecast of ``test``, the samples right after, as an .rrd file.
 
     The file appears whole or not at all, replaces one that is there, and opens with its own blueprint. Angles are in
     degrees where they are measured or forecast, in rad in the model.
 
-    Args:
-        path: the file, in a folder that is there.
-        train, test: two pieces of one flight.
-        learned: the model of ``train``.
-
-    Raises:
-        OSError: it cannot be written there.
+    The folder of ``path`` must be there; ``learned`` is the model of ``train``. ``OSError`` if it cannot be written.
     """
-    path = Path(path)
-    # Rerun does not tell when a file it writes fails, as on a full disk; Python does.
-    contents = _recorded(Path(str(train.provenance.get("source", path))).name, train, test, learned)
-    with TemporaryDirectory(dir=path.parent, prefix=f".{path.name}.") as folder:
-        unfinished = Path(folder) / path.name
-        unfinished.write_bytes(contents)
-        os.replace(unfinished, path)
-
-
-def _recorded(name: str, train: Flight, test: Flight, learned: Learned) -> bytes:
-    """The contents of an .rrd file."""
-    seen = outlooks(train, test, learned)
+    seen = output_series(train, test, learned)
     recording = rr.RecordingStream("mavdem")
     memory = recording.memory_recording()
-    recording.send_blueprint(blueprint(train, test, learned, seen), make_active=False)
-    recording.send_recording_name(_unicode(name))
-    document = rr.TextDocument(_unicode(summary(train, test, learned)), media_type=rr.MediaType.MARKDOWN)
+    recording.send_blueprint(_blueprint(train, test, learned, seen), make_active=False)
+    recording.send_recording_name(utf8(Path(str(train.provenance.get("source", path))).name))
+    document = rr.TextDocument(utf8(summary(train, test, learned)), media_type=rr.MediaType.MARKDOWN)
     recording.log("result", document, static=True)
-    for outlook in seen:
-        _output(recording, outlook)
+    for output in seen:
+        _output(recording, output)
     _inputs(recording, train, test)
-    _process_noise(recording, train, learned)
-    _free_energy_of_samples(recording, train, learned)
+    _of_samples(recording, train, learned)
     _parameters(recording, train, learned)
     _free_energy(recording, learned)
     _noise_precisions(recording, train, learned)
-    return memory.drain_as_bytes()
+    # Rerun does not report when a file it writes fails, as on a full disk; Python does.
+    contents = memory.drain_as_bytes()
+    with atomic_write(path) as file:
+        file.write(contents)
 
 
-def _unicode(text: str) -> str:
-    """A file's name need not be UTF-8, and what Rerun is given must be."""
-    return text.encode(errors="replace").decode()
-
-
-def _output(recording: rr.RecordingStream, outlook: Outlook) -> None:
-    root = rr.new_entity_path(["outputs", outlook.name])
-    before, after = np.split(outlook.time, [len(outlook.one_step)])
+def _output(recording: rr.RecordingStream, output: OutputSeries) -> None:
+    root = rr.new_entity_path(["outputs", output.name])
+    before, after = np.split(output.time, [len(output.one_step)])
     for name, label, colour, width, time, values in (
-        ("band", "90 % band", lines.BAND, 1.5, after, outlook.band),
-        ("constant_mean", "constant mean", lines.TRIVIAL, 1.5, after, outlook.constant_mean),
-        ("dem_forecast", "DEM: forecast", lines.FORECAST, 2.5, after, outlook.forecast),
-        ("dem_one_step", "DEM: one step ahead", lines.PREDICTED, 5.0, before, outlook.one_step),
-        ("held_out", "held out from here", lines.BOUNDARY, 1.5, [outlook.boundary] * 2, outlook.range),
-        # Drawn in the order of their paths: this one last, thin on the thick prediction that it may hide.
-        ("measured", "measured", lines.MEASURED, 1.5, outlook.time, outlook.measured),
+        ("band", "90 % band", lines.BAND, 1.5, after, output.band),
+        ("constant_mean", "constant mean", lines.TRIVIAL, 1.5, after, output.constant_mean),
+        ("dem_forecast", "DEM: forecast", lines.FORECAST, 2.5, after, output.forecast),
+        ("dem_one_step", "DEM: one step ahead", lines.PREDICTED, 5.0, before, output.one_step),
+        ("held_out", "held-out test set", lines.BOUNDARY, 1.5, [output.boundary] * 2, output.range),
+        # Drawn in the order of their paths: this one last, thin on the thick prediction.
+        ("measured", "measured", lines.MEASURED, 1.5, output.time, output.measured),
     ):
         Line(f"{root}/{name}", label, colour, width).over_time(recording, time, values)
 
@@ -93,20 +83,16 @@ def _inputs(recording: rr.RecordingStream, train: Flight, test: Flight) -> None:
         Line(rr.new_entity_path(["inputs", name]), name, lines.distinct(i)).over_time(recording, time, values)
 
 
-def _process_noise(recording: rr.RecordingStream, train: Flight, learned: Learned) -> None:
+def _of_samples(recording: rr.RecordingStream, train: Flight, learned: Learned) -> None:
+    """The process noise and F(t) of each sample."""
     places, noise = learned.process_noise()
     time = train.time[places] - train.time[0]
     units = state_rate_units(train, learned)
     for i, (name, unit) in enumerate(zip(state_names(train, learned), units, strict=True)):
         line = Line(rr.new_entity_path(["process_noise", name]), named(name, unit), lines.distinct(i))
         line.over_time(recording, time, noise[:, i])
-
-
-def _free_energy_of_samples(recording: rr.RecordingStream, train: Flight, learned: Learned) -> None:
-    time = train.time[learned.places] - train.time[0]
-    Line("free_energy_of_samples", "F(t)", lines.MEASURED, 1.5).over_time(
-        recording, time, learned.free_energy_of_samples
-    )
+    line = Line("free_energy_of_samples", "F(t)", lines.MEASURED)
+    line.over_time(recording, time, learned.free_energy_of_samples)
 
 
 def _parameters(recording: rr.RecordingStream, train: Flight, learned: Learned) -> None:
@@ -126,7 +112,7 @@ def _free_energy(recording: rr.RecordingStream, learned: Learned) -> None:
     energy = learned.free_energy
     Line("free_energy/total", "F̄", lines.MEASURED, 2.5).over_iterations(recording, energy.total)
     for i, (name, term) in enumerate(energy.terms.items()):
-        # Their sizes differ ten-thousandfold: less their last value, all can be seen to move, in one picture.
+        # Their sizes differ by a factor of 10 000: minus their final values all changes are visible in one plot.
         label = f"{name.removeprefix('prediction ')}: {round(float(term[-1])):,}"
         line = Line(rr.new_entity_path(["free_energy", "terms", name]), label, lines.distinct(i))
         line.over_iterations(recording, term - term[-1])
@@ -153,3 +139,127 @@ def _estimate(
     band = np.stack(estimate_band(mean, sd), axis=-1)
     Line(rr.new_entity_path([*root, "band"]), name, colour, 0.6).over_iterations(recording, band)
     Line(rr.new_entity_path([*root, "mean"]), name, colour, 2.5).over_iterations(recording, mean)
+
+
+BESIDE_LEGEND, BESIDE_WIDE_LEGEND, BESIDE_WIDEST_LEGEND = 1.5, 1.8, 2.7
+"""Length of a time axis, in lengths of its lines, with room for the legend beside them."""
+
+TO_LAST_NUMBER = 1.06  # the same without a legend, for the last number of the axis not to be cut off
+
+FORECAST_HEIGHT, AROUND_PLOT, LEGEND_ENTRY = 190.0, 48.0, 29.5
+"""Points: a picture of a forecast; title and axis of any; what one line of a legend, which may fill four fifths of a
+plot, takes of it."""
+
+MOST_ENTRIES = 12  # lines of a legend that are given room; in a longer one, scroll
+
+
+def _blueprint(train: Flight, test: Flight, learned: Learned, series: list[OutputSeries]) -> rrb.Blueprint:
+    """The result in words, the flight, its forecast, and how the model was learnt, in columns from left to right."""
+    last = float(len(learned.free_energy) - 1)
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.TextDocumentView(origin="result", name="Result"),
+            rrb.Vertical(*_flight_views(train, test, learned, series)),
+            _forecasts_and_parameters(series, learned, last),
+            rrb.Vertical(*_learning_views(learned, last), row_shares=[1, 2, 1]),
+            column_shares=[25, 29, 22, 24],
+        ),
+        *collapsed_panels(),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def _flight_views(train: Flight, test: Flight, learned: Learned, series: list[OutputSeries]) -> list[rrb.View]:
+    """One above the other over the same seconds."""
+    end = BESIDE_LEGEND * float(series[0].time[-1])
+    return [
+        *(
+            time_plot(
+                f"{named(output.name.capitalize(), output.unit)}: measured and predicted",
+                rr.new_entity_path(["outputs", output.name]),
+                (0.0, end),
+                output.range,
+            )
+            for output in series
+        ),
+        time_plot(
+            named("Motors", _common(train.input_units)), "inputs", (0.0, end), _range_of(train.inputs, test.inputs)
+        ),
+        time_plot(
+            "Process noise w: wind and unmodelled dynamics",
+            "process_noise",
+            (0.0, end),
+            _range_of(learned.process_noise()[1]),
+        ),
+        time_plot(
+            "Free energy F(t) of each sample, nats",
+            "free_energy_of_samples",
+            (0.0, end),
+            _range_of(learned.free_energy_of_samples),
+            legend=False,
+        ),
+    ]
+
+
+def _forecasts_and_parameters(series: list[OutputSeries], learned: Learned, last: float) -> rrb.Vertical:
+    views = [_forecast_view(output) for output in series]
+    heights = [FORECAST_HEIGHT] * len(views)
+    learning = learned.learning
+    first = 0
+    for matrix, free in left_free(learned).items():
+        shown = first + np.flatnonzero(free)
+        first += len(free)
+        if len(shown):
+            edges = estimate_band(learning.theta[:, shown], learning.theta_sd[:, shown])
+            values = _range_of(*edges, labels=LABELS_IF_LOW)
+            time = _iterations(BESIDE_WIDE_LEGEND * last)
+            views.append(time_plot(f"{matrix} by iteration", f"parameters/free/{matrix}", time, values))
+            heights.append(AROUND_PLOT + LEGEND_ENTRY * min(len(shown), MOST_ENTRIES))
+    return rrb.Vertical(*views, row_shares=heights)
+
+
+def _forecast_view(output: OutputSeries) -> rrb.View:
+    """The held-out test set, after a third as much training; in the colours of the view to its left."""
+    end = float(output.time[-1])
+    start = output.boundary - (end - output.boundary) / 3
+    origin = rr.new_entity_path(["outputs", output.name])
+    title = f"Forecast of {named(output.name, output.unit)}"
+    return time_plot(title, origin, (start, end), output.range, legend=False)
+
+
+def _learning_views(learned: Learned, last: float) -> list[rrb.View]:
+    """F̄, its terms and λ by iteration; F̄ over the range of all but iteration 0, which would flatten the others."""
+    energy, learning = learned.free_energy, learned.learning
+    terms = np.stack([term - term[-1] for term in energy.terms.values()], axis=-1)
+    title = f"F̄ by iteration, nats (prior: {energy[0]:,.0f})"
+    return [
+        time_plot(title, "free_energy/total", _iterations(TO_LAST_NUMBER * last), _range_of(energy[1:]), legend=False),
+        time_plot(
+            "Terms of F̄ minus their final values (in the legend), nats",
+            "free_energy/terms",
+            _iterations(BESIDE_WIDEST_LEGEND * last),
+            _range_of(terms[1:]),
+        ),
+        time_plot(
+            "λ by iteration: log noise precisions",
+            "noise_precisions",
+            _iterations(BESIDE_WIDE_LEGEND * last),
+            _range_of(*estimate_band(learning.lambda_, learning.lambda_sd)),
+        ),
+    ]
+
+
+def _iterations(end: float) -> tuple[float, float]:
+    """Where iterations 0 to ``end`` are, or on to the next 1, 10 or 100 s if only that is numbered."""
+    seconds = max(end / ITERATIONS_A_SECOND, TO_LAST_NUMBER)
+    step = 10.0 ** floor(log10(seconds))
+    return 0.0, seconds if seconds <= LABELS_ACROSS * step else max(seconds, 10 * TO_LAST_NUMBER * step)
+
+
+def _range_of(*values: Array, labels: int = LABELS) -> tuple[float, float]:
+    return readable_range(float(min(v.min() for v in values)), float(max(v.max() for v in values)), labels)
+
+
+def _common(units: tuple[str, ...]) -> str:
+    return units[0] if len(set(units)) == 1 else ""

@@ -1,1 +1,1 @@
-"""MAVLink out: what an autopilot of either kind says of a simulated flight, to a file or to a ground station."""
+"""MAVLink of a simulated autopilot, PX4's or ArduPilot's, to a file or to a ground station."""

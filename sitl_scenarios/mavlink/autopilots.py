@@ -1,4 +1,4 @@
-"""The two autopilots whose speech is imitated: their numbers, rates, modes and words.
+"""The two simulated autopilots: their numbers, rates, modes and texts.
 
 As PX4 1.17 (SIH) and ArduCopter 4.7 (SITL) sent them. Sources: PX4's ``mavlink_main.cpp``, ``mavlink_stream.cpp``,
 ``px4_custom_mode.h`` and ``Commander.cpp``; ArduPilot's ``GCS_Common.cpp``, ``GCS_MAVLink_Copter.cpp``,
@@ -11,100 +11,64 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from sitl_scenarios.places import shortened
-from sitl_scenarios.pulses import STOPPED
+from sitl_scenarios.mixer import DISARMED_PULSE
+from sitl_scenarios.scenario import shortened
 
 DISARMED, ON_GROUND, IN_AIR, TAKING_OFF, LANDING = range(5)
 """States of the flight: disarmed, and when armed the MAV_LANDED_STATE."""
-ARMED = 128
-"""MAV_MODE_FLAG_SAFETY_ARMED."""
-DENIED, TEMPORARILY_REJECTED, FAILED = 2, 1, 4
-"""MAV_RESULT."""
-INFO, CRITICAL = 6, 2
-"""MAV_SEVERITY."""
-
-Mode = tuple[int, int]
-"""HEARTBEAT's base_mode, but for the armed flag, and its custom_mode."""
+ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
+DENIED, TEMPORARILY_REJECTED, FAILED = 2, 1, 4  # MAV_RESULT
+INFO, CRITICAL = 6, 2  # MAV_SEVERITY
+Mode = tuple[int, int]  # HEARTBEAT's base_mode, but for the armed flag, and its custom_mode
 
 
 @dataclass(frozen=True)
 class Autopilot:
-    """How one kind of autopilot speaks.
+    """The MAVLink of one kind of autopilot."""
 
-    Attributes:
-        name: as in scenarios.
-        number: its MAV_AUTOPILOT.
-        fast: the messages that come at the scenario's rate; ``quarter``: those that come at a quarter of it.
-        slow: Hz of those that come at a rate of their own; 0 for those that come only when asked for.
-        groups: messages by MAV_DATA_STREAM, where REQUEST_DATA_STREAM is obeyed.
-        interval_step: s: intervals between messages are whole numbers of it.
-        apart: whether each stream begins a cycle after the one before, so that they do not all come at once.
-        unused: output of channels without a motor, PWM in µs.
-        modes: by MAV_LANDED_STATE.
-        starting: MAV_STATE while it starts.
-        active_when_armed: whether its MAV_STATE is ACTIVE from arming on, rather than from take-off.
-        words: what it says in STATUSTEXT as its state changes, by (before, after).
-        denied_in_air: what it says when it is to disarm in the air, and the MAV_RESULT it answers with.
-        unknown_message: MAV_RESULT when it is asked for a message that it does not have.
-        version: AUTOPILOT_VERSION.flight_sw_version.
-        capabilities: MAV_PROTOCOL_CAPABILITY: the encoding of its parameters and MAVLink 2.
-        bitwise: whether integer parameters are copied bit by bit into PARAM_VALUE's float, rather than cast.
-    """
-
-    name: Literal["px4", "ardupilot"]
-    number: int
+    name: Literal["px4", "ardupilot"]  # as in scenarios
+    number: int  # its MAV_AUTOPILOT
+    # the messages that come at the scenario's rate; ``quarter``: those that come at a quarter of it
     fast: tuple[str, ...]
     quarter: tuple[str, ...]
-    slow: Mapping[str, float]
-    groups: Mapping[int, tuple[str, ...]]
-    interval_step: float
-    apart: bool
-    unused: float
-    modes: Mapping[int, Mode]
-    starting: int
-    active_when_armed: bool
-    words: Mapping[tuple[int, int], str]
-    denied_in_air: tuple[str, int]
-    unknown_message: int
-    version: int
-    capabilities: int
-    bitwise: bool
+    slow: Mapping[str, float]  # Hz of those that come at a rate of their own; 0 for those that come only when asked for
+    groups: Mapping[int, tuple[str, ...]]  # messages by MAV_DATA_STREAM, where REQUEST_DATA_STREAM is obeyed
+    interval_step: float  # s: intervals between messages are whole numbers of it
+    apart: bool  # whether each stream begins a cycle after the one before, so that they do not all come at once
+    unused: float  # output of channels without a motor, PWM in µs
+    modes: Mapping[int, Mode]  # by MAV_LANDED_STATE
+    starting: int  # MAV_STATE while it starts
+    active_when_armed: bool  # whether its MAV_STATE is ACTIVE from arming on, rather than from take-off
+    words: Mapping[tuple[int, int], str]  # its STATUSTEXT as its state changes, by (before, after)
+    denied_in_air: tuple[str, int]  # its STATUSTEXT when asked to disarm in the air, and its MAV_RESULT
+    unknown_message: int  # MAV_RESULT when it is asked for a message that it does not have
+    version: int  # AUTOPILOT_VERSION.flight_sw_version
+    capabilities: int  # MAV_PROTOCOL_CAPABILITY: the encoding of its parameters and MAVLink 2
+    bitwise: bool  # whether integer parameters are copied bit by bit into PARAM_VALUE's float, rather than cast
 
     def rates(self, rate: float, instead: Mapping[str, float]) -> dict[str, float]:
-        """Hz of every message that it sends by itself, by name.
+        """Hz of every message that it sends by itself, by name; where ``instead`` has another, that.
 
-        Args:
-            rate: Hz of attitude and of motor outputs.
-            instead: Hz by name, where another is asked for.
-
-        Raises:
-            ValueError: ``instead`` names a message that it does not send.
+        Raises ValueError: ``instead`` names a message that it does not send.
         """
         usual = dict.fromkeys(self.fast, rate) | dict.fromkeys(self.quarter, rate / 4) | dict(self.slow)
         for name in instead:
             if name not in usual:
-                raise ValueError(
-                    f"stream.rates: {self.name} sends no {shortened(name)} here: choose among {', '.join(usual)}"
-                )
+                known = ", ".join(usual)
+                raise ValueError(f"stream.rates: {self.name} sends no {shortened(name)} here: choose among {known}")
         return usual | dict(instead)
 
 
 PX4 = Autopilot(
     name="px4",
     number=12,
-    fast=(
-        "ATTITUDE",
-        "ATTITUDE_QUATERNION",
-        "SERVO_OUTPUT_RAW",
-        "ACTUATOR_OUTPUT_STATUS",
-        "HIL_ACTUATOR_CONTROLS",
-    ),
+    fast=("ATTITUDE", "ATTITUDE_QUATERNION", "SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS"),
     quarter=("LOCAL_POSITION_NED",),
     slow={"HEARTBEAT": 1.0, "SYS_STATUS": 5.0, "EXTENDED_SYS_STATE": 5.0},
     groups={},
     interval_step=1e-6,
     apart=True,
-    unused=STOPPED["px4"],
+    unused=DISARMED_PULSE["px4"],
     # Custom modes are the main mode << 16 | the sub-mode << 24: hold, off-board, take-off, land.
     modes={
         ON_GROUND: (29, 4 << 16 | 3 << 24),
@@ -133,12 +97,7 @@ ARDUPILOT = Autopilot(
     fast=("ATTITUDE", "SERVO_OUTPUT_RAW"),
     quarter=("LOCAL_POSITION_NED",),
     slow={"HEARTBEAT": 1.0, "SYS_STATUS": 2.0, "EXTENDED_SYS_STATE": 1.0, "ATTITUDE_QUATERNION": 0.0},
-    groups={
-        2: ("SYS_STATUS",),
-        3: ("SERVO_OUTPUT_RAW",),
-        6: ("LOCAL_POSITION_NED",),
-        10: ("ATTITUDE",),
-    },
+    groups={2: ("SYS_STATUS",), 3: ("SERVO_OUTPUT_RAW",), 6: ("LOCAL_POSITION_NED",), 10: ("ATTITUDE",)},
     interval_step=1e-3,
     apart=False,
     unused=0,
@@ -146,10 +105,7 @@ ARDUPILOT = Autopilot(
     modes={ON_GROUND: (89, 4), IN_AIR: (89, 4), TAKING_OFF: (89, 4), LANDING: (89, 9)},
     starting=1,
     active_when_armed=False,
-    words={
-        (DISARMED, ON_GROUND): "Arming motors",
-        (ON_GROUND, DISARMED): "Disarming motors",
-    },
+    words={(DISARMED, ON_GROUND): "Arming motors", (ON_GROUND, DISARMED): "Disarming motors"},
     denied_in_air=("", FAILED),
     unknown_message=DENIED,
     version=4 << 24 | 7 << 16,
@@ -157,5 +113,4 @@ ARDUPILOT = Autopilot(
     bitwise=False,
 )
 
-AUTOPILOTS: Mapping[str, Autopilot] = {"px4": PX4, "ardupilot": ARDUPILOT}
-"""By ``scenario.stream.speaks``."""
+AUTOPILOTS: Mapping[str, Autopilot] = {"px4": PX4, "ardupilot": ARDUPILOT}  # By ``scenario.stream.speaks``

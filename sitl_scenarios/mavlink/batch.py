@@ -1,4 +1,4 @@
-"""Batch: frames on their way, in order, each with a time."""
+"""Batch: frames in order, each with a time."""
 
 from __future__ import annotations
 
@@ -8,23 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.checksum import Bytes
-from mavdem.ingest.framing import Frames, concatenated
+from mavdem.ingest.mavlink.checksum import Bytes
+from mavdem.ingest.mavlink.framing import Frames, concatenated
 
 
 @dataclass(frozen=True, eq=False)
 class Batch:
-    """N frames, one behind the other in ``data``.
+    """N frames, one behind the other in ``data``."""
 
-    Attributes:
-        time: (N,) s of the flight, ascending: when each was sent, or is received.
-        data: their bytes.
-        frames: the table of them.
-    """
-
-    time: NDArray[np.float64]
-    data: Bytes
-    frames: Frames
+    time: NDArray[np.float64]  # (N,) s of the flight, ascending: when each was sent, or is received
+    data: Bytes  # their bytes
+    frames: Frames  # the table of them
 
     def __len__(self) -> int:
         return len(self.time)

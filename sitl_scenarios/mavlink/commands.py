@@ -1,4 +1,4 @@
-"""Commands: what the vehicle does when a ground station asks, and what it answers.
+"""Commands of a ground station: how the vehicle executes them and replies.
 
 Sources: https://mavlink.io/en/services/command.html, https://mavlink.io/en/services/parameter.html,
 https://mavlink.io/en/services/mission.html; where the autopilots differ, ``sitl_scenarios.mavlink.autopilots``.
@@ -7,74 +7,100 @@ https://mavlink.io/en/services/mission.html; where the autopilots differ, ``sitl
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from math import inf, isfinite
-from typing import Any, Protocol
+from typing import Any
 
-from mavdem.ingest.decode import definitions
+import numpy as np
+
+from mavdem.ingest.mavlink.definitions import columns, definitions, seeds
+from mavdem.ingest.mavlink.framing import GOOD, find_frames
 from sitl_scenarios.mavlink.autopilots import CRITICAL, DENIED, FAILED
-from sitl_scenarios.mavlink.hearing import Heard
 from sitl_scenarios.mavlink.transmitter import Transmitter
+from sitl_scenarios.simulation import Simulation
 
-ACCEPTED, UNSUPPORTED = 0, 3
-"""MAV_RESULT."""
+BROADCAST_ID = 0  # Target system or component of messages to all
+UNDERSTOOD = frozenset(
+    {"COMMAND_LONG", "COMMAND_INT", "PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"}
+    | {"REQUEST_DATA_STREAM", "MISSION_REQUEST_LIST"}
+)
+"""Messages that are answered; each names its target."""
+
+
+@dataclass(frozen=True)
+class Received:
+    """A message of ``name`` with its ``fields`` from ``system`` and ``component``."""
+
+    name: str
+    fields: dict[str, Any]
+    system: int
+    component: int
+
+
+def addressed_messages(datagram: bytes, system: int, component: int, most: int | None = None) -> list[Received]:
+    """The messages in a datagram, ``most`` at most, that are understood and meant for this component, or for all."""
+    data = np.frombuffer(datagram, dtype=np.uint8)
+    understood = []
+    for frames in find_frames(data, seeds()):
+        for row in np.flatnonzero(frames.verdict == GOOD).tolist():
+            definition = definitions()[int(frames.message_id[row])]
+            if definition.name not in UNDERSTOOD:
+                continue
+            read = columns(data, frames.start[row : row + 1], definition)
+            fields = {name: values[0] for name, values in read.items()}
+            to_system, to_component = fields["target_system"], fields["target_component"]
+            if to_system in (system, BROADCAST_ID) and to_component in (component, BROADCAST_ID):
+                sender = int(frames.system[row]), int(frames.component[row])
+                understood.append(Received(definition.name, fields, *sender))
+            if len(understood) == most:
+                return understood
+    return understood
+
+
+ACCEPTED, UNSUPPORTED = 0, 3  # MAV_RESULT
 ARM_DISARM, GET_INTERVAL, SET_INTERVAL, REQUEST_MESSAGE, REQUEST_CAPABILITIES = 400, 510, 511, 512, 520
 """MAV_CMD_COMPONENT_ARM_DISARM, _GET_MESSAGE_INTERVAL, _SET_MESSAGE_INTERVAL, _REQUEST_MESSAGE and
 _REQUEST_AUTOPILOT_CAPABILITIES."""
-FORCE = 21196
-"""What MAV_CMD_COMPONENT_ARM_DISARM's second parameter must be to stop the motors in the air."""
-ALL_STREAMS = 0
-"""MAV_DATA_STREAM."""
-MOST_TOLD = 20
-"""Changes of rates that are told: some ground stations ask again and again."""
-LONGEST_INTERVAL = 2**31 - 1
-"""µs that MESSAGE_INTERVAL can tell."""
+FORCE = 21196  # What MAV_CMD_COMPONENT_ARM_DISARM's second parameter must be to stop the motors in the air
+MAX_REPORTED = 20  # Changes of rates that are reported: some ground stations ask again and again
 
 
-class Armable(Protocol):
-    """What of a simulation a command can change."""
+class CommandHandler:
+    """Executes commands of ground stations for one vehicle; ``report`` is called with a sentence when rates change.
 
-    def set_armed(self, armed: bool, force: bool = False) -> bool:
-        """Arms or disarms at once, in the air if that is forced; answers whether it is as asked for."""
-
-
-class Commands:
-    """Answers the ground stations of one vehicle.
-
-    Attributes:
-        accepted: how many commands were.
+    ``accepted``: how many commands were.
     """
 
     def __init__(
-        self, transmitter: Transmitter, simulation: Armable, tell: Callable[[str], None] = lambda _: None
+        self, transmitter: Transmitter, simulation: Simulation, report: Callable[[str], None] = lambda _: None
     ) -> None:
-        """Takes who answers, what is armed and disarmed, and who is told a sentence when rates are changed."""
-        self._transmitter, self._simulation, self._tell = transmitter, simulation, tell
-        self._told = 0
+        self._transmitter, self._simulation, self._report = transmitter, simulation, report
+        self._reported = 0
         self.accepted = 0
 
-    def answer(self, said: Heard) -> None:
-        """Does what a message asks for; the answer goes out with the transmitter's next block."""
-        whom = {"target_system": said.system, "target_component": said.component}
-        match said.name:
+    def answer(self, received: Received) -> None:
+        """Does what a message asks for; the reply goes out with the transmitter's next block."""
+        whom = {"target_system": received.system, "target_component": received.component}
+        match received.name:
             case "COMMAND_LONG" | "COMMAND_INT":
-                command = int(said.fields["command"])
-                result = self._result(command, float(said.fields["param1"]), float(said.fields["param2"]))
+                command = int(received.fields["command"])
+                result = self._result(command, float(received.fields["param1"]), float(received.fields["param2"]))
                 self.accepted += result == ACCEPTED
                 self._transmitter.ask("COMMAND_ACK", command=command, result=result, **whom)
             case "PARAM_REQUEST_LIST":
                 self._transmitter.tell_parameters()
             case "PARAM_REQUEST_READ":
-                self._read_parameter(said.fields)
+                self._read_parameter(received.fields)
             case "PARAM_SET":
-                self._set_parameter(said.fields)
+                self._set_parameter(received.fields)
             case "REQUEST_DATA_STREAM":
-                self._request_streams(said.fields)
+                self._request_streams(received.fields)
             case "MISSION_REQUEST_LIST":
                 # There never is a mission.
-                self._transmitter.ask("MISSION_COUNT", mission_type=said.fields["mission_type"], **whom)
+                self._transmitter.ask("MISSION_COUNT", mission_type=received.fields["mission_type"], **whom)
 
     def _result(self, command: int, first: float, second: float) -> int:
-        """Obeys a command with its first two parameters; answers the MAV_RESULT."""
+        """Obeys a command with its first two parameters; returns the MAV_RESULT."""
         if command == REQUEST_CAPABILITIES:
             return self._request("AUTOPILOT_VERSION", 0.0)
         if command not in (ARM_DISARM, GET_INTERVAL, SET_INTERVAL, REQUEST_MESSAGE):
@@ -115,7 +141,7 @@ class Commands:
         return ACCEPTED
 
     def _set_intervals(self, names: Iterable[str], seconds: float) -> None:
-        """Sets the interval of messages, and tells of those whose interval was another."""
+        """Sets the interval of messages, and reports those whose interval was another."""
         schedule, changed = self._transmitter.schedule, []
         for name in names:
             before = schedule.interval(name)
@@ -123,21 +149,21 @@ class Commands:
             after = schedule.interval(name)
             if after != before:
                 changed.append(f"{name} {_in_hertz(after)} instead of {_in_hertz(before)}")
-        if changed and self._told < MOST_TOLD:
-            self._told += 1
-            more = "; what it changes from now on is not told" if self._told == MOST_TOLD else ""
-            self._tell(f"A ground station asked for {', '.join(changed)}{more}.")
+        if changed and self._reported < MAX_REPORTED:
+            self._reported += 1
+            more = "; further changes are not reported" if self._reported == MAX_REPORTED else ""
+            self._report(f"A ground station asked for {', '.join(changed)}{more}.")
 
     def _request(self, name: str, argument: float) -> int:
-        """Sends a message once; ``argument`` is the id of the message whose interval MESSAGE_INTERVAL tells."""
+        """Sends a message once; ``argument`` is the id of the message whose interval MESSAGE_INTERVAL reports."""
         transmitter = self._transmitter
         if name in transmitter.schedule.usual:
             transmitter.ask_streamed(name)
         elif name == "MESSAGE_INTERVAL" and isfinite(argument) and 0 <= argument < 2**16:
             about = _name(argument)
-            told = transmitter.schedule.interval(about) if about in transmitter.schedule.usual else 0.0
-            interval = min(round(told * 1e6), LONGEST_INTERVAL) if isfinite(told) else -1
-            transmitter.ask(name, message_id=int(argument), interval_us=interval)
+            interval = transmitter.schedule.interval(about) if about in transmitter.schedule.usual else 0.0
+            microseconds = min(round(interval * 1e6), 2**31 - 1) if isfinite(interval) else -1
+            transmitter.ask(name, message_id=int(argument), interval_us=microseconds)
         elif name == "AUTOPILOT_VERSION":
             autopilot = transmitter.autopilot
             transmitter.ask(name, capabilities=autopilot.capabilities, flight_sw_version=autopilot.version)
@@ -165,7 +191,7 @@ class Commands:
         """Sets the rate, Hz, of a group of messages, or of all groups."""
         groups, group = self._transmitter.autopilot.groups, int(asked["req_stream_id"])
         rate = int(asked["req_message_rate"]) if asked["start_stop"] else 0
-        chosen = list(groups) if group == ALL_STREAMS else [group]
+        chosen = list(groups) if group == 0 else [group]
         self._set_intervals((name for one in chosen for name in groups.get(one, ())), 1 / rate if rate else inf)
 
 

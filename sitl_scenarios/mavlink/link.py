@@ -1,26 +1,25 @@
-"""Link: what becomes of frames on their way, by chance: lost, late, overtaken."""
+"""A lossy link: frames get lost, late or reordered, by chance."""
 
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sitl_scenarios.mavlink.batch import Batch, joined
+from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import Faults
 
-SEED = 0x6C696E6B
-"""Tells the link's chance from everything else that begins with the scenario's seed."""
 
-
-class Link:
+class LossyLink:
     """A link with ``faults``. What it does to a frame depends on the seed and on how many came before, nothing else.
 
     A frame that is late delays those behind it: only what is ``reordered`` is overtaken.
     """
 
     def __init__(self, faults: Faults, seed: int) -> None:
-        """Takes the faults, and the seed of the flight."""
         self._faults = faults
-        self._random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(SEED,)))
+        # The key sets it apart from everything else that begins with the seed of the flight.
+        self._random = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0x6C696E6B,)))
         self._latest = -np.inf
         self._held: Batch | None = None
 
@@ -28,7 +27,7 @@ class Link:
         """The frames that arrive, at the times they do; one that is to be overtaken waits for the next."""
         faults = self._faults
         lost, late, overtaken = self._random.random((len(batch), 3)).T
-        there = np.flatnonzero(lost >= faults.loss)
+        there = np.flatnonzero((lost >= faults.loss) & ~self.out(batch.time))
         time = batch.time[there] + faults.delay + faults.jitter * late[there]
         time = np.maximum.accumulate(np.maximum(time, self._latest))
         self._latest = float(time[-1]) if len(time) else self._latest
@@ -38,6 +37,11 @@ class Link:
             arriving, waits = joined([self._held, arriving]), np.concatenate([[True], waits])
             self._held = None
         return self._swapped(arriving, np.flatnonzero(waits).tolist())
+
+    def out(self, time: NDArray[np.float64] | float) -> NDArray[np.bool_]:
+        """Whether the link is lost at a time, s of the motion."""
+        since = np.asarray(time) - BOOT_SECONDS - (np.inf if self._faults.outage is None else self._faults.outage)
+        return (since >= 0.0) & (since < self._faults.outage_seconds)
 
     def rest(self) -> list[Batch]:
         """The frame that is still held, at the end."""

@@ -1,4 +1,4 @@
-"""Live: a simulated vehicle on the network, as a real one is: it speaks, listens and obeys while it flies."""
+"""A simulated vehicle on the network: sends, receives and obeys while it flies."""
 
 from __future__ import annotations
 
@@ -10,78 +10,43 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from time import monotonic
-from typing import Any, Protocol
+from typing import Any
 
 from sitl_scenarios.holding import Holding
 from sitl_scenarios.mavlink.batch import Batch
-from sitl_scenarios.mavlink.commands import Armable, Commands
-from sitl_scenarios.mavlink.hearing import Heard, heard
-from sitl_scenarios.mavlink.link import Link
+from sitl_scenarios.mavlink.commands import CommandHandler, Received, addressed_messages
+from sitl_scenarios.mavlink.link import LossyLink
 from sitl_scenarios.mavlink.transmitter import COMPONENT, Transmitter
-from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.simulation import Simulation
 
-TICK = 0.004
-"""Seconds of wall time in which what falls due is sent together, when the vehicle's loop is not slower."""
-LONGEST_TICK = 0.5
-"""Seconds of the flight in one tick, however fast time is to pass."""
-MOST_ANSWERED, MOST_WAITING = 4, 64
+MAX_ANSWERED_PER_TICK, MAX_WAITING = 4, 64
 """Messages of a ground station that are answered in a tick, a thousand a second, and that may wait for a later one. The
 rest is dropped: a flood must not slow the flight down."""
-MOST_READ = 16
-"""Datagrams that are looked at in a tick."""
-DATAGRAM = 2048
-"""Bytes of a datagram that are looked at: no network carries a longer one in one piece."""
-
-
-class Flying(Armable, Protocol):
-    """The simulation, as far as the link needs it."""
-
-    cycle: float
-    """s."""
-
-    @property
-    def finished(self) -> bool:
-        """Whether the flight is over."""
-
-    def advance(self, cycles: int) -> Motion:
-        """The next rows."""
+MAX_READ_PER_TICK = 16  # Datagrams that are looked at in a tick
 
 
 @dataclass
-class Outcome:
-    """What came of a live flight.
+class LiveOutcome:
+    """What came of a live flight."""
 
-    Attributes:
-        sent: frames that were put on the network; ``commands`` that were accepted.
-        flown: s of the flight, ``took``: s of wall time.
-        unheard: datagrams that were dropped, in whole or in part, because too many came at once.
-        stopped: whether it was ended before it was over.
-        holding: how well the vehicle held its place.
-    """
-
-    holding: Holding
-    sent: int = 0
+    holding: Holding  # how well the vehicle held its place
+    sent: int = 0  # frames that were put on the network; ``commands`` that were accepted
     commands: int = 0
-    unheard: int = 0
-    flown: float = 0.0
+    unheard: int = 0  # datagrams that were dropped, in whole or in part, because too many came at once
+    flown: float = 0.0  # s of the flight, ``took``: s of wall time
     took: float = 0.0
-    stopped: bool = False
+    stopped: bool = False  # whether it was ended before it was over
 
 
 class Ground:
     """The way to a ground station: a socket of the vehicle's own, and the address HOST:PORT it speaks to.
 
-    The socket is on the loopback interface unless the host is elsewhere. What is said to it there is heard, from
-    wherever, and answered to the same HOST:PORT.
+    The socket is on the loopback interface unless the host is elsewhere. Any sender may reach it there; answers go to
+    the same HOST:PORT. Raises ValueError: no such host, or no way to it.
     """
 
     def __init__(self, host: str, port: int) -> None:
-        """Finds the way.
-
-        Raises:
-            ValueError: no such host, or no way to it.
-        """
         try:
             family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             self._address: Any = address
@@ -122,46 +87,41 @@ class Ground:
         """
         while True:
             ready, _, _ = select.select([self._own], [], [], max(until - monotonic(), 0.0))
-            # Some systems tell here that the other end does not listen.
+            # Some systems report here that the other end does not listen.
             with suppress(OSError):
                 if ready:
-                    yield self._own.recv(DATAGRAM)
+                    yield self._own.recv(2048)  # no network carries a longer datagram in one piece
             if monotonic() >= until:
                 return
 
 
 def fly_live(
     scenario: Scenario,
-    simulation: Flying,
+    simulation: Simulation,
     ground: Ground,
     speed: float,
     progress: Callable[[float], None],
-    tell: Callable[[str], None] = lambda _: None,
-) -> Outcome:
+    report: Callable[[str], None] = lambda _: None,
+) -> LiveOutcome:
     """Flies to the end, or until Ctrl-C, sending every frame in a datagram of its own, and obeying.
 
-    Args:
-        scenario: of the flight.
-        simulation: the flight.
-        ground: whom it speaks to.
-        speed: seconds of flight in a second.
-        progress: called with the seconds flown.
-        tell: called with a sentence when a ground station changes how often something is sent.
-
-    Raises:
-        ValueError: as ``Transmitter``; or the vehicle tumbles.
+    It flies ``speed`` seconds in a second. ``progress`` is called with the seconds flown, ``report`` with a sentence
+    when a ground station changes message rates. Raises ValueError: as ``Transmitter``; or the vehicle tumbles.
     """
     transmitter = Transmitter(scenario, simulation.cycle)
-    commands = Commands(transmitter, simulation, tell)
-    outcome, waiting = Outcome(Holding(scenario)), deque[Heard]()
+    commands = CommandHandler(transmitter, simulation, report)
+    outcome, waiting = LiveOutcome(Holding(scenario)), deque[Received]()
+    link = LossyLink(scenario.faults, scenario.seed)
     began = monotonic()
     try:
-        for now, due in _ticks(scenario, simulation, transmitter, speed, outcome.holding):
+        for now, due in _ticks(link, simulation, transmitter, speed, outcome.holding):
             outcome.flown = now
             progress(now)
             outcome.sent += sum(map(ground.send, due))
             outcome.unheard += _listen(ground.received(began + now / speed), transmitter.system, waiting)
-            for _ in range(min(MOST_ANSWERED, len(waiting))):
+            if link.out(now):
+                waiting.clear()
+            for _ in range(min(MAX_ANSWERED_PER_TICK, len(waiting))):
                 commands.answer(waiting.popleft())
     except KeyboardInterrupt:
         outcome.stopped = True
@@ -169,26 +129,27 @@ def fly_live(
     return outcome
 
 
-def _listen(datagrams: Iterator[bytes], system: int, waiting: deque[Heard]) -> int:
-    """Puts what is said in a tick behind what waits; answers how many datagrams were dropped, or part of them."""
+def _listen(datagrams: Iterator[bytes], system: int, waiting: deque[Received]) -> int:
+    """Queues the messages of a tick; returns how many datagrams were dropped, in whole or in part."""
     dropped = 0
     for number, datagram in enumerate(datagrams):
-        room = MOST_WAITING - len(waiting)
-        if number >= MOST_READ or not room:
+        room = MAX_WAITING - len(waiting)
+        if number >= MAX_READ_PER_TICK or not room:
             dropped += 1
             continue
-        said = heard(datagram, system, COMPONENT, room + 1)
-        dropped += len(said) > room
-        waiting.extend(said[:room])
+        received = addressed_messages(datagram, system, COMPONENT, room + 1)
+        dropped += len(received) > room
+        waiting.extend(received[:room])
     return dropped
 
 
 def _ticks(
-    scenario: Scenario, simulation: Flying, transmitter: Transmitter, speed: float, holding: Holding
+    link: LossyLink, simulation: Simulation, transmitter: Transmitter, speed: float, holding: Holding
 ) -> Iterator[tuple[float, list[bytes]]]:
     """Seconds flown, tick by tick, and the frames that arrive by then; after the flight, what is still on its way."""
-    link, way = Link(scenario.faults, scenario.seed), deque[tuple[float, bytes]]()
-    cycles = max(round(min(TICK * speed, LONGEST_TICK) / simulation.cycle), 1)
+    way = deque[tuple[float, bytes]]()
+    # What falls due in 4 ms of wall time is sent together, but at most half a second of the flight.
+    cycles = max(round(min(0.004 * speed, 0.5) / simulation.cycle), 1)
     start, now = None, 0.0
     while not simulation.finished:
         motion = simulation.advance(cycles)

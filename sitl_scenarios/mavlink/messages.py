@@ -1,4 +1,4 @@
-"""Messages: what the autopilot says of rows of a motion, as payloads by column.
+"""Messages: payloads by column for rows of a motion.
 
 Fields, units and signs are those of the definitions (https://mavlink.io/en/messages/common.html): angles rad, body
 rates rad/s, north-east-down m and m/s, PWM µs.
@@ -13,46 +13,40 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.decode import Definition, definitions
-from sitl_scenarios.attitude import euler
+from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
+from sitl_scenarios.dynamics import euler
 from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Autopilot
+from sitl_scenarios.mixer import MAX_PULSE, MIN_PULSE
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.pulses import HIGHEST, LOWEST
 
 Array = NDArray[np.float64]
-Payloads = NDArray[Any]
-"""(N,) of a definition's wire type."""
-
-QUADROTOR = 2
-"""MAV_TYPE."""
-ACTIVE, STANDBY = 4, 3
-"""MAV_STATE."""
-STARTING = 3.0
-"""Seconds after boot in which the autopilot says that it starts."""
+Payloads = NDArray[Any]  # (N,) of a definition's wire type
+QUADROTOR = 2  # MAV_TYPE
+ACTIVE, STANDBY = 4, 3  # MAV_STATE
 SENSORS, FENCE = 0b1111, 1 << 20
 """MAV_SYS_STATUS_SENSOR: gyroscopes, accelerometers, magnetometer, barometer; and the fence, which is not breached."""
-FULL = 12.6
-"""Volts of a charged battery of three cells."""
-CHANNELS = 16
-"""Outputs that SERVO_OUTPUT_RAW and PX4's other output messages tell."""
+FULL = 12.6  # Volts of a charged battery of three cells
+CHANNELS = 16  # Outputs in SERVO_OUTPUT_RAW and PX4's other output messages
 
 
 @cache
-def named(name: str) -> Definition:
+def named(name: str) -> MessageDefinition:
     """The definition of a message."""
     return next(one for one in definitions().values() if one.name == name)
 
 
-def payload(name: str, **fields: Any) -> Payloads:
-    """One message, (1,) of its wire type; fields that are not given are zero."""
-    return _filled(name, 1, fields)
+def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
+    """Messages, (count,) of their wire type; fields that are not given are zero."""
+    table: Payloads = np.zeros(count, dtype=named(name).wire)
+    for field, values in fields.items():
+        table[field] = values
+    return table
 
 
-class Speaker:
-    """What one vehicle says of its motion."""
+class MessageWriter:
+    """Makes the payloads of one vehicle."""
 
     def __init__(self, autopilot: Autopilot) -> None:
-        """Takes who speaks."""
         self._autopilot = autopilot
         self._told: dict[str, Callable[[Motion, NDArray[np.int64]], dict[str, Any]]] = {
             "HEARTBEAT": self._heartbeat,
@@ -66,14 +60,14 @@ class Speaker:
             "HIL_ACTUATOR_CONTROLS": self._hil_actuator_controls,
         }
 
-    def say(self, name: str, motion: Motion, boot: NDArray[np.int64]) -> Payloads:
+    def write(self, name: str, motion: Motion, boot: NDArray[np.int64]) -> Payloads:
         """The payloads (N,) of a message, one for each row of ``motion``, at ``boot`` (N,), µs since boot."""
-        return _filled(name, len(boot), self._told[name](motion, boot))
+        return payload(name, len(boot), **self._told[name](motion, boot))
 
     def _heartbeat(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
         base, custom = self._modes(motion)
         flies = motion.armed & (self._autopilot.active_when_armed | (motion.landed_state != ON_GROUND))
-        starts = ~motion.armed & (boot < STARTING * 1e6)
+        starts = ~motion.armed & (boot < 3e6)
         return {
             "type": QUADROTOR,
             "autopilot": self._autopilot.number,
@@ -119,10 +113,7 @@ class Speaker:
     def _servo_output_raw(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
         outputs = self._outputs(motion)
         # The one clock of 32-bit microseconds: it wraps every 71.6 minutes.
-        return {
-            "time_usec": boot % 2**32,
-            **{f"servo{n + 1}_raw": np.round(outputs[:, n]) for n in range(CHANNELS)},
-        }
+        return {"time_usec": boot % 2**32} | {f"servo{n + 1}_raw": np.round(outputs[:, n]) for n in range(CHANNELS)}
 
     def _actuator_output_status(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
         actuator = np.zeros((len(boot), 32))
@@ -132,8 +123,7 @@ class Speaker:
     def _hil_actuator_controls(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
         controls = np.zeros((len(boot), CHANNELS))
         # A motor that is stopped has less than the lowest pulse, and no negative command.
-        motors = motion.outputs.shape[1]
-        controls[:, :motors] = np.maximum((motion.outputs - LOWEST) / (HIGHEST - LOWEST), 0.0)
+        controls[:, :4] = np.maximum((motion.outputs - MIN_PULSE) / (MAX_PULSE - MIN_PULSE), 0.0)
         return {"time_usec": boot, "controls": controls, "mode": self._modes(motion)[0]}
 
     def _outputs(self, motion: Motion) -> Array:
@@ -150,10 +140,3 @@ def _rates(motion: Motion) -> dict[str, Array]:
 
 def _milliseconds(boot: NDArray[np.int64]) -> NDArray[np.int64]:
     return boot // 1000 % 2**32
-
-
-def _filled(name: str, count: int, fields: dict[str, Any]) -> Payloads:
-    table: Payloads = np.zeros(count, dtype=named(name).wire)
-    for field, values in fields.items():
-        table[field] = values
-    return table

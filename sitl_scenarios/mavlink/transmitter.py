@@ -1,32 +1,79 @@
-"""Transmitter: the frames an autopilot sends while it flies, block of cycles after block of cycles."""
+"""Transmitter: the frames an autopilot sends, block of cycles after block of cycles."""
 
 from __future__ import annotations
 
-from dataclasses import fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.compose import Sender, compose, compose_1
+from mavdem.ingest.mavlink.compose import FrameSender, composed_frames
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, DISARMED, INFO
 from sitl_scenarios.mavlink.batch import Batch, joined
-from sitl_scenarios.mavlink.messages import Payloads, Speaker, named, payload
+from sitl_scenarios.mavlink.messages import MessageWriter, Payloads, named, payload
 from sitl_scenarios.mavlink.parameters import Parameter, parameters
-from sitl_scenarios.mavlink.schedule import Schedule
 from sitl_scenarios.motion import Motion
+from sitl_scenarios.plan import seconds
 from sitl_scenarios.scenario import Scenario
 
-COMPONENT = 1
-"""MAV_COMP_ID_AUTOPILOT1."""
-FIRST_HEARD = 0.01
-"""Seconds on the boot clock before an autopilot is heard at first: at zero, messages would seem to have no stamp."""
-REBOOTING = 1.0
-"""Seconds on the new boot clock before an autopilot that began anew is heard."""
-LAST_OF_MAVLINK_1 = 255
-"""The greatest message id that MAVLink 1 can carry."""
-NOT_LISTED = 65535
-"""PARAM_VALUE.param_index of a parameter that is told by itself."""
+EARLY = 0.5e-6
+"""Seconds before it is due that a message may be sent: half of what times are rounded to, so that none is a tie."""
 
+
+@dataclass
+class _Course:
+    """Messages due at ``first``, ``first + interval``, …, of which ``sent`` have been."""
+
+    first: float
+    interval: float
+    sent: int = 0
+
+
+class Schedule:
+    """The streams that are being sent. ``usual``: Hz by message that it begins with; 0 for one that is not sent."""
+
+    def __init__(self, usual: Mapping[str, float], start: float, cycle: float, step: float, apart: bool) -> None:
+        """Begins at the time ``start``, s, every stream a ``cycle``, s, after the one before if they are ``apart``.
+
+        Intervals are rounded down to whole numbers of ``step``, s, and none is shorter than a cycle.
+        """
+        self.usual = dict(usual)
+        self._step, self._cycle = step, cycle
+        self._courses: dict[str, _Course] = {}
+        for place, (name, rate) in enumerate(usual.items()):
+            self.set(name, 1 / rate if rate else np.inf, start + place * cycle * apart)
+
+    def set(self, name: str, interval: float, start: float) -> None:
+        """From ``start`` on, s, sends a message every ``interval`` s; never, when that is infinite."""
+        if np.isfinite(interval / self._step):
+            # The loop looks once in a cycle: what is due more often is sent once.
+            interval = max(int(interval / self._step + 1e-6) * self._step, self._cycle)
+        self._courses[name] = _Course(start, interval)
+
+    def interval(self, name: str) -> float:
+        """Seconds between one message and the next; infinite for none."""
+        return self._courses[name].interval
+
+    def due(self, name: str, times: NDArray[np.float64]) -> NDArray[np.intp]:
+        """In which of the next cycles, at ``times`` (N,), s, ascending, a message is sent.
+
+        The times of one call come after those of the call before.
+        """
+        course = self._courses[name]
+        if not np.isfinite(course.interval):
+            return np.empty(0, dtype=np.intp)
+        # One more than there can be: which of them are due is for one comparison to decide, since two might differ.
+        until = int(np.floor((times[-1] + EARLY - course.first) / course.interval)) + 2
+        due = course.first + course.interval * np.arange(course.sent, until)
+        rows = np.searchsorted(times, due - EARLY)
+        rows = rows[rows < len(times)]
+        course.sent += len(rows)
+        return np.unique(rows)
+
+
+COMPONENT = 1  # MAV_COMP_ID_AUTOPILOT1
+MAVPROXY_SECONDS = 15.0  # From one request for all streams to the next: ``set_stream_rates`` in MAVProxy's mavproxy.py
 Placed = tuple[str, NDArray[np.intp], Payloads]
 """A message by name, the rows (n,) of the block in which it is sent, its payloads (n,)."""
 
@@ -34,45 +81,47 @@ Placed = tuple[str, NDArray[np.intp], Payloads]
 class Transmitter:
     """An autopilot's sending side: what is due by its schedule, what changes, and what it was asked for.
 
-    What it sends by itself does not depend on how a flight is cut into blocks.
-
-    Attributes:
-        autopilot: who speaks.
-        system: its MAVLink system id.
-        parameters: by name.
-        schedule: of its streams, on the boot clock.
-        clock: s on the boot clock, at the end of the last block.
+    What it sends by itself does not depend on how a flight is cut into blocks. ``parameters`` are by name; ``schedule``
+    and ``clock``, s at the end of the last block, are on the boot clock; ``system`` is the MAVLink system id.
     """
 
     def __init__(self, scenario: Scenario, cycle: float) -> None:
         """Takes the flight's scenario and the cycle of the autopilot's loop, s.
 
-        Raises:
-            ValueError: the scenario names rates of a message that is not sent.
+        Raises ValueError: the scenario names rates of a message that is not sent.
         """
         self.autopilot = AUTOPILOTS[scenario.stream.speaks]
         self.system = scenario.stream.system
         self._rates = self.autopilot.rates(scenario.stream.rate, scenario.stream.rates)
+        if scenario.stream.only_when_asked:
+            kept = {"HEARTBEAT", *scenario.stream.rates}
+            self._rates = {name: rate if name in kept else 0.0 for name, rate in self._rates.items()}
         self._scenario, self._cycle = scenario, cycle
-        self._speaker = Speaker(self.autopilot)
+        self._writer = MessageWriter(self.autopilot)
         self._asked: list[tuple[str, Payloads]] = []
-        self._reboots_at = np.inf if scenario.faults.reboot is None else scenario.faults.reboot
+        self._events, self._to_tell = self._planned(), list[Payloads]()
         self._armed_at = np.inf
-        self._begin(0.0, FIRST_HEARD)
+        # At zero, messages would seem to have no stamp.
+        self._begin(0.0, 0.01)
 
     def send(self, motion: Motion) -> Batch:
         """The frames sent during the rows of the next block, one at least, at the times of the motion."""
         armed = motion.time[motion.armed]
         if len(armed):
             self._armed_at = min(self._armed_at, float(armed[0]))
-        before = int(np.searchsorted(motion.time, self._armed_at + self._reboots_at))
-        if before == len(motion):
-            return self._sent(motion)
-        batches = [self._sent(rows_of_motion(motion, slice(before)))] if before else []
-        first = float(motion.time[before])
-        self._reboots_at = np.inf
-        self._begin(first, first + REBOOTING)
-        return joined([*batches, self._sent(rows_of_motion(motion, slice(before, None)))])
+        batches, done = [], 0
+        while self._events:
+            after_arming, happen = self._events[0]
+            row = int(np.searchsorted(motion.time, self._armed_at + after_arming))
+            if row == len(motion):
+                break
+            if row > done:
+                batches.append(self._sent(rows_of_motion(motion, slice(done, row))))
+            happen(float(motion.time[row]))
+            done = row
+            del self._events[0]
+        rest = self._sent(rows_of_motion(motion, slice(done, None)) if done else motion)
+        return joined([*batches, rest]) if batches else rest
 
     def ask(self, name: str, **values: object) -> None:
         """Sends a message once, with the next block; fields that are not given are zero."""
@@ -83,31 +132,54 @@ class Transmitter:
         self._once.add(name)
 
     def tell(self, parameter: Parameter) -> None:
-        """Sends one parameter, with the next block."""
-        self._asked.append(("PARAM_VALUE", self._told(parameter, NOT_LISTED)))
+        """Sends one parameter by itself, with the next block."""
+        # 65535: its index among all is not said.
+        self._asked.append(("PARAM_VALUE", self._told(parameter, 65535)))
 
     def tell_parameters(self) -> None:
         """Sends all parameters, one in a cycle."""
         self._to_tell = [self._told(parameter, index) for index, parameter in enumerate(self.parameters.values())]
 
-    def _begin(self, boot: float, heard: float) -> None:
-        """Begins anew with a boot clock that is zero at ``boot``, heard from ``heard`` on, s of the motion."""
-        self._boot, self._heard = boot, heard
+    def _planned(self) -> list[tuple[float, Callable[[float], None]]]:
+        """Seconds after arming, and what happens then: it is called with that time of the motion."""
+        faults, flown = self._scenario.faults, seconds(self._scenario)
+        events: list[tuple[float, Callable[[float], None]]] = []
+        if faults.mavproxy_rate:
+            events += [(time, self._set_streams) for time in np.arange(0.0, flown, MAVPROXY_SECONDS).tolist()]
+        if faults.reboot is not None:
+            events.append((faults.reboot, lambda now: self._begin(now, now + 1.0)))  # a second without messages
+        if faults.clock_jump is not None:
+            events.append((faults.clock_jump, self._jump))
+        return sorted(events, key=lambda event: event[0])
+
+    def _set_streams(self, _: float) -> None:
+        """What REQUEST_DATA_STREAM for all groups does; messages of no group stay as they are."""
+        interval = 1 / self._scenario.faults.mavproxy_rate
+        for name in (name for group in self.autopilot.groups.values() for name in group):
+            if abs(self.schedule.interval(name) - interval) >= self.autopilot.interval_step:
+                self.schedule.set(name, interval, self.clock)
+
+    def _jump(self, _: float) -> None:
+        self._boot -= self._scenario.faults.clock_jump_seconds
+
+    def _begin(self, boot: float, first: float) -> None:
+        """Begins anew with a boot clock that is zero at ``boot``, sending from ``first`` on, s of the motion."""
+        self._boot, self._first = boot, first
         self._sequence = 0
         self._state = DISARMED
         self._once: set[str] = set()
-        self.clock = heard - boot
+        self.clock = first - boot
         self.schedule = self._scheduled(self.clock)
         self.parameters = parameters(self._scenario, self.autopilot, self._cycle)
-        self.tell_parameters()
-        self._say(f"Simulated by mavdem, frame {self._scenario.vehicle.frame}")
+        self._to_tell = []
+        if not self._scenario.stream.only_when_asked:
+            self.tell_parameters()
+        text = f"Simulated by mavdem, frame {self._scenario.vehicle.frame}"
+        self.ask("STATUSTEXT", severity=INFO, text=text.encode())
         self._fresh = True
 
     def _scheduled(self, start: float) -> Schedule:
         return Schedule(self._rates, start, self._cycle, self.autopilot.interval_step, self.autopilot.apart)
-
-    def _say(self, text: str) -> None:
-        self.ask("STATUSTEXT", severity=INFO, text=text.encode())
 
     def _told(self, parameter: Parameter, index: int) -> Payloads:
         return payload(
@@ -120,22 +192,19 @@ class Transmitter:
         )
 
     def _sent(self, motion: Motion) -> Batch:
-        motion = rows_of_motion(motion, slice(int(np.searchsorted(motion.time, self._heard)), None))
+        motion = rows_of_motion(motion, slice(int(np.searchsorted(motion.time, self._first)), None))
         if not len(motion):
             return _nothing()
         clock = motion.time - self._boot
         if self._fresh:
             self.schedule, self._fresh = self._scheduled(float(clock[0])), False
         self.clock = float(clock[-1])
-        placed = [*self._answers(), *self._changes(motion), *self._listed(len(motion))]
-        placed += self._streams(motion, clock)
+        placed: list[Placed] = [(name, np.zeros(1, dtype=np.intp), one) for name, one in self._asked]
+        self._asked = []
+        placed += [*self._changes(motion), *self._listed(len(motion)), *self._streams(motion, clock)]
         version = self._scenario.stream.version
-        placed = [one for one in placed if version == 2 or named(one[0]).message_id <= LAST_OF_MAVLINK_1]
+        placed = [one for one in placed if version == 2 or named(one[0]).message_id <= 255]
         return self._framed(placed, motion.time, version) if placed else _nothing()
-
-    def _answers(self) -> list[Placed]:
-        asked, self._asked = self._asked, []
-        return [(name, np.zeros(1, dtype=np.intp), one) for name, one in asked]
 
     def _changes(self, motion: Motion) -> list[Placed]:
         """STATUSTEXT where the state changes."""
@@ -145,12 +214,12 @@ class Transmitter:
             text = self.autopilot.words.get((self._state, int(states[row])))
             self._state = int(states[row])
             if text is not None:
-                said = payload("STATUSTEXT", severity=INFO, text=text.encode())
-                placed.append(("STATUSTEXT", np.array([row]), said))
+                text_payload = payload("STATUSTEXT", severity=INFO, text=text.encode())
+                placed.append(("STATUSTEXT", np.array([row]), text_payload))
         return placed
 
     def _listed(self, count: int) -> list[Placed]:
-        """The next parameters of those to be told, one in each row."""
+        """The next parameters to be sent, one in each row."""
         now, self._to_tell = self._to_tell[:count], self._to_tell[count:]
         return [("PARAM_VALUE", np.arange(len(now)), np.concatenate(now))] if now else []
 
@@ -162,7 +231,7 @@ class Transmitter:
                 rows = np.union1d(rows, [0])
             if len(rows):
                 boot = np.round(clock[rows] * 1e6).astype(np.int64)
-                placed.append((name, rows, self._speaker.say(name, rows_of_motion(motion, rows), boot)))
+                placed.append((name, rows, self._writer.write(name, rows_of_motion(motion, rows), boot)))
         self._once.clear()
         return placed
 
@@ -172,15 +241,12 @@ class Transmitter:
         sequence = np.empty(len(rows), dtype=np.int64)
         sequence[order] = np.arange(self._sequence, self._sequence + len(rows))
         self._sequence = int(self._sequence + len(rows)) % 256
-        sender = Sender(self.system, COMPONENT)
+        sender = FrameSender(self.system, COMPONENT)
         batches, begin = [], 0
         for name, own, payloads in placed:
             numbers = (sequence[begin : begin + len(own)] % 256).astype(np.uint8)
             begin += len(own)
-            if version == 1:
-                data, frames = compose_1(payloads, named(name), sender, numbers)
-            else:
-                data, frames = compose(payloads, named(name), sender, numbers, np.ones(len(own), dtype=np.bool_))
+            data, frames = composed_frames(payloads, named(name), sender, numbers, version=version)
             batches.append(Batch(time[own], data, frames))
         return joined(batches).taken(order, time[rows[order]])
 
@@ -191,11 +257,6 @@ def rows_of_motion(motion: Motion, rows: slice | NDArray[np.intp]) -> Motion:
 
 
 def _nothing() -> Batch:
-    data, frames = compose(
-        payload("HEARTBEAT")[:0],
-        named("HEARTBEAT"),
-        Sender(0, 0),
-        np.empty(0, dtype=np.uint8),
-        np.empty(0, dtype=np.bool_),
-    )
+    nobody, none = FrameSender(0, 0), np.empty(0, dtype=np.uint8)
+    data, frames = composed_frames(payload("HEARTBEAT")[:0], named("HEARTBEAT"), nobody, none)
     return Batch(np.empty(0), data, frames)

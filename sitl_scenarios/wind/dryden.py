@@ -22,17 +22,7 @@ from sitl_scenarios.motion import Array
 
 
 def first_order(constant: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
-    """The process of H_u, of variance 1 and autocorrelation exp(−τ/T).
-
-    Args:
-        constant: T, s.
-        dt: between samples, s.
-        samples: how many.
-        noise: source of randomness.
-
-    Returns:
-        (samples,)
-    """
+    """(samples,) of the process of H_u, of variance 1 and autocorrelation exp(−τ/T), T being ``constant``, s."""
     keeps = exp(-dt / constant)
     drive = noise.standard_normal(samples)
     drive[1:] *= sqrt(1 - keeps * keeps)
@@ -40,7 +30,7 @@ def first_order(constant: float, dt: float, samples: int, noise: np.random.Gener
 
 
 def second_order(constant: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
-    """The process of H_v, of variance 1 and autocorrelation (1 − τ/2T) exp(−τ/T); arguments as of ``first_order``.
+    """(samples,) of the process of H_v, of variance 1 and autocorrelation (1 − τ/2T) exp(−τ/T).
 
     With x₁ = n/(1 + Ts) and x₂ = x₁/(1 + Ts) it is √3 x₁ + (1 − √3) x₂. In units of T, states in a stationary state
     have the covariance [[1/2, 1/4], [1/4, 1/4]]; after a = dt/T the old ones count e^(−a) [[1, 0], [a, 1]], and new

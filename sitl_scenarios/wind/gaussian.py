@@ -9,32 +9,18 @@ from scipy.signal import fftconvolve
 
 from sitl_scenarios.motion import Array
 
-_REACH = 6.0
-"""Of the kernel, in s: beyond lies 1e-9 of it."""
-
-_FINEST = 0.5
-"""Of s: the step between the white noise's samples; the sums that stand for integrals are then exact to 1e-16."""
-
 
 def gaussian_noise(s: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
-    """White noise through the kernel exp(−t²/2s²), of variance 1 at any ``dt``.
+    """(samples,) of white noise through the kernel exp(−t²/2s²), s > 0 in seconds, of variance 1 at any ``dt``.
 
     Its autocorrelation is exp(−τ²/4s²), and its derivative has standard deviation 1/(√2 s): s is the width of the
     *kernel* (K. Friston et al., "DEM: A variational treatment of dynamic systems", NeuroImage 2008; the paper's
     Eq. ``Smatrix``).
-
-    Args:
-        s: > 0, seconds.
-        dt: between samples, s.
-        samples: how many.
-        noise: source of randomness.
-
-    Returns:
-        (samples,)
     """
-    every = max(1, ceil(dt / (_FINEST * s)))
+    # Steps of s/2 or less make the sums that stand for integrals exact to 1e-16; beyond 6 s lies 1e-9 of the kernel.
+    every = max(1, ceil(dt / (0.5 * s)))
     step = dt / every
-    reach = ceil(_REACH * s / step)
+    reach = ceil(6.0 * s / step)
     # Plain sums and libm's exp: numpy's own choose instructions by the machine, and the last bit with them.
     kernel = [exp(-((i * step / s) ** 2) / 2) for i in range(-reach, reach + 1)]
     size = sqrt(fsum(k * k for k in kernel))

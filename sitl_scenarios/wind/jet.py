@@ -1,4 +1,4 @@
-"""A blower's jet: a round turbulent jet of air, whose edge the vehicle enters and leaves.
+"""A blower's jet: a round turbulent jet of air with an edge that the vehicle enters and leaves.
 
 S. B. Pope, "Turbulent Flows", 2000, section 5.1: beyond its potential core the speed on the axis falls as
 U_c/U₀ = 6 d/x, and the profile's half-width grows as r_½ = 0.094 x; in the core, up to x = 6 d, both are taken as at
@@ -15,42 +15,25 @@ import numpy as np
 
 from sitl_scenarios.dynamics import Three
 from sitl_scenarios.motion import Array
-from sitl_scenarios.scenario import Jet
-from sitl_scenarios.wind.direction import towards
+from sitl_scenarios.scenario import Jet, towards
 from sitl_scenarios.wind.gaussian import gaussian_noise
 
-DECAY = 6.0
-"""B: diameters until the speed on the axis begins to fall."""
-
-SPREAD = 0.094
-"""S: half-width by distance."""
+SPREAD = 0.094  # S: half-width by distance
 
 
 def jet_speed(jet: Jet, along: float, aside: float) -> float:
-    """Mean speed in the jet, m/s.
-
-    Args:
-        jet: which.
-        along: distance from the blower, m, measured along the axis.
-        aside: from the axis, m.
-    """
+    """Mean speed in the jet, m/s, so many m ``along`` its axis from the blower and ``aside`` from the axis."""
     if along <= 0.0:
         return 0.0
-    end = DECAY * jet.diameter
+    end = 6.0 * jet.diameter  # where the speed on the axis begins to fall
     return jet.speed * min(1.0, end / along) * exp(-log(2) * (aside / (SPREAD * max(along, end))) ** 2)
 
 
 class JetWind:
     """The air of a jet, cycle by cycle.
 
-    Its turbulence is Gaussian-kernel noise along, across and down, independent, as strong as the mean speed is where
-    the vehicle is.
-
-    Args:
-        jet: which.
-        height: of the vehicle's hover, m, and of the jet's axis.
-        dt: cycle, s; samples: how many.
-        noise: source of randomness.
+    Its axis is at the ``height`` of the vehicle's hover, m. Its turbulence is Gaussian-kernel noise along, across and
+    down, independent, as strong as the mean speed is where the vehicle is.
     """
 
     def __init__(self, jet: Jet, height: float, dt: float, samples: int, noise: np.random.Generator) -> None:

@@ -7,7 +7,7 @@ MIL-F-8785C, 3.7.3.4 and figures 10 and 11 (and MIL-HDBK-1797B, Appendix A, 4.9.
 
 MIL-HDBK-1797B halves L_v and L_w and writes 2L in their spectra, so that the spectra are the same; it is 8785C's L
 here. The spectra are in space, and an aircraft meets them at its airspeed V. A hovering vehicle has none but the
-wind's: V is the mean wind, and ``SLOWEST`` at least, where the standard says nothing.
+wind's: V is the mean wind, and ``SLOWEST`` at least, where the standard is silent.
 """
 
 from __future__ import annotations
@@ -15,47 +15,35 @@ from __future__ import annotations
 from math import pi
 from typing import NamedTuple
 
-from sitl_scenarios.scenario import Dryden, VonKarman
+from sitl_scenarios.scenario import TurbulentWind
 
-FOOT = 0.3048
-"""m."""
-
-LOWEST = 10.0
-"""Feet: the standard's model begins there, and holds below as it is there."""
-
-SLOWEST = 1.0
-"""m/s: V in less wind."""
+FOOT = 0.3048  # m
+SLOWEST = 1.0  # m/s: V in less wind
 
 
 class Turbulence(NamedTuple):
-    """At one height in one wind.
+    """At one height in one wind."""
 
-    Attributes:
-        along, across, down: (L/V in s, σ in m/s) of the components along the mean wind, across it and down.
-        rotation: (time constant in s, standard deviation in rad/s) of the air's rotation about a horizontal axis.
-    """
-
+    # along, across and down: (L/V in s, σ in m/s) of the components along the mean wind, across it and down
     along: tuple[float, float]
     across: tuple[float, float]
     down: tuple[float, float]
+    # (time constant in s, standard deviation in rad/s) of the air's rotation about a horizontal axis
     rotation: tuple[float, float]
 
 
-def turbulence(wind: Dryden | VonKarman, height: float, span: float) -> Turbulence:
-    """What the standard says of a wind.
+def turbulence(wind: TurbulentWind, height: float, span: float) -> Turbulence:
+    """Lengths and intensities of a wind, by the standard.
 
     Of its rotation it gives that about the flight path, p_g, a first-order process for Dryden and von Kármán alike:
 
         Φ_p(Ω) = σ_w²/L_w · 0.8 (π L_w / 4b)^(1/3) / (1 + (4bΩ/π)²),
 
-    whose variance is the integral of that over Ω ≥ 0. A hovering vehicle has no path: both of its axes get this.
-
-    Args:
-        wind: its mean and its intensity.
-        height: m.
-        span: b, m: between the outermost rotors.
+    whose variance is the integral of that over Ω ≥ 0. A hovering vehicle has no path: both of its axes get this. The
+    ``height`` is in m, and so is the ``span`` b between the outermost rotors.
     """
-    feet = max(height / FOOT, LOWEST)
+    # The standard's model begins at 10 feet, and holds below as it is there.
+    feet = max(height / FOOT, 10.0)
     slope = 0.177 + 0.000823 * feet
     airspeed = max(wind.speed, SLOWEST)
     low, wide = feet * FOOT, feet / slope**1.2 * FOOT

@@ -24,11 +24,7 @@ from scipy.special import gamma, kv
 
 from sitl_scenarios.motion import Array
 
-LENGTH = 1.339
-"""a: it makes L the integral of f."""
-
-_FORGOTTEN = 40.0
-"""ζ at which nothing is left of either autocorrelation: e^(−40)."""
+LENGTH = 1.339  # a: it makes L the integral of f
 
 
 def along(time: Array) -> Array:
@@ -43,21 +39,11 @@ def across(time: Array) -> Array:
     return np.asarray(along(time) - 2 ** (2 / 3) / gamma(1 / 3) * zeta ** (4 / 3) * kv(2 / 3, zeta) / 2)
 
 
-def von_karman(transverse: bool, constant: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
-    """The process of Φ_u, or, ``transverse``, of Φ_v, of variance 1.
-
-    Args:
-        transverse: which.
-        constant: L/V, s.
-        dt: between samples, s.
-        samples: how many.
-        noise: source of randomness.
-
-    Returns:
-        (samples,)
-    """
-    memory = int(_FORGOTTEN * LENGTH * constant / dt) + 1
-    # A circle on which neither end of the series knows of the other.
+def von_karman_noise(transverse: bool, constant: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
+    """(samples,) of the process of Φ_u, or, ``transverse``, of Φ_v, of variance 1; L/V is ``constant``, s."""
+    # At ζ = 40 nothing is left of either autocorrelation: e^(−40).
+    memory = int(40.0 * LENGTH * constant / dt) + 1
+    # A circle on which the two ends of the series are uncorrelated.
     size = next_fast_len(2 * (samples + memory), real=True)
     lags = dt / constant * np.arange(memory + 1, dtype=np.float64)
     correlation = np.zeros(size)

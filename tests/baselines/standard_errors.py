@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from mavdem import Flight
 from mavdem.baselines import StateSpace
-from mavdem.baselines.prediction_errors import Parameters, sensitivities
+from mavdem.baselines.prediction_error_method import FreeParameters, sensitivities
 
 Array = NDArray[np.float64]
 
@@ -23,7 +23,7 @@ class Bound:
 
     def __init__(self, system: StateSpace, flight: Flight, noise: float) -> None:
         n, m = len(system.A), len(system.C)
-        parameters = Parameters(
+        parameters = FreeParameters(
             system.A, system.B, system.C, system.D[:, :0], system.K, system.offset, np.zeros((1, n))
         )
         slopes = sensitivities(parameters, system, [(flight.inputs, flight.outputs)])

@@ -39,7 +39,7 @@ def of_sippy(flight: Flight, system: StateSpace, weighting: str) -> StateSpace:
 
 def of_mavdem(flight: Flight, order: int, weighting: str, monkeypatch: pytest.MonkeyPatch) -> StateSpace:
     """With the same horizon as theirs."""
-    module = importlib.import_module("mavdem.baselines.subspace")
+    module = importlib.import_module("mavdem.baselines.subspace_identification")
     monkeypatch.setattr(module, "_horizon", lambda segments, order: HORIZON)
     return baselines.subspace(flight, order, weighting).model
 

@@ -18,7 +18,7 @@ from peculiar_flights import (
 from scipy.stats import chi2
 
 from mavdem import Flight, Forecaster, baselines, evaluate
-from mavdem.baselines.em import LEAST_NOISE, STARTS, climb, starting_points
+from mavdem.baselines.expectation_maximization import LEAST_NOISE, STARTS, iterated, starting_points
 from mavdem.baselines.smoother import GaussianModel, smoothed
 from mavdem.baselines.units import Units
 from mavdem.dem.record import Record
@@ -53,10 +53,10 @@ def flown(model, seed, samples, feedback=None):
     return inputs, outputs
 
 
-def all_climbs(segments, order, iterations):
+def all_fits(segments, order, iterations):
     starts = starting_points(segments, order, feedthrough=False, stable=False, seed=0)
     assert len(starts) == STARTS
-    return [climb(start, segments, iterations, False, np.inf) for start in starts]
+    return [iterated(start, segments, iterations, False, np.inf) for start in starts]
 
 
 @pytest.mark.slow
@@ -66,8 +66,8 @@ def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
     """Twice what the likelihood gains over the truth is χ² in as many parameters as data can tell (Wilks)."""
     truth = noisy_system(order)
     segments = [flown(truth, order, 800, feedback), flown(truth, order + 10, 400, feedback)]
-    best = max(all_climbs(segments, order, iterations=15), key=lambda one: one.log_likelihoods[-1])
-    found = climb(best, segments, 285, False, np.inf).log_likelihoods[-1]
+    best = max(all_fits(segments, order, iterations=15), key=lambda one: one.log_likelihoods[-1])
+    found = iterated(best, segments, 285, False, np.inf).log_likelihoods[-1]
     of_truth = sum(smoothed(truth, np.zeros(order), *segment).log_likelihood for segment in segments)
     # Input and noise answers, the noises' size, what is constant, and where two segments begin.
     freedom = order * (2 + 2 * 2) + 3 + 2 + 2 * order
@@ -84,11 +84,11 @@ def test_the_likelihood_rises_and_covariances_stay_positive(order, bound, train)
     for start in starting_points(segments, order, False, bound < np.inf, seed=0):
         if bound < np.inf:
             start = start._replace(model=start.model._replace(A=0.5 * np.eye(order)))
-        climbed = climb(start, segments, 40, False, bound)
-        likelihoods = np.array(climbed.log_likelihoods)
+        fitted = iterated(start, segments, 40, False, bound)
+        likelihoods = np.array(fitted.log_likelihoods)
         assert np.diff(likelihoods).min() > -1e-8 * np.abs(likelihoods).max()
-        assert np.abs(np.linalg.eigvals(climbed.model.A)).max() <= bound
-        for covariance in (climbed.model.Q, climbed.model.R):
+        assert np.abs(np.linalg.eigvals(fitted.model.A)).max() <= bound
+        for covariance in (fitted.model.Q, fitted.model.R):
             assert np.linalg.eigvalsh(covariance).min() > 0.99 * LEAST_NOISE
 
 
@@ -133,11 +133,9 @@ def test_units_do_not_matter():
 @pytest.mark.slow
 @pytest.mark.parametrize("more", NOTHING_NEW)
 def test_inputs_that_tell_nothing_new_change_nothing(more):
-    # The random starts know how many inputs there are and of what kind; of one start the climb must be the same.
+    # The random starts know how many inputs there are and of what kind; of one start the iterations must be the same.
     records = [Record.of(flight[:700]) for flight in (FLIGHT, with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs)))]
-    one, two = (
-        all_climbs(Units.of(record).segments(record), 2, iterations=20)[0].log_likelihoods for record in records
-    )
+    one, two = (all_fits(Units.of(record).segments(record), 2, iterations=20)[0].log_likelihoods for record in records)
     np.testing.assert_allclose(two, one, rtol=1e-6)
 
 
@@ -155,8 +153,8 @@ def test_an_unstable_model_is_said_to_be_and_made_stable_only_when_asked():
 
 
 def test_what_has_not_settled_is_said(monkeypatch):
-    monkeypatch.setattr(sys.modules["mavdem.baselines.em"], "TRIAL", 3)
-    monkeypatch.setattr(sys.modules["mavdem.baselines.em"], "ITERATIONS", 5)
+    monkeypatch.setattr(sys.modules["mavdem.baselines.expectation_maximization"], "TRIAL_ITERATIONS", 3)
+    monkeypatch.setattr(sys.modules["mavdem.baselines.expectation_maximization"], "MAX_ITERATIONS", 5)
     assert any("still rising after 5 iterations" in caution for caution in baselines.em(TRAIN, 2).cautions)
 
 
@@ -173,9 +171,9 @@ def test_starts_that_break_down_are_left_out_and_all_of_them_are_an_error(breakd
     def breaks_down(*arguments):
         if next(left, None) is not None:
             raise np.linalg.LinAlgError
-        return climb(*arguments)
+        return iterated(*arguments)
 
-    monkeypatch.setattr(sys.modules["mavdem.baselines.em"], "climb", breaks_down)
+    monkeypatch.setattr(sys.modules["mavdem.baselines.expectation_maximization"], "iterated", breaks_down)
     if breakdowns < STARTS:
         assert isinstance(baselines.em(TRAIN[:300], 2), Forecaster)
     else:

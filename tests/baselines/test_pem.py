@@ -18,8 +18,8 @@ from scipy.stats import chi2
 from standard_errors import Bound
 
 from mavdem import Forecaster, baselines
-from mavdem.baselines import prediction_errors as errors_and_slopes
-from mavdem.baselines.prediction_errors import Parameters, prediction_errors, sensitivities
+from mavdem.baselines import prediction_error_method as errors_and_slopes
+from mavdem.baselines.prediction_error_method import FreeParameters, prediction_errors, sensitivities
 
 WEIGHTINGS = ["CVA", "MOESP", "SSARX"]
 
@@ -51,7 +51,9 @@ def test_sensitivities_are_the_slopes_of_the_errors(order, worst_modes, monkeypa
     segments = [(flight.inputs[a:b], flight.outputs[a:b]) for a, b in ((0, 50), (60, 100))]
     rng = np.random.default_rng(0)
     D = rng.standard_normal((2, 2))
-    parameters = Parameters(system.A, system.B, system.C, D, system.K, system.offset, rng.standard_normal((2, order)))
+    parameters = FreeParameters(
+        system.A, system.B, system.C, D, system.K, system.offset, rng.standard_normal((2, order))
+    )
     vector = parameters.vector()
 
     def errors(change):
@@ -97,7 +99,7 @@ def test_units_do_not_matter():
 def test_inputs_that_tell_nothing_new_change_nothing(more):
     more_inputs = with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs))
     one, two = (baselines.pem(flight[:700], 2) for flight in (FLIGHT, more_inputs))
-    # Both have settled to a tenth of a nat, and so their forecasts to a part of what chance leaves open.
+    # Both have converged to a tenth of a nat, and so their forecasts to a part of what chance leaves open.
     assert abs(determinant(one) - determinant(two)) * 700 / 2 < 0.1
     difference = two.forecast(more_inputs.inputs[700:]) - one.forecast(TEST.inputs)
     assert np.abs(difference).max() < 0.01 * TEST.outputs.std()
@@ -111,7 +113,7 @@ def test_an_unstable_model_is_said_to_be_and_made_stable_only_when_asked():
 
 
 def test_what_has_not_settled_is_said(monkeypatch):
-    module = sys.modules["mavdem.baselines.pem"]
+    module = sys.modules["mavdem.baselines.prediction_error_method"]
     monkeypatch.setattr(module, "REWEIGHTINGS", 1)
     monkeypatch.setattr(module, "EVALUATIONS", 2)
     assert any("still falling" in caution for caution in baselines.pem(TRAIN, 4).cautions)

@@ -62,7 +62,7 @@ def joint(model, start, inputs, outputs):
 )
 def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radius, stands_still):
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(smoother, "STANDS_STILL", stands_still)
+        patched.setattr(smoother, "STEADY_TOLERANCE", stands_still)
         rng = np.random.default_rng(seed)
         model = random_gaussian_model(seed, n, k, m, radius)
         start, inputs, outputs = (rng.standard_normal(shape) for shape in (n, (samples, k), (samples, m)))
@@ -82,13 +82,13 @@ def test_covariances_that_stand_still_are_those_that_go_on(monkeypatch):
     rng = np.random.default_rng(0)
     data = rng.standard_normal(2), rng.standard_normal((3000, 1)), rng.standard_normal((3000, 2))
     quick = smoothed(model, *data)
-    monkeypatch.setattr(smoother, "STANDS_STILL", 0.0)
+    monkeypatch.setattr(smoother, "STEADY_TOLERANCE", 0.0)
     whole = smoothed(model, *data)
     for one, other in zip(quick, whole, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
 
 
-def test_a_covariance_that_is_none_is_told():
+def test_a_covariance_that_is_none_is_reported():
     model = random_gaussian_model(0, 2, 1, 2)
     data = np.zeros(2), np.zeros((5, 1)), np.zeros((5, 2))
     with pytest.raises(np.linalg.LinAlgError):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import os
 import signal
@@ -12,9 +13,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hover import Hover
 
 from mavdem import read_flight
-from mavdem.cli.main import main
+from mavdem.cli.commands import main
+from mavdem.export import conversion
+from mavdem.export.tables import write_csv
+from mavdem.ingest.log import log_of_vehicles
 
 LOGS = Path(__file__).parents[2] / "logs"
 FLIGHT = LOGS / "ardupilot_wind5_steps.tlog"
@@ -68,7 +73,22 @@ def test_a_table_is_the_flight(axis, tmp_path, capsys):
     assert head[0] == "time [s]" and head[-2:] == [f"{axis} [rad]", f"{axis} rate [rad/s]"]
     values = np.array(rows, dtype=np.float64)
     assert told["samples"] == len(values)
-    assert np.array_equal(values, np.column_stack([flight.time, flight.inputs, flight.outputs]))
+    assert np.array_equal(values[:, 0], np.round(flight.time, 6))
+    assert np.array_equal(np.float32(values[:, 1:]), np.float32(np.column_stack([flight.inputs, flight.outputs])))
+
+
+def test_text_has_no_digits_that_are_no_data():
+    time = 44.45 + 0.0386666 * np.arange(4)
+    table = {"time [s]": time, "roll [rad]": np.array([0.1, np.float32(0.1), 1 / 3, 44.565999999999995])}
+    file = io.BytesIO()
+    write_csv(file, table, {})
+    assert file.getvalue().decode().splitlines() == [
+        "time [s],roll [rad]",
+        "44.45,0.1",
+        "44.488667,0.1",
+        "44.527333,0.33333334",
+        "44.566,44.566",
+    ]
 
 
 def test_a_parquet_table_is_the_flight(tmp_path, capsys):
@@ -143,19 +163,60 @@ def test_unreadable_input_writes_nothing_and_replaces_nothing(kind, name, tmp_pa
     assert out.read_text() == "kept"
 
 
-def test_a_flight_that_makes_no_table_ends_with_1(tmp_path, capsys):
-    refused(capsys, 1, LOGS / "ardupilot_default_rates.tlog", tmp_path / "slow.csv")
+def table_of(path: Path) -> tuple[list[str], np.ndarray]:
+    with path.open(newline="", encoding="utf-8") as file:
+        head, *rows = csv.reader(file)
+    return head, np.array(rows, dtype=np.float64)
+
+
+def test_a_log_that_no_model_can_be_learnt_from_is_a_table_with_a_caution(tmp_path, capsys):
+    told = convert(capsys, LOGS / "ardupilot_default_rates.tlog", tmp_path / "slow.csv")
+    head, values = table_of(tmp_path / "slow.csv")
+    assert not told["learnable"] and "ATTITUDE comes at 4.0 Hz" in told["cautions"][-1]
+    assert head == told["columns"] and len(head) == 7 and len(values) == told["samples"] > 100
+    assert told["dt"] == pytest.approx(0.25, abs=0.01) and np.isfinite(values).all()
+
+
+@pytest.mark.parametrize(("message", "columns"), [("ATTITUDE", 3), ("SERVO_OUTPUT_RAW", 5)])
+def test_a_log_of_one_stream_is_a_table_at_its_own_stamps(message, columns, tmp_path, monkeypatch, capsys):
+    hover = Hover()
+    without = tuple({"ATTITUDE", "SERVO_OUTPUT_RAW"} - {message})
+    log = log_of_vehicles((hover.telemetry(7.0, 7.0, without=without),), 1, 0)
+    monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
+    told = convert(capsys, "made-up.tlog", tmp_path / "one.csv")
+    head, values = table_of(tmp_path / "one.csv")
+    assert told["dt"] is None and len(head) == columns
+    assert np.allclose(values[:, 0], hover.stamps(7.0), atol=1e-6)
+
+
+def test_rates_far_apart_are_kept_and_nothing_is_made_up_between(tmp_path, monkeypatch, capsys):
+    hover = Hover()
+    log = log_of_vehicles((hover.telemetry(50.0, 10.0),), 1, 0)
+    monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
+    told = convert(capsys, "made-up.tlog", tmp_path / "both.csv")
+    head, values = table_of(tmp_path / "both.csv")
+    time, motor, roll = values[:, 0], values[:, 1], values[:, head.index("roll [rad]")]
+    assert told["dt"] is None and (np.diff(time) > 0).all()
+    assert np.allclose(time[np.isfinite(roll)], hover.stamps(50.0), atol=1e-6)
+    assert np.allclose(time[np.isfinite(motor)], hover.stamps(10.0), atol=1e-6)
+    assert np.allclose(roll[np.isfinite(roll)], hover.roll(hover.stamps(50.0)), atol=1e-6)
+
+
+def test_a_log_of_neither_attitude_nor_inputs_is_refused(tmp_path, monkeypatch, capsys):
+    log = log_of_vehicles((Hover().telemetry(without=("ATTITUDE", "SERVO_OUTPUT_RAW")),), 1, 0)
+    monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
+    assert "There is no ATTITUDE" in refused(capsys, 1, "made-up.tlog", tmp_path / "none.csv")
     assert "no vehicle 9" in refused(capsys, 1, FLIGHT, tmp_path / "nobody.csv", "--vehicle", "9")
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [".mcap", ".csv"])
-def test_a_full_disk_is_told_and_leaves_nothing(kind, tmp_path):
+def test_a_full_disk_is_reported_and_leaves_nothing(kind, tmp_path):
     limited = (
         "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000));"
-        "from mavdem.cli.entry import run; sys.exit(run())"
+        "from mavdem.__main__ import run; sys.exit(run())"
     )
     words = [sys.executable, "-c", limited, "convert", FLIGHT, tmp_path / f"flight{kind}"]
     done = subprocess.run(words, capture_output=True, text=True, timeout=60)
@@ -167,7 +228,7 @@ def test_a_full_disk_is_told_and_leaves_nothing(kind, tmp_path):
 @pytest.mark.slow
 def test_a_termination_while_writing_leaves_nothing(tmp_path):
     stopped = (
-        "import os, signal, sys, mavdem.convert as c; from mavdem.cli.entry import run;"
+        "import os, signal, sys, mavdem.export.conversion as c; from mavdem.__main__ import run;"
         "c.STREAMS['.mcap'] = lambda file, stream: os.kill(os.getpid(), signal.SIGTERM); sys.exit(run())"
     )
     words = [sys.executable, "-c", stopped, "convert", FLIGHT, tmp_path / "flight.mcap"]
@@ -184,7 +245,7 @@ def test_in_prose_it_says_what_was_left_out(tmp_path, capsys):
     assert "Wrote 156" in said and "bytes that belong to no frame" in said
 
 
-def test_a_name_with_line_breaks_is_told_in_one_line(tmp_path, capsys):
+def test_a_name_with_line_breaks_is_reported_in_one_line(tmp_path, capsys):
     assert main(["convert", str(LOGS / "ardupilot_default_rates.tlog"), str(tmp_path / "a\n\x1bb.mcap")]) == 0
     wrote = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("Wrote"))
     assert wrote.endswith("a\\n\\u001bb.mcap.")

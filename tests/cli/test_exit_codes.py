@@ -12,13 +12,13 @@ from pathlib import Path
 import pytest
 
 from mavdem import read_flight
-from mavdem.channels import write_channels
-from mavdem.cli import main as command_line
-from mavdem.cli.main import main
+from mavdem.cli import commands as command_line
+from mavdem.cli.commands import main
+from mavdem.export.channels import write_channels
 
 LOGS = Path(__file__).parents[2] / "logs"
 FLIGHT = LOGS / "ardupilot_wind5_steps.tlog"
-MAVDEM = [sys.executable, "-c", "import sys; from mavdem.cli.main import main; sys.exit(main())"]
+MAVDEM = [sys.executable, "-c", "import sys; from mavdem.cli.commands import main; sys.exit(main())"]
 
 
 def broken_inputs(folder: Path) -> dict[str, Path]:
@@ -77,6 +77,10 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         ),
         (["learn", "/dev/ttyACM0,115200", "--out", "x"], "`mavdem live /dev/ttyACM0,115200`"),
         (["convert", "tcp:127.0.0.1:5760", "x.mcap"], "`mavdem live tcp:127.0.0.1:5760`"),
+        (["info", "-"], "A log cannot be read from standard input (-): save it as a file"),
+        (["convert", "-", "x.csv"], "A log cannot be read from standard input (-): save it as a file"),
+        (["info", str(LOGS)], f"{LOGS} is a folder, with 3 logs in it: name a file, such as {LOGS}/ardupilot_default"),
+        (["info", "."], "is a folder, with no log in it: name a file that ends in .tlog, "),
     ],
 )
 def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, capsys):
@@ -99,12 +103,12 @@ def test_what_is_no_log_is_answered_by_what_can_be_read(tmp_path, capsys):
         assert all(told in said for told in (".tlog", "ROS 2 (.mcap)", ".bin, .log", ".ulg.xz"))
 
 
-def test_a_result_is_told_from_a_log(tmp_path, capsys):
+def test_a_result_is_distinguished_from_a_log(tmp_path, capsys):
     flight = read_flight(FLIGHT)[:100]
     write_channels(tmp_path / "flight.mcap", flight)
     assert main(["info", str(tmp_path / "flight.mcap")]) == 2
     said = capsys.readouterr().err
-    assert "is what `mavdem learn` wrote" in said and "name the log" in said
+    assert "was written by `mavdem learn`" in said and "name the log" in said
 
 
 @pytest.mark.parametrize("words", [["--help"], ["info", "-h"], ["learn", "--help"], ["compare", "--help"]])
@@ -113,10 +117,10 @@ def test_help_teaches_and_succeeds(words, capsys):
     assert "mavdem" in capsys.readouterr().out
 
 
-def test_the_help_tells_what_an_option_takes_and_which_logs_are_read(capsys):
+def test_the_help_says_what_an_option_takes_and_which_logs_are_read(capsys):
     main(["learn", "--help"])
     said = " ".join(capsys.readouterr().out.split())
-    for told in ("2 to 4; for paper 1 to 10", "700; 7 s of them", "150; 1.5 s likewise", ".ulg.xz", "ROS 2"):
+    for told in ("2 to 4; for paper 1 to 10", "700; above 125 Hz 7 s", "150; above 125 Hz 1.5 s", ".ulg.xz", "ROS 2"):
         assert told in said
     main(["info", "--help"])
     assert ".ulg.xz" in capsys.readouterr().out

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from mavdem.cli.main import main
+from mavdem.cli.commands import main
 from mavdem.ingest import read_log
 
 LOGS = Path(__file__).parents[2] / "logs"
@@ -53,7 +53,7 @@ def test_the_rates_a_ground_station_asks_for_are_too_slow(capsys):
     assert vehicle["verdict"]["remedy"]
 
 
-def test_why_not_is_told_once_and_beside_a_document_on_standard_error(capsys):
+def test_why_not_is_reported_once_and_beside_a_document_on_standard_error(capsys):
     path = recorded("ardupilot_default_rates.tlog")
     assert main(["info", path]) == 1
     said = capsys.readouterr()
@@ -65,14 +65,14 @@ def test_why_not_is_told_once_and_beside_a_document_on_standard_error(capsys):
 
 def test_rates_of_the_whole_log_are_said_to_be_that(capsys):
     main(["info", recorded("ardupilot_default_rates.tlog")])
-    head, rates = capsys.readouterr().out.split("Messages, at their mean rates over the whole log")
-    assert "4.0 Hz" in head and "(the verdict's are those of its stretch of flight):\n  4.0 Hz: " in rates
+    head, rates = capsys.readouterr().out.split("Messages and their mean rates over the whole log")
+    assert "4.0 Hz" in head and "(the verdict's rates are those of the settled flight):\n  4.0 Hz: " in rates
 
 
 def test_nothing_heard_is_left_out(capsys):
     path = recorded("ardupilot_wind5_steps.tlog")
     _, held = info(capsys, path)
-    speakers = {(speaker.system, speaker.component): speaker for speaker in read_log(path).speakers}
+    speakers = {(speaker.system, speaker.component): speaker for speaker in read_log(path).components}
     told = {(speaker["system"], speaker["component"]): speaker["messages"] for speaker in held["speakers"]}
     assert told == {ids: sum(speaker.messages.values()) for ids, speaker in speakers.items()}
     (vehicle,) = held["vehicles"]
@@ -80,7 +80,7 @@ def test_nothing_heard_is_left_out(capsys):
     assert counts == dict(speakers[vehicle["system"], vehicle["component"]].messages)
 
 
-def test_people_are_told_the_same(capsys):
+def test_the_text_reports_the_same(capsys):
     assert main(["info", recorded("px4_wind5_steps.tlog"), "--axis", "pitch"]) == 0
     said = capsys.readouterr().out
     assert said.startswith("A pitch model can be learnt from 5:1 (QUADROTOR, PX4): ")
@@ -89,12 +89,12 @@ def test_people_are_told_the_same(capsys):
     assert "PARAM_VALUE" not in said
 
 
-def test_sequence_numbers_are_told_for_vehicles_and_when_they_matter(capsys):
+def test_sequence_numbers_are_reported_for_vehicles_and_when_they_matter(capsys):
     """Logs that were cut by message type lack most of them; that is no loss, and is not called one."""
     main(["info", recorded("px4_wind5_steps.tlog")])
     vehicle, station = capsys.readouterr().out.splitlines()[-2:]
-    assert "80% of its sequence numbers do not occur" in vehicle and "keeps only some kinds" in vehicle
-    assert station == "Heard 255:190 GCS: 60 messages."
+    assert "80% of its sequence numbers are missing" in vehicle and "keeps only some message types" in vehicle
+    assert station == "From 255:190 (GCS): 60 messages."
 
 
 def test_damage_is_counted(tmp_path, capsys):
@@ -116,7 +116,7 @@ def test_the_vehicle_asked_for_must_be_there(capsys):
 @pytest.mark.parametrize(
     ("faults", "said"),
     [
-        ("loss = 0.02\nreordered = 0.03", "; 2% of its sequence numbers do not occur, and about 2% of its streams'"),
+        ("loss = 0.02\nreordered = 0.03", "; 2% of its sequence numbers are missing, and about 2% of its streams'"),
         ("reordered = 0.05", " messages."),
     ],
 )
@@ -126,5 +126,5 @@ def test_a_link_that_swaps_messages_loses_none_by_it(faults, said, tmp_path, cap
     assert main(["fly", str(mine), "--out", str(tmp_path / "f.tlog")]) == 0
     capsys.readouterr()
     assert main(["info", str(tmp_path / "f.tlog")]) in (0, 1)
-    (heard,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("Heard 1:1")]
-    assert said in heard and "only some kinds" not in heard
+    (heard,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("From 1:1")]
+    assert said in heard and "only some message types" not in heard

@@ -11,11 +11,11 @@ import pytest
 
 from mavdem import Flight, Learned, Settings, evaluate
 from mavdem import learn as learn_model
-from mavdem.cli import results
-from mavdem.cli.main import main
+from mavdem.alignment.read import read_flight
+from mavdem.cli import output_files
+from mavdem.cli.commands import main
 from mavdem.cli.output import json_text
-from mavdem.read import read_flight
-from mavdem.windows import TEST, TRAIN, usual_samples
+from mavdem.evaluate.flight_windows import TEST, TRAIN, usual_samples
 
 LOGS = Path(__file__).parents[2] / "logs"
 FLIGHT = str(LOGS / "ardupilot_wind5_steps.tlog")
@@ -91,9 +91,8 @@ def test_a_fast_log_is_learnt_from_for_as_long_as_a_usual_one(rate, train, test)
 def test_defaults_are_of_the_flights_rate(tmp_path, monkeypatch, capsys):
     fast = read_flight(FLIGHT)
     fast = Flight(fast.time / 4, fast.inputs, fast.outputs)
-    judged = type("Judged", (), {"cautions": ()})()
+    judged = type("Judged", (), {"cautions": (), "as_dict": lambda self: {}})()
     monkeypatch.setattr("mavdem.cli.learn.learnable_flight", lambda *_: (fast, judged))
-    monkeypatch.setattr("mavdem.cli.learn.asdict", lambda _: {})
     words = ["learn", FLIGHT, "--out", str(tmp_path), "--json"]
     assert main(words) == 0
     report = json.loads(capsys.readouterr().out)
@@ -149,7 +148,7 @@ def test_what_cannot_be_written_leaves_the_old_results(tmp_path, monkeypatch, ca
     monkeypatch.setattr("mavdem.view.write_recording", no_space)
     assert main(["learn", FLIGHT, "--out", str(tmp_path)]) == 2
     assert "No space left" in capsys.readouterr().err
-    assert names(tmp_path) == set(results.NAMES)
+    assert names(tmp_path) == set(output_files.RESULT_FILES)
     assert {(tmp_path / name).read_text() for name in FILES} == {"old"}
 
 

@@ -8,14 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mavdem.cli.main import main
+from mavdem import read_flight
+from mavdem.cli.commands import main
+from mavdem.dem.order import choose_order
+from mavdem.report.blocks import Sentence
+from mavdem.report.names import THREE_STATES
+from mavdem.report.order import order_report
 
 LOGS = Path(__file__).parents[2] / "logs"
 STEPS, SLOW = LOGS / "ardupilot_wind5_steps.tlog", LOGS / "ardupilot_default_rates.tlog"
 
 
 @pytest.mark.slow
-def test_the_order_and_why_are_told(capsys):
+def test_the_order_and_why_are_reported(capsys):
     assert main(["order", str(STEPS), str(SLOW), "--max-order", "3", "--json"]) == 0
     out, err = capsys.readouterr()
     document = json.loads(out)
@@ -26,7 +31,17 @@ def test_the_order_and_why_are_told(capsys):
     assert (heights[document["chosen"] :] <= heights[document["chosen"] - 1] + 3).all()
     assert document["chosen"] == 1 or heights[document["chosen"] - 2] < heights[document["chosen"] - 1] - 3
     assert [one["flight"] for one in document["refused"]] == ["ardupilot_default_rates"]
-    assert "does not tell" in err
+    assert "no order" in err
+
+
+@pytest.mark.slow
+def test_learn_and_order_both_say_why_their_numbers_of_states_differ(tmp_path, capsys):
+    assert main(["learn", str(STEPS), "--out", str(tmp_path)]) == 0
+    assert THREE_STATES in capsys.readouterr().out
+    assert main(["learn", str(STEPS), "--out", str(tmp_path), "--order", "2"]) == 0
+    assert THREE_STATES not in capsys.readouterr().out
+    choice = choose_order(read_flight(STEPS)[:400], max_order=2)
+    assert any(isinstance(block, Sentence) and block.text == THREE_STATES for block in order_report(choice, ["one"]))
 
 
 def test_a_flight_that_cannot_tell_ends_with_one(capsys):

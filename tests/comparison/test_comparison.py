@@ -11,10 +11,11 @@ import pytest
 from simulated import simulated
 
 from mavdem import Flight, baselines
-from mavdem.account import Sentence, Table
-from mavdem.comparison import METHODS, Comparison, Method, account, compare, judge, outcomes
+from mavdem.comparison import METHODS, Comparison, Method, compare, judge, outcomes
 from mavdem.evaluate import HORIZONS, Paired, mspe, relative_mspe
-from mavdem.windows import windows
+from mavdem.evaluate.flight_windows import windows
+from mavdem.report.blocks import Sentence, Table
+from mavdem.report.comparison import comparison_report
 
 FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enumerate("ab")}
 WINDOWS = [window for name, flight in FLIGHTS.items() for window in windows(name, flight)]
@@ -49,7 +50,7 @@ REFUSES, BREAKS, EXPLODES, IS_LOST = (Method(made.__name__, made) for made in (r
 @pytest.fixture(scope="module", autouse=True)
 def in_this_process():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mavdem.dem.many.spare_cores", lambda: 1)
+        patch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
         yield
 
 
@@ -130,7 +131,7 @@ def test_outcomes_come_by_window_and_make_the_comparison_in_any_order(compared):
 
 
 def test_a_standing_is_the_median_of_its_windows(compared):
-    found = {one.method: one for one in compared.standings("a")}
+    found = {one.method: one for one in compared.summaries("a")}
     rows = [row for row in compared.outcomes if row[0].flight == "a"]
     of_hold = [row[0].skill[-1].relative for row in rows]
     assert found["hold"].relative == np.median(of_hold) == found["hold"].horizons[-1].relative
@@ -140,11 +141,11 @@ def test_a_standing_is_the_median_of_its_windows(compared):
     assert found["constant mean"].relative == 1 and found["constant mean"].worse_than_constant == 0
     assert (found["refuses"].failed, found["refuses"].failure) == (3, "train is not to my liking")
     assert (found["explodes"].failed, found["explodes"].diverged, found["explodes"].unstable) == (0, 3, 3)
-    assert [one.relative for one in compared.standings("a")] == sorted(one.relative for one in found.values())
+    assert [one.relative for one in compared.summaries("a")] == sorted(one.relative for one in found.values())
 
 
 def test_the_first_is_paired_with_each_on_windows_that_do_not_overlap(compared):
-    found = {one.method: one.horizons[-1].reference for one in compared.standings("a")}
+    found = {one.method: one.horizons[-1].reference for one in compared.summaries("a")}
     ours, theirs = (np.array([row[place].skill[-1].relative for row in compared.outcomes[:3]]) for place in (0, 2))
     assert found["ARX"].ratio == pytest.approx(np.median(ours / theirs))
     assert (found["ARX"].windows, found["ARX"].tested) == (3, 2)
@@ -156,22 +157,22 @@ def test_losses_are_where_the_median_is_larger_the_worst_first(compared):
     losses = compared.losses()
     assert {loss.method for loss in losses} <= {"ARX", "constant mean"}
     for loss in losses:
-        of_flight = {one.method: one for one in compared.standings(loss.flight)}
+        of_flight = {one.method: one for one in compared.summaries(loss.flight)}
         ours, theirs = (
             next(at.relative for at in of_flight[name].horizons if at.steps == loss.steps)
             for name in ("hold", loss.method)
         )
         assert loss.ratio == pytest.approx(ours / theirs) and loss.ratio > 1
     assert [loss.ratio for loss in losses] == sorted((loss.ratio for loss in losses), reverse=True)
-    told = account(compared)[0]
+    told = comparison_report(compared)[0]
     assert isinstance(told, Sentence) and told.lead.startswith(
-        "hold loses on 2 of 2 flights, over the whole test part: to "
+        "hold is not the best method on 2 of 2 flights over the whole test part. Its median error is "
     )
 
 
 def test_over_flights_each_counts_once(compared):
     found = {one.method: one for one in compared.over_flights()}
-    medians = [next(one.relative for one in compared.standings(flight) if one.method == "ARX") for flight in ("a", "b")]
+    medians = [next(one.relative for one in compared.summaries(flight) if one.method == "ARX") for flight in ("a", "b")]
     assert found["ARX"].relative == pytest.approx(np.sqrt(np.prod(medians)))
     assert (found["ARX"].flights, found["ARX"].windows, found["ARX"].reference.windows) == (2, 6, 2)
     assert found["refuses"].relative == np.inf and found["refuses"].failed == 6
@@ -179,7 +180,7 @@ def test_over_flights_each_counts_once(compared):
 
 
 def test_from_zero_the_whole_test_part_is_judged(compared):
-    found = {one.method: one for one in compared.standings("a", from_zero=True)}
+    found = {one.method: one for one in compared.summaries("a", from_zero=True)}
     own = [row[2].skill_from_zero.relative for row in compared.outcomes[:3]]
     assert found["ARX"].relative == np.median(own)
     assert [at.steps for at in found["ARX"].horizons] == [150]
@@ -200,23 +201,23 @@ def test_the_document_is_plain_json_and_rows_a_table(compared):
 
 @pytest.mark.parametrize("from_zero", [False, True])
 @pytest.mark.parametrize("flights", ["a", "ab"])
-def test_the_account_has_a_row_for_every_method_and_says_what_went_wrong(compared, flights, from_zero):
-    blocks = account(compared if flights == "ab" else compared.of_flight("a"), from_zero)
+def test_the_report_has_a_row_for_every_method_and_says_what_went_wrong(compared, flights, from_zero):
+    blocks = comparison_report(compared if flights == "ab" else compared.of_flight("a"), from_zero)
     tables = [block for block in blocks if isinstance(block, Table)]
     said = " ".join(f"{block.lead} {block.text}" for block in blocks if isinstance(block, Sentence))
-    errors = [table for table in tables if table.header[0] == "150 steps ahead, rms"]
+    errors = [table for table in tables if table.header[0] == "RMSE, 150 steps ahead"]
     assert [len(table.rows) for table in errors] == [5] * len(flights)
     assert "refuses made no forecast in 3 of 3 windows: train is not to my liking." in said
-    assert "explodes ran beyond all numbers in 3 of 3 windows." in said
+    assert "explodes diverged to infinity or NaN in 3 of 3 windows." in said
     assert all(len(row) == len(table.header) for table in tables for row in table.rows)
     assert ("All flights:" in said) == (flights == "ab")
 
 
-def test_a_first_that_wins_everywhere_is_told_to():
-    won = account(compare(WINDOWS[:1], [HOLD, EXPLODES, REFUSES]))[0]
+def test_a_first_that_wins_everywhere_is_reported_too():
+    won = comparison_report(compare(WINDOWS[:1], [HOLD, EXPLODES, REFUSES]))[0]
     assert isinstance(won, Sentence)
     assert won.lead == (
-        "hold errs least of all 2 methods, on this flight at every horizon. No forecast was made by refuses."
+        "hold has the lowest error of all 2 methods on this flight, at every horizon. No forecast was made by refuses."
     )
 
 
@@ -224,11 +225,11 @@ def test_the_influence_of_generalized_coordinates_is_a_table_of_its_own():
     pair = [Method("DEM", baselines.hold), Method("DEM p=1", baselines.constant_mean)]
     (table,) = [
         block
-        for block in account(compare(WINDOWS, pair))
+        for block in comparison_report(compare(WINDOWS, pair))
         if isinstance(block, Table) and block.header[0].startswith("influence of generalized coordinates")
     ]
     assert table.header[1:] == ["DEM", "DEM p=1", "ratio"]
     assert [row[0] for row in table.rows] == ["a", "b", "all flights"]
-    one, other = ({s.method: s.relative for s in compare(WINDOWS, pair).standings(flight)} for flight in ("a", "b"))
+    one, other = ({s.method: s.relative for s in compare(WINDOWS, pair).summaries(flight)} for flight in ("a", "b"))
     assert table.rows[0][1:] == [f"{one['DEM']:.3g}", "1", f"{one['DEM']:.3g}"]
     assert table.rows[2][1:] == [f"{np.sqrt(one['DEM'] * other['DEM']):.3g}", "1", table.rows[2][1]]

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm
 
-from mavdem.dem.coordinates import derivative_operator
-from mavdem.dem.free_energy import add_blocks, state_curvature, theta_curvature
-from mavdem.dem.generative import GenerativeModel, Moments
-from mavdem.dem.positive import solve
+from mavdem.dem.engine.coordinates import derivative_operator
+from mavdem.dem.engine.free_energy import add_blocks, state_curvature, theta_curvature
+from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel
+from mavdem.dem.engine.linalg import solve
 
 Array = NDArray[np.float64]
 
@@ -35,9 +35,9 @@ def truncated_inverse(matrix: Array) -> Array:
     return np.linalg.pinv(matrix, rcond=len(matrix) * np.spacing(norm) / norm)
 
 
-def moments(model: GenerativeModel, data: Array, X: Array) -> Moments:
+def moments(model: GenerativeModel, data: Array, X: Array) -> GeneralizedMoments:
     """Those of [ỹ; η̃] (T, ·) and X (T, ·) sample by sample, so that errors are taken before their moments."""
-    return Moments(model, np.eye(len(X)), np.hstack([data, X]).T)
+    return GeneralizedMoments(model, np.eye(len(X)), np.hstack([data, X]).T)
 
 
 def d_step(
@@ -67,7 +67,7 @@ def d_step(
     return X
 
 
-def internal_slope(model: GenerativeModel, at: Moments, theta: Array, weights: Array) -> Array:
+def internal_slope(model: GenerativeModel, at: GeneralizedMoments, theta: Array, weights: Array) -> Array:
     """Ū_θ (k,)."""
     slope, curvature = _regression(model, at.joint, weights)
     return slope + curvature @ theta - model.prior.theta_precision @ (theta - model.prior.theta_mean)
@@ -93,7 +93,7 @@ def _regression(model: GenerativeModel, joint: Array, weights: Array) -> tuple[A
     return slope, curvature
 
 
-def e_step(model: GenerativeModel, at: Moments, theta: Array, weights: Array) -> Array:
+def e_step(model: GenerativeModel, at: GeneralizedMoments, theta: Array, weights: Array) -> Array:
     """θ after a full Newton step on Ū and their mean field."""
     number = at.stack.shape[1]
     slope, curvature = mean_field(model, -state_curvature(model, theta, weights), theta, weights)
@@ -102,7 +102,7 @@ def e_step(model: GenerativeModel, at: Moments, theta: Array, weights: Array) ->
     return theta - np.linalg.solve(curvature, slope)
 
 
-def expected_errors(model: GenerativeModel, at: Moments, theta: Array, weights: Array) -> Array:
+def expected_errors(model: GenerativeModel, at: GeneralizedMoments, theta: Array, weights: Array) -> Array:
     """Σ_t ⟨ε̃ε̃ᵀ⟩ for the M step, (dim ε̃, dim ε̃).
 
     The precision of θ at a sample is that which the samples up to it give, without the prior.

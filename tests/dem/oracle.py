@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mavdem.dem.coordinates import embed
-from mavdem.dem.generative import GenerativeModel
-from mavdem.dem.model import pack
-from mavdem.dem.priors import Prior
-from mavdem.dem.smoothness import temporal_precision
+from mavdem.dem.engine.coordinates import embed, temporal_precision
+from mavdem.dem.engine.generative import GenerativeModel, Prior
+from mavdem.dem.engine.model import pack
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 
 from mavdem import Flight, Learned, Settings, learn, learn_many
-from mavdem.dem.many import AHEAD_ELSEWHERE, FEW, LARGEST_CHUNK
-from mavdem.dem.workers import pool, spare_cores
+from mavdem.dem.parallel import AHEAD_ELSEWHERE, FEW, LARGEST_CHUNK, _blocked, pool, spare_cores
 
 
 def walk(seed: int) -> Flight:
@@ -56,7 +55,7 @@ def expected():
 
 @pytest.fixture
 def two_workers(monkeypatch):
-    monkeypatch.setattr("mavdem.dem.many.spare_cores", lambda: 2)
+    monkeypatch.setattr("mavdem.dem.parallel.spare_cores", lambda: 2)
 
 
 @pytest.mark.slow
@@ -109,7 +108,7 @@ def test_a_few_jobs_start_no_processes(two_workers, expected):
     assert as_texts([first, *answers]) == expected[:FEW]
 
 
-def test_no_jobs_have_no_answers():
+def test_no_jobs_have_no_results():
     assert list(learn_many([])) == []
 
 
@@ -137,7 +136,7 @@ def test_other_errors_are_raised(monkeypatch):
     def broken(train, settings):
         raise MemoryError
 
-    monkeypatch.setattr("mavdem.dem.batch.learn", broken)
+    monkeypatch.setattr("mavdem.dem.learning.learn", broken)
     with pytest.raises(MemoryError), ThreadPoolExecutor(1) as executor:
         list(learn_many(JOBS[:1], executor))
 
@@ -154,7 +153,7 @@ def test_what_are_no_settings_is_that_job_s_answer():
 
 
 @pytest.mark.slow
-def test_a_killed_worker_is_told(two_workers):
+def test_a_killed_worker_is_reported(two_workers):
     answers = learn_many(repeat(JOBS[0]))
     next(answers)
     os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
@@ -213,10 +212,10 @@ def run_script(folder: Path, text: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.slow
-def test_a_script_without_a_guard_is_told_in_a_line(tmp_path):
+def test_a_script_without_a_guard_is_reported_in_a_line(tmp_path):
     ended = run_script(
         tmp_path,
-        "from mavdem.dem.workers import pool\nwith pool(1) as executor:\n    print(executor.submit(int).result())\n",
+        "from mavdem.dem.parallel import pool\nwith pool(1) as executor:\n    print(executor.submit(int).result())\n",
     )
     assert ended.returncode == 1 and not ended.stdout
     first, *_ = ended.stderr.splitlines()
@@ -227,7 +226,7 @@ def test_a_script_without_a_guard_is_told_in_a_line(tmp_path):
 def test_workers_end_with_a_killed_parent(tmp_path):
     ended = run_script(
         tmp_path,
-        "import os, signal\nfrom mavdem.dem.workers import pool\nif __name__ == '__main__':\n"
+        "import os, signal\nfrom mavdem.dem.parallel import pool\nif __name__ == '__main__':\n"
         "    with pool(2) as executor:\n        print(executor.submit(int).result(), flush=True)\n"
         "        os.kill(os.getpid(), signal.SIGKILL)\n",
     )
@@ -238,7 +237,7 @@ def test_workers_end_with_a_killed_parent(tmp_path):
 def test_ctrl_c_while_workers_are_waited_for_ends_once_they_have(tmp_path):
     ended = run_script(
         tmp_path,
-        "import os, signal, threading, time\nfrom mavdem.dem.workers import pool\nif __name__ == '__main__':\n"
+        "import os, signal, threading, time\nfrom mavdem.dem.parallel import pool\nif __name__ == '__main__':\n"
         "    signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "    with pool(1) as executor:\n        executor.submit(int).result()\n"
         "        executor.submit(time.sleep, 1.0)\n"
@@ -248,6 +247,25 @@ def test_ctrl_c_while_workers_are_waited_for_ends_once_they_have(tmp_path):
     assert ended.returncode == -signal.SIGINT
 
 
+def test_a_signal_that_another_thread_receives_waits_too():
+    handled: list[int] = []
+    before = signal.signal(signal.SIGUSR1, lambda number, frame: handled.append(number))
+    done = threading.Event()
+    other = threading.Thread(target=done.wait)
+    other.start()
+    try:
+        with _blocked(signal.SIGUSR1):
+            os.kill(os.getpid(), signal.SIGUSR1)  # only the other thread can take it
+            for _ in range(100):
+                time.sleep(0.001)
+                assert handled == []
+        assert handled == [signal.SIGUSR1]
+    finally:
+        done.set()
+        other.join()
+        signal.signal(signal.SIGUSR1, before)
+
+
 def test_threads_that_learn_take_turns(monkeypatch):
     def slowly(*arguments):
         assert turn.acquire(blocking=False)
@@ -255,8 +273,8 @@ def test_threads_that_learn_take_turns(monkeypatch):
         turn.release()
         return fit_them(*arguments)
 
-    turn, fit_them = threading.Lock(), sys.modules["mavdem.dem.learn"]._learn
-    monkeypatch.setattr(sys.modules["mavdem.dem.learn"], "_learn", slowly)
+    turn, fit_them = threading.Lock(), sys.modules["mavdem.dem.learning"]._learn
+    monkeypatch.setattr(sys.modules["mavdem.dem.learning"], "_learn", slowly)
     with ThreadPoolExecutor(3) as executor:
         answers = list(executor.map(learn, [FLIGHTS[0]] * 6, [JOBS[0][1]] * 6))
     assert len({answer.to_json() for answer in answers}) == 1

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from mavdem.dem.coordinates import derivative_operator, embed, taylor_weights
+from mavdem.dem.engine.coordinates import derivative_operator, embed, taylor_weights
 
 
 @given(order=st.integers(0, 6), extra=st.integers(0, 8), dt=st.floats(1e-3, 10), data=st.data())

@@ -11,13 +11,12 @@ from scipy.integrate import solve_ivp
 from simulated import simulated
 
 from mavdem import Settings
-from mavdem.dem.ascent import Rates, ascend
-from mavdem.dem.fit import fit
-from mavdem.dem.flow import StateFlow
-from mavdem.dem.free_energy import free_energy_action
-from mavdem.dem.generative import Moments, Samples
+from mavdem.dem.engine.ascent import Rates, ascend
+from mavdem.dem.engine.free_energy import free_energy_action
+from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics
+from mavdem.dem.engine.steps import StateFlow, d_step, e_step, m_step, state_slope, with_optimal_precisions
+from mavdem.dem.fitting import fit
 from mavdem.dem.record import Record
-from mavdem.dem.steps import d_step, e_step, m_step, state_slope, with_optimal_precisions
 
 seeds = st.integers(0, 10**6)
 DT = 0.1
@@ -50,7 +49,7 @@ def test_the_flow_runs_the_equation_it_stands_for():
 
 
 @given(model=models, seed=seeds)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_a_fast_flow_is_the_exact_limit(model, seed):
     of_data, precision = slope_of(model)
     data = np.random.default_rng(seed).standard_normal((10, model.hidden.start))
@@ -71,7 +70,7 @@ def test_an_unstable_flow_is_known_and_not_run():
     assert (abscissae > 0).any() and (abscissae < 0).any()
     unstable = rates[abscissae > 0][-1]
     data = np.random.default_rng(0).standard_normal((60, model.hidden.start))
-    samples = Samples.of(data)
+    samples = SufficientStatistics.of(data)
     climb = ascend(model, samples, 1, Rates(state=unstable, segments=(data,), dt=DT))
     assert not climb.flowed.any()
     exact = ascend(model, samples, 1)
@@ -79,11 +78,11 @@ def test_an_unstable_flow_is_known_and_not_run():
 
 
 @given(model=models, seed=seeds, logs=st.tuples(*[st.one_of(st.none(), st.floats(-4, 4))] * 3))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_a_climb_at_any_rates_never_falls(model, seed, logs):
     data = np.random.default_rng(seed).standard_normal((40, model.hidden.start))
     rates = [None if log is None else 10**log for log in logs]
-    climb = ascend(model, Samples.of(data), 12, Rates(*rates, segments=(data,), dt=DT))
+    climb = ascend(model, SufficientStatistics.of(data), 12, Rates(*rates, segments=(data,), dt=DT))
     assert (np.diff(climb.free_energy) >= 0).all()
     assert np.isfinite(climb.theta).all()
 
@@ -97,7 +96,7 @@ def test_flows_run_and_lead_to_the_same_place():
 
 
 @given(model=models, seed=seeds)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_steps_at_a_finite_rate_follow_the_gradient_and_end_at_the_maximum(model, seed):
     samples = random_samples(seed, model)
     climb = ascend(model, samples, 2)
@@ -111,7 +110,7 @@ def test_steps_at_a_finite_rate_follow_the_gradient_and_end_at_the_maximum(model
 
 
 @given(model=models, seed=seeds)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_no_schedule_of_the_noise_precisions_makes_a_step_lower_the_action(model, seed):
     """Whatever λ is set to between rounds, as annealing might, the steps at that λ raise F̄."""
     rng = np.random.default_rng(seed)
@@ -132,7 +131,7 @@ def heights_of_a_round(model, samples, belief):
     belief = with_optimal_precisions(model, belief)
     heights = [free_energy_action(model, samples, belief)]
     state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
-    belief = with_optimal_precisions(model, belief._replace(moments=Moments.of(model, samples, state_map)))
+    belief = with_optimal_precisions(model, belief._replace(moments=GeneralizedMoments.of(model, samples, state_map)))
     heights.append(free_energy_action(model, samples, belief))
     belief = with_optimal_precisions(model, belief._replace(theta=e_step(model, samples, belief)))
     heights.append(free_energy_action(model, samples, belief))

@@ -10,8 +10,8 @@ from random_models import models, random_belief, random_model, random_samples
 from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
-from mavdem.dem.ascent import ascend
-from mavdem.dem.free_energy import (
+from mavdem.dem.engine.ascent import ascend
+from mavdem.dem.engine.free_energy import (
     free_energy,
     free_energy_action,
     internal_energy,
@@ -20,9 +20,9 @@ from mavdem.dem.free_energy import (
     state_curvature,
     theta_curvature,
 )
-from mavdem.dem.generative import Moments, Samples
-from mavdem.dem.model import unpack
-from mavdem.dem.steps import (
+from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics
+from mavdem.dem.engine.model import unpack
+from mavdem.dem.engine.steps import (
     d_step,
     e_step,
     lambda_slope,
@@ -51,7 +51,7 @@ def close(actual, expected, relative=1e-6):
 
 
 @given(model=models, seed=seeds)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_curvatures_are_second_derivatives_of_the_internal_energy(model, seed):
     samples = random_samples(seed, model)
     state_map, belief = random_belief(seed, model, samples)
@@ -82,7 +82,7 @@ def test_curvatures_are_second_derivatives_of_the_internal_energy(model, seed):
     change = np.random.default_rng(seed + 1).standard_normal(state_map.shape)
 
     def energy_of_map(state_map):
-        moments = Moments.of(model, samples, state_map)
+        moments = GeneralizedMoments.of(model, samples, state_map)
         return internal_energy(model, samples, moments, belief.theta, belief.lambda_)
 
     second = energy_of_map(state_map + change) + energy_of_map(state_map - change) - 2 * energy_of_map(state_map)
@@ -91,31 +91,33 @@ def test_curvatures_are_second_derivatives_of_the_internal_energy(model, seed):
 
 
 @given(model=models, seed=seeds)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_the_samples_free_energies_sum_to_the_action(model, seed):
     rng = np.random.default_rng(seed)
     data = rng.standard_normal((6, model.hidden.start))
-    samples = Samples.of(data)
+    samples = SufficientStatistics.of(data)
     state_map, belief = random_belief(seed, model, samples)
     by_sample = free_energy(model, data, data @ state_map.T, belief)
     # What does not change with time is in every F(t): F of no error at all, less what is a sample's own.
-    twice = free_energy_action(model, Samples.of(data, data), belief._replace(moments=_doubled(belief.moments)))
+    twice = free_energy_action(
+        model, SufficientStatistics.of(data, data), belief._replace(moments=_doubled(belief.moments))
+    )
     action = free_energy_action(model, samples, belief)
     invariant = 2 * action - twice
     assert by_sample.sum() - (len(data) - 1) * invariant == pytest.approx(action, rel=1e-9, abs=1e-6)
 
 
 def _doubled(moments):
-    return Moments(moments.model, 2 * moments.gram, moments.stack)
+    return GeneralizedMoments(moments.model, 2 * moments.gram, moments.stack)
 
 
 @given(model=models, seed=seeds)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_gradients_are_those_of_the_free_energy(model, seed):
     """Of F in X, and of the action in θ and λ, at any belief, mean-field terms included."""
     rng = np.random.default_rng(seed)
     data = rng.standard_normal((5, model.hidden.start))
-    samples = Samples.of(data)
+    samples = SufficientStatistics.of(data)
     state_map, belief = random_belief(seed, model, samples)
     states = data @ state_map.T
 
@@ -144,7 +146,7 @@ def test_gradients_are_those_of_the_free_energy(model, seed):
 
 @pytest.mark.slow
 @given(model=models, seed=seeds)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, seed):
     samples = random_samples(seed, model)
     _, belief = random_belief(seed, model, samples)
@@ -153,7 +155,9 @@ def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, see
     state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
 
     def of_map(state_map):
-        return free_energy_action(model, samples, belief._replace(moments=Moments.of(model, samples, state_map)))
+        return free_energy_action(
+            model, samples, belief._replace(moments=GeneralizedMoments.of(model, samples, state_map))
+        )
 
     assert np.abs(gradient(of_map, state_map)).max() < 1e-5 * size * np.exp(np.abs(belief.lambda_).max())
 
@@ -174,7 +178,7 @@ def test_each_step_ends_where_the_gradient_of_the_free_energy_is_zero(model, see
 
 
 @given(model=models, seed=seeds)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_each_step_and_each_precision_raises_the_free_energy(model, seed):
     samples = random_samples(seed, model)
     _, belief = random_belief(seed, model, samples)
@@ -186,7 +190,7 @@ def test_each_step_and_each_precision_raises_the_free_energy(model, seed):
 
     belief = record(with_optimal_precisions(model, belief))
     state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
-    belief = record(belief._replace(moments=Moments.of(model, samples, state_map)))
+    belief = record(belief._replace(moments=GeneralizedMoments.of(model, samples, state_map)))
     belief = record(belief._replace(theta=e_step(model, samples, belief)))
     belief = record(belief._replace(lambda_=m_step(model, samples, belief)))
     record(with_optimal_precisions(model, belief))
@@ -195,7 +199,7 @@ def test_each_step_and_each_precision_raises_the_free_energy(model, seed):
 
 
 @given(model=models, seed=seeds)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_named_terms_sum_to_the_free_energy_at_optimal_precisions(model, seed):
     samples = random_samples(seed, model)
     _, belief = random_belief(seed, model, samples)
@@ -207,7 +211,7 @@ def test_named_terms_sum_to_the_free_energy_at_optimal_precisions(model, seed):
 
 
 @given(model=models, seed=seeds)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_optimal_precisions_cannot_be_improved(model, seed):
     samples = random_samples(seed, model)
     _, belief = random_belief(seed, model, samples)
@@ -223,7 +227,7 @@ def test_optimal_precisions_cannot_be_improved(model, seed):
 
 
 @given(model=models, seed=seeds)
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 def test_the_climb_never_falls(model, seed):
     climb = ascend(model, random_samples(seed, model), 15)
     assert (np.diff(climb.free_energy) >= 0).all()
@@ -234,7 +238,7 @@ def test_the_climb_never_falls(model, seed):
 def test_the_climb_takes_no_more_rounds_than_it_may(iterations):
     model = random_model(3, 2, 1, 2, 2, 1, drop=False, groups=False)
     climb = ascend(model, random_samples(0, model), iterations)
-    assert not climb.settled
+    assert not climb.converged
     assert len(climb.free_energy) == iterations + 1
 
 
@@ -251,7 +255,7 @@ def test_with_all_parameters_known_the_free_energy_is_the_evidence_whatever_the_
     )
     model = replace(model, prior=prior, input_precision=certain * np.eye(model.r * (model.d + 1)))
     data = rng.standard_normal((7, model.hidden.start))
-    climb = ascend(model, Samples.of(data), 5)
+    climb = ascend(model, SufficientStatistics.of(data), 5)
     # Written out: x at random, its derivatives by the model with w̃, and z̃ on what is seen of them.
     p, m = model.p, model.m
     A, B, C = unpack(prior.theta_mean, n, model.r, m)
@@ -277,13 +281,13 @@ def test_with_all_parameters_known_the_free_energy_is_the_evidence_whatever_the_
 
 
 @given(model=models, seed=seeds)
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
     """Sample by sample, with Ã, B̃, C̃, D and Π̃ as Eqs. ``generative_process`` and ``free_E`` write them."""
     rng = np.random.default_rng(seed)
     n, r, m, p, d, q = model.n, model.r, model.m, model.p, model.d, model.q
     outputs, inputs = rng.standard_normal((5, m * (p + 1))), rng.standard_normal((5, r * (d + 1)))
-    samples = Samples.of(np.hstack([outputs, inputs]))
+    samples = SufficientStatistics.of(np.hstack([outputs, inputs]))
     state_map, belief = random_belief(seed, model, samples)
     A, B, C = unpack(belief.theta, n, r, m)
     S = model.output_correlation, model.state_correlation
@@ -314,6 +318,6 @@ def test_the_energy_is_that_of_the_generative_model_written_out(model, seed):
 def test_samples_of_separate_segments_add_up():
     rng = np.random.default_rng(0)
     first, second = rng.standard_normal((12, 8)), rng.standard_normal((18, 8))
-    apart, whole = Samples.of(first, second), Samples.of(np.vstack([first, second]))
+    apart, whole = SufficientStatistics.of(first, second), SufficientStatistics.of(np.vstack([first, second]))
     assert apart.number == whole.number == 30
     np.testing.assert_allclose(apart.gram, whole.gram)

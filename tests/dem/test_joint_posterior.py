@@ -1,7 +1,7 @@
 """DEM against the exact posterior of short series, drawn from the covariance that the posterior is taken with.
 
 Where DEM is exact in some limit, it must get there at the rate its derivation gives; where it is not, its departure
-must be the one its equations imply. ``tools/engine/joint_posterior.py`` prints how far it departs.
+must be the one its equations imply. ``tools/validation/joint_posterior.py`` prints how far it departs.
 """
 
 from dataclasses import replace
@@ -13,7 +13,7 @@ from joint_gaussian import parameters_given
 from scipy.special import erfc
 from systems import DT, decay, roll, weak_prior
 
-from mavdem.dem.smoothness import sampled_output_precision, sampled_state_precision, temporal_precision
+from mavdem.dem.engine.coordinates import sampled_output_precision, sampled_state_precision, temporal_precision
 
 SERIES = 40
 

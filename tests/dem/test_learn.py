@@ -1,6 +1,7 @@
 import json
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,13 +9,14 @@ from scipy.ndimage import gaussian_filter1d
 from simulated import DT, GAIN, RATE, simulated
 
 from mavdem import Flight, Forecaster, Learned, Settings, evaluate, learn
-from mavdem.dem.fit import fit, generalized
-from mavdem.dem.free_energy import free_energy_action
-from mavdem.dem.generative import Moments, Samples
-from mavdem.dem.model import LinearModel, discretize
+from mavdem.dem.engine.free_energy import free_energy_action
+from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics
+from mavdem.dem.engine.model import LinearModel, discretize
+from mavdem.dem.engine.steps import d_step, e_step, m_step
+from mavdem.dem.fitting import fit, generalized
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
-from mavdem.dem.steps import d_step, e_step, m_step
+from mavdem.dem.selection import PARAMETER_PRECISIONS, choices
 
 
 def alone(outputs):
@@ -101,7 +103,7 @@ def test_units_of_the_stream_do_not_matter():
     np.testing.assert_allclose(two.model.A, one.model.A, rtol=1e-6, atol=1e-9)
     np.testing.assert_allclose(two.model.B, np.degrees(one.model.B) * 1000, rtol=1e-6, atol=1e-9)
     forecast = np.degrees(one.forecast(flight[700:].inputs))
-    np.testing.assert_allclose(two.forecast(other[700:].inputs), forecast, rtol=1e-6)
+    np.testing.assert_allclose(two.forecast(other[700:].inputs), forecast, rtol=0, atol=1e-6 * np.abs(forecast).max())
 
 
 def test_posterior_is_in_physical_units_and_narrower_than_the_prior():
@@ -134,11 +136,42 @@ def test_json_both_ways_keeps_every_forecast(settings):
     json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
     again = Learned.from_json(text)
     assert again.settings == learned.settings
-    assert again.candidates == learned.candidates
+    assert again.training_forecasts.motors_share == learned.training_forecasts.motors_share
     np.testing.assert_array_equal(again.forecast(flight[700:].inputs), learned.forecast(flight[700:].inputs))
     np.testing.assert_array_equal(again.one_step(), learned.one_step())
     np.testing.assert_array_equal(again.process_noise()[1], learned.process_noise()[1])
     np.testing.assert_array_equal(again.free_energy, learned.free_energy)
+    # In another layout equal numbers are multiplied by another routine, which rounds differently on some processors.
+    assert [name for name, array in arrays_of(learned) if not array.flags.c_contiguous] == []
+    assert [name for name, array in arrays_of(again) if not array.flags.c_contiguous] == []
+
+
+def arrays_of(value, name=""):
+    """Every array inside dataclasses, tuples and dictionaries, with its name."""
+    if isinstance(value, np.ndarray):
+        yield name, value
+        return
+    if is_dataclass(value):
+        value = vars(value)
+    elif hasattr(value, "_asdict"):
+        value = value._asdict()
+    elif isinstance(value, tuple):
+        value = dict(enumerate(value))
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from arrays_of(inner, f"{name}.{key}")
+
+
+def test_the_memory_layout_of_the_data_does_not_matter():
+    flight = simulated(wind=0.5)
+    settings = Settings(order=2, window=3, parameter_precision=1.0)
+    inputs, outputs = np.asfortranarray(flight.inputs), np.asfortranarray(flight.outputs)
+    one, two = learn(flight[:700], settings), learn(Flight(flight.time, inputs, outputs)[:700], settings)
+    three = learn(SimpleNamespace(inputs=inputs[:700], outputs=outputs[:700], dt=flight.dt), settings)
+    ahead = flight.inputs[700:]
+    for other in (two, three):
+        np.testing.assert_array_equal(other.forecast(np.asfortranarray(ahead)), one.forecast(ahead))
+        np.testing.assert_array_equal(other.theta_covariance, one.theta_covariance)
 
 
 @pytest.fixture(scope="module")
@@ -173,14 +206,54 @@ def test_something_else_is_no_flight(train):
         learn(train)
 
 
-def test_what_is_left_open_is_chosen_among_the_candidates():
-    learned = learn(simulated(wind=0.5)[:700])
-    chosen = min(learned.candidates, key=lambda candidate: candidate.error)
-    settings = learned.settings
-    assert (settings.window, settings.parameter_precision) == (chosen.window, chosen.parameter_precision)
-    assert settings.order == 3
-    assert len(learned.candidates) > 1
-    assert len(learn(simulated()[:700], settings).candidates) == 1
+@pytest.mark.parametrize(("rate", "window"), [(50, 5), (100, 9), (120, 11), (200, 19), (250, 23), (400, 37)])
+def test_the_window_that_is_left_open_lasts_as_long_at_every_rate(rate, window):
+    record = Record(np.zeros((700, 4)), np.zeros((700, 2)), 1 / rate, (700,))
+    settings, *others = choices(Settings(), record)
+    assert (settings.order, settings.d, settings.window, settings.parameter_precision) == (3, 2, window, 10.0)
+    assert [other.parameter_precision for other in others] == list(PARAMETER_PRECISIONS[1:])
+    assert choices(settings, record) == (settings,)
+    (given,) = choices(Settings(order=2, window=7, parameter_precision=3.0), record)
+    assert (given.order, given.d, given.window, given.parameter_precision) == (2, 2, 7, 3.0)
+
+
+def test_the_window_that_is_left_open_is_the_shortest_in_short_segments():
+    def record(samples):
+        return Record(np.zeros((60 * samples, 4)), np.zeros((60 * samples, 2)), 0.01, (samples,) * 60)
+
+    assert [choices(Settings(), record(samples))[0].window for samples in (20, 16, 12, 4)] == [9, 9, 3, 3]
+    with pytest.raises(ValueError, match="longer for windows of 3 samples"):
+        choices(Settings(), record(3))
+    with pytest.raises(ValueError, match="longer for windows of 9 samples"):
+        choices(Settings(window=9), record(12))
+
+
+def test_the_prior_precision_is_the_first_before_a_simulation_error_fit_and_else_the_best():
+    train = simulated(wind=0.5)[:700]
+    assert learn(train).settings.parameter_precision == PARAMETER_PRECISIONS[0]
+    without = Settings(horizon=None)
+    tried = [learn(train, replace(without, parameter_precision=precision)) for precision in PARAMETER_PRECISIONS]
+    best = min(tried, key=lambda one: (one.training_forecasts.mse / train.outputs.var(axis=0)).mean())
+    assert learn(train, without).settings == best.settings
+
+
+def test_names_of_version_0_1_warn_and_forward(document):
+    learned = Learned.from_json(document)
+    with pytest.deprecated_call():
+        (choice,) = learned.candidates
+    assert (choice.window, choice.parameter_precision) == (3, 1.0)
+    with pytest.deprecated_call():
+        assert learned.unseen is learned.training_forecasts
+
+
+def test_a_document_of_version_0_1_keeps_its_forecasts(document):
+    values = json.loads(document)
+    candidates = [{"window": 3, "parameter_precision": 1.0, "error": None}]
+    old = {**values, "unseen": values["training_forecasts"], "candidates": candidates}
+    del old["training_forecasts"]
+    learned, ahead = Learned.from_json(json.dumps(old)), np.array(values["inputs"])[:50]
+    np.testing.assert_array_equal(learned.forecast(ahead), Learned.from_json(document).forecast(ahead))
+    assert learned.training_forecasts.motors_share == values["training_forecasts"]["motors_share"]
 
 
 def test_process_noise_is_the_moment_of_the_wind():
@@ -211,25 +284,21 @@ def test_the_band_holds_nine_samples_in_ten():
     assert np.mean(inside) == pytest.approx(0.9, abs=3 * np.std(inside) / np.sqrt(flights))
 
 
-def test_without_trajectories_forecasts_lean_on_the_trim_as_much_as_unseen_data_advise():
+def test_without_trajectories_forecasts_lean_on_the_trim_as_much_as_the_training_data_advise():
     flight = simulated(wind=1.0)
     train, test = flight[:700], flight[700:]
     plain = Settings(order=2, window=3, parameter_precision=1.0, horizon=None, shrink_forecasts=False)
     alone, leaning = learn(train, plain), learn(train, replace(plain, shrink_forecasts=True))
-    weight, trim = leaning.unseen.weight, leaning.model.output_trim
+    weight, trim = leaning.training_forecasts.weight, leaning.model.output_trim
     assert ((weight >= 0) & (weight <= 1)).all()
-    assert (alone.unseen.weight == 1).all()
-    assert alone.unseen.motors_share == leaning.unseen.motors_share
-    assert 0 < leaning.unseen.motors_share < 1
+    assert (alone.training_forecasts.weight == 1).all()
+    assert alone.training_forecasts.motors_share == leaning.training_forecasts.motors_share
+    assert 0 < leaning.training_forecasts.motors_share < 1
     expected = trim + weight * (alone.forecast(test.inputs) - trim)
     np.testing.assert_allclose(leaning.forecast(test.inputs), expected, rtol=1e-9)
-    # Least squares: no other weight, the model's own among them, errs less on what was unseen.
-    assert (leaning.unseen.weighted_mse <= leaning.unseen.mse * (1 + 1e-9)).all()
-    np.testing.assert_array_equal(alone.unseen.weighted_mse, alone.unseen.mse)
-    # Beyond the horizons that were tried the last weight stays.
-    longer = np.vstack([test.inputs, test.inputs])
-    ratio = (leaning.forecast(longer) - trim) / (alone.forecast(longer) - trim)
-    np.testing.assert_allclose(ratio[150:], np.broadcast_to(weight[-1], (150, 2)), rtol=1e-6)
+    # What the parameters took is added to the error to expect, more of it the longer the forecast.
+    added = alone.training_forecasts.weighted_mse / alone.training_forecasts.mse
+    assert (added >= 1).all() and (np.diff(added[:, 0]) >= 0).all() and added.max() <= 2
 
 
 def test_a_forecast_no_better_than_the_mean_is_said_to_be():
@@ -313,17 +382,17 @@ def test_derivative_pairs_survive_noise():
 def test_default_fits_settle_where_no_step_leads_higher():
     flight = simulated(wind=0.5)[:700]
     learned = learn(flight)
-    assert learned.settled
+    assert learned.converged
     fitted = fit(Record.of(flight), learned.settings)
     model, belief = fitted.model, fitted.ascent.belief
     scaling = fitted.scaling
-    samples = Samples.of(*generalized(learned.settings, scaling, Record.of(flight)))
+    samples = SufficientStatistics.of(*generalized(learned.settings, scaling, Record.of(flight)))
     height = free_energy_action(model, samples, belief)
     state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
     for other in (
         belief._replace(theta=e_step(model, samples, belief)),
         belief._replace(lambda_=m_step(model, samples, belief)),
-        belief._replace(moments=Moments.of(model, samples, state_map)),
+        belief._replace(moments=GeneralizedMoments.of(model, samples, state_map)),
     ):
         assert free_energy_action(model, samples, other) - height < 0.1
 
@@ -345,12 +414,12 @@ def test_what_was_learnt_is_shown_in_a_line():
 
 
 def test_a_climb_that_broke_off_where_no_step_led_higher_is_not_said_to_rise(monkeypatch):
-    monkeypatch.setattr("mavdem.dem.ascent.SHARES", ())
+    monkeypatch.setattr("mavdem.dem.engine.ascent.NEWTON_SHARES", ())
     learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0, horizon=None))
-    assert not learned.settled
+    assert not learned.converged
     (told,) = [caution for caution in learned.cautions if "iterations" in caution]
-    assert f"After {len(learned.free_energy) - 1} iterations no step led F̄ higher" in told
-    assert "promises" in told and "nan" not in told and "limit" not in told
+    assert f"After {len(learned.free_energy) - 1} iterations no step increased F̄" in told
+    assert "predicts" in told and "nan" not in told and "limit" not in told
     assert learned.cautions == Learned.from_json(learned.to_json()).cautions
 
 
@@ -360,9 +429,13 @@ def test_motors_that_have_nothing_to_do_with_the_motion_are_said_to_have_not():
     of_another = [
         Flight(one.time, other.inputs, one.outputs)[:700] for one, other in zip(flights, flights[1:], strict=False)
     ]
-    cautioned = [any("the motors took" in caution for caution in learn(flight).cautions) for flight in of_another]
+    cautioned = [
+        any("the motor outputs removed" in caution for caution in learn(flight).cautions) for flight in of_another
+    ]
     assert sum(cautioned) >= len(cautioned) - 1
-    own = [any("the motors took" in caution for caution in learn(flight[:700]).cautions) for flight in flights]
+    own = [
+        any("the motor outputs removed" in caution for caution in learn(flight[:700]).cautions) for flight in flights
+    ]
     assert sum(own) <= 1
 
 
@@ -385,13 +458,12 @@ def test_a_forecast_begins_from_the_last_training_input():
     inputs[-1] += 50.0 * np.sign(GAIN)
     pushed = replace(learned, record=replace(learned.record, inputs=inputs))
     ahead = flight.inputs[400:402]
-    transition = learned.predictor.transition
+    predictor = learned.predictor
     change = inputs[-1:] - learned.record.inputs[-1:]
-    # By way of the last state, which the filter carries there under that input, and of the step after it.
-    keep = np.eye(2) - learned.predictor.gain @ learned.predictor.C
+    # By way of the step after it, and of its error, of which it changes the prediction.
     scaled = np.append(change[0] / learned.scaling.input_scale, 0.0)
-    moved = transition.state @ keep @ transition.input_next @ scaled + transition.input_now @ scaled
-    expected = learned.scaling.output_scale * (learned.predictor.C @ moved)
+    moved = predictor.B @ scaled - predictor.K @ predictor.D @ scaled
+    expected = learned.scaling.output_scale * (predictor.C @ moved)
     np.testing.assert_allclose(pushed.forecast(ahead)[0] - learned.forecast(ahead)[0], expected, rtol=1e-6)
 
 
@@ -423,6 +495,14 @@ def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest():
 def test_learned_is_a_forecaster_that_says_whether_it_is_stable():
     learned = learn(simulated()[:700], Settings(order=2))
     assert isinstance(learned, Forecaster)
+    n = learned.settings.order
     assert learned.stable and learned.spectral_radius == pytest.approx(
-        np.abs(np.linalg.eigvals(learned.predictor.transition.state)).max()
+        np.abs(np.linalg.eigvals(learned.predictor.A[:n, :n])).max()
     )
+
+
+def test_the_one_input_that_has_nothing_to_do_with_the_motion_is_named():
+    one = simulated(wind=1.0)[:700]
+    unrelated = np.random.default_rng(1).normal(size=(len(one), 1))
+    learned = learn(Flight(one.time, unrelated, one.outputs, input_names=("roll demand",)))
+    assert any("the roll demand removed" in caution for caution in learned.cautions)

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 from scipy.signal import cont2discrete
 
-from mavdem.dem.model import LinearModel, discretize, pack, unpack
+from mavdem.dem.engine.model import LinearModel, discretize, pack, unpack
 
 
 def test_parameters_are_the_rows_of_a_then_b_then_c():
@@ -29,7 +29,7 @@ def test_first_order_hold_agrees_with_scipy(seed, n, r):
     np.testing.assert_allclose(step.input_now + step.state @ step.input_next, gamma, atol=1e-12)
 
 
-def test_spectral_abscissa_tells_stability():
+def test_spectral_abscissa_shows_stability():
     stable = LinearModel(np.diag([-1.0, -3.0]), *(np.zeros((2, 2)),) * 2, *(np.zeros(2),) * 3)
     assert stable.spectral_abscissa == pytest.approx(-1.0)
     assert stable._replace(A=np.array([[0.0, 1.0], [4.0, 0.0]])).spectral_abscissa == pytest.approx(2.0)

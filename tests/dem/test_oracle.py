@@ -10,10 +10,10 @@ import pytest
 from oracle import WITHOUT_EDGES, case_a_generalized, case_a_model, case_a_truth, load, needs_oracle
 
 import mavdem
-from mavdem.dem.ascent import ascend, plain_rounds
-from mavdem.dem.free_energy import free_energy_action, theta_curvature
-from mavdem.dem.generative import Samples
-from mavdem.dem.positive import inverse
+from mavdem.dem.engine.ascent import ascend, plain_rounds
+from mavdem.dem.engine.free_energy import free_energy_action, theta_curvature
+from mavdem.dem.engine.generative import SufficientStatistics
+from mavdem.dem.engine.linalg import inverse
 
 pytestmark = needs_oracle
 
@@ -51,7 +51,7 @@ def test_case_a_ends_near_theirs_and_nearer_the_truth():
     at about round 113, is 13.54 at round 150 and 15.66 at the maximum of F̄, with θ within 0.003 of theirs at each.
     """
     data, theirs = load("case_a_data"), load("case_a_octave_150it")
-    model, samples, truth = case_a_model(data), Samples.of(case_a_generalized(data)), case_a_truth(data)
+    model, samples, truth = case_a_model(data), SufficientStatistics.of(case_a_generalized(data)), case_a_truth(data)
     beliefs = plain_rounds(model, samples, 150)
     published = theirs["theta"].ravel()
     # Measured: 0.0085 from their 20th after 20 rounds, 0.0020 from their 150th after 150.
@@ -66,7 +66,7 @@ def test_case_a_ends_near_theirs_and_nearer_the_truth():
 def test_case_a_without_edges_ends_nearer_the_truth_than_theirs():
     data, theirs = load("case_a_data"), load("case_a_octave_150it")
     truth = case_a_truth(data)
-    climb = ascend(case_a_model(data), Samples.of(case_a_generalized(data)[WITHOUT_EDGES]), 150)
+    climb = ascend(case_a_model(data), SufficientStatistics.of(case_a_generalized(data)[WITHOUT_EDGES]), 150)
     ours, published = climb.theta[-1], theirs["theta"].ravel()
     assert np.linalg.norm(ours - truth) < np.linalg.norm(published - truth)
     assert climb.lambda_[-1][0] == pytest.approx(theirs["h"].ravel()[0], abs=0.1)

@@ -10,8 +10,8 @@ from scipy.stats import binom
 from simulated import simulated
 
 from mavdem import Flight
-from mavdem.dem.black_box import BlackBox, embedding_order, kernel_width
-from mavdem.dem.order import FlightOrders, OrderChoice, choose_order, orders_of
+from mavdem.dem.order.choice import FlightOrders, OrderChoice, choose_order, orders_of
+from mavdem.dem.order.system import BlackBox, embedding_order, kernel_width
 from mavdem.dem.record import Record
 
 
@@ -45,11 +45,11 @@ def test_the_order_is_the_lowest_that_no_higher_one_is_strongly_better_than(flig
 def test_a_choice_says_why():
     told = choice([0.0, 100.0, 95.0])
     assert told.reason == (
-        "F̄ saturates at 2 states: no further state raises it by more than 3 nats (the highest gain is -5.0)."
+        "F̄ saturates at 2 states: no further state increases it by more than 3 nats (the largest change is -5.0)."
     )
     assert told.saturated
     rising = choice([0.0, 100.0], [0.0, 110.0])
-    assert rising.reason == "F̄ still rises at 2 states, the most that could be tried."
+    assert rising.reason == "F̄ still increases at 2 states, the highest order that was fitted."
     assert not rising.saturated
     assert rising.gain(2, over=1) == pytest.approx((105.0, 5.0))
     assert rising.spread == pytest.approx([0.0, np.sqrt(50)])
@@ -64,7 +64,7 @@ def test_a_choice_is_plain_json():
 
 
 @pytest.mark.slow
-def test_flights_are_told_apart_and_an_executor_does_the_same():
+def test_flights_are_distinguished_and_an_executor_does_the_same():
     flights = [paper_flight(2, seed, samples=250) for seed in range(2)]
     told = choose_order(flights, max_order=3)
     assert told.chosen == 2
@@ -139,7 +139,7 @@ def test_orders_that_the_data_do_not_allow_are_not_tried_and_said():
     choice = choose_order(simulated(samples=100, wind=1.0), max_order=8)
     told_orders = np.isfinite(choice.free_energy[0])
     assert told_orders[0] and not told_orders[-1]
-    assert any("not tried" in remark for remark in choice.remarks)
+    assert any("not fitted" in remark for remark in choice.remarks)
     with pytest.raises(ValueError, match="^40 samples are too few"):
         choose_order(simulated(samples=40, wind=1.0))
 

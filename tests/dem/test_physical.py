@@ -1,4 +1,4 @@
-"""Physical reading: its filter is the Kalman filter it says it is, and flights that steer give their truth back."""
+"""Physical parameters: the filter is the Kalman filter it says it is, and flights that steer give their truth back."""
 
 from __future__ import annotations
 
@@ -8,9 +8,17 @@ from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_are
 
 from mavdem import Flight
 from mavdem.dem import physical
-from mavdem.dem.coloured import FIRST_ORDER, SMOOTH
-from mavdem.dem.physical import ANSWERS, WINDS, _climbed, _Data, _delayed, _settled_covariance, _View
-from sitl_scenarios.attitude import euler
+from mavdem.dem.graybox.coloured import FIRST_ORDER, SMOOTH
+from mavdem.dem.graybox.parameters import (
+    MAX_WIND_SHARE,
+    WINDS,
+    _Data,
+    _delayed,
+    _fitted,
+    _Parameters,
+    _steady_covariance,
+)
+from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
@@ -70,13 +78,13 @@ def test_the_filter_settles_where_the_riccati_equation_says():
     root = rng.standard_normal((4, 3, 3))
     process, noise = root @ np.swapaxes(root, 1, 2), rng.uniform(0.1, 2.0, 4)
     C = np.eye(3)[:1]
-    for own, *of in zip(_settled_covariance(F, process, noise), F, process, noise, strict=True):
+    for own, *of in zip(_steady_covariance(F, process, noise), F, process, noise, strict=True):
         np.testing.assert_allclose(own, solve_discrete_are(of[0].T, C.T, of[1], of[2] * np.eye(1)), rtol=1e-7)
 
 
 @pytest.mark.parametrize("wind", WINDS, ids=len)
 def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind):
-    view, rng, samples = _View(1, wind), np.random.default_rng(3), 4000
+    view, rng, samples = _Parameters(1, wind), np.random.default_rng(3), 4000
     theta = view.prior[0].copy()
     theta[:2] = 3.0, 1.5
     transition, _, _ = view.filters(theta[None], DT)
@@ -92,7 +100,8 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
     stationary = solve_continuous_lyapunov(A, -drive)
     process = stationary - transition.state[0] @ stationary @ transition.state[0].T
     values, vectors = np.linalg.eigh(process)
-    root = vectors * np.sqrt(np.maximum(values, 0))
+    # The symmetric root: the signs of single eigenvectors differ between processors, and the noise with them.
+    root = vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
     inputs = rng.standard_normal((samples, 1))
     before, after = _delayed(inputs, theta[3] / DT)
     state, rates = np.zeros(n), np.zeros(samples)
@@ -124,17 +133,17 @@ def test_intervals_hold_the_truth_in_closed_loop_without_what_a_linear_model_doe
     for seed in range(16):
         flight = flown(seed, steering=1.0)
         inputs, rate = flight.inputs - flight.inputs.mean(axis=0), flight.outputs[:, 1] - flight.outputs[:, 1].mean()
-        found = _climbed(_View(4, WINDS[0]), _Data(((inputs, rate),), DT))
-        covariance = np.linalg.inv(found.information)
+        _, best = _fitted(_Parameters(4, WINDS[0]), _Data(((inputs, rate),), DT))
+        covariance = np.linalg.inv(best.curvature)
         true = np.append(MOTORS, DAMPING)
-        deviations.append((found.theta[:5] - true) / np.sqrt(np.diag(covariance)[:5]))
+        deviations.append((best.at[:5] - true) / np.sqrt(np.diag(covariance)[:5]))
     # 80 numbers of about unit variance: their mean square lies below this in 99.9 % of cases.
     assert np.mean(np.square(deviations)) < 1.6
 
 
 def test_motors_come_out_with_their_signs_where_the_flight_steers():
     reading = physical(flown(0, steering=1.0))
-    assert reading.told
+    assert reading.identifiable
     assert reading.caution is None
     half, of_damping, of_lag = reading.interval(0.99)
     assert np.all(np.abs(reading.motors - MOTORS) < half)
@@ -142,11 +151,11 @@ def test_motors_come_out_with_their_signs_where_the_flight_steers():
     assert abs(reading.lag - LAG) < of_lag
 
 
-def test_nothing_is_told_where_motors_only_answer_the_wind():
+def test_nothing_is_identifiable_where_motors_only_react_to_the_wind():
     reading = physical(flown(0, steering=0.0, wind=3.0))
-    assert reading.wind_share > ANSWERS
+    assert reading.wind_share > MAX_WIND_SHARE
     assert np.isnan(np.append(*reading.interval()[:2])).all()
-    assert "cannot be told" in str(reading.caution)
+    assert "not identifiable" in str(reading.caution)
 
 
 def test_gaps_are_not_filtered_across():
@@ -157,11 +166,11 @@ def test_gaps_are_not_filtered_across():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "told"), [("iris_multisine", True), ("iris_doublets", True), ("iris_gusts", False)])
-def test_simulated_flights_are_told_where_they_steer_and_then_truly(name, told):
+def test_simulated_flights_are_identifiable_where_they_steer_and_then_truly(name, told):
     for seed in range(2):
         flight, motors, lag = scenario(name, seed)
         reading = physical(flight)
-        assert reading.told == told
+        assert reading.identifiable == told
         if told:
             way = motors / np.linalg.norm(motors)
             sd = np.sqrt(way @ reading.covariance[:4, :4] @ way)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from random_models import positive_definite
 
-from mavdem.dem.positive import inverse, logdet, solve
+from mavdem.dem.engine.linalg import inverse, logdet, solve
 
 
 @given(seed=st.integers(0, 10**6), size=st.integers(1, 8))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mavdem.dem.recursion import WORST_MODES, recursion
+from mavdem.dem.engine.model import WORST_MODES, recursion
 
 DEFECTIVE = np.array([[0.9, 1.0, 0.0], [0.0, 0.9, 1.0], [0.0, 0.0, 0.9]])
 FORGETTING = np.array([[0.9, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])

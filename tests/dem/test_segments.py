@@ -7,8 +7,8 @@ import pytest
 from simulated import DT, GAIN, RATE, simulated
 
 from mavdem import Flight, Learned, Settings, evaluate, learn
-from mavdem.dem.coordinates import embed
-from mavdem.dem.fit import generalized
+from mavdem.dem.engine.coordinates import embed
+from mavdem.dem.fitting import generalized
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 

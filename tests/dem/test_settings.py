@@ -1,3 +1,5 @@
+import pickle
+from dataclasses import replace
 from math import e
 
 import numpy as np
@@ -5,6 +7,7 @@ import pytest
 
 from mavdem import Settings
 from mavdem.dem import Gaussian
+from mavdem.dem.settings import CompleteSettings
 
 
 @pytest.mark.parametrize(
@@ -76,3 +79,21 @@ def test_a_document_of_something_else_is_refused(text):
 def test_an_unknown_setting_is_named():
     with pytest.raises(ValueError, match="not a setting: colour"):
         Settings.from_json('{"colour": 1}')
+
+
+def test_complete_settings_keep_what_was_fixed_and_leave_nothing_open():
+    complete = Settings(window=9, lambda_w=2).completed(order=3, d=2, window=11, parameter_precision=1.0)
+    assert (complete.order, complete.window, complete.lambda_w, complete.smoothness) == (3, 9, 2.0, None)
+    assert complete == Settings(order=3, d=2, window=9, parameter_precision=1.0, lambda_w=2)
+    assert hash(complete) == hash(Settings.from_dict(complete.to_dict()))
+    assert pickle.loads(pickle.dumps(complete)) == complete == CompleteSettings.from_json(complete.to_json())
+    assert CompleteSettings.paper() == Settings.paper()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("order", None), ("d", None), ("window", None), ("parameter_precision", None), ("smoothness", "learn")],
+)
+def test_complete_settings_refuse_what_is_open(name, value):
+    with pytest.raises(ValueError, match=f"^{name} must be"):
+        replace(CompleteSettings.paper(), **{name: value})

@@ -5,7 +5,7 @@ import pytest
 from numpy.polynomial import hermite
 from scipy.ndimage import gaussian_filter1d
 
-from mavdem.dem.smoothness import temporal_covariance, temporal_precision
+from mavdem.dem.engine.coordinates import temporal_covariance, temporal_precision
 
 
 @pytest.mark.parametrize("s", [0.01, 1.0, 7.0])

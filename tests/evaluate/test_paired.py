@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, wilcoxon
 
-from mavdem.evaluate.paired import Paired, Span, disjoint, paired
+from mavdem.evaluate.paired_test import Paired, Span, disjoint, paired
 
 INF = np.inf
 

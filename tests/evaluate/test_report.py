@@ -77,11 +77,15 @@ def test_the_report_is_plain_json_and_puts_the_best_first():
     assert report["forecast_mspe"]["DEM"]["relative"] == report["forecast_over_constant_mean"]
     variance = learned.forecast_variance(test.inputs).mean(axis=0) / train.outputs.var(axis=0)
     assert report["expected_error"] == pytest.approx(variance.mean())
-    assert report["trajectories"]["parameters"] == len(learned.trajectory.places)
-    turning = learned.trajectory.layout and learned.trajectory.layout.turning
+    assert report["trajectories"]["parameters"] == len(learned.simulation_fit.places)
+    turning = learned.simulation_fit.layout and learned.simulation_fit.layout.turning
     assert report["trajectories"]["turning"] == (None if turning is None else turning.tolist())
     reading = report["physical"]
     assert reading["motors"] == learned.physical.motors.tolist()
-    assert (reading["interval_90_percent"] is None) == (not learned.physical.told) == (reading["caution"] is not None)
+    assert (
+        (reading["interval_90_percent"] is None)
+        == (not learned.physical.identifiable)
+        == (reading["caution"] is not None)
+    )
     assert [each["window"] for each in report["candidates"]] == [9]
     assert report["free_energy"]["end"] == pytest.approx(sum(report["free_energy"]["terms"].values()))

@@ -17,6 +17,7 @@ MESSAGES = {
     "IMU": (132, "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ"),
     "EV": (133, "QB", "TimeUS,Id"),
     "ARM": (134, "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method"),
+    "DSF": (136, "QIHIIII", "TimeUS,Dp,Blk,Bytes,FMn,FMx,FAv"),
     "CTUN": (135, "Qfhh", "TimeUS,ThI,DCRt,CRt"),
 }
 

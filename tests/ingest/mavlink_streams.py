@@ -11,8 +11,8 @@ import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 from pymavlink.generator.mavcrc import x25crc
 
-from mavdem.ingest.decode import seeds
-from mavdem.ingest.framing import Frames, concatenated, find_frames
+from mavdem.ingest.mavlink.definitions import seeds
+from mavdem.ingest.mavlink.framing import Frames, concatenated, find_frames
 
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
 SAMPLES = Path(__file__).parents[2] / "logs"

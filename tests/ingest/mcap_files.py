@@ -11,7 +11,7 @@ from mavlink_streams import NOW
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from mavdem.ingest.mcap_writer import write_mcap
+from mavdem.ingest.mcap.writer import write_mcap
 from mavdem.ingest.tlog import tlog_stream
 
 

@@ -13,15 +13,16 @@ from mavlink_streams import SAMPLES, SHARED, frames_in
 from numpy.typing import NDArray
 from pymavlink import mavutil
 
-from mavdem.ingest.checksum import Bytes
-from mavdem.ingest.decode import columns, definitions
-from mavdem.ingest.framing import GOOD, Frames
-from mavdem.ingest.receipt import STAMP, Receipts
-from mavdem.ingest.tlog import _without_carriage_returns
+from mavdem.ingest.mavlink.checksum import Bytes
+from mavdem.ingest.mavlink.definitions import columns, definitions
+from mavdem.ingest.mavlink.framing import GOOD, Frames
+from mavdem.ingest.tlog import STAMP_BYTES, ReceiveStamps, _without_carriage_returns
 
 
 @pytest.fixture(autouse=True)
-def _same_dialect() -> Iterator[None]:
+def _same_dialect(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    # With the extension fields, which pymavlink's MAVLink 1 messages lack.
+    monkeypatch.setenv("MAVLINK20", "1")
     usual = mavutil.current_dialect
     mavutil.set_dialect("all")
     yield
@@ -68,8 +69,8 @@ def test_real_logs(path: Path, tmp_path: Path) -> None:
     if repairs:
         path = tmp_path / "restored.tlog"
         path.write_bytes(data.tobytes())
-    found = frames_in(data.tobytes(), STAMP)
-    receipts = Receipts(data)
+    found = frames_in(data.tobytes(), STAMP_BYTES)
+    receipts = ReceiveStamps(data)
     receipts.add(found)
     receipts.close()
     frames = found[found.verdict == GOOD]
@@ -105,7 +106,7 @@ def _pymavlink_stumbles(found: Frames, start: int) -> bool:
     row = int(np.searchsorted(found.start, start))
     short = int(found.end[row - 1] - found.start[row - 1]) < 12
     previous_end = np.concatenate([[0], found.end])[:-1]
-    return short or bool((found.start - previous_end != STAMP)[max(row - 8, 0) : row + 1].any())
+    return short or bool((found.start - previous_end != STAMP_BYTES)[max(row - 8, 0) : row + 1].any())
 
 
 def test_a_sample_in_small(tmp_path: Path) -> None:
@@ -114,7 +115,7 @@ def test_a_sample_in_small(tmp_path: Path) -> None:
         content = sample.read_bytes()[:60_000]
         path = tmp_path / sample.name
         path.write_bytes(content)
-        found = frames_in(content, STAMP)
+        found = frames_in(content, STAMP_BYTES)
         frames = found[found.verdict == GOOD]
         messages = list(theirs(path))
         assert len(messages) > 500

@@ -20,8 +20,8 @@ from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as dialect
 from whole_logs import everything, in_small_blocks, read
 
-from mavdem.ingest.framing import GOOD
-from mavdem.ingest.receipt import FAR, FAR_AFTER_DAMAGE, STAMP, Receipts
+from mavdem.ingest.mavlink.framing import GOOD
+from mavdem.ingest.tlog import MAX_JUMP_AFTER_DAMAGE, MAX_STAMP_JUMP, STAMP_BYTES, ReceiveStamps
 
 IDS = sorted(dialect.mavlink_map)
 MARKERS = [0, 1, 9, 0x0A, 0x0D, 0xFD, 0xFE, 0xFF]
@@ -102,7 +102,7 @@ def assert_columns_equal(content: bytes, messages: list[Any]) -> None:
 
 @pytest.mark.slow
 @given(st.lists(st.tuples(STAMPS, any_message()), max_size=8))
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_columns_are_pymavlinks(tmp_path_factory: pytest.TempPathFactory, sent: list[tuple[bytes, bytes]]) -> None:
     content = tlog(INTRODUCED) + b"".join(stamp + each for stamp, each in sent)
     messages = theirs(content, tmp_path_factory.mktemp("sound"))
@@ -111,7 +111,7 @@ def test_columns_are_pymavlinks(tmp_path_factory: pytest.TempPathFactory, sent: 
 
 
 @given(st.lists(st.tuples(GARBAGE, STAMPS, any_message()), min_size=1, max_size=6), any_message(), st.data())
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_among_garbage_none_is_missed_that_was_sent_or_that_pymavlink_finds(
     tmp_path_factory: pytest.TempPathFactory,
     sent: list[tuple[bytes, bytes, bytes]],
@@ -121,7 +121,7 @@ def test_among_garbage_none_is_missed_that_was_sent_or_that_pymavlink_finds(
     """The other way round pymavlink loses frames behind garbage that looks like the header of a long one."""
     cut = last[: data.draw(st.integers(0, len(last) - 1))]
     content = tlog(INTRODUCED) + b"".join(b"".join(each) for each in sent) + bytes(8) + cut
-    table = frames_in(content, STAMP)
+    table = frames_in(content, STAMP_BYTES)
     good = table[table.verdict == GOOD]
     found = [content[start:end] for start, end in zip(good.start, good.end, strict=True)]
     assert in_order([*INTRODUCED, *(each for _, _, each in sent)], found)
@@ -134,47 +134,50 @@ def in_order(some: list[bytes], all_of_them: list[bytes]) -> bool:
 
 
 @given(st.integers(1, 118), st.binary(min_size=8, max_size=8))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_damaged_stamp_misleads_pymavlink_and_not_us(
     tmp_path_factory: pytest.TempPathFactory, row: int, wrong: bytes
 ) -> None:
     frames = [heartbeat(), *flight(TIMES)]
-    place = sum(STAMP + len(each) for each in frames[:row])
+    place = sum(STAMP_BYTES + len(each) for each in frames[:row])
     content = bytearray(tlog(frames))
-    content[place : place + STAMP] = wrong
+    content[place : place + STAMP_BYTES] = wrong
     log = read(bytes(content))
     assert log is not None
     first, last = NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)
-    assert log.receive_time == pytest.approx((first, last)) or abs(struct.unpack(">Q", wrong)[0] / 1e6 - first) <= FAR
+    assert (
+        log.receive_time == pytest.approx((first, last))
+        or abs(struct.unpack(">Q", wrong)[0] / 1e6 - first) <= MAX_STAMP_JUMP
+    )
     assert np.allclose(log.vehicles[0].messages["ATTITUDE"]["time"], TIMES)
     messages = theirs(bytes(content), tmp_path_factory.mktemp("stamp"))
     assert messages[row]._timestamp == pytest.approx(struct.unpack(">Q", wrong)[0] / 1e6)
 
 
 @given(st.integers(1, 117), st.integers(1, 8))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_a_stamp_with_bytes_missing_costs_us_no_message(row: int, missing: int) -> None:
     frames = [heartbeat(), *flight(TIMES)]
-    place = sum(STAMP + len(each) for each in frames[:row])
+    place = sum(STAMP_BYTES + len(each) for each in frames[:row])
     content = tlog(frames)
     log = read(content[:place] + content[place + missing :])
     assert log is not None
-    assert log.speakers[0].messages == {"HEARTBEAT": 1, "ATTITUDE": len(TIMES), "SERVO_OUTPUT_RAW": len(TIMES)}
+    assert log.components[0].messages == {"HEARTBEAT": 1, "ATTITUDE": len(TIMES), "SERVO_OUTPUT_RAW": len(TIMES)}
     assert log.receive_time == pytest.approx((NOW / 1e6, NOW / 1e6 + 0.01 * (len(frames) - 1)))
 
 
 @given(st.lists(st.tuples(st.integers(0, 12), st.sampled_from([0.1, 30.0, 100.0, 3000.0, 1e7, -5e6]))), st.data())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_receive_stamps_are_believed_by_those_around_them(sent: list[tuple[int, float]], data: st.DataObject) -> None:
     """Held against the rule itself, over all stamps at once."""
     content, stamps, limits, now = b"", [], [], 1.5e9
     for garbage, step in sent:
         now += step
         stamps.append(round(now * 1e6) / 1e6)
-        limits.append(FAR_AFTER_DAMAGE if garbage else FAR)
+        limits.append(MAX_JUMP_AFTER_DAMAGE if garbage else MAX_STAMP_JUMP)
         content += bytes(garbage) + struct.pack(">Q", round(now * 1e6)) + heartbeat()
-    table, content_array = frames_in(content, STAMP), np.frombuffer(content, dtype=np.uint8)
-    receipts, begin = Receipts(content_array), 0
+    table, content_array = frames_in(content, STAMP_BYTES), np.frombuffer(content, dtype=np.uint8)
+    receipts, begin = ReceiveStamps(content_array), 0
     while begin < len(table):
         end = begin + data.draw(st.integers(1, 12))
         receipts.add(table[begin:end])
@@ -203,7 +206,7 @@ UNREADABLE = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)
         max_size=12,
     )
 )
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_blocks_of_a_few_bytes_read_as_one_block(sent: list[tuple[bytes, bytes, bytes]]) -> None:
     content = tlog([heartbeat(), *flight(TIMES[:4])]) + b"".join(b"".join(each) for each in sent)
     for stream in (content, content.replace(b"\n", b"\r\n")):
@@ -224,7 +227,7 @@ def test_a_cut_tail_costs_no_whole_message(left: int) -> None:
     content = tlog([heartbeat(), *flight(TIMES)])
     log = read(content + tlog([heartbeat()])[:left])
     assert log is not None
-    assert sum(log.speakers[0].messages.values()) == log.frames == 1 + 2 * len(TIMES)
+    assert sum(log.components[0].messages.values()) == log.frames == 1 + 2 * len(TIMES)
     assert (log.unread, log.bytes_skipped) == ((), left)
 
 

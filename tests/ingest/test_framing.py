@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 from pymavlink.generator.mavcrc import x25crc
 
-from mavdem.ingest import checksum
-from mavdem.ingest.checksum import Bytes
-from mavdem.ingest.decode import columns, definitions
-from mavdem.ingest.framing import FAILED, GOOD, UNKNOWN
+from mavdem.ingest.mavlink import checksum
+from mavdem.ingest.mavlink.checksum import Bytes
+from mavdem.ingest.mavlink.definitions import columns, definitions
+from mavdem.ingest.mavlink.framing import FAILED, GOOD, UNKNOWN
 
 IDS = sorted(dialect.mavlink_map)
 
@@ -42,7 +42,7 @@ def same(one: object, other: object) -> bool:
 
 
 @given(st.lists(any_frame(), min_size=1, max_size=8), st.sampled_from([0, 8]), st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames: list[bytes], gap: int, data: st.DataObject) -> None:
     content = b"".join(data.draw(st.binary(min_size=gap, max_size=gap)) + each for each in frames)
     table = frames_in(content, gap)
@@ -64,7 +64,7 @@ def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames: list[bytes],
 
 
 @given(st.lists(st.tuples(st.binary(max_size=40), any_frame()), min_size=1, max_size=6), st.data())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_garbage_between_frames_and_a_cut_tail_lose_no_whole_frame(
     pieces: list[tuple[bytes, bytes]], data: st.DataObject
 ) -> None:
@@ -95,7 +95,7 @@ def test_a_frame_carried_inside_a_damaged_one_is_not_taken() -> None:
     assert table.sequence.tolist() == [1, 2, 3]
 
 
-def test_frames_of_another_dialect_are_told_from_known_ones() -> None:
+def test_frames_of_another_dialect_are_distinguished_from_known_ones() -> None:
     known, strange = frame(0, bytes(range(9))), frame(64_000, b"abcd", seed=7)
     renamed = frame(30, bytes(range(28)), seed=1)
     table = frames_in(known + strange + renamed + known)
@@ -138,9 +138,8 @@ def test_the_work_for_overlapping_candidates_does_not_grow_with_their_overlap(mo
 
 
 @given(st.binary(min_size=300, max_size=2000), st.data())
-@settings(deadline=None)
 def test_checksums_are_pymavlinks_however_they_are_made(content: bytes, data: st.DataObject) -> None:
-    behind = np.frombuffer(content + bytes(checksum.LONGEST), dtype=np.uint8)
+    behind = np.frombuffer(content + bytes(checksum.MAX_CHECKSUM_BYTES), dtype=np.uint8)
     count = np.array(data.draw(st.lists(st.integers(5, 264), min_size=1, max_size=40)))
     start = np.array(data.draw(st.lists(st.integers(0, len(content) - 1), min_size=len(count), max_size=len(count))))
     theirs = [x25crc(behind[a : a + b].tolist()).crc for a, b in zip(start, count, strict=True)]

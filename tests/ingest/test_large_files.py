@@ -13,12 +13,13 @@ import pytest
 from mavlink_streams import flight, frame, heartbeat, tlog
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.convert import convert
 from mavdem.errors import Unreadable
-from mavdem.ingest import files, read_log
-from mavdem.ingest.mcap_writer import write_mcap
+from mavdem.export.conversion import convert
+from mavdem.files import atomic_write
+from mavdem.ingest import contents as files
+from mavdem.ingest import read_log
+from mavdem.ingest.mcap.writer import write_mcap
 from mavdem.ingest.tlog import tlog_stream
-from mavdem.whole_file import whole_file
 
 OTHERS = [
     kind
@@ -30,7 +31,7 @@ TIMES = [20 + 0.01 * row for row in range(300)]
 
 @pytest.fixture
 def _mapped(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files, "LARGE", 1)
+    monkeypatch.setattr(files, "MIN_MAPPED_BYTES", 1)
 
 
 def written(path: Path, content: bytes) -> Path:
@@ -78,7 +79,7 @@ def test_a_mapped_file_that_is_cut_while_it_is_written_anew_leaves_nothing_behin
     path = written(tmp_path / "flight.tlog", tlog([heartbeat(), *flight(TIMES)]))
     stream = tlog_stream(path)
     os.truncate(path, 100)
-    with pytest.raises(Unreadable, match="cut short"), whole_file(tmp_path / "flight.mcap") as file:
+    with pytest.raises(Unreadable, match="cut short"), atomic_write(tmp_path / "flight.mcap") as file:
         write_mcap(file, stream)
     assert [each.name for each in tmp_path.iterdir()] == ["flight.tlog"]
 

@@ -13,10 +13,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mavlink_streams import NOW, SAMPLES, flight, frame, heartbeat, message, tlog
 
+from mavdem.alignment.signals import attitude
 from mavdem.errors import Unreadable
 from mavdem.ingest import Log, read_log
-from mavdem.ingest.log import Speaker
-from mavdem.ingest.meaning import attitude
+from mavdem.ingest.formats import read_stream
+from mavdem.ingest.log import Component
 
 TIMES = [20 + 0.01 * row for row in range(300)]
 
@@ -66,7 +67,7 @@ def test_several_systems_are_kept_apart_and_only_vehicles_listed(tmp_path: Path)
         (7, 1, "HEXAROTOR", "PX4"),
     ]
     assert np.allclose(log.vehicles[1].messages["ATTITUDE"]["time"], np.array(TIMES) + 1000)
-    assert [speaker.kind for speaker in log.speakers] == ["QUADROTOR", "GIMBAL", "HEXAROTOR", "GCS"]
+    assert [speaker.kind for speaker in log.components] == ["QUADROTOR", "GIMBAL", "HEXAROTOR", "GCS"]
 
 
 @pytest.mark.parametrize("stray", [heartbeat(kind=0, autopilot=8), heartbeat(kind=6, autopilot=8)])
@@ -116,11 +117,17 @@ def test_a_parameter_that_is_not_finite_was_not_sent(tmp_path: Path, autopilot: 
     assert vehicle.parameters == {"GAIN": 0.5}
 
 
+def test_a_telemetry_radio_is_called_one(tmp_path: Path) -> None:
+    content = tlog([message("RADIO_STATUS", 51, 68, sequence=number) for number in range(20)])
+    (radio,) = log_of(content, tmp_path).components
+    assert (radio.kind, radio.messages) == ("TELEMETRY_RADIO", {"RADIO_STATUS": 20})
+
+
 def test_who_only_beats_is_heard_but_no_vehicle(tmp_path: Path) -> None:
     beats = [heartbeat(system, component) for system in range(2, 22) for component in range(1, 101)]
     log = log_of(tlog([heartbeat(), *flight(TIMES), *beats]), tmp_path)
     assert [vehicle.system for vehicle in log.vehicles] == [1]
-    assert len(log.speakers) == 1 + len(beats)
+    assert len(log.components) == 1 + len(beats)
 
 
 def test_the_parameters_of_many_systems_are_looked_up_once_each(
@@ -129,12 +136,12 @@ def test_the_parameters_of_many_systems_are_looked_up_once_each(
     """The work for one vehicle must not grow with the number of others."""
     asked = 0
 
-    def counted(speaker: Speaker, name: str) -> object:
+    def counted(speaker: Component, name: str) -> object:
         nonlocal asked
         asked += name == "system"
         return object.__getattribute__(speaker, name)
 
-    monkeypatch.setattr(Speaker, "__getattribute__", counted)
+    monkeypatch.setattr(Component, "__getattribute__", counted)
     count = 200
     frames = [
         each for system in range(1, 201) for each in (heartbeat(system), message("ATTITUDE", system, time_boot_ms=9))
@@ -143,7 +150,7 @@ def test_the_parameters_of_many_systems_are_looked_up_once_each(
     assert asked < 10 * count
 
 
-def test_failures_are_told_apart(tmp_path: Path) -> None:
+def test_failures_are_distinguished(tmp_path: Path) -> None:
     frames = [heartbeat(), *flight(TIMES)]
     damaged = bytearray(frames[11])
     damaged[15] ^= 0xFF
@@ -158,7 +165,7 @@ def test_failures_are_told_apart(tmp_path: Path) -> None:
 def test_sequence_gaps_count_as_lost(tmp_path: Path) -> None:
     frames = [heartbeat(), *flight(TIMES, sequence=1)]
     del frames[100:107]
-    assert log_of(tlog(frames), tmp_path).speakers[0].lost == 7
+    assert log_of(tlog(frames), tmp_path).components[0].lost == 7
 
 
 def test_what_is_overtaken_or_comes_twice_is_not_lost(tmp_path: Path) -> None:
@@ -166,13 +173,13 @@ def test_what_is_overtaken_or_comes_twice_is_not_lost(tmp_path: Path) -> None:
     for row in range(10, 500, 7):
         frames[row : row + 2] = frames[row + 1], frames[row]
     frames[520:530] = frames[525:530] + frames[520:525]
-    assert log_of(tlog(frames), tmp_path).speakers[0].lost == 0
+    assert log_of(tlog(frames), tmp_path).components[0].lost == 0
     del frames[541:551]
-    assert log_of(tlog(frames), tmp_path).speakers[0].lost == 10
+    assert log_of(tlog(frames), tmp_path).components[0].lost == 10
     twice = [frame for each in frames for frame in (each, each)]
-    assert log_of(tlog(twice), tmp_path).speakers[0].lost == 10
+    assert log_of(tlog(twice), tmp_path).components[0].lost == 10
     again = [heartbeat(), *flight(TIMES, sequence=1)] + frames
-    assert log_of(tlog(again), tmp_path).speakers[0].lost <= 10 + 127
+    assert log_of(tlog(again), tmp_path).components[0].lost <= 10 + 127
 
 
 def test_receive_span_is_not_taken_in_by_a_wrong_stamp(tmp_path: Path) -> None:
@@ -194,7 +201,7 @@ def test_a_file_transferred_as_text_is_restored(tmp_path: Path) -> None:
 
 
 @given(st.integers(0, 2**32), st.floats(0.0, 0.02))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_damage_never_makes_an_error_or_a_false_message(
     tmp_path_factory: pytest.TempPathFactory, seed: int, rate: float
 ) -> None:
@@ -242,6 +249,22 @@ def test_what_cannot_be_read_is_said_in_one_sentence(tmp_path: Path, name: str, 
     path = tmp_path / name
     path.write_bytes(content)
     assert said in unreadable(path)
+
+
+@pytest.mark.parametrize("name", ["a.tlog", "a.mcap", "a.BIN", "a.ulg", "a"])
+def test_a_pointer_of_git_lfs_says_how_to_fetch_the_log(tmp_path: Path, name: str) -> None:
+    pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:f878642b\nsize 61497068\n"
+    for read in (read_log, read_stream):
+        (tmp_path / name).write_bytes(pointer)
+        with pytest.raises(Unreadable, match="pointer of Git LFS.* `git lfs pull`"):
+            read(tmp_path / name)
+
+
+def test_a_frame_that_chance_makes_in_another_file_is_no_log(tmp_path: Path) -> None:
+    other = random.Random(0).randbytes(1 << 20)
+    with pytest.raises(Unreadable, match="contains no MAVLink"):
+        log_of(other + heartbeat() + other, tmp_path)
+    assert log_of(heartbeat(), tmp_path).frames == 1
 
 
 def test_what_is_no_file_is_said_in_one_sentence(tmp_path: Path) -> None:

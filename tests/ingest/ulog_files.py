@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from mavdem.ingest import Log, read_log
-from mavdem.telemetry import Telemetry
+from mavdem.ingest.telemetry import Telemetry
 
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
 REAL = ["logs/pyulog_sample.ulg", "logs/pyulog_appended_multiple.ulg"]

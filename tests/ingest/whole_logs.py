@@ -6,16 +6,16 @@ import tempfile
 from typing import Any
 
 from mavdem.errors import Unreadable
-from mavdem.ingest import Log, census, clocks, decode, framing, read_log, receipt, strays, tlog
+from mavdem.ingest import Log, read_log, tlog
+from mavdem.ingest.mavlink import clocks, definitions, frame_index, framing
 
 SMALL = (
     (framing, "BLOCK", 61),
     (tlog, "BLOCK", 5),
-    (census, "BATCH", 7),
+    (frame_index, "BATCH", 7),
     (clocks, "BATCH", 5),
-    (strays, "BATCH", 6),
-    (decode, "BATCH", 3),
-    (receipt, "BATCH", 4),
+    (definitions, "BATCH", 3),
+    (tlog, "BATCH", 4),
 )
 
 
@@ -50,5 +50,5 @@ def everything(log: Log | None) -> list[Any]:
         who = (vehicle.system, vehicle.component, vehicle.vehicle, repr(vehicle.parameters), vehicle.repairs)
         sent = [(name, columns.items()) for name, columns in vehicle.messages.items()]
         vehicles.append((who, [(name, field, values.tobytes()) for name, fields in sent for field, values in fields]))
-    speakers = [(speaker.system, speaker.component, dict(speaker.messages), speaker.lost) for speaker in log.speakers]
+    speakers = [(speaker.system, speaker.component, dict(speaker.messages), speaker.lost) for speaker in log.components]
     return [vehicles, speakers, log.unread, log.frames, log.bytes_skipped, repr(log.receive_time)]

@@ -13,10 +13,12 @@ from mavlink_streams import frame, message, tlog
 from numpy.typing import NDArray
 from whole_logs import read
 
-from mavdem.align import DECIMATED, STAMP, UNSURE, Segment, align
-from mavdem.ingest import meaning
-from mavdem.live import Event, LiveStream, Row, Setup
-from mavdem.telemetry import Telemetry
+from mavdem.alignment import signals
+from mavdem.alignment.align import FILTER_EDGE_STEPS, LOW_PASS_RATIO, align
+from mavdem.alignment.segments import STAMP_SECONDS, Segment
+from mavdem.alignment.signals import Signals
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.live import AlignedRow, Event, LiveStream, Setup
 
 Timed = list[tuple[float, bytes]]
 """Frames with the time, s of the vehicle's clock, at which each is sent."""
@@ -89,16 +91,18 @@ class Replay:
     """What came of a stream."""
 
     stream: LiveStream
-    rows: list[Row] = field(default_factory=list)
+    rows: list[AlignedRow] = field(default_factory=list)
     events: list[Event] = field(default_factory=list)
     setups: dict[int, Setup] = field(default_factory=dict)
+    taken_back: list[tuple[int, float]] = field(default_factory=list)
+    """Segment, and the time since which its settled rows were of a landing."""
 
     @property
     def sentences(self) -> list[str]:
         return [event.sentence for event in self.events]
 
-    def segments(self) -> dict[int, list[Row]]:
-        found: dict[int, list[Row]] = {}
+    def segments(self) -> dict[int, list[AlignedRow]]:
+        found: dict[int, list[AlignedRow]] = {}
         for row in self.rows:
             found.setdefault(row.segment, []).append(row)
         return found
@@ -118,6 +122,9 @@ def replay(pieces: Iterable[tuple[float, bytes]], stream: LiveStream | None = No
             assert made.stream.setup is not None
             made.setups[rows[-1].segment] = made.stream.setup
         made.events += made.stream.events()
+        since = made.stream.taken_back()
+        if since is not None and made.rows:
+            made.taken_back.append((made.rows[-1].segment, since))
     return made
 
 
@@ -145,12 +152,12 @@ def differences(made: Replay, segment: int, telemetry: Telemetry, axis: str = "r
     The offline segment is the one whose grid begins with the live one's; at its end one may know a message more.
     """
     rows, setup = made.segments()[segment], made.setups[segment]
-    stamps = meaning.attitude(telemetry, axis)
+    stamps = signals.attitude(telemetry, axis)
     assert stamps is not None
     here = stamps.time[stamps.boot == setup.boot]
-    margin = UNSURE * setup.dt if max(setup.rates) * setup.dt >= DECIMATED else 0.0
-    start = here[np.searchsorted(here, setup.start - margin + STAMP) - 1]
-    flight = align(telemetry, Segment(setup.boot, float(start), rows[-1].time + margin + 0.9 * setup.dt), axis)
+    margin = FILTER_EDGE_STEPS * setup.dt if max(setup.rates) * setup.dt >= LOW_PASS_RATIO else 0.0
+    start = here[np.searchsorted(here, setup.start - margin + STAMP_SECONDS) - 1]
+    flight = align(Signals(telemetry, axis), Segment(setup.boot, float(start), rows[-1].time + margin + 0.9 * setup.dt))
     assert flight.dt == setup.dt
     flight = flight[round((rows[0].time - setup.start) / setup.dt) :]
     count = min(len(rows), len(flight.time))

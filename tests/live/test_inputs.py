@@ -7,7 +7,7 @@ import pytest
 from live_hover import Flight, Timed, differences, offline, replay
 from mavlink_streams import heartbeat, message
 
-from mavdem.ingest import meaning
+from mavdem.alignment import drive
 
 OCTOROTOR = 14
 
@@ -28,7 +28,7 @@ def octo() -> Timed:
     return frames
 
 
-def test_motors_on_two_ports_are_told_together():
+def test_motors_on_two_ports_are_reported_together():
     frames = octo()
     made = replay(frames)
     assert made.setups[0].layout.channels == (1, 2, 3, 4, 9, 10, 11, 12)
@@ -56,7 +56,7 @@ def with_demand(motors: float) -> Timed:
 def test_the_demand_is_the_input_where_motors_come_too_slowly_or_it_is_asked_for(motors, wanted):
     frames = with_demand(motors)
     made = replay(frames, inputs=wanted)
-    assert made.setups[0].motors == meaning.DEMAND
+    assert made.setups[0].motors == drive.DEMAND_MESSAGE
     assert made.setups[0].layout.names == ("roll demand",)
     settled = [row for row in made.rows if row.settled]
     expected = Flight().hover.roll_command(np.array([row.time for row in settled])) / 100
@@ -66,6 +66,23 @@ def test_the_demand_is_the_input_where_motors_come_too_slowly_or_it_is_asked_for
 def test_motors_are_the_input_where_they_are_fast_or_asked_for():
     assert replay(with_demand(100.0)).setups[0].motors == "SERVO_OUTPUT_RAW"
     assert not replay(with_demand(5.0), inputs="motors").rows
+
+
+def test_motors_in_a_less_frequent_message_are_found_where_the_most_frequent_has_none():
+    frames: Timed = []
+    for time, data in Flight().frames(end=20.0):
+        if data[7] != 36:
+            frames.append((time, data))
+            continue
+        outputs = Flight().hover.motors(np.array([time]))[0]
+        controls = [*((outputs - 1000) / 1000).tolist(), *[0.0] * 12]
+        stamp = {"time_usec": round(time * 1e6), "sequence": data[4]}
+        frames.append((time, message("HIL_ACTUATOR_CONTROLS", controls=controls, **stamp)))
+        fixed = {f"servo{n}_raw": 1500 for n in range(1, 5)}
+        frames.append((time, message("SERVO_OUTPUT_RAW", **fixed, **stamp)))
+    assert drive.motors(offline([data for _, data in frames])).message == "HIL_ACTUATOR_CONTROLS"
+    made = replay(frames)
+    assert made.setups[0].motors == "HIL_ACTUATOR_CONTROLS"
 
 
 def test_pitch_is_read_from_pitch():
@@ -90,9 +107,9 @@ def test_channels_beyond_eight_begin_a_new_segment_and_rows_go_on():
     assert len(made.segments()) == 2
 
 
-def test_the_beginning_without_anything_is_told():
+def test_the_beginning_without_anything_is_reported():
     made = replay([(0.0, heartbeat())])
     status = made.stream.status()
-    assert (status.vehicle, status.verdict, status.rates) == (None, "No vehicle is heard yet.", {})
+    assert (status.vehicle, status.obstacle, status.rates) == (None, "No vehicle found yet.", {})
     assert made.stream.parameters == {}
     assert made.stream.setup is None

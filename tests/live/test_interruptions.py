@@ -10,8 +10,8 @@ from hover import Hover
 from live_hover import Flight, Replay, Timed, differences, offline, replay
 from mavlink_streams import message
 
-from mavdem.align import sample
-from mavdem.ingest import meaning
+from mavdem.alignment import drive, signals
+from mavdem.alignment.align import sample
 
 FLIGHT = Flight(hover=Hover(hovering=30.0))
 STEADY = 12.0
@@ -45,7 +45,10 @@ def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     assert made.setups[0].dt == made.setups[1].dt == 0.01
     assert made.segments()[1][0].time == pytest.approx(18.0 + silence, abs=0.02)
     assert all(row.settled for row in made.segments()[1])
-    assert sum("Nothing came of" in sentence or "nothing was heard" in sentence for sentence in made.sentences) >= 1
+    assert (
+        sum("a new segment starts" in sentence or "Nothing was received" in sentence for sentence in made.sentences)
+        >= 1
+    )
     settled_uniform(made)
     same_as_offline(made, frames + rest)
 
@@ -76,7 +79,7 @@ def test_a_fifth_lost_changes_no_segment():
     settled_uniform(made)
     # The step is the mean of two seconds, and offline that of all: what is told must be what offline reads there.
     telemetry, rows = offline([data for _, data in frames]), made.segments()[0]
-    attitude, motors = meaning.attitude(telemetry, "roll"), meaning.motors(telemetry)
+    attitude, motors = signals.attitude(telemetry, "roll"), drive.motors(telemetry)
     grid = np.array([row.time for row in rows])
     for stamps, values, told in (
         (attitude.time, np.column_stack([attitude.angle, attitude.rate]), [row.outputs for row in rows]),
@@ -108,7 +111,7 @@ def test_a_clock_that_jumps_forward_begins_a_new_segment():
     assert {setup.boot for setup in made.setups.values()} == {0}
     assert made.segments()[1][0].time == pytest.approx(1018.0, abs=0.02)
     assert any(
-        one == "For 1000.0 s of the vehicle's clock, from 18.0 s on, nothing was heard." for one in made.sentences
+        one == "Nothing was received for 1000.0 s of the vehicle's clock, from 18.0 s on." for one in made.sentences
     )
     settled_uniform(made)
 
@@ -158,19 +161,19 @@ def test_another_rate_in_flight_decides_the_step_anew(before, after):
     fast = Flight(hover=FLIGHT.hover, attitude=after, motors=after).frames(start=18.0, end=26.0)
     made = replay(slow + fast)
     assert [setup.dt for setup in made.setups.values()] == [pytest.approx(1 / before), pytest.approx(1 / after)]
-    assert any(f"comes no more at {before:.3g} Hz: a new segment." in sentence for sentence in made.sentences)
+    assert any(f"no longer comes at {before:.3g} Hz: a new segment starts." in sentence for sentence in made.sentences)
     assert made.segments()[1][0].time < 21.0
     assert all(row.settled for row in made.segments()[1])
     settled_uniform(made)
 
 
-def test_too_slow_a_stream_is_said_with_the_cure_and_tells_no_rows_until_it_is_fast():
+def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows_until_it_is_fast():
     slow = Flight(hover=FLIGHT.hover, motors=4.0).frames(end=18.0)
     made = replay(slow)
     assert not made.rows
     assert [sentence for sentence in made.sentences if "Hz" in sentence] == [
-        "SERVO_OUTPUT_RAW comes at 4.0 Hz; roll dynamics live at several Hz and need 40 Hz of attitude and of motor "
-        "outputs, better 100. Ask for more with `--request-rate 100`."
+        "SERVO_OUTPUT_RAW comes at 4.0 Hz; roll motion has frequencies of several Hz, which need 40 Hz of attitude and "
+        "of motor outputs or demand, better 100. Ask for more with `--request-rate 100`."
     ]
     assert made.stream.status().rates["SERVO_OUTPUT_RAW"] == pytest.approx(4.0, abs=0.1)
     cured = replay(FLIGHT.frames(start=18.0, end=24.0), made.stream)
@@ -182,7 +185,7 @@ def test_too_slow_a_stream_is_said_with_the_cure_and_tells_no_rows_until_it_is_f
 def test_who_asks_for_rates_is_not_told_to():
     made = replay(Flight(hover=FLIGHT.hover, motors=4.0).frames(end=18.0), asked=True)
     (sentence,) = [sentence for sentence in made.sentences if "Hz" in sentence]
-    assert sentence.endswith("better 100.") and made.stream.status().verdict == sentence
+    assert sentence.endswith("better 100.") and made.stream.status().obstacle == sentence
 
 
 def test_no_attitude_and_no_motors_are_said():

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.ingest.compose import Sender
-from mavdem.ingest.live_messages import Message
-from mavdem.live.rate_request import GET_INTERVAL, SET_INTERVAL, STOPPED, RateRequest
+from mavdem.ingest.mavlink.compose import FrameSender
+from mavdem.live.messages import LiveMessage
+from mavdem.live.rate_request import GET_INTERVAL, PAUSE_SECONDS, SET_INTERVAL, STOPPED, Arrivals, RateRequest
 
-VEHICLE = Sender(7, 1)
+VEHICLE = FrameSender(7, 1)
+US = (255, 190)
 
 
-def told(name: str, first: int, second: int) -> Message:
-    return Message(name, 0.0, 0.0, (first, second))
+def told(name: str, first: int, second: int, to: tuple[int, int] = US) -> LiveMessage:
+    return LiveMessage(name, 0.0, 0.0, (first, second, *(to if name == "COMMAND_ACK" else ())))
+
+
+def request_of(rate: float, *messages: int) -> RateRequest:
+    return RateRequest(VEHICLE, rate, messages or (30, 36), evidence=())
 
 
 def said(frames: list[bytes]) -> list[tuple[int, int, float]]:
@@ -27,48 +33,53 @@ def said(frames: list[bytes]) -> list[tuple[int, int, float]]:
 
 
 def test_intervals_are_noted_then_set_and_given_back():
-    request = RateRequest(VEHICLE, rate=100.0)
+    request = request_of(100.0)
     assert said(request.due(0.0, {})) == [(GET_INTERVAL, 30, 0), (GET_INTERVAL, 36, 0)]
     assert request.due(0.5, {}) == [], "an answer is waited for"
-    request.heard(told("MESSAGE_INTERVAL", 30, 250_000))
-    request.heard(told("MESSAGE_INTERVAL", 36, STOPPED))
-    assert said(request.due(0.6, {})) == [(SET_INTERVAL, 30, 10_000), (SET_INTERVAL, 36, 10_000)]
-    request.heard(told("MESSAGE_INTERVAL", 30, 10_000))
-    for _ in range(2):
-        request.heard(told("COMMAND_ACK", SET_INTERVAL, 0))
+    request.take(told("MESSAGE_INTERVAL", 30, 250_000))
+    request.take(told("MESSAGE_INTERVAL", 36, STOPPED))
+    # One at a time: a confirmation does not name the message.
+    assert said(request.due(0.6, {})) == [(SET_INTERVAL, 30, 10_000)]
+    assert request.due(0.7, {}) == []
+    request.take(told("MESSAGE_INTERVAL", 30, 10_000))
+    request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
+    assert said(request.due(0.8, {})) == [(SET_INTERVAL, 36, 10_000)]
+    request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
     assert request.due(10.0, {}) == [] and request.events == []
     assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000), (SET_INTERVAL, 36, STOPPED)]
 
 
 def test_a_vehicle_that_tells_no_interval_gets_back_what_was_measured():
-    request = RateRequest(VEHICLE, rate=50.0)
+    request = request_of(50.0)
     for second in range(3):
         assert {command for command, _, _ in said(request.due(float(second), {30: 4.0}))} == {GET_INTERVAL}
-    request.heard(told("MESSAGE_INTERVAL", 30, 0))
-    assert said(request.due(3.0, {30: 4.0})) == [(SET_INTERVAL, 30, 20_000), (SET_INTERVAL, 36, 20_000)]
+    request.take(told("MESSAGE_INTERVAL", 30, 0))
+    assert said(request.due(3.0, {30: 4.0})) == [(SET_INTERVAL, 30, 20_000)]
+    request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
+    assert said(request.due(3.1, {30: 4.0})) == [(SET_INTERVAL, 36, 20_000)]
     assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000), (SET_INTERVAL, 36, STOPPED)]
 
 
-def test_no_answer_and_a_refusal_are_told():
-    silent = RateRequest(VEHICLE, rate=50.0, messages=(30,))
+def test_no_answer_and_a_refusal_are_reported():
+    silent = request_of(50.0, 30)
     sent = [silent.due(float(second), {}) for second in range(9)]
-    assert sum(map(len, sent)) == 6 and "does not answer" in silent.events[0] and len(silent.events) == 1
-    refused = RateRequest(VEHICLE, rate=50.0, messages=(375,))
+    assert sum(map(len, sent)) == 6 and "has not confirmed" in silent.events[0] and len(silent.events) == 1
+    refused = request_of(50.0, 375)
     refused.due(0.0, {})
-    refused.heard(told("MESSAGE_INTERVAL", 375, -1))
+    refused.take(told("MESSAGE_INTERVAL", 375, -1))
     refused.due(0.1, {})
-    refused.heard(told("COMMAND_ACK", SET_INTERVAL, 4))
-    assert "refuses" in refused.events[0] and "375" in refused.events[0]
+    refused.take(told("COMMAND_ACK", SET_INTERVAL, 4))
+    assert "refuses" in refused.events[0] and "ACTUATOR_OUTPUT_STATUS" in refused.events[0]
     assert refused.due(9.0, {}) == []
 
 
 def settled(rate: float = 100.0) -> RateRequest:
     """A request about one message that came at 4 Hz and now comes as it was asked for."""
-    request = RateRequest(VEHICLE, rate, messages=(30,))
+    request = request_of(rate, 30)
     request.due(0.0, {30: 4.0})
-    request.heard(told("MESSAGE_INTERVAL", 30, 250_000))
+    request.take(told("MESSAGE_INTERVAL", 30, 250_000))
     assert said(request.due(0.1, {30: 4.0})) == [(SET_INTERVAL, 30, 10_000)]
-    request.heard(told("COMMAND_ACK", SET_INTERVAL, 0))
+    request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
     assert request.due(5.0, {30: rate}) == []
     return request
 
@@ -78,11 +89,11 @@ def test_what_was_set_back_is_asked_for_again_and_what_it_was_before_stays_known
     request = settled()
     assert said(request.due(30.0, slow)) == [(SET_INTERVAL, 30, 10_000)]
     (event,) = request.events
-    assert "asked for again" in event
+    assert "asking for it again" in event
     # Whoever sets it back over and over is not answered each second.
     sent = 0
     for second in range(31, 61):
-        request.heard(told("COMMAND_ACK", SET_INTERVAL, 0))
+        request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
         sent += len(request.due(float(second), slow))
     assert sent <= 3
     assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000)]
@@ -91,30 +102,185 @@ def test_what_was_set_back_is_asked_for_again_and_what_it_was_before_stays_known
 def test_what_merely_falters_or_was_never_reached_is_not_asked_for_again():
     request = settled()
     assert [request.due(float(second), {30: 80.0}) for second in range(6, 60)] == [[]] * 54
-    slow = RateRequest(VEHICLE, 400.0, messages=(30,))
+    slow = request_of(400.0, 30)
     slow.due(0.0, {30: 4.0})
-    slow.heard(told("MESSAGE_INTERVAL", 30, 250_000))
+    slow.take(told("MESSAGE_INTERVAL", 30, 250_000))
     slow.due(0.1, {30: 4.0})
-    slow.heard(told("COMMAND_ACK", SET_INTERVAL, 0))
+    slow.take(told("COMMAND_ACK", SET_INTERVAL, 0))
     assert [slow.due(float(second), {30: 50.0}) for second in range(1, 60)] == [[]] * 59
 
 
 def test_what_was_restored_is_confirmed():
     request = settled()
     assert request.restore() and request.restore(), "as often as need be"
-    request.heard(told("COMMAND_ACK", SET_INTERVAL, 0))
+    request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
     assert request.restore() == []
 
 
+def test_a_restoring_that_the_vehicle_refuses_is_not_confirmed_and_what_it_refused_to_set_needs_none():
+    request = settled()
+    assert request.restore()
+    request.take(told("COMMAND_ACK", SET_INTERVAL, 4))
+    assert request.restore(), "it is still as it was set"
+    refused = request_of(50.0, 375)
+    refused.due(0.0, {})
+    refused.take(told("MESSAGE_INTERVAL", 375, STOPPED))
+    assert refused.due(0.1, {})
+    refused.take(told("COMMAND_ACK", SET_INTERVAL, 4))
+    assert refused.restore() == []
+
+
+def test_replies_to_a_restoring_belong_to_the_requests_in_their_order():
+    request = request_of(100.0)
+    for second in range(8):
+        request.due(float(second), {30: 4.0, 36: 4.0})
+    assert len(request.restore()) == 2
+    for result in (1, 0):
+        request.take(told("COMMAND_ACK", SET_INTERVAL, result))
+    assert not request.restoring
+    assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000)]
+
+
+def test_what_was_set_once_is_restored_although_a_later_setting_was_refused():
+    request = settled()
+    for second in range(1, 100):
+        if request.due(float(second), {30: 100.0 if second < 20 else 4.0}):
+            break
+    request.take(told("COMMAND_ACK", SET_INTERVAL, 1))
+    assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000)]
+
+
+def test_a_result_that_follows_is_waited_for():
+    request = request_of(50.0, 30)
+    for second in range(4):
+        request.due(float(second), {30: 4.0})
+    request.take(told("COMMAND_ACK", SET_INTERVAL, 5))
+    assert request.events == []
+    assert request.restore(), "it may be set"
+    request.take(told("COMMAND_ACK", SET_INTERVAL, 5))
+    assert request.restoring
+
+
+@pytest.mark.parametrize("interval", [5, -5, -(2**31)])
+def test_an_interval_that_cannot_be_is_never_restored(interval):
+    request = request_of(50.0, 30)
+    for second in range(4):
+        request.due(float(second), {30: 4.0})
+        request.take(told("MESSAGE_INTERVAL", 30, interval))
+    assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000)]
+
+
 def test_before_anything_was_set_there_is_nothing_to_give_back():
-    request = RateRequest(VEHICLE, rate=50.0)
+    request = request_of(50.0)
     request.due(0.0, {})
     assert request.restore() == []
 
 
 @pytest.mark.parametrize("command", [400, GET_INTERVAL])
 def test_answers_to_others_change_nothing(command):
-    request = RateRequest(VEHICLE, rate=50.0, messages=(30,))
+    request = request_of(50.0, 30)
     request.due(0.0, {})
-    request.heard(told("COMMAND_ACK", command, 4))
+    request.take(told("COMMAND_ACK", command, 4))
     assert request.events == [] and said(request.due(2.0, {}))
+
+
+def test_a_confirmation_for_another_ground_station_is_not_ours():
+    request = settled()
+    assert request.restore()
+    for to in ((254, 190), (255, 1)):
+        request.take(told("COMMAND_ACK", SET_INTERVAL, 0, to))
+        assert request.restore(), "it is still awaited"
+    request.take(told("COMMAND_ACK", SET_INTERVAL, 0, (0, 0)))  # older vehicles name nobody
+    assert request.restore() == []
+
+
+class Vehicle:
+    """Sends at rates of its own until asked for others, which it forgets when it reboots; time goes by in ``run``."""
+
+    def __init__(self, request: RateRequest, knows: tuple[int, ...] = (30, 36, 245, 32, 74), **rates: float) -> None:
+        self.request, self.arrivals, self.knows = request, Arrivals(), knows
+        self.usual = {int(name[1:]): rate for name, rate in rates.items()}
+        self.rates, self.now, self.sent, self.counts = dict(self.usual), 0.0, [], {0: 0.0}
+        self.silent = False
+
+    def run(self, seconds: float, back_every: float = 0.0) -> None:
+        """Lets so many seconds go by; another ground station may set its own rates again now and then."""
+        for _ in range(round(10 * seconds)):
+            self.now += 0.1
+            if back_every and self.now % back_every < 0.1:
+                self.rates = dict(self.usual)
+            for kind, rate in {0: 1.0, **self.rates}.items():
+                self.counts[kind] = self.counts.get(kind, 0.0) + (0.0 if self.silent else 0.1 * rate)
+            rates = self.arrivals.rates(self.now, {kind: int(count) for kind, count in self.counts.items()})
+            if self.arrivals.resumed:
+                self.request.restart()
+            if not self.silent:
+                for command, kind, interval in said(self.request.due(self.now, rates)):
+                    self.sent.append((round(self.now, 1), command, kind))
+                    self.answer(command, kind, interval)
+
+    def answer(self, command: int, kind: int, interval: float) -> None:
+        if command == GET_INTERVAL:
+            rate = self.rates.get(kind, 0.0)
+            self.request.take(told("MESSAGE_INTERVAL", kind, round(1e6 / rate) if rate else STOPPED))
+            return
+        if kind in self.knows:
+            self.rates[kind] = 1e6 / interval if interval > 0 else 0.0
+        self.request.take(told("COMMAND_ACK", SET_INTERVAL, 0 if kind in self.knows else 4))
+
+    def give_back(self) -> None:
+        for command, kind, interval in said(self.request.restore()):
+            self.answer(command, kind, interval)
+
+
+@pytest.mark.parametrize("silence", [0.0, 6.0])
+def test_after_a_reboot_that_forgets_rates_they_are_asked_for_again(silence):
+    vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0)
+    vehicle.run(20.0)
+    assert vehicle.rates[30] == vehicle.rates[36] == 100.0
+    vehicle.silent, vehicle.rates = silence > 0, {}
+    vehicle.run(silence)
+    vehicle.silent = False
+    vehicle.run(15.0)
+    assert vehicle.rates == {30: 100.0, 36: 100.0, 245: 4.0, 32: 4.0, 74: 4.0}
+    vehicle.give_back()
+    assert vehicle.rates == {30: 4.0, 36: 0.0, 245: 0.0, 32: 0.0, 74: 0.0}
+
+
+def test_what_distinguishes_flight_from_landing_is_asked_for_where_it_does_not_come_already():
+    vehicle = Vehicle(RateRequest(VEHICLE, 100.0), knows=(30, 36, 74), _30=4.0, _36=2.0, _74=10.0)
+    vehicle.run(30.0)
+    assert vehicle.rates == {30: 100.0, 36: 100.0, 74: 10.0}, "what is faster stays as it is"
+    assert {kind for _, command, kind in vehicle.sent if command == SET_INTERVAL} == {30, 36, 245, 32}
+    assert vehicle.request.events == [], "and what the vehicle does not know needs no word"
+    vehicle.give_back()
+    assert vehicle.rates == {30: 4.0, 36: 2.0, 74: 10.0}
+
+
+def test_another_ground_station_that_sets_rates_back_is_asked_against_each_time_and_said_once():
+    vehicle = Vehicle(RateRequest(VEHICLE, 100.0), _30=4.0, _36=4.0, _74=4.0, _245=4.0, _32=4.0)
+    vehicle.run(300.0, back_every=15.0)
+    asked = [at for at, command, kind in vehicle.sent if (command, kind) == (SET_INTERVAL, 30)]
+    assert 19 <= len(asked) <= 21 and min(np.diff(asked)) >= PAUSE_SECONDS
+    assert len(vehicle.request.events) < 10, "nobody hears of each time"
+    assert sum("set back again and again" in sentence for sentence in vehicle.request.events) == 1
+    vehicle.rates = {}
+    vehicle.run(15.0)
+    assert vehicle.rates[30] == 100.0, "what stops was forgotten in a reboot"
+    vehicle.rates = dict(vehicle.usual)
+    vehicle.run(120.0)
+    assert vehicle.rates[30] == 100.0, "once it gives in, rates stay"
+    vehicle.silent = True
+    vehicle.run(6.0)
+    vehicle.silent, vehicle.rates = False, {}
+    vehicle.run(1.0)
+    assert vehicle.rates[30] == vehicle.rates[36] == 100.0, "a reboot needs no pause"
+
+
+def test_what_comes_faster_already_is_not_lowered():
+    vehicle = Vehicle(RateRequest(VEHICLE, 50.0), _30=120.0, _36=4.0)
+    vehicle.run(20.0)
+    assert (vehicle.rates[30], vehicle.rates[36]) == (120.0, 50.0)
+    vehicle.rates = {30: 4.0}  # after a reboot without its settings
+    vehicle.run(30.0)
+    assert (vehicle.rates[30], vehicle.rates[36]) == (50.0, 50.0)

@@ -17,8 +17,15 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
     made = replay(sorted(Flight().frames(end=14.0) + others, key=lambda entry: entry[0]))
     assert made.sentences[0] == "Following vehicle 1:1 (QUADROTOR, ARDUPILOTMEGA)."
     assert made.rows
-    flying = [(one["system"], one["component"]) for one in made.stream.status().speakers if one["flies"]]
+    flying = [(one["system"], one["component"]) for one in made.stream.status().senders if one["flies"]]
     assert flying == [(1, 1)]
+
+
+def test_a_telemetry_radio_is_called_one_and_not_blamed_for_missing_attitude():
+    radio = [(number / 2, message("RADIO_STATUS", 51, 68, sequence=number)) for number in range(28)]
+    made = replay(sorted(Flight().frames(end=14.0) + radio, key=lambda entry: entry[0]))
+    assert [one["kind"] for one in made.stream.status().senders] == ["QUADROTOR", "TELEMETRY_RADIO"] and made.rows
+    assert "ATTITUDE" not in replay(radio, vehicle="51").stream.status().obstacle
 
 
 def test_of_several_none_is_guessed_and_all_are_listed():
@@ -26,7 +33,7 @@ def test_of_several_none_is_guessed_and_all_are_listed():
     assert not made.rows
     assert made.stream.status().vehicle is None
     assert made.sentences == [
-        "There are several vehicles: 1:1 (QUADROTOR, ARDUPILOTMEGA), 4:1 (QUADROTOR, ARDUPILOTMEGA). "
+        "Several vehicles found: 1:1 (QUADROTOR, ARDUPILOTMEGA), 4:1 (QUADROTOR, ARDUPILOTMEGA). "
         "Choose one, for example with `--vehicle 1:1`."
     ]
 
@@ -40,18 +47,27 @@ def test_the_one_that_is_named_is_followed():
 
 def test_one_stranger_that_speaks_first_under_the_ids_of_the_one_that_is_named_does_not_say_what_it_is():
     made = replay([(0.0, heartbeat(kind=18, autopilot=8)), *Flight().frames(end=14.0)], vehicle="1:1")
-    (me,) = made.stream.status().speakers
+    (me,) = made.stream.status().senders
     assert (me["kind"], me["autopilot"]) == ("QUADROTOR", "ARDUPILOTMEGA")
     assert made.rows
 
 
-def test_one_that_comes_later_is_told_once_and_not_followed():
+def test_one_that_comes_later_is_reported_once_and_not_followed():
     later = [(time + 6.0, data) for time, data in Flight(system=4).frames(end=8.0)]
     made = replay(sorted(Flight().frames(end=14.0) + later, key=lambda entry: entry[0]))
     assert made.stream.status().vehicle == "1:1"
     assert [sentence for sentence in made.sentences if "4:1" in sentence] == [
-        "Vehicle 4:1 (QUADROTOR, ARDUPILOTMEGA) is heard too; 1:1 is still followed."
+        "Vehicle 4:1 (QUADROTOR, ARDUPILOTMEGA) found too; still following 1:1."
     ]
+
+
+def test_two_with_the_same_ids_are_said_where_their_clocks_contradict_each_other():
+    other = Flight(clock=5000.0).frames(start=4.0, end=14.0)
+    made = replay(sorted(Flight().frames(end=14.0) + other, key=lambda entry: entry[0]))
+    assert sum("two vehicles may send with the same ids" in sentence for sentence in made.sentences) == 1
+    assert made.rows and all(row.time < 100.0 for row in made.rows), "the first is followed"
+    alone = replay(Flight().frames(end=14.0))
+    assert not any("contradict" in sentence for sentence in alone.sentences)
 
 
 def test_one_without_heartbeats_is_followed_as_what_it_is_unknown():
@@ -72,7 +88,7 @@ def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_ask
     assert made.sentences == ["Following vehicle 1:1 (QUADROTOR, ARDUPILOTMEGA)."]
     assert made.stream.status().vehicle == "1:1"
     assert replay(only_heartbeats(), vehicle="1").stream.status().vehicle == "1:1"
-    assert made.stream.status().verdict == (
+    assert made.stream.status().obstacle == (
         "There is no ATTITUDE or ATTITUDE_QUATERNION message. Ask for more with `--request-rate 100`."
     )
 
@@ -81,8 +97,8 @@ def test_of_several_that_send_nothing_but_heartbeats_none_is_guessed():
     made = replay(sorted(only_heartbeats() + only_heartbeats(system=4), key=lambda entry: entry[0]))
     assert made.stream.status().vehicle is None
     (sentence,) = made.sentences
-    assert sentence.startswith("There are several vehicles: 1:1 (QUADROTOR, ARDUPILOTMEGA), 4:1")
-    assert made.stream.status().verdict == "Several vehicles are heard: choose one, for example with `--vehicle 1:1`."
+    assert sentence.startswith("Several vehicles found: 1:1 (QUADROTOR, ARDUPILOTMEGA), 4:1")
+    assert made.stream.status().obstacle == "Several vehicles found: choose one, for example with `--vehicle 1:1`."
 
 
 def test_one_that_sends_attitude_is_preferred_to_one_that_has_sent_nothing_but_heartbeats():
@@ -92,14 +108,14 @@ def test_one_that_sends_attitude_is_preferred_to_one_that_has_sent_nothing_but_h
 
 
 def test_one_that_is_named_and_not_heard_is_said():
-    assert replay(only_heartbeats(), vehicle="7").stream.status().verdict == "Vehicle 7 is not heard yet."
+    assert replay(only_heartbeats(), vehicle="7").stream.status().obstacle == "Vehicle 7 not found yet."
 
 
-def test_a_plane_that_is_named_is_told_to_be_none():
+def test_a_plane_that_is_named_is_reported_to_be_none():
     frames = [(time, heartbeat(kind=1) if data[7] == 0 else data) for time, data in Flight().frames(end=10.0)]
     made = replay(frames, vehicle="1:1")
     assert not made.rows
-    assert "The vehicle says it is a FIXED_WING, and only a multirotor's roll can be learnt." in made.sentences
+    assert "The vehicle is a FIXED_WING; the roll model is for multirotors only." in made.sentences
 
 
 def test_motors_are_placed_by_parameters_when_these_come_in_flight():
@@ -111,10 +127,8 @@ def test_motors_are_placed_by_parameters_when_these_come_in_flight():
     ]
     made = replay(sorted(frames + sent, key=lambda entry: entry[0]))
     assert made.segments().keys() == {0}
-    assert (
-        "Which motor is which was assumed: the channels seen to move; motors placed as on an X quad." in made.sentences
-    )
-    assert made.sentences[-1] == "Which motor is which is read from the SERVOn_FUNCTION and FRAME parameters."
+    assert "Which motor is which is assumed: the channels that move; motor positions of an X quad." in made.sentences
+    assert made.sentences[-1] == "Which motor is which is known from the SERVOn_FUNCTION and FRAME parameters."
     assert made.stream.setup.layout.names[0] == "motor 1 (right)"
 
 

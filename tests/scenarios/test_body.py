@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from sitl_scenarios.body import Body, State
 from sitl_scenarios.dynamics import Air, dynamics
-from sitl_scenarios.scenario import Vehicle
+from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
 
 IRIS = AIRFRAMES["iris"]
@@ -35,7 +35,7 @@ def normed(state):
 
 def flown(steps, cycles=100):
     """The state as one row after ``cycles``, in steps of CYCLE/steps."""
-    body, state = Body(Vehicle(model="iris"), CYCLE / steps), normed(begun())
+    body, state = Body(VehicleSpec(model="iris"), CYCLE / steps), normed(begun())
     for cycle in range(cycles):
         state = body.moved(state, targets(cycle), GUSTY, steps)
     return np.concatenate(state[:5])
@@ -43,7 +43,7 @@ def flown(steps, cycles=100):
 
 def reference(cycles=100):
     """The same by scipy's DOP853 at its tightest, from cycle to cycle."""
-    change, up, down = dynamics(Vehicle(model="iris")), *IRIS.lag
+    change, up, down = dynamics(VehicleSpec(model="iris")), *IRIS.lag
     row = np.concatenate(normed(begun())[:5])
 
     def derivative(_, row, wanted):
@@ -74,7 +74,7 @@ def test_the_error_falls_with_the_square_of_the_step():
 
 def test_a_hover_stays_where_it_is():
     hover = (IRIS.hover_speed,) * 4
-    body, state = Body(Vehicle(model="iris"), 1e-3), State((0.0, 0.0, -5.0), rotors=hover)
+    body, state = Body(VehicleSpec(model="iris"), 1e-3), State((0.0, 0.0, -5.0), rotors=hover)
     state = body.moved(state, hover, Air(), 5000)
     assert np.allclose(np.concatenate(state[:4]), [0, 0, -5, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0], atol=1e-9)
 
@@ -83,7 +83,7 @@ def test_a_free_fall_is_a_parabola_and_keeps_energy_and_angular_momentum(monkeyp
     monkeypatch.setitem(AIRFRAMES, "iris", replace(IRIS, drag_area=0.0))
     drift = []
     for steps in (4, 8):
-        body = Body(Vehicle(model="iris", rotor_drag=False), CYCLE / steps)
+        body = Body(VehicleSpec(model="iris", rotor_drag=False), CYCLE / steps)
         before = State((0.0, 0.0, -50.0), (3.0, -2.0, -4.0), (1.0, 0.0, 0.0, 0.0), (2.0, 3.0, -1.0))
         after = body.moved(before, (0.0,) * 4, Air(), 250 * steps)
         assert np.allclose(after.velocity, [3, -2, -4 + GRAVITY], atol=1e-10)
@@ -106,14 +106,14 @@ def turned(attitude, vector):
 @pytest.mark.parametrize("model", AIRFRAMES)
 def test_rotors_lag_exponentially(model):
     up, down = AIRFRAMES[model].lag
-    body = Body(Vehicle(model=model), 1e-3)
+    body = Body(VehicleSpec(model=model), 1e-3)
     rotors = body.spun((100.0, 200.0, 300.0, 200.0), (200.0,) * 4, 30)
     assert rotors == pytest.approx((200 - 100 * exp(-0.03 / up), 200, 200 + 100 * exp(-0.03 / down), 200))
 
 
 def test_wind_pushes_and_tilts_as_its_formulas_say():
     body = AIRFRAMES["ardrone2"]
-    change = dynamics(Vehicle(model="ardrone2"))
+    change = dynamics(VehicleSpec(model="ardrone2"))
     hover, level, still = (body.hover_speed,) * 4, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     from_west = change(level, still, still, hover, Air(east=5.0))
     force = 0.5 * 1.225 * body.drag_area * 25 + body.rotor_drag * 4 * body.hover_speed * 5
@@ -129,6 +129,6 @@ def test_wind_pushes_and_tilts_as_its_formulas_say():
 
 def test_without_rotor_drag_the_hull_is_all_that_wind_finds():
     level, still, hover = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (IRIS.hover_speed,) * 4
-    change = dynamics(Vehicle(model="iris", rotor_drag=False))
+    change = dynamics(VehicleSpec(model="iris", rotor_drag=False))
     assert change(level, still, still, hover, Air(p=1.0, q=1.0))[6:] == (0,) * 6
     assert change(level, still, still, hover, Air(east=2.0))[7] == pytest.approx(0.5 * 1.225 * IRIS.drag_area * 4)

@@ -10,12 +10,10 @@ from made_up_motion import made_up_motion
 from mavlink_streams import frame
 from pymavlink.dialects.v20 import all as dialect
 
-from sitl_scenarios.mavlink.commands import Commands
-from sitl_scenarios.mavlink.hearing import heard
+from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
 from sitl_scenarios.mavlink.messages import named
-from sitl_scenarios.mavlink.schedule import Schedule
-from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion
-from sitl_scenarios.scenario import Scenario, Stream
+from sitl_scenarios.mavlink.transmitter import Schedule, Transmitter, rows_of_motion
+from sitl_scenarios.scenario import Scenario, StreamSpec
 
 CYCLES = {"px4": 0.004, "ardupilot": 0.0025}
 GROUND = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
@@ -26,8 +24,8 @@ class Vehicle:
 
     def __init__(self, speaks: str = "px4", armable: bool = True) -> None:
         cycle = CYCLES[speaks]
-        self.transmitter = Transmitter(Scenario(stream=Stream(speaks=speaks)), cycle)
-        self.commands = Commands(self.transmitter, self)
+        self.transmitter = Transmitter(Scenario(stream=StreamSpec(speaks=speaks)), cycle)
+        self.commands = CommandHandler(self.transmitter, self)
         self.asked: list[tuple[bool, bool]] = []
         self._armable = armable
         self._motion, self._row = made_up_motion(speaks=speaks), 1
@@ -48,7 +46,7 @@ class Vehicle:
         return said
 
     def hears(self, message: dialect.MAVLink_message) -> None:
-        for one in heard(bytes(message.pack(GROUND)), 1, 1):
+        for one in addressed_messages(bytes(message.pack(GROUND)), 1, 1):
             self.commands.answer(one)
 
     def command(self, number: int, *given: float, seconds: float = 1.0) -> tuple[int, dict[str, list]]:
@@ -62,7 +60,7 @@ class Vehicle:
 
 
 @pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
-def test_intervals_are_set_at_once_told_and_restored(speaks):
+def test_intervals_are_set_at_once_reported_and_restored(speaks):
     vehicle = Vehicle(speaks)
     result, said = vehicle.command(511, 30, 20_000)
     assert result == 0
@@ -182,16 +180,16 @@ def test_streams_are_asked_of_ardupilot_as_ground_stations_do():
     assert len(vehicle.flown(1.0)["ATTITUDE"]) == 100
 
 
-def test_who_flies_is_told_of_rates_that_change_and_not_without_end():
+def test_changes_of_rates_are_reported_and_not_without_end():
     told: list[str] = []
     vehicle = Vehicle("ardupilot")
-    vehicle.commands = Commands(vehicle.transmitter, vehicle, told.append)
+    vehicle.commands = CommandHandler(vehicle.transmitter, vehicle, told.append)
     for _ in range(3):
         vehicle.hears(dialect.MAVLink_request_data_stream_message(1, 1, 10, 4, 1))
     assert told == ["A ground station asked for ATTITUDE 4 Hz instead of 100 Hz."]
     for number in range(100):
         vehicle.command(511, 30, -1 if number % 2 else 10_000, seconds=0.01)
-    assert len(told) == 20 and told[-1].endswith("is not told.")
+    assert len(told) == 20 and told[-1].endswith("further changes are not reported.")
 
 
 def test_there_is_no_mission():
@@ -204,10 +202,10 @@ def test_there_is_no_mission():
 def test_what_is_meant_for_others_is_not_heard():
     for target in ((2, 1), (1, 2), (2, 0)):
         message = dialect.MAVLink_command_long_message(*target, 400, 0, 0, 0, 0, 0, 0, 0, 0)
-        assert heard(bytes(message.pack(GROUND)), 1, 1) == []
+        assert addressed_messages(bytes(message.pack(GROUND)), 1, 1) == []
     for target in ((1, 1), (1, 0), (0, 0)):
         message = dialect.MAVLink_command_long_message(*target, 400, 0, 0, 0, 0, 0, 0, 0, 0)
-        assert len(heard(bytes(message.pack(GROUND)) * 3, 1, 1)) == 3
+        assert len(addressed_messages(bytes(message.pack(GROUND)) * 3, 1, 1)) == 3
 
 
 @pytest.mark.slow
@@ -223,6 +221,6 @@ def test_nothing_that_arrives_does_harm():
             datagrams.append(frame(number, (payload + bytes(size))[:size], 255, 190, version=1))
     for datagram in datagrams:
         for system, component in ((1, 1), *((one, two) for one in datagram[10:13] for two in datagram[10:13])):
-            for said in heard(datagram, system, component):
+            for said in addressed_messages(datagram, system, component):
                 vehicle.commands.answer(said)
     assert vehicle.flown(0.5)["ATTITUDE"]

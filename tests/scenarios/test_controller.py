@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from sitl_scenarios.body import State
-from sitl_scenarios.frames import frame
-from sitl_scenarios.mixer import IDLE, mixed
+from sitl_scenarios.mixer import IDLE_COMMAND, frame, mix, pulse
 from sitl_scenarios.plan import Plan
-from sitl_scenarios.pulses import pulse
 from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Steps
 from sitl_scenarios.sensors import Sensing
 
@@ -18,17 +16,17 @@ CYCLE = 0.004
 
 
 def test_roll_to_the_right_speeds_up_the_motors_on_the_left():
-    assert mixed(X, (0.1, 0.0, 0.0, 0.5)) == pytest.approx((0.4, 0.6, 0.6, 0.4))
-    assert mixed(X, (0.0, 0.1, 0.0, 0.5)) == pytest.approx((0.6, 0.4, 0.6, 0.4))
-    assert mixed(X, (0.0, 0.0, 0.1, 0.5)) == pytest.approx((0.6, 0.6, 0.4, 0.4))
+    assert mix(X, (0.1, 0.0, 0.0, 0.5)) == pytest.approx((0.4, 0.6, 0.6, 0.4))
+    assert mix(X, (0.0, 0.1, 0.0, 0.5)) == pytest.approx((0.6, 0.4, 0.6, 0.4))
+    assert mix(X, (0.0, 0.0, 0.1, 0.5)) == pytest.approx((0.6, 0.6, 0.4, 0.4))
 
 
 def test_saturation_takes_thrust_first_and_keeps_the_demands_in_proportion():
-    full = np.array(mixed(X, (0.3, 0.0, 0.0, 1.0)))
+    full = np.array(mix(X, (0.3, 0.0, 0.0, 1.0)))
     assert full.max() == pytest.approx(1)
     assert full[1] - full[0] == pytest.approx(0.6)
-    beyond = np.array(mixed(X, (0.9, 0.6, 0.0, 0.5)))
-    assert beyond.min() == pytest.approx(IDLE)
+    beyond = np.array(mix(X, (0.9, 0.6, 0.0, 0.5)))
+    assert beyond.min() == pytest.approx(IDLE_COMMAND)
     assert beyond.max() == pytest.approx(1)
     roll, pitch = beyond @ X.roll, beyond @ X.pitch
     assert roll / pitch == pytest.approx(1.5)

@@ -40,7 +40,7 @@ def hovering(east: float, seconds: float, outputs: float = 1500.0, state: int = 
     ],
 )
 @pytest.mark.parametrize("block", [10_000, 7])
-def test_a_second_too_far_away_is_told(motion, told, block):
+def test_a_second_too_far_away_is_reported(motion, told, block):
     holding = Holding(Scenario())
     for begin in range(0, len(motion), block):
         holding.add(rows_of_motion(motion, slice(begin, begin + block)))
@@ -55,7 +55,7 @@ def test_a_sideways_step_is_no_drift():
 
 
 @pytest.mark.parametrize("outputs", [2000.0, 1100.0])
-def test_motors_at_their_limits_are_told(outputs):
+def test_motors_at_their_limits_are_reported(outputs):
     holding = Holding(Scenario())
     holding.add(hovering(0.0, 2.0, outputs))
     assert holding.at_limit == pytest.approx(0.2, abs=0.01)

@@ -7,7 +7,7 @@ from scipy.linalg import expm
 from sitl_scenarios.body import Body, State
 from sitl_scenarios.dynamics import Air
 from sitl_scenarios.linear import axis, linearised, paper_system
-from sitl_scenarios.scenario import Vehicle
+from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
 
 K = 0.3748
@@ -32,7 +32,7 @@ def test_the_papers_table_of_systems(order):
 @pytest.mark.parametrize("model", AIRFRAMES)
 @pytest.mark.parametrize("kind", ["x", "plus"])
 def test_closed_forms(model, kind):
-    vehicle, body = Vehicle(model=model, frame=kind), AIRFRAMES[model]
+    vehicle, body = VehicleSpec(model=model, frame=kind), AIRFRAMES[model]
     found, omega = linearised(vehicle).without_lag(), body.hover_speed
     aside = body.arm[1] if kind == "x" else np.hypot(*body.arm)
     pair = 4 if kind == "x" else 2  # rotors that have that arm
@@ -53,7 +53,7 @@ def test_closed_forms(model, kind):
 @pytest.mark.parametrize("model", ["ardrone2", "crazyflie"])  # the Iris's rotors, faster up than down, are not linear
 def test_a_small_motion_of_the_vehicle_is_the_linear_ones(model):
     """A roll command of 1 µs for 0.2 s, with all 16 states."""
-    vehicle, body = Vehicle(model=model), AIRFRAMES[model]
+    vehicle, body = VehicleSpec(model=model), AIRFRAMES[model]
     step, steps = 1e-4, 2000
     change = np.array([-1.0, 1.0, 1.0, -1.0]) * body.full / 1000
     speeds = body.hover_speed + body.speed[0] * change
@@ -71,7 +71,7 @@ def test_a_small_motion_of_the_vehicle_is_the_linear_ones(model):
 
 @pytest.mark.parametrize("name", ["roll", "pitch"])
 def test_an_axis_with_lag_settles_where_one_without_is(name):
-    vehicle = Vehicle(model="crazyflie")
+    vehicle = VehicleSpec(model="crazyflie")
     lagging, instant = axis(vehicle, name), axis(vehicle, name, lag=False)
     assert lagging.states == (name, f"{name} rate", f"{name} drive")
     settled = -lagging.B[2] / lagging.A[2, 2] * lagging.A[1, 2]

@@ -10,14 +10,16 @@ from made_up_motion import ROLL, made_up_motion
 from pymavlink import mavutil
 from scipy.spatial.transform import Rotation
 
-from mavdem.cli.main import main
-from mavdem.ingest import Log, meaning, read_log
-from mavdem.ingest.mcap_writer import write_mcap
-from mavdem.ingest.tlog_writer import write_tlog
+from mavdem.alignment import drive
+from mavdem.cli.commands import main
+from mavdem.ingest import Log, read_log
+from mavdem.ingest.mcap.writer import write_mcap
+from mavdem.ingest.tlog import write_tlog
 from sitl_scenarios.mavlink import recorded as recorded_module
 from sitl_scenarios.mavlink.recorded import EPOCH, recorded
+from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.scenario import Faults, Scenario, Stream, Vehicle
+from sitl_scenarios.scenario import Faults, Scenario, StreamSpec, VehicleSpec
 
 CYCLES = {"px4": 0.004, "ardupilot": 0.0025}
 NO_FAULTS = Faults()
@@ -32,7 +34,7 @@ def written(scenario: Scenario, motion: Motion, path=None) -> bytes:
 
 
 def scenario(speaks: str = "px4", faults: Faults = NO_FAULTS, frame: str = "x", **stream: object) -> Scenario:
-    return Scenario(stream=Stream(speaks=speaks, **stream), faults=faults, vehicle=Vehicle(frame=frame))
+    return Scenario(stream=StreamSpec(speaks=speaks, **stream), faults=faults, vehicle=VehicleSpec(frame=frame))
 
 
 def read(tmp_path, flown: Scenario, motion: Motion) -> Log:
@@ -49,7 +51,7 @@ def test_what_is_read_back_is_what_was_true(speaks, version, tmp_path):
     (vehicle,) = log.vehicles
     assert (vehicle.system, vehicle.component, vehicle.vehicle) == (7, 1, "QUADROTOR")
     assert vehicle.autopilot == {"px4": "PX4", "ardupilot": "ARDUPILOTMEGA"}[speaks]
-    assert [speaker.lost for speaker in log.speakers] == [0]
+    assert [speaker.lost for speaker in log.components] == [0]
     sent = vehicle.messages
     rows = {
         name: np.searchsorted(motion.time, columns["time"] - 1e-6)
@@ -92,7 +94,7 @@ def test_what_is_read_back_is_what_was_true(speaks, version, tmp_path):
         assert set(actuator[0, 4:16]) == {900} and set(actuator[0, 16:]) == {0}
 
 
-def test_the_battery_is_told_in_millivolts_as_it_sags(tmp_path):
+def test_the_battery_is_reported_in_millivolts_as_it_sags(tmp_path):
     """Of 12.6 V a tenth is lost over the 20 s of the motion, whenever the autopilot booted."""
     for begin in (0.0, 500.0):
         told = read(tmp_path, scenario(), made_up_motion(begin=begin)).vehicles[0].messages["SYS_STATUS"]
@@ -170,7 +172,7 @@ def test_the_parameters_say_where_the_motors_are(speaks, frame, tmp_path):
     else:
         assert vehicle.parameters["FRAME_CLASS"] == 1 and vehicle.parameters["SERVO3_FUNCTION"] == 35
         assert vehicle.parameters["SCHED_LOOP_RATE"] == 400
-    motors = meaning.motors(vehicle)
+    motors = drive.motors(vehicle)
     assert motors.layout.channels == (1, 2, 3, 4)
     assert not motors.layout.channels_assumed and not motors.layout.positions_assumed
     expected = {
@@ -208,7 +210,9 @@ def test_the_clock_of_32_bit_microseconds_wraps(tmp_path):
 
 
 def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
-    faults = Faults(loss=0.1, delay=0.05, jitter=0.03, reordered=0.2, reboot=6.0)
+    faults = Faults(
+        loss=0.1, delay=0.05, jitter=0.03, reordered=0.2, reboot=6.0, outage=9.0, outage_seconds=2.0, clock_jump=12.0
+    )
     motion, flown = made_up_motion(), scenario(faults=faults)
     whole = written(flown, motion)
     assert written(flown, motion) == whole
@@ -229,7 +233,7 @@ def test_stamps_are_the_epoch_and_the_link(tmp_path):
 
 def test_what_is_lost_shows_in_the_sequence(tmp_path):
     log = read(tmp_path, scenario(faults=Faults(loss=0.2)), made_up_motion())
-    (speaker,) = log.speakers
+    (speaker,) = log.components
     heard = sum(speaker.messages.values())
     assert speaker.lost / (heard + speaker.lost) == pytest.approx(0.2, abs=0.02)
 
@@ -251,6 +255,37 @@ def test_a_reboot_in_the_air_is_a_new_boot(tmp_path):
     assert len(vehicle.messages["PARAM_VALUE"]["time"]) == 2 * len(vehicle.parameters)
     beat = vehicle.messages["HEARTBEAT"]
     assert beat["system_status"][beat["boot"] == 1][0] == 4 and beat["base_mode"][beat["boot"] == 1][0] & 128
+
+
+def test_a_reboot_forgets_what_was_asked_for_and_nothing_but_heartbeats_comes_until_it_is_asked_for_again(tmp_path):
+    log = read(tmp_path, scenario("ardupilot", only_when_asked=True), made_up_motion(speaks="ardupilot"))
+    assert log.components[0].messages.keys() == {"HEARTBEAT", "STATUSTEXT"}
+    motion = made_up_motion(speaks="ardupilot")
+    sending = Transmitter(scenario("ardupilot", Faults(reboot=8.0), only_when_asked=True), CYCLES["ardupilot"])
+    sending.schedule.set("ATTITUDE", 0.01, 0.0)
+    begun, later = sending.send(rows_of_motion(motion, slice(1))), sending.send(rows_of_motion(motion, slice(1, None)))
+    del begun
+    kinds = later.data[later.frames.start + 7]
+    sending.schedule.set("ATTITUDE", 0.01, sending.clock)
+    assert np.sum(kinds == 0) > 15 and later.time[kinds == 30].max(initial=0.0) < 10.001
+
+
+def test_an_outage_a_jump_of_the_clock_and_mavproxys_resets(tmp_path):
+    faults = Faults(outage=3.0, outage_seconds=2.5, clock_jump=9.0, clock_jump_seconds=100.0)
+    (vehicle,) = read(tmp_path, scenario(faults=faults), made_up_motion()).vehicles
+    attitude = vehicle.messages["ATTITUDE"]
+    gaps = np.diff(attitude["time"])
+    assert set(attitude["boot"]) == {0}
+    np.testing.assert_allclose(gaps[gaps > 0.02], [2.5, 100.0], atol=0.02)
+    flown, motion = scenario("ardupilot", Faults(mavproxy_rate=4.0)), made_up_motion(speaks="ardupilot")
+    (vehicle,) = read(tmp_path, flown, motion).vehicles
+    gaps = {name: np.diff(vehicle.messages[name]["time"]) for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT")}
+    armed = float(motion.time[motion.armed][0])
+    after = vehicle.messages["ATTITUDE"]["time"][1:] > armed + 0.3
+    np.testing.assert_allclose(gaps["ATTITUDE"][after], 0.25, atol=0.003)
+    np.testing.assert_allclose(gaps["ATTITUDE"][~after][:100], 0.01, atol=0.003)
+    np.testing.assert_allclose(gaps["SERVO_OUTPUT_RAW"][-10:], 0.25, atol=0.003)
+    np.testing.assert_allclose(gaps["HEARTBEAT"], 1.0, atol=0.01)
 
 
 def test_an_mcap_holds_the_same(tmp_path, capsys):

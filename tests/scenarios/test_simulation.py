@@ -7,10 +7,10 @@ import pytest
 
 from sitl_scenarios.files import load, names
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.scenario import Gaussian, Moment, Scenario, Steady, Stream, Vehicle
+from sitl_scenarios.scenario import GaussianWind, Moment, Scenario, SteadyWind, StreamSpec, VehicleSpec
 from sitl_scenarios.simulation import CYCLES, Simulation, fly
 
-WINDY = (Steady(kind="steady", speed=4.0), Gaussian(kind="gaussian", sd=0.7, s=0.2))
+WINDY = (SteadyWind(kind="steady", speed=4.0), GaussianWind(kind="gaussian", sd=0.7, s=0.2))
 
 
 def brief(**sections):
@@ -83,7 +83,7 @@ def test_on_the_ground_nothing_moves_and_nothing_acts(flight):
 
 @pytest.mark.parametrize("speaks, disarmed", [("px4", 900), ("ardupilot", 1000)])
 def test_outputs_are_whole_microseconds_and_the_autopilots_own_when_disarmed(speaks, disarmed):
-    motion = fly(brief(stream=Stream(speaks=speaks)))
+    motion = fly(brief(stream=StreamSpec(speaks=speaks)))
     assert np.allclose(np.diff(motion.time), CYCLES[speaks])
     assert np.all(motion.outputs == np.round(motion.outputs))
     assert np.all(motion.outputs[~motion.armed] == disarmed)
@@ -107,7 +107,7 @@ def test_position_is_the_integral_of_velocity_and_velocity_of_what_acts(flight):
 
 
 def test_battery_sag_asks_for_more_pwm_at_the_end():
-    motion = fly(brief(duration=40.0, wind=(), vehicle=Vehicle(battery_sag=0.1)))
+    motion = fly(brief(duration=40.0, wind=(), vehicle=VehicleSpec(battery_sag=0.1)))
     hover = motion.landed_state == 2
     early, late = (motion.outputs[hover & (np.abs(motion.time - at) < 2)].mean() for at in (12, 35))
     speeds = [motion.rotor_speeds[hover & (np.abs(motion.time - at) < 2)].mean() for at in (12, 35)]
@@ -119,7 +119,7 @@ def test_battery_sag_asks_for_more_pwm_at_the_end():
     assert left == pytest.approx([1.0, 1.0, 0.95, 0.9, 0.9], abs=1e-4)
 
 
-def test_progress_is_told_from_zero_to_one():
+def test_progress_is_reported_from_zero_to_one():
     told = []
     fly(brief(duration=15.0), told.append)
     assert told == sorted(told)
@@ -152,7 +152,7 @@ def test_disarming_is_refused_in_the_air_unless_forced():
 
 
 def test_another_flight_begins_with_a_charged_battery():
-    simulation = Simulation(brief(wind=(), vehicle=Vehicle(battery_sag=0.1)))
+    simulation = Simulation(brief(wind=(), vehicle=VehicleSpec(battery_sag=0.1)))
     first = simulation.advance(round(21.9 * 250))
     assert first.battery[-1] == pytest.approx(0.9, abs=1e-3)
     assert simulation.set_armed(False)
@@ -183,7 +183,7 @@ def test_it_can_be_disarmed_on_the_ground_and_armed_again_for_another_flight():
 @pytest.mark.parametrize("frame", ["x", "plus"])
 @pytest.mark.parametrize("model", ["ardrone2", "iris", "crazyflie"])
 def test_every_vehicle_flies_without_gains_of_its_own(model, frame):
-    motion = fly(brief(vehicle=Vehicle(model=model, frame=frame), wind=WINDY[1:]))
+    motion = fly(brief(vehicle=VehicleSpec(model=model, frame=frame), wind=WINDY[1:]))
     hovering = (motion.landed_state == 2) & (motion.time > 9)
     assert np.abs(motion.position[hovering] - [0, 0, -5]).max() < 0.5
     assert np.abs(roll(motion)).max() < 20
@@ -192,7 +192,8 @@ def test_every_vehicle_flies_without_gains_of_its_own(model, frame):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", names())
 def test_every_scenario_is_flown_to_its_end(name):
-    scenario = load(name)
+    whole = load(name)
+    scenario = whole.model_copy(update={"duration": min(whole.duration, 120.0), "flights": 1})
     motion = fly(scenario)
     hovering = (motion.landed_state == 2) & (motion.time > 10)
     assert np.abs(roll(motion)).max() < 50
@@ -207,14 +208,34 @@ def test_every_scenario_is_flown_to_its_end(name):
 
 
 def test_a_vehicle_that_tumbles_is_no_flight():
-    scenario = brief(vehicle=Vehicle(model="crazyflie"), moments=(Moment(sd=1.0, s=0.5),))
+    scenario = brief(vehicle=VehicleSpec(model="crazyflie"), moments=(Moment(sd=1.0, s=0.5),))
     with pytest.raises(ValueError, match="the vehicle is out of control .* s after boot"):
         fly(scenario)
 
 
 @pytest.mark.parametrize("model", ["ardrone2", "iris", "crazyflie"])
 def test_a_storm_carries_a_vehicle_off_and_the_figures_stay_finite(model):
-    storm = (Steady(kind="steady", speed=60.0), Gaussian(kind="gaussian", sd=20.0, s=0.05))
-    motion = fly(brief(vehicle=Vehicle(model=model), wind=storm))
+    storm = (SteadyWind(kind="steady", speed=60.0), GaussianWind(kind="gaussian", sd=20.0, s=0.05))
+    motion = fly(brief(vehicle=VehicleSpec(model=model), wind=storm))
     assert np.abs(motion.position[:, 1]).max() > 20
     assert all(np.isfinite(getattr(motion, field.name)).all() for field in fields(Motion))
+
+
+def test_it_takes_off_again_as_often_as_it_is_told_to():
+    motion = fly(Scenario(duration=20, flights=2, height=3))
+    up = np.flatnonzero(np.diff(motion.armed.astype(int)) == 1)
+    assert np.diff(motion.time[up]) == pytest.approx([23.0], abs=0.5)
+    assert len(motion) * CYCLES["px4"] == pytest.approx(46.0, abs=0.5)
+    highest = [-motion.position[begin : begin + 4000, 2].min() for begin in up]
+    assert highest == pytest.approx([3.0, 3.0], abs=0.5)
+
+
+def test_a_weak_motor_is_driven_harder_and_gives_the_same_thrust():
+    spec = VehicleSpec(weak_motor=3, weak_from=15.0, weak_thrust=0.65)
+    motion = fly(Scenario(duration=30, vehicle=spec))
+    before, after = (motion.time > 9) & (motion.time < 17), (motion.time > 20) & (motion.time < 26)
+    speeds, outputs = (
+        values[after].mean(0) / values[before].mean(0) for values in (motion.rotor_speeds, motion.outputs)
+    )
+    np.testing.assert_allclose(speeds, 1.0, atol=0.02)
+    assert np.argmax(outputs) == 2 and outputs[2] > 1.05

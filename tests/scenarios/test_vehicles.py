@@ -4,13 +4,13 @@ from math import exp, hypot
 
 import pytest
 
-from mavdem.ingest.geometry import layout
+from mavdem.ingest.motors import motor_geometry
 from sitl_scenarios.body import Body
 from sitl_scenarios.dynamics import Air, dynamics
-from sitl_scenarios.frames import PAPER_ORDER, SPINS, frame
 from sitl_scenarios.mavlink.autopilots import PX4
 from sitl_scenarios.mavlink.parameters import parameters
-from sitl_scenarios.scenario import Scenario, Vehicle
+from sitl_scenarios.mixer import PAPER_ORDER, SPINS, frame
+from sitl_scenarios.scenario import Scenario, VehicleSpec
 from sitl_scenarios.vehicles import AIRFRAMES, ARDRONE2, CRAZYFLIE, GRAVITY, IRIS
 
 
@@ -69,7 +69,7 @@ def test_commands_are_the_published_ones():
 )
 def test_rotors_lag_by_the_published_time_constants(name, up, down):
     """iris.sdf has timeConstantUp 0.0125 and timeConstantDown 0.025; RotorPy's Crazyflie tau_m 0.072, either way."""
-    body, low, high = Body(Vehicle(model=name), 1e-3), (500.0,) * 4, (600.0,) * 4
+    body, low, high = Body(VehicleSpec(model=name), 1e-3), (500.0,) * 4, (600.0,) * 4
     assert body.spun(low, high, 10) == pytest.approx((600 - 100 * exp(-0.010 / up),) * 4)
     assert body.spun(high, low, 10) == pytest.approx((500 + 100 * exp(-0.010 / down),) * 4)
 
@@ -87,10 +87,10 @@ def test_px4_is_told_the_turning_of_each_rotor_as_it_turns(kind):
     What the rotor does to the air, the air does to the body: a faster one that turns counter-clockwise seen from above
     yaws the vehicle clockwise, to the right.
     """
-    told = parameters(Scenario(vehicle=Vehicle(frame=kind)), PX4, 0.004)
+    told = parameters(Scenario(vehicle=VehicleSpec(frame=kind)), PX4, 0.004)
     ratios = [told[f"CA_ROTOR{n}_KM"].value for n in range(4)]
     assert ratios == [0.05, 0.05, -0.05, -0.05]
-    change = dynamics(Vehicle(frame=kind))
+    change = dynamics(VehicleSpec(frame=kind))
     for rotor, ratio in enumerate(ratios):
         speeds = tuple(900.0 if n == rotor else 800.0 for n in range(4))
         yaw = change((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, speeds, Air())[5]
@@ -101,7 +101,7 @@ def test_px4_is_told_the_turning_of_each_rotor_as_it_turns(kind):
 def test_rotors_are_counted_as_ardupilot_does(kind, frame_type):
     functions = {f"SERVO{i}_FUNCTION": 32.0 + i for i in range(1, 5)}
     parameters = {**functions, "FRAME_CLASS": 1.0, "FRAME_TYPE": float(frame_type)}
-    known = layout("QUADROTOR", "ARDUPILOTMEGA", parameters, (1, 2, 3, 4), 8)
+    known = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", parameters, (1, 2, 3, 4), 8)
     ours = frame(kind, (1.0, 1.0))
     for rotor, (forward, right) in enumerate(known.positions):
         length = (ours.forward[rotor] ** 2 + ours.right[rotor] ** 2) ** 0.5

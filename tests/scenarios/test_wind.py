@@ -6,12 +6,21 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sitl_scenarios.scenario import Dryden, Gaussian, Gust, Jet, Moment, Scenario, Steady, VonKarman
+from sitl_scenarios.scenario import (
+    DrydenWind,
+    GaussianWind,
+    Gust,
+    Jet,
+    Moment,
+    Scenario,
+    SteadyWind,
+    VonKarmanWind,
+    towards,
+)
 from sitl_scenarios.wind import Weather
-from sitl_scenarios.wind.direction import towards
-from sitl_scenarios.wind.gust import gust
 from sitl_scenarios.wind.jet import jet_speed
 from sitl_scenarios.wind.low_altitude import turbulence
+from sitl_scenarios.wind.weather import gust_speed
 
 ORIGIN = (0.0, 0.0, 0.0)
 DT = 0.004
@@ -30,8 +39,8 @@ def test_a_gust_rises_stays_and_falls():
     wind = Gust(kind="gust", start=10.0, speed=4.0, rise=2.0, hold=3.0)
     time = np.array([9.0, 10.0, 10.5, 11.0, 12.0, 14.9, 16.0, 17.0, 30.0])
     half = 2 * (1 - np.cos(np.pi / 4))
-    assert gust(wind, time) == pytest.approx([0, 0, half, 2, 4, 4, 2, 0, 0])
-    assert gust(wind.model_copy(update={"hold": None}), time)[-1] == 4
+    assert gust_speed(wind, time) == pytest.approx([0, 0, half, 2, 4, 4, 2, 0, 0])
+    assert gust_speed(wind.model_copy(update={"hold": None}), time)[-1] == 4
 
 
 def test_a_jet_falls_as_one_over_the_distance_and_has_a_gaussian_profile():
@@ -65,9 +74,9 @@ def test_a_jet_is_turbulent_by_its_share_of_the_local_mean():
 @pytest.mark.parametrize(
     "wind",
     [
-        Steady(kind="steady", speed=3.0),
-        Dryden(kind="dryden", speed=5.0),
-        VonKarman(kind="von_karman", speed=5.0),
+        SteadyWind(kind="steady", speed=3.0),
+        DrydenWind(kind="dryden", speed=5.0),
+        VonKarmanWind(kind="von_karman", speed=5.0),
         Gust(kind="gust", start=0.1, speed=3.0),
         Jet(kind="jet", speed=6.0, turbulence=0.3, offset=0.1),
     ],
@@ -87,14 +96,14 @@ def test_wind_from_another_direction_is_the_same_wind_turned(wind):
 
 def test_low_altitude_turbulence_has_the_standards_figures():
     """MIL-F-8785C at 20 ft and 15 kt: σ_w = 1.5 kt, L_w = 20 ft, L_u = 20/0.19346^1.2 ft, σ_u = σ_w/0.19346^0.4."""
-    found = turbulence(Dryden(kind="dryden", speed=10.0, wind_at_20_feet=7.7), 20 * 0.3048, 0.44)
+    found = turbulence(DrydenWind(kind="dryden", speed=10.0, wind_at_20_feet=7.7), 20 * 0.3048, 0.44)
     assert found.down == pytest.approx((20 * 0.3048 / 10, 0.77))
     assert found.along == found.across == pytest.approx((143.54 * 0.3048 / 10, 1.4859), rel=1e-3)
 
 
 def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
     """The integral of MIL-F-8785C's Φ_p, and πV/4b, with σ_w = 0.77 m/s, L_w = 20 ft, b = 0.44 m and V = 10 m/s."""
-    of_wind = Dryden(kind="dryden", speed=10.0, wind_at_20_feet=7.7)
+    of_wind = DrydenWind(kind="dryden", speed=10.0, wind_at_20_feet=7.7)
     constant, sd = turbulence(of_wind, 20 * 0.3048, 0.44).rotation
     low = 20 * 0.3048
 
@@ -110,12 +119,15 @@ def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
 
 
 def test_turbulence_meets_a_hover_in_calm_air_at_one_metre_a_second():
-    calm, light = (turbulence(Dryden(kind="dryden", speed=v), 5.0, 0.44) for v in (0.0, 1.0))
+    calm, light = (turbulence(DrydenWind(kind="dryden", speed=v), 5.0, 0.44) for v in (0.0, 1.0))
     assert calm == light
 
 
 def test_winds_and_moments_are_summed():
-    east, north = Steady(kind="steady", speed=3.0, direction=90.0), Steady(kind="steady", speed=2.0, direction=0.0)
+    east, north = (
+        SteadyWind(kind="steady", speed=3.0, direction=90.0),
+        SteadyWind(kind="steady", speed=2.0, direction=0.0),
+    )
     both = weather(wind=(east, north), moments=(Moment(sd=0.1, s=0.1), Moment(axis="yaw", sd=0.1, s=0.1)))
     air = both.at(7, ORIGIN)
     assert air[:3] == pytest.approx((-2, -3, 0))
@@ -125,20 +137,20 @@ def test_winds_and_moments_are_summed():
 
 
 def test_the_air_before_and_after_is_that_of_the_ends():
-    air = weather(10, wind=(Gaussian(kind="gaussian", sd=1.0, s=0.1),))
+    air = weather(10, wind=(GaussianWind(kind="gaussian", sd=1.0, s=0.1),))
     assert air.at(-5, ORIGIN) == air.at(0, ORIGIN)
     assert air.at(99, ORIGIN) == air.at(9, ORIGIN)
 
 
 def test_a_wind_is_the_same_whatever_else_blows():
-    noise = Gaussian(kind="gaussian", sd=1.0, s=0.1)
+    noise = GaussianWind(kind="gaussian", sd=1.0, s=0.1)
     alone = weather(wind=(noise,)).at(100, ORIGIN)
     with_moment = weather(wind=(noise,), moments=(Moment(sd=0.1, s=0.1),)).at(100, ORIGIN)
     assert alone[:5] == with_moment[:5]
 
 
 def test_seeds_differ_and_repeat():
-    noise = (Gaussian(kind="gaussian", sd=1.0, s=0.1), Dryden(kind="dryden", speed=3.0))
+    noise = (GaussianWind(kind="gaussian", sd=1.0, s=0.1), DrydenWind(kind="dryden", speed=3.0))
     first, again, other = (weather(wind=noise, seed=seed).at(100, ORIGIN) for seed in (1, 1, 2))
     assert first == again
     assert all(a != b for a, b in pairwise([first, other]))

@@ -59,7 +59,7 @@ def test_thrust_points_up_and_the_wind_at_the_vehicle(columns):
 
 
 def test_lines_are_what_was_flown(columns):
-    true, known = (columns[f"/roll/{name}"] for name in ("0 true", "1 known to the autopilot"))
+    true, known = (columns[f"/roll/{name}"] for name in ("0 true", "1 estimated"))
     assert np.array(true["scalars"]).max() == pytest.approx(np.degrees(0.2), abs=0.1)
     assert true["scalars"] == known["scalars"]
     for n in range(4):

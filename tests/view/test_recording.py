@@ -17,8 +17,7 @@ from scipy.stats import norm
 import mavdem
 from mavdem.view import show, write_recording
 from mavdem.view.lines import ITERATIONS_A_SECOND
-from mavdem.view.outlook import outlooks
-from mavdem.view.parameters import prior_outweighs_data
+from mavdem.view.series import output_series, prior_outweighs_data
 
 DT = 0.01
 
@@ -185,7 +184,7 @@ def test_one_precision_for_all_outputs_and_one_for_all_states_are_named_so(tmp_p
         np.testing.assert_allclose(mean, learned.learning.lambda_[:, i], rtol=1e-12)
 
 
-def test_a_precision_that_the_prior_fixes_is_told_from_one_that_is_learnt(learned: mavdem.Learned) -> None:
+def test_a_precision_that_the_prior_fixes_is_distinguished_from_one_that_is_learnt(learned: mavdem.Learned) -> None:
     # One λ for each of two outputs and two states; the default prior is sure of measurement noise only.
     assert prior_outweighs_data(learned).tolist() == [True, True, False, False]
     sure = mavdem.learn(TRAIN, replace(learned.settings, lambda_w_precision=1e10))
@@ -199,7 +198,7 @@ def test_states_of_a_free_c_are_no_outputs_and_have_no_unit(tmp_path: Path) -> N
         "/process_noise/state 1",
         "/process_noise/state 2",
     }
-    assert "| times | roll | roll rate |" in document(path)
+    assert "| variable | roll | roll rate |" in document(path)
 
 
 def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned: mavdem.Learned, tmp_path: Path) -> None:
@@ -211,12 +210,12 @@ def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned: mav
 
     unstable = Unstable(**{field.name: getattr(learned, field.name) for field in fields(learned)})
     write_recording(tmp_path / "flight.rrd", TRAIN, TEST, unstable)
-    assert "worse than a constant (inf)" in document(tmp_path / "flight.rrd")
-    for outlook in outlooks(TRAIN, TEST, unstable):
-        low, high = outlook.range
-        assert low < outlook.measured.min() and high > outlook.measured.max()
+    assert "error ratio inf" in document(tmp_path / "flight.rrd")
+    for output in output_series(TRAIN, TEST, unstable):
+        low, high = output.range
+        assert low < output.measured.min() and high > output.measured.max()
         # Not the 1e300 of the forecast; what the numbers on the axis need is more than the quarters on each side.
-        assert high - low < 5 * np.ptp(outlook.measured)
+        assert high - low < 5 * np.ptp(output.measured)
 
 
 def test_the_result_in_words_holds_cautions_first_and_the_figures(recording: Path, learned: mavdem.Learned) -> None:
@@ -227,7 +226,7 @@ def test_the_result_in_words_holds_cautions_first_and_the_figures(recording: Pat
     for error in (report["forecast_mspe"]["DEM"], report["one_step_mspe"]["constant mean"]):
         roll = math.degrees(math.sqrt(error["per_output"][0]))
         assert f"| {roll:.3g} |" in words
-    assert words.startswith("**On the held-out 1 s this model ")
+    assert words.startswith("**RMSE on the held-out test set (1 s): roll ")
     assert f"{report['forecast_mspe']['DEM']['relative']:.3g}" in words.splitlines()[0]
 
 

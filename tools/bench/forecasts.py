@@ -1,86 +1,190 @@
 #!/usr/bin/env python
-"""Forecasts of every window of every recorded flight, DEM against the constant mean; prints the README's table.
+"""Forecasts of windows of recorded flights, DEM against the constant mean; prints a table by flight and one by rate.
 
-Usage: tools/bench/forecasts.py [--preset paper] [--settings JSON] [--json FILE]
+A window is 700 samples to learn from and 150 to forecast up to 125 Hz, and 7 s and 1.5 s above, as in `mavdem learn`.
+The error ratio is the squared forecast error over that of the constant mean; the tables have the median over windows. A
+window from which nothing can be learnt counts as 1. Every flight belongs to half A or half B, with all its rates: what
+is chosen on one half is judged on the other. With --rates also autopilots' own logs, and scenarios flown at each rate.
+
+Usage: tools/bench/forecasts.py [--rates] [--windows N] [--preset paper] [--settings JSON] [--json FILE]
 """
 
 from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from time import perf_counter
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
-from flights import HOP, SHARED, TEST, TRAIN, recorded_flights
-from rich.progress import track
 
 import mavdem
 from mavdem import evaluate
-from mavdem.windows import windows
+from mavdem.evaluate.flight_windows import Window, windows
+from mavdem.paper.flights import SHARED, logged, recorded_flights
+from sitl_scenarios.files import load, scenario_of
 
-DOUBTFUL = 0.5
-"""Of the training variance: a forecast that expects to err so much, squared, is said to doubt itself."""
+LARGE_VARIANCE = 0.5  # expected squared error over the training variance: a forecast that expects more is counted
+
+DEMAND_LOGS = (
+    "sitl_ardupilot/ardupilot_inertia_wind5_steps.BIN",
+    "sitl_events/ap_quiet10.BIN",
+    "sitl_events/px4_windjump.ulg.xz",
+    "sitl_px4/px4_wind5_gust.ulg.xz",
+    "real/logs/px4_default_rates_learnable.ulg",
+    "real/logs/px4_default_rates_gps_interference.ulg",
+)
+"""Logs of the autopilots' own; most have one input, the demand. Both axes are learnt."""
+
+SCENARIOS = (
+    "ardupilot_steps",
+    "calm",
+    "crazyflie_gusts",
+    "hover_blower",
+    "iris_doublets",
+    "iris_dryden",
+    "iris_gusts",
+    "iris_multisine",
+    "iris_von_karman",
+    "paper_2",
+    "paper_5",
+    "system_3",
+)
+RATES = (50, 100, 120, 200, 250, 400)
+PX4_LOOP = 250  # Hz: what is faster is flown with ArduPilot's loop of 400 Hz
 
 
-def figures(name: str, train: mavdem.Flight, test: mavdem.Flight, learned: mavdem.Learned) -> dict[str, Any]:
+class HalvedFlight(NamedTuple):
+    """A flight, its name, and a number that is even in half A and odd in half B."""
+
+    name: str
+    number: int
+    flight: mavdem.Flight
+
+
+def flights(rates: bool) -> Iterator[HalvedFlight]:
+    """Every flight at every rate; neighbours in each list belong to different halves."""
+    for number, (name, flight) in enumerate(recorded_flights()):
+        yield HalvedFlight(name, number, flight)
+    if not rates:
+        return
+    for number, name in enumerate(DEMAND_LOGS):
+        for shift, axis in enumerate(("roll", "pitch")):
+            if (SHARED / name).exists():
+                flight = mavdem.read_flight(SHARED / name, axis=axis)
+                label = f"{Path(name).name} {axis}"
+                yield HalvedFlight(label, number + shift, flight)
+                if flight.dt < 1 / 300:
+                    time, inputs, outputs = (one[::2] for one in (flight.time, flight.inputs, flight.outputs))
+                    flight = mavdem.Flight(time, inputs, outputs, dt=2 * flight.dt)
+                    yield HalvedFlight(f"{label}, every 2nd sample", number + shift, flight)
+    for number, name in enumerate(SCENARIOS):
+        for rate in RATES:
+            yield HalvedFlight(name, number, simulated(name, rate))
+
+
+def simulated(name: str, rate: int) -> mavdem.Flight:
+    """A scenario flown with messages at ``rate`` Hz, as its telemetry log holds it."""
+    values = load(name).model_dump(mode="json")
+    values["stream"] |= {"rate": float(rate)} | ({"speaks": "ardupilot"} if rate > PX4_LOOP else {})
+    return logged(scenario_of(values))
+
+
+def spread(cut: Sequence[Window], most: int | None) -> list[Window]:
+    """Up to ``most`` windows, evenly over the flight."""
+    kept = np.linspace(0, len(cut) - 1, min(most or len(cut), len(cut))).astype(int)
+    return [cut[place] for place in np.unique(kept)]
+
+
+def error_ratio(window: Window, learned: mavdem.Learned | ValueError) -> float:
+    """Of the squared forecast error to that of the constant mean; 1 where nothing could be learnt."""
+    if isinstance(learned, ValueError):
+        return 1.0
+    return float(evaluate.relative_mspe(window.train, window.test, learned.forecast(window.test.inputs)))
+
+
+def figures(window: Window, learned: mavdem.Learned | ValueError) -> dict[str, Any]:
+    found: dict[str, Any] = {"ratio": error_ratio(window, learned)}
+    if isinstance(learned, ValueError):
+        return found | {"inside": np.nan, "cautioned": True, "doubted": False}
+    test, variance = window.test, window.train.outputs.var(axis=0)
     lower, upper = learned.forecast_band(test.inputs)
-    return {
-        "flight": name,
-        "ratio": evaluate.relative_mspe(train, test, learned.forecast(test.inputs)),
+    return found | {
         "inside": float(np.mean((lower <= test.outputs) & (test.outputs <= upper))),
         "cautioned": bool(learned.cautions),
-        "doubted": bool(np.mean(learned.forecast_variance(test.inputs) / train.outputs.var(axis=0)) > DOUBTFUL),
+        "doubted": bool(np.mean(learned.forecast_variance(test.inputs) / variance) > LARGE_VARIANCE),
         "order": learned.settings.order,
     }
 
 
-def print_table(rows: list[dict[str, Any]]) -> None:
-    print("| flight | windows | median ratio | worst | below 1 | in the 90 % band |")
-    print("|---|---|---|---|---|---|")
-    medians = []
-    for name in dict.fromkeys(row["flight"] for row in rows):
-        own = [row for row in rows if row["flight"] == name]
-        ratios = np.array([row["ratio"] for row in own])
-        medians.append(np.median(ratios))
-        inside = np.mean([row["inside"] for row in own])
+def of_flight(halved: HalvedFlight, most: int | None, settings: mavdem.Settings) -> list[dict[str, Any]]:
+    """The figures of each window; prints their row."""
+    name, number, flight = halved
+    cut, half, rate = spread(windows(name, flight), most), "AB"[number % 2], round(1 / flight.dt)
+    began = perf_counter()
+    found = list(mavdem.learn_many((window.train, settings) for window in cut))
+    seconds = (perf_counter() - began) / max(1, len(cut))
+    who = {"flight": name, "half": half, "rate": rate}
+    rows = [who | figures(*pair) for pair in zip(cut, found, strict=True)]
+    if rows:
+        ratios, inside = column(rows, "ratio"), column(rows, "inside")
         print(
-            f"| {name} | {len(own)} | {np.median(ratios):.3g} | {ratios.max():.3g} "
-            f"| {np.mean(ratios < 1):.2f} | {inside:.2f} |"
+            f"| {name} | {half} | {flight.inputs.shape[1]} | {rate} | {len(rows)} | {np.median(ratios):.3g} "
+            f"| {ratios.max():.3g} | {np.mean(ratios < 1):.2f} | {np.nanmean(inside):.2f} | {seconds:.2f} |",
+            flush=True,
         )
-    ratios = np.array([row["ratio"] for row in rows])
-    worse = ratios >= 1
-    cautioned, doubted = (np.array([row[name] for row in rows]) for name in ("cautioned", "doubted"))
+    return rows
+
+
+def column(rows: Sequence[dict[str, Any]], name: str) -> Any:
+    return np.array([row[name] for row in rows])
+
+
+def print_summaries(by_flight: Sequence[list[dict[str, Any]]]) -> None:
+    """By rate and half, and of all windows."""
+    print("\n| Hz | half | flights | windows | geometric mean of medians | worse than the constant mean | worst |")
+    print("|---|---|---|---|---|---|---|")
+    rates = sorted({rows[0]["rate"] for rows in by_flight})
+    for name, of in [*((str(rate), (rate,)) for rate in rates), ("all", tuple(rates))]:
+        for half in ("A", "B", "AB"):
+            those = [rows for rows in by_flight if rows[0]["rate"] in of and rows[0]["half"] in half]
+            if those:
+                ratios = column([row for rows in those for row in rows], "ratio")
+                mean = np.exp(np.mean([np.log(np.median(column(rows, "ratio"))) for rows in those]))
+                worse = np.sum(ratios >= 1)
+                print(f"| {name} | {half} | {len(those)} | {len(ratios)} | {mean:.3g} | {worse} | {ratios.max():.3g} |")
+    rows = [row for own in by_flight for row in own]
+    worse = column(rows, "ratio") >= 1
+    cautioned, doubted = column(rows, "cautioned"), column(rows, "doubted")
     print(
-        f"\nGeometric mean of the medians: {np.exp(np.mean(np.log(medians))):.3g}. In the 90 % band: "
-        f"{np.mean([row['inside'] for row in rows]):.2f}. Of {len(rows)} windows, {worse.sum()} were worse than the "
-        f"constant mean: {np.sum(worse & cautioned)} of them cautioned against beforehand, as were "
-        f"{np.sum(~worse & cautioned)} others; {np.sum(worse & doubted)} expected to err by more than {DOUBTFUL:g} of "
-        f"the training variance, as did {np.sum(~worse & doubted)} others."
+        f"\nIn the 90 % band: {np.nanmean(column(rows, 'inside')):.2f}. Of {len(rows)} windows, {worse.sum()} were "
+        f"worse than the constant mean: {np.sum(worse & cautioned)} of them have a caution, as have "
+        f"{np.sum(~worse & cautioned)} others; {np.sum(worse & doubted)} have an expected squared error above "
+        f"{LARGE_VARIANCE:g} of the training variance, as have {np.sum(~worse & doubted)} others."
     )
 
 
 @click.command(help=__doc__)
+@click.option("--rates", is_flag=True, help="Also autopilots' logs, and scenarios at every rate.")
+@click.option("--windows", "most", type=click.IntRange(min=1), help="Of each flight, evenly over it.  [default: all]")
 @click.option("--preset", type=click.Choice(["real", "paper"]), default="real", show_default=True)
 @click.option("--settings", default="{}", help='Changes to the preset, such as {"order": 2}.')
 @click.option("--json", "to", type=click.Path(path_type=Path), help="Also write each window's figures there.")
-def main(preset: str, settings: str, to: Path | None) -> None:
+def main(rates: bool, most: int | None, preset: str, settings: str, to: Path | None) -> None:
     base = mavdem.Settings.paper() if preset == "paper" else mavdem.Settings()
     chosen = replace(base, **json.loads(settings))
-    tried = [window for name, flight in recorded_flights() for window in windows(name, flight, TRAIN, TEST, HOP)]
-    if not tried:
+    print("| flight | half | inputs | Hz | windows | median ratio | worst | below 1 | in the 90 % band | s a window |")
+    print("|---|---|---|---|---|---|---|---|---|---|")
+    by_flight = [rows for one in flights(rates) if (rows := of_flight(one, most, chosen))]
+    if not by_flight:
         sys.exit(f"There are no recorded flights in {SHARED}; name their folder in MAVDEM_SHARED_DATA.")
-    answers = mavdem.learn_many((window.train, chosen) for window in tried)
-    rows = []
-    for window, learned in track(zip(tried, answers, strict=True), total=len(tried), description="Forecasting"):
-        if isinstance(learned, ValueError):
-            raise learned
-        rows.append(figures(window.flight, window.train, window.test, learned))
-    print_table(rows)
+    print_summaries(by_flight)
     if to:
-        to.write_text(json.dumps(rows, indent=1))
+        to.write_text(json.dumps([row for rows in by_flight for row in rows], indent=1))
 
 
 if __name__ == "__main__":

@@ -1,17 +1,19 @@
 #!/usr/bin/env python
 """Time and memory of a whole fit of 20 iterations, and time of learning with default settings; prints a table.
 
-A whole fit: from samples to a model with its predictor, embedding and moments included, on one core.
+A whole fit, on one core: embedding, sufficient statistics, the ascent and the predictor. With --jobs, instead: time of
+so many fits of 700 samples, one after the other and as a batch on all cores.
 
-Usage: tools/bench/learn.py
+Usage: tools/bench/learn.py [--jobs N]
 """
 
 from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Callable
+from itertools import islice, product
 from statistics import median
-from time import perf_counter
+from timeit import repeat, timeit
 from typing import NamedTuple
 
 import click
@@ -19,18 +21,18 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 import mavdem
-from mavdem.dem import ascent
-from mavdem.dem.fit import fit, generalized
-from mavdem.dem.generative import Samples
+from mavdem.dem.engine import ascent
+from mavdem.dem.fitting import fit
+from mavdem.dem.parallel import spare_cores
 from mavdem.dem.record import Record
-from mavdem.dem.scaling import Scaling
+from mavdem.dem.settings import CompleteSettings
 
 REPEATS = 20
 ITERATIONS = 20
 DT = 0.01
 
 
-class Case(NamedTuple):
+class FitSize(NamedTuple):
     samples: int
     order: int
     outputs: int
@@ -39,8 +41,8 @@ class Case(NamedTuple):
     d: int
 
     @property
-    def settings(self) -> mavdem.Settings:
-        settings = mavdem.Settings(
+    def settings(self) -> CompleteSettings:
+        settings = CompleteSettings(
             order=self.order,
             p=self.p,
             d=self.d,
@@ -52,21 +54,21 @@ class Case(NamedTuple):
             return settings
         # With more outputs than states C is free, and the paper's convention holds the scale of the states.
         free = {"prior": "uniform", "last_derivative_zero": True, "correlation": "continuous"}
-        return mavdem.Settings.from_dict({**settings.to_dict(), **free})
+        return CompleteSettings.from_dict({**settings.to_dict(), **free})
 
 
 CASES = [
-    Case(700, 2, 2, 4, 2, 1),
-    Case(700, 3, 2, 4, 2, 2),
-    Case(320, 2, 4, 1, 6, 2),
-    Case(700, 6, 2, 4, 4, 2),
-    Case(36_000, 2, 2, 4, 2, 1),
-    Case(360_000, 2, 2, 4, 2, 1),
+    FitSize(700, 2, 2, 4, 2, 1),
+    FitSize(700, 3, 2, 4, 2, 2),
+    FitSize(320, 2, 4, 1, 6, 2),
+    FitSize(700, 6, 2, 4, 4, 2),
+    FitSize(36_000, 2, 2, 4, 2, 1),
+    FitSize(360_000, 2, 2, 4, 2, 1),
 ]
 
 
 def flight(samples: int, inputs: int = 4, outputs: int = 2) -> mavdem.Flight:
-    """A damped axis pushed by motors and by noise; what is in it hardly matters to the time."""
+    """A damped axis driven by motors and by noise; its content hardly matters to the time."""
     rng = np.random.default_rng(0)
     motors = rng.standard_normal((samples, inputs)).cumsum(axis=0)
     motors -= np.linspace(0, 1, samples)[:, None] * motors[-1]
@@ -79,17 +81,12 @@ def flight(samples: int, inputs: int = 4, outputs: int = 2) -> mavdem.Flight:
     return mavdem.Flight(DT * np.arange(samples), motors, seen)
 
 
-def time_of(function: Callable[[], object], repeats: int = REPEATS) -> float:
-    times = []
-    for _ in range(repeats):
-        began = perf_counter()
-        function()
-        times.append(perf_counter() - began)
-    return median(times)
+def time_of(function: Callable[[], object]) -> float:
+    return median(repeat(function, number=1, repeat=REPEATS))
 
 
 def memory_of(function: Callable[[], object]) -> float:
-    """Peak of what is allocated meanwhile, MB."""
+    """Peak of the memory allocated by the call, MB."""
     tracemalloc.start()
     function()
     _, peak = tracemalloc.get_traced_memory()
@@ -97,36 +94,56 @@ def memory_of(function: Callable[[], object]) -> float:
     return peak / 1e6
 
 
-@click.command(help=__doc__)
-def main() -> None:
-    # Nothing settles, so that all iterations are taken.
-    ascent.SETTLED = -np.inf
-    print("| T | n | m | r | p, d | fit of 20 iterations, ms | of which embedding and moments | peak memory, MB |")
-    print("|---|---|---|---|---|---|---|---|")
+def print_batch(count: int) -> None:
+    """Fits of one flight by seed, prior precision and order, with complete settings: one candidate each."""
+    train = flight(700)
+    choices = product(range(-(-count // 8)), (1.0, 10.0, 100.0, 1000.0), (2, 3))
+    jobs = [
+        (train, mavdem.Settings(order=order, window=9, parameter_precision=precision, seed=seed))
+        for seed, precision, order in islice(choices, count)
+    ]
+    mavdem.learn(*jobs[0])
+    serial = timeit(lambda: [mavdem.learn(*job) for job in jobs], number=1)
+    learned: list[object] = []
+    batch = timeit(lambda: learned.extend(mavdem.learn_many(jobs)), number=1)
+    assert all(isinstance(one, mavdem.Learned) for one in learned)
+    print("| fits of T = 700 | seconds | a second | speed-up |")
+    print("|---|---|---|---|")
+    for name, taken in (("one after the other", serial), (f"`learn_many` on {spare_cores()} cores", batch)):
+        print(f"| {count} {name} | {taken:.1f} | {count / taken:.1f} | {serial / taken:.2f} |")
+
+
+def print_fits() -> None:
+    # Nothing converges, so that all iterations are taken.
+    ascent.CONVERGED_NATS = -np.inf
+    print("| T | n | m | r | p, d | fit of 20 iterations, ms | peak memory, MB |")
+    print("|---|---|---|---|---|---|---|")
     for case in CASES:
         record = Record.of(flight(case.samples, case.inputs, case.outputs))
         settings = case.settings
-        scaling = Scaling.of(*record.spread, settings)
 
-        def whole(record: Record = record, settings: mavdem.Settings = settings) -> object:
+        def whole(record: Record = record, settings: CompleteSettings = settings) -> object:
             return fit(record, settings)
-
-        def moments(
-            record: Record = record, settings: mavdem.Settings = settings, scaling: Scaling = scaling
-        ) -> Samples:
-            return Samples.of(*generalized(settings, scaling, record))
 
         assert len(fit(record, settings).ascent.theta) == ITERATIONS + 1
         print(
             f"| {case.samples} | {case.order} | {case.outputs} | {case.inputs} | {case.p}, {case.d} "
-            f"| {1e3 * time_of(whole):.1f} | {1e3 * time_of(moments):.1f} | {memory_of(whole):.0f} |",
+            f"| {1e3 * time_of(whole):.1f} | {memory_of(whole):.0f} |",
             flush=True,
         )
-    ascent.SETTLED = 0.1
+    ascent.CONVERGED_NATS = 0.1
     data = flight(700)
     print(f"\nLearning 700 samples with default settings: {time_of(lambda: mavdem.learn(data)):.2f} s.")
 
 
-if __name__ == "__main__":
+@click.command(help=__doc__)
+@click.option("--jobs", "count", type=click.IntRange(min=1))
+def main(count: int | None) -> None:
+    if count is not None:
+        return print_batch(count)
     with threadpool_limits(limits=1, user_api="blas"):
-        main()
+        print_fits()
+
+
+if __name__ == "__main__":
+    main()

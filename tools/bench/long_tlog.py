@@ -1,24 +1,25 @@
 #!/usr/bin/env python
-"""Writes a long telemetry log to read.
+"""Writes a long telemetry log as an input of read.py.
 
-What an ArduPilot quadrotor sends at 100 Hz, in about the shares of such a flight: attitude, motor outputs and inertial
-units at the full rate, the rest at 1 to 10 Hz; random fields, running clocks, MAVLink 2 without truncated zeros.
+The messages of an ArduPilot quadrotor at 100 Hz: attitude, motor outputs and inertial units at the full rate, the rest
+at 1 to 10 Hz. Fields are random, clocks run, and MAVLink 2 payloads are not truncated.
 
 Usage: tools/bench/long_tlog.py MEGABYTES LONG.tlog
 """
 
 from __future__ import annotations
 
+from itertools import count
 from pathlib import Path
+from random import Random
 
 import click
 import numpy as np
-from numpy.typing import NDArray
 
-from mavdem.ingest.checksum import LONGEST, checksums
-from mavdem.ingest.decode import Definition, definitions
+from mavdem.ingest.mavlink.checksum import frame_checksum
+from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
 
-EVERY = {
+PERIOD_STEPS = {
     "ATTITUDE": 1,
     "SERVO_OUTPUT_RAW": 1,
     "ATTITUDE_QUATERNION": 1,
@@ -36,66 +37,40 @@ EVERY = {
     "SYS_STATUS": 50,
     "HEARTBEAT": 100,
 }
-"""Messages, and steps of 10 ms between two of them."""
-FIRST = 1_700_000_000_000_000
-STEPS = 20_000
-"""Steps written at a time."""
+"""Steps of 10 ms between two messages, by type."""
+FIRST_STAMP_MICROSECONDS = 1_700_000_000_000_000
 
 
-def frames(definition: Definition, step: NDArray[np.int64], chance: np.random.Generator) -> NDArray[np.uint8]:
-    """Stamped frames (N, width) sent at ``step`` (N,), sequence numbers and checksums still open."""
-    size = definition.wire.itemsize
-    table = chance.integers(1, 255, (len(step), 8 + 10 + size + 2), dtype=np.uint8)
-    table[:, :8] = (FIRST + 10_000 * step).astype(">u8")[:, None].view(np.uint8)
-    table[:, 8:18] = [0xFD, size, 0, 0, 0, 1, 1, *definition.message_id.to_bytes(3, "little")]
-    payload = np.ascontiguousarray(table[:, 18:-2]).view(definition.wire)[:, 0]
-    for name, units in (("time_boot_ms", 10), ("time_usec", 10_000)):
-        if name in definition.fields:
-            payload[name] = (100 + step) * units % 2**32
+def frame(definition: MessageDefinition, step: int, sequence: int, chance: Random) -> bytes:
+    """The stamped frame sent at ``step``."""
+    payload = bytearray(chance.randbytes(definition.wire.itemsize))
+    known = {"time_boot_ms": 10 * (100 + step), "time_usec": 10_000 * (100 + step)}
     if definition.name == "HEARTBEAT":
-        payload["type"], payload["autopilot"] = 2, 3
-    table[:, 18:-2] = payload[:, None].view(np.uint8)
-    return table
-
-
-def cycle(first: int, chance: np.random.Generator) -> bytes:
-    """What is sent in ``STEPS`` steps from ``first`` on."""
-    by_name = {definition.name: definition for definition in definitions().values()}
-    tables, orders = [], []
-    for rank, (name, every) in enumerate(EVERY.items()):
-        step = first + np.arange(rank % every, STEPS, every)
-        tables.append((frames(by_name[name], step, chance), by_name[name].seed))
-        orders.append(step * len(EVERY) + rank)
-    order = np.argsort(np.concatenate(orders), kind="stable")
-    sequence = np.empty(len(order), dtype=np.uint8)
-    sequence[order] = np.arange(len(order))
-    widths = np.concatenate([np.full(len(table), table.shape[1]) for table, _ in tables])
-    ends = np.empty(len(order), dtype=np.int64)
-    ends[order] = np.cumsum(widths[order])
-    content, row = np.zeros(int(widths.sum()) + LONGEST, dtype=np.uint8), 0
-    for table, seed in tables:
-        rows = slice(row, row + len(table))
-        row += len(table)
-        table[:, 12] = sequence[rows]
-        width = table.shape[1]
-        places = ends[rows] - width
-        np.lib.stride_tricks.sliding_window_view(content, width, writeable=True)[places] = table
-        counts, seeds = np.full(len(table), width - 11), np.full(len(table), seed, dtype=np.int32)
-        sums = checksums(content, places + 9, counts, seeds)
-        content[ends[rows] - 2], content[ends[rows] - 1] = sums & 0xFF, sums >> 8
-    return content[:-LONGEST].tobytes()
+        known |= {"type": 2, "autopilot": 3}
+    for name, value in known.items():
+        if name in definition.fields:
+            field = np.ndarray((1,), definition.wire, payload)[name]
+            field[0] = value % 256**field.itemsize
+    stamp = (FIRST_STAMP_MICROSECONDS + 10_000 * step).to_bytes(8, "big")
+    head = bytes([len(payload), 0, 0, sequence % 256, 1, 1]) + definition.message_id.to_bytes(3, "little")
+    checksum = frame_checksum(head + payload, definition.seed)
+    return stamp + b"\xfd" + head + payload + checksum.to_bytes(2, "little")
 
 
 @click.command(help=__doc__)
 @click.argument("megabytes", type=click.IntRange(1))
 @click.argument("to", metavar="LONG.tlog", type=click.Path(dir_okay=False, path_type=Path))
 def main(megabytes: int, to: Path) -> None:
-    chance, first, left = np.random.default_rng(0), 0, megabytes * 1_000_000
+    by_name = {definition.name: definition for definition in definitions().values()}
+    chance, sequence = Random(0), 0
     with to.open("wb") as file:
-        while left > 0:
-            content = cycle(first, chance)
-            file.write(content)
-            first, left = first + STEPS, left - len(content)
+        for step in count():
+            for rank, (name, every) in enumerate(PERIOD_STEPS.items()):
+                if step % every == rank % every:
+                    file.write(frame(by_name[name], step, sequence, chance))
+                    sequence += 1
+            if file.tell() >= megabytes * 1_000_000:
+                break
 
 
 if __name__ == "__main__":

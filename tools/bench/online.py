@@ -1,8 +1,8 @@
 #!/usr/bin/env python
 """Time of an update of OnlineLearner, one core, over the whole settled flight of a log; prints a table.
 
-What settings leave open is chosen beforehand, as a live program has it done in a process of its own; the updates are
-counted from the first model on. At 400 Hz the flight's samples are read off the lines between them.
+Open settings are chosen beforehand, as `mavdem live` does in another process. Updates are counted from the first model
+on. The flight is interpolated to 100 and 400 Hz.
 
 Usage: tools/bench/online.py [LOG]
 """

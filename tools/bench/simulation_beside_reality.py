@@ -1,12 +1,12 @@
 #!/usr/bin/env python
-"""Figures of simulated flights beside those of recorded ones; prints a table.
+"""Statistics of simulated and of recorded flights; prints a table.
 
 Usage: tools/bench/simulation_beside_reality.py [--windows N]
 
-The simulated are what the autopilot knows and puts out, at the scenario's rate and without a link. Roll motors are
-(left − right)/4 of the motors, µs; those of the real AR.Drone, whose PWM ends at 255, are brought to µs. The frequency
-is where the roll rate has most power. The ratio is the median over windows of 700 samples learnt from and 150 forecast,
-as in the README: below 1 is better than the constant mean.
+Simulated flights hold the autopilot's estimates and outputs at the scenario's rate, without a link. Roll motors are
+(left − right)/4 of the motors, µs; the PWM of the real AR.Drone, 0 to 255, is converted to µs. The frequency
+is that of the largest power of the roll rate. The ratio is the median over windows of 700 training and 150 test
+samples of the forecast error over that of the constant mean.
 """
 
 from __future__ import annotations
@@ -15,62 +15,44 @@ from collections.abc import Iterator
 
 import click
 import numpy as np
-from flights import HOP, SHARED, TEST, TRAIN, recorded_flights
+from forecasts import error_ratio, spread
 from scipy.signal import welch
 
 import mavdem
-from mavdem import evaluate
-from mavdem.windows import windows
-from sitl_scenarios.attitude import euler
+from mavdem.evaluate.flight_windows import TEST, TRAIN, windows
+from mavdem.paper.flights import HOP, REAL, SHARED, hover, recorded_flights
 from sitl_scenarios.files import load, names
-from sitl_scenarios.frames import PAPER_ORDER
+from sitl_scenarios.mixer import PAPER_ORDER
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 
-SLOWEST = 40.0
-"""Hz: scenarios that send slower are there to be refused."""
-
-AFTER_CLIMB = 3.0
-"""Seconds of hover that are left out."""
+MIN_RATE_HZ = 40.0  # slower scenarios exist to be refused
 
 ROLL = np.array([-1.0, 1.0, 1.0, -1.0]) / 4
 
 
-def simulated_flight(scenario: Scenario) -> mavdem.Flight:
-    """Angle and rate of roll as the autopilot knows them, and its motors, in the settled hover."""
-    motion = fly(scenario)
-    hover = motion.landed_state == 2
-    first, last = motion.time[hover][0] + AFTER_CLIMB, motion.time[hover][-1]
-    time = np.arange(round(first * scenario.stream.rate), int(last * scenario.stream.rate)) / scenario.stream.rate
-    roll = np.array([euler(attitude)[0] for attitude in motion.known_attitude.tolist()])
-    columns = [np.interp(time, motion.time, column) for column in (roll, motion.known_rates[:, 0])]
-    motors = [np.interp(time, motion.time, column) for column in motion.outputs.T]
-    return mavdem.Flight(time, np.column_stack(motors), np.column_stack(columns), dt=1 / scenario.stream.rate)
+def roll_flight(scenario: Scenario) -> mavdem.Flight:
+    """The settled hover with roll and roll rate as outputs."""
+    flight = hover(scenario, fly(scenario))
+    return mavdem.Flight(flight.time, flight.inputs, flight.outputs[:, 2:], dt=flight.dt)
 
 
 def everything() -> Iterator[tuple[str, mavdem.Flight]]:
     for name, flight in recorded_flights():
-        if name == "ardrone_tudelft":
+        if name == REAL:
             motors = 1000 + flight.inputs[:, np.argsort(PAPER_ORDER)] / 0.255
             flight = mavdem.Flight(flight.time, motors, flight.outputs, dt=flight.dt)
         yield f"*{name}*", flight
     for name in names():
         scenario = load(name)
-        if scenario.stream.rate >= SLOWEST:
-            yield name, simulated_flight(scenario)
+        if scenario.stream.rate >= MIN_RATE_HZ:
+            yield name, roll_flight(scenario)
 
 
 def ratio(name: str, flight: mavdem.Flight, most: int) -> float:
-    cut = windows(name, flight, TRAIN, TEST, HOP)
-    cut = [cut[i] for i in np.unique(np.linspace(0, len(cut) - 1, most).astype(int))]
-    learned = mavdem.learn_many([(window.train, mavdem.Settings()) for window in cut])
-    ratios = [
-        np.nan
-        if isinstance(found, ValueError)
-        else evaluate.relative_mspe(window.train, window.test, found.forecast(window.test.inputs))
-        for window, found in zip(cut, learned, strict=True)
-    ]
-    return float(np.median(ratios))
+    cut = spread(windows(name, flight, TRAIN, TEST, HOP), most)
+    found = mavdem.learn_many([(window.train, mavdem.Settings()) for window in cut])
+    return float(np.median([error_ratio(*pair) for pair in zip(cut, found, strict=True)]))
 
 
 @click.command(help=__doc__)

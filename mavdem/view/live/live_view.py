@@ -1,10 +1,11 @@
-"""LiveView: shows a flight while it is learnt from."""
+"""LiveView: shows a flight while it is learned from."""
 
 from __future__ import annotations
 
 import atexit
 import time as wall
 from collections.abc import Sequence
+from math import isfinite
 from threading import Lock
 from types import TracebackType
 from uuid import uuid4
@@ -14,45 +15,52 @@ import rerun as rr
 from numpy.typing import ArrayLike
 
 from mavdem.dem import Estimate, Learned
-from mavdem.view.live.clock import Clock
-from mavdem.view.live.outlet import Outlet
-from mavdem.view.live.row import Channels, LogLine, Row, Status
+from mavdem.live import SessionStatus
+from mavdem.view.live.rows import Channels, LogLine, ViewRow
+from mavdem.view.live.sink_thread import SinkThread
 from mavdem.view.live.sinks import Sink
 
-CLOSED_WITHIN = 3.0
-"""Seconds that :meth:`LiveView.close` waits for slow sinks."""
+CLOSE_SECONDS = 3.0  # how long ``close`` waits for slow sinks
+REBOOT_SECONDS = 2.0  # a clock that falls by more has been restarted; log lines may be a little older
+REBOOT_GAP_SECONDS = 1.0  # shown between the last row before a reboot and the first after it
+
+
+class Timeline:
+    """Places times of the boot clock on one timeline, which continues after a reboot: flights do not overlap."""
+
+    def __init__(self) -> None:
+        self.shift = 0.0  # timeline minus boot clock, s; 0 until the vehicle reboots
+        self.latest = 0.0  # time on the timeline, s
+        self._started = False
+
+    def place(self, time: float | None) -> float:
+        """The place of a boot-clock time on the timeline, s; the latest one for ``None`` and non-finite times."""
+        if time is None or not isfinite(time):
+            return self.latest
+        if self._started and time + self.shift < self.latest - REBOOT_SECONDS:
+            self.shift = self.latest + REBOOT_GAP_SECONDS - time
+        self.latest = max(self.latest, time + self.shift) if self._started else time
+        self._started = True
+        return time + self.shift
 
 
 class LiveView:
-    """Takes rows from the learning thread, log lines and status from any, and never makes one wait.
+    """Takes rows from the learning thread, log lines and statuses from any thread; never makes one wait.
 
-    Each sink has a thread and a bounded queue, which drops the oldest rows when the sink cannot keep up. After a reboot
-    of the vehicle time goes on where it was; status and log say by how much.
-
-    Used with ``with``, or closed by :meth:`close`, or, last of all, when Python ends.
+    It opens its sinks without waiting; ``troubles`` reports those that cannot be written. Each sink has a thread and a
+    bounded queue, which drops the oldest rows if the sink is too slow. Use it with ``with``, or call :meth:`close`;
+    otherwise it is closed when Python ends.
     """
 
     def __init__(self, channels: Channels, sinks: Sequence[Sink]) -> None:
-        """Opens the sinks, and waits for none that is not there yet; of one that cannot be written ``troubles`` tell.
-
-        Args:
-            channels: what the numbers are.
-            sinks: where to show and record.
-        """
-        self._clock, self._lock = Clock(), Lock()
+        self._timeline, self._lock = Timeline(), Lock()
         self._channels, self._closed = channels, False
         recording_id = uuid4()
-        self._outlets = [Outlet(sink, channels, recording_id) for sink in sinks]
-        for outlet in self._outlets:
-            outlet.begin()
+        self._threads = [SinkThread(sink, channels, recording_id) for sink in sinks]
         atexit.register(self.close)
 
     def change(self, channels: Channels) -> None:
-        """Says what rows are of from now on: other channels are shown instead of those before, which stay recorded.
-
-        Args:
-            channels: what the numbers are; nothing changes with those there are.
-        """
+        """Sets the ``channels`` of the rows from now on; what was drawn before stays in the recording."""
         if channels != self._channels:
             self._channels = channels
             self.log("other channels are shown from here on; those before stay in the recording")
@@ -66,85 +74,73 @@ class LiveView:
         estimate: Estimate | None = None,
         learned: Learned | None = None,
     ) -> None:
-        """Shows a row; returns in microseconds.
+        """Shows a row of ``outputs`` (m,) and ``inputs`` (r,) at ``time``, s of the boot clock; takes microseconds.
 
-        Args:
-            time: boot clock, s.
-            segment: a number that changes where samples are missing or the vehicle rebooted.
-            outputs: (m,).
-            inputs: (r,).
-            estimate: of this sample; ``None`` where there is none.
-            learned: the learner's last whole learning, which tells what the prior left to the data.
+        The number of the ``segment`` changes where samples are missing or the vehicle rebooted. ``estimate`` is of this
+        sample; ``learned`` is the learner's last batch result, which contains the prior.
         """
         if self._closed:
             return
-        shown, shift = self._shown(time)
-        # Copied, since callers may use their arrays again.
+        shown, shift = self._place(time)
+        # Copies, since callers may reuse their arrays.
         y, u = np.array(outputs, np.float64), np.array(inputs, np.float64)
-        row = Row(shown, shift, segment, y, u, estimate, learned, self._channels)
-        for outlet in self._outlets:
-            outlet.rows.put(row)
+        row = ViewRow(shown, shift, segment, y, u, estimate, learned, self._channels)
+        for thread in self._threads:
+            thread.rows.put(row)
 
     def log(self, text: str, level: str = "INFO", time: float | None = None) -> None:
-        """Shows a line in the log.
+        """Shows one sentence, ``text``, in the log, with a ``level`` of "INFO", "WARN" or "ERROR".
 
-        Args:
-            text: one sentence.
-            level: "INFO", "WARN" or "ERROR".
-            time: boot clock, s; that of the latest row unless given.
+        Its ``time``, s of the boot clock, is that of the latest row by default.
         """
         if not self._closed:
-            self._line(self._shown(time)[0], level, text)
+            self._log(self._place(time)[0], level, text)
 
-    def _shown(self, time: float | None) -> tuple[float, float]:
-        """Where a time of the boot clock is shown, and how far from there that is, s."""
+    def _place(self, time: float | None) -> tuple[float, float]:
+        """The place of a boot-clock time on the timeline, and the shift, s."""
         with self._lock:
-            before = self._clock.shift
-            shown, shift = self._clock.shown(time), self._clock.shift
+            before = self._timeline.shift
+            shown, shift = self._timeline.place(time), self._timeline.shift
         if shift != before:
-            self._line(shown, "WARN", f"rebooted: {time:.1f} s is shown as {shown:.1f} s")
+            self._log(shown, "WARN", f"rebooted: {time:.1f} s is shown as {shown:.1f} s")
         return shown, shift
 
-    def _line(self, shown: float, level: str, text: str) -> None:
-        # A name from a link need not be UTF-8, and what Rerun is given must be.
+    def _log(self, shown: float, level: str, text: str) -> None:
+        # Names from a link need not be valid UTF-8, which Rerun requires.
         line = LogLine(shown, level, text.encode(errors="replace").decode())
-        for outlet in self._outlets:
-            outlet.lines.put(line)
+        for thread in self._threads:
+            thread.lines.put(line)
 
-    def status(self, status: Status) -> None:
-        """Shows how the link fares, once a second.
-
-        Args:
-            status: as of now; the latest is shown.
-        """
-        for outlet in self._outlets:
-            outlet.status = status
+    def status(self, status: SessionStatus) -> None:
+        """Shows the latest ``status``, once a second."""
+        for thread in self._threads:
+            thread.status = status
 
     @property
     def dropped(self) -> dict[str, int]:
-        """How many rows each sink, by name, could not be given."""
-        return {outlet.sink.name: outlet.rows.dropped for outlet in self._outlets}
+        """Number of rows dropped for each sink, by name."""
+        return {thread.sink.name: thread.rows.dropped for thread in self._threads}
 
     @property
     def troubles(self) -> list[str]:
-        """Why a sink is given nothing, a sentence for each that is not."""
-        return [outlet.trouble for outlet in self._outlets if outlet.trouble]
+        """One sentence for each sink that receives nothing."""
+        return [thread.trouble for thread in self._threads if thread.trouble]
 
     def close(self) -> None:
-        """Sends what waits, closes files and connections; a sink that hangs is left alone after three seconds."""
+        """Sends what waits and closes the sinks; a sink that hangs is abandoned after ``CLOSE_SECONDS``."""
         if self._closed:
             return
         self._closed = True
         atexit.unregister(self.close)
-        for outlet in self._outlets:
-            outlet.end()
-        deadline = wall.monotonic() + CLOSED_WITHIN
-        hanging = [o for o in self._outlets if not o.ended(max(0.0, deadline - wall.monotonic()))]
-        if hanging:
-            # Rerun would wait for it when Python ends, as long as the viewer hangs.
+        for thread in self._threads:
+            thread.end()
+        deadline = wall.monotonic() + CLOSE_SECONDS
+        ended = [thread.ended(max(0.0, deadline - wall.monotonic())) for thread in self._threads]
+        if not all(ended):
+            # Otherwise Rerun waits for the hanging viewer when Python ends.
             rr.unregister_shutdown()
-        for outlet in self._outlets:
-            outlet.sink.close()
+        for thread in self._threads:
+            thread.sink.close()
 
     def __enter__(self) -> LiveView:
         return self

@@ -1,0 +1,19 @@
+"""The entry point, ``mavdem`` and ``python -m mavdem``: signals are set before anything that takes time is imported."""
+
+from __future__ import annotations
+
+import sys
+
+from mavdem.cli.signals import ending_at_once, unwind_when_terminated
+
+
+def run() -> int:
+    """Runs the command of the process and returns its exit code."""
+    with ending_at_once():
+        from mavdem.cli.commands import main
+    unwind_when_terminated()
+    return main()
+
+
+if __name__ == "__main__":
+    sys.exit(run())

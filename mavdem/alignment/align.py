@@ -1,0 +1,184 @@
+"""Alignment: attitude and inputs of a segment on one uniform clock, as a Flight."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from mavdem.alignment.segments import STAMP_SECONDS, Segment, is_sampled, within
+from mavdem.alignment.signals import Signals
+from mavdem.flight import Flight
+
+LOW_PASS_RATIO = 1.5
+"""A stream that comes so many times as fast as the grid is low-passed first. Below that the filter would reach into the
+band in which the stream itself is already aliased."""
+CUTOFF_RATIO = 0.4
+"""Cut-off of that filter in grid rates: 0.5 is the Nyquist frequency, and 0.1 (5 Hz at 50) passes unchanged."""
+FILTER_EDGE_STEPS = 5
+"""Grid steps after which the filter has forgotten its start to a hundredth. Its slowest pole, at a rate of 2 pi
+``CUTOFF_RATIO`` sin(22.5°), decays by a factor e a step."""
+
+
+def align(signals: Signals, segment: Segment) -> Flight:
+    """The flight of ``segment``, uniform on the boot clock.
+
+    Its inputs are one column a motor, or the demand (``Signals.drive``), its outputs angle and rate of the axis.
+
+    The step is the mean interval of the slower of attitude and motors, to 0.1 ms. The mean, because an autopilot that
+    rounds 10 ms to its 4 ms loop alternates 8 and 12 and the median is neither.
+
+    A stream with a sample within ``STAMP_SECONDS`` of every grid point keeps its samples as they are, unless it is so
+    much faster that it has to be low-passed (see :func:`sample`). Otherwise it is interpolated linearly.
+
+    A motor output is held by the ESC, but only until the mixer's next turn, a few ms later and long before the next
+    message. Holding the last message would date every input half an interval late on average, a lag the model would
+    learn; interpolation has none. It looks one message ahead: an input between two messages uses up to one interval of
+    the future. Raises ValueError: no attitude or inputs, or a segment without samples of them.
+    """
+    attitude, motors, telemetry, axis = signals.attitude, signals.drive, signals.telemetry, signals.axis
+    if attitude is None or motors is None:
+        raise ValueError("the telemetry holds no attitude or no motor outputs to align")
+    if not is_sampled(attitude, motors, segment):
+        raise ValueError(f"the segment from {segment.start:.3f} s holds no attitude or no motor outputs")
+    near, motion = within(attitude, segment), np.column_stack([attitude.angle, attitude.rate])
+    drive = within(motors, segment)
+    rates = {"attitude": mean_rate(attitude.time[near]), "motors": mean_rate(motors.time[drive])}
+    dt = step(rates.values())
+    time = grid_of(attitude.time[near], motors.time[drive], dt)
+    outputs, attitude_way = sample(time, dt, attitude.time[near], motion[near])
+    inputs, motors_way = sample(time, dt, motors.time[drive], motors.outputs[drive])
+    layout, scale = motors.layout, motors.scale
+    return Flight(
+        time=time,
+        inputs=inputs,
+        outputs=outputs,
+        dt=dt,
+        input_names=layout.names,
+        output_names=(axis, f"{axis} rate"),
+        input_units=(scale.unit,) * len(layout.names),
+        output_units=("rad", "rad/s"),
+        provenance={
+            "source": telemetry.source,
+            "system": telemetry.system,
+            "component": telemetry.component,
+            "vehicle": telemetry.vehicle,
+            "autopilot": telemetry.autopilot,
+            "axis": axis,
+            "segment": asdict(segment),
+            "messages": {"attitude": attitude.message, "motors": motors.message},
+            "rates": {name: round(rate, 3) for name, rate in rates.items()},
+            "dt": dt,
+            "resampling": {"attitude": attitude_way, "motors": motors_way},
+            "motors": {
+                "channels": list(layout.channels),
+                "positions": [list(position) for position in layout.positions],
+                "basis": layout.basis,
+                "channels_assumed": layout.channels_assumed,
+                "positions_assumed": layout.positions_assumed,
+            },
+            "scale": asdict(scale),
+            "repairs": list(telemetry.repairs),
+        },
+        effect_directions=None if layout.positions_assumed else layout.effect(axis),
+    )
+
+
+def step(rates: Iterable[float]) -> float:
+    """The step, s, of a grid for streams of these mean rates, Hz: the interval of the slowest, to 0.1 ms."""
+    return max(round(1 / min(rates), 4), 1e-4)
+
+
+def mean_rate(time: NDArray[np.float64]) -> float:
+    """Samples a second over the whole of ``time`` (N,), N ≥ 2."""
+    return float((len(time) - 1) / (time[-1] - time[0]))
+
+
+def sample(
+    grid: NDArray[np.float64], dt: float, time: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], str]:
+    """Columns of ``values`` (N, k), sampled at ``time`` (N,), at ``grid`` (T,) of step ``dt``, and how they were made.
+
+    "samples kept", "linear" between the neighbours, or, from a stream at ``LOW_PASS_RATIO`` times the rate of the grid
+    or more, "low-passed at … Hz, linear": without that, what moves faster than the grid can show (a vibration at 49 Hz,
+    on a grid of 50) would be aliased to something slow.
+    """
+    way = "linear"
+    if is_low_passed(time, dt):
+        time, values = _low_passed(time, values, CUTOFF_RATIO / dt)
+        way = f"low-passed at {CUTOFF_RATIO / dt:.3g} Hz, linear"
+    elif (rows := kept_rows(grid, time)) is not None:
+        return values[rows], "samples kept"
+    return np.column_stack([np.interp(grid, time, column) for column in values.T]), way
+
+
+def grid_of(attitude: NDArray[np.float64], motors: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
+    """Steps of ``dt`` where both streams have samples.
+
+    From an attitude sample when both streams then keep theirs; otherwise from a motor sample: from one message to the
+    next motor outputs change more than attitude does, so it is attitude that should be moved.
+    """
+    first, last = max(attitude[0], motors[0]), min(attitude[-1], motors[-1])
+    for stamps in (attitude, motors):
+        start = min(stamps[stamps >= first - STAMP_SECONDS][0], last)
+        grid = np.asarray(start + dt * np.arange(int((last - start) / dt + STAMP_SECONDS) + 1))
+        if kept_rows(grid, attitude) is not None and kept_rows(grid, motors) is not None:
+            break
+    sure = _sure(grid, dt, attitude) & _sure(grid, dt, motors)
+    return grid[sure] if sure.any() else grid
+
+
+def kept_rows(grid: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.intp] | None:
+    """Rows of ``time`` (N,) at each point of ``grid`` (T,); None unless all differ and lie within ``STAMP_SECONDS``."""
+    after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
+    nearest = np.where(grid - time[after - 1] < time[after] - grid, after - 1, after)
+    if np.all(np.abs(time[nearest] - grid) <= STAMP_SECONDS) and np.all(np.diff(nearest) > 0):
+        return nearest
+    return None
+
+
+def is_low_passed(time: NDArray[np.float64], dt: float) -> bool:
+    """Whether a stream, sampled at ``time`` (N,), is so much faster than a grid of ``dt`` that it is low-passed."""
+    return mean_rate(time) * dt >= LOW_PASS_RATIO
+
+
+def _sure(grid: NDArray[np.float64], dt: float, time: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Which grid points (T,) are free of edge effects of the stream's low-pass filter, if there is one."""
+    margin = FILTER_EDGE_STEPS * dt if is_low_passed(time, dt) else 0.0
+    return np.asarray((grid >= time[0] + margin - STAMP_SECONDS) & (grid <= time[-1] - margin + STAMP_SECONDS))
+
+
+def _low_passed(
+    time: NDArray[np.float64], values: NDArray[np.float64], cutoff: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The columns at as many even stamps, through a Butterworth filter of fourth order, once forwards, once backwards.
+
+    Butterworth, because it is flat where the dynamics are; both ways, because that leaves no phase, and motors and
+    attitude must keep their order in time. At the cut-off half the amplitude is left, at twice that 1/257.
+    """
+    even = np.linspace(time[0], time[-1], len(time))
+    table = np.column_stack([np.interp(even, time, column) for column in values.T])
+    rate = mean_rate(time)
+    # A slower filter's numbers are lost in rounding; whatever is sampled on so coarse a grid is refused for its rate.
+    cutoff = max(cutoff, 1e-4 * rate)
+    settling = round(3 * rate / cutoff)
+    return even, sosfiltfilt(_butterworth(rate, cutoff), table, axis=0, padlen=min(settling, len(table) - 1))
+
+
+def impulse_response(rate: float, dt: float) -> NDArray[np.float64]:
+    """(2 L + 1,) the low-pass filter's response to one sample of a stream of ``rate`` Hz, for streams as they come.
+
+    It reaches ``FILTER_EDGE_STEPS`` steps ``dt`` either way; what is cut off beyond is less than a hundredth of it.
+    """
+    reach = round(FILTER_EDGE_STEPS * dt * rate)
+    sample = np.zeros(8 * reach + 1)
+    sample[4 * reach] = 1.0
+    response = sosfiltfilt(_butterworth(rate, CUTOFF_RATIO / dt), sample, padlen=0)[3 * reach : 5 * reach + 1]
+    return np.asarray(response / response.sum())
+
+
+def _butterworth(rate: float, cutoff: float) -> NDArray[np.float64]:
+    return np.asarray(butter(4, cutoff, fs=rate, output="sos"))

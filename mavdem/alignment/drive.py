@@ -1,0 +1,186 @@
+"""What drives the vehicle: motor outputs or the controller's demand, from a vehicle's Telemetry."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.alignment.columns import by_preference, floats, in_order, message_counts
+from mavdem.ingest.motors import MotorGeometry, OutputScale, demand_geometry, motor_geometry, output_scale
+from mavdem.ingest.telemetry import Columns, Telemetry
+
+AXES = ("roll", "pitch")
+
+INPUTS = ("motors", "demand")  # The possible inputs of a model: motor outputs, or the controller's command for the axis
+MOTOR_MESSAGES = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS")
+"""Messages with motor outputs, the preferred first."""
+
+Obstacle = tuple[str, str]  # A sentence on what is wrong, and one on what to do; "" to ask for faster messages
+FLY = "Record a flight: half a minute in the air between take-off and landing is enough."
+DEMAND_MESSAGE = "ACTUATOR_CONTROL_TARGET"
+THRUST_COLUMN = 3  # Place of thrust in ACTUATOR_CONTROL_TARGET.controls of group 0
+PORT_CHANNELS, WIDE_PORT_CHANNELS = 8, 16
+"""Channels a port of SERVO_OUTPUT_RAW; firmware that fills the message's extension counts ports by 16."""
+UNUSED_CHANNEL = 65535  # SERVO_OUTPUT_RAW's value for a channel without an output
+
+
+@dataclass(frozen=True, eq=False)
+class Motors:
+    """Motor outputs, or the demand as one column."""
+
+    message: str  # they come from
+    time: NDArray[np.float64]  # with boot: (N,) s on the clock of a boot
+    boot: NDArray[np.int64]
+    outputs: NDArray[np.float64]  # (N, k) in the unit of the stream
+    layout: MotorGeometry  # which channels and where their motors are
+    scale: OutputScale  # unit, range and resolution
+    sent: int  # messages in the stream
+    left_out: int  # those not used: not finite, or with the stamp of another. Exact copies do not count.
+
+
+def motors(telemetry: Telemetry) -> Motors | None:
+    """Motor outputs; None when no message holds those of all motors, or none of them ever moved.
+
+    From SERVO_OUTPUT_RAW, ACTUATOR_OUTPUT_STATUS or HIL_ACTUATOR_CONTROLS, in that order of preference.
+    """
+    found = _motors_or_obstacle(telemetry)
+    return None if isinstance(found, tuple) else found
+
+
+def without_motors(telemetry: Telemetry) -> Obstacle:
+    """Why there are no motor outputs, where there are none."""
+    found = _motors_or_obstacle(telemetry)
+    return found if isinstance(found, tuple) else ("", "")
+
+
+def _motors_or_obstacle(telemetry: Telemetry) -> Motors | Obstacle:
+    """The motors of the most preferred message that has them; else why the most preferred message has none."""
+    obstacles: list[Obstacle] = []
+    for message in by_preference(message_counts(telemetry, MOTOR_MESSAGES)):
+        found = _motors_in(telemetry, message)
+        if not isinstance(found, tuple):
+            return found
+        obstacles.append(found)
+    none = f"There is no message with motor outputs ({telemetry.called(MOTOR_MESSAGES[0])})."
+    return obstacles[0] if obstacles else (none, "")
+
+
+def _motors_in(telemetry: Telemetry, message: str) -> Motors | Obstacle:
+    name = telemetry.called(message)
+    banks = _banks(message, telemetry.messages[message])
+    moving = [bank.first + i for bank in banks for i in range(bank.values.shape[1]) if _moves(bank.values[:, i])]
+    plan = motor_geometry(
+        telemetry.vehicle, telemetry.autopilot, telemetry.parameters, moving, banks[0].values.shape[1]
+    )
+    if plan is None or not moving:
+        return f"The motors did not run: no output in {name} ever changes.", FLY
+    there = {channel for bank in banks for channel in bank.among(plan.channels)}
+    of_motors = f"By {plan.basis.partition(';')[0]} the motors are on channels {_numbers(plan.channels)}"
+    if there != set(plan.channels):
+        reason = f"{of_motors}, but {name} has no channel {_numbers(set(plan.channels) - there)}."
+        return reason, "Record all outputs: MAVLink 1 has 8 channels, MAVLink 2 has 16."
+    if not set(plan.channels) & set(moving):
+        return f"{of_motors}, which never change in {name}; {_numbers(moving)} do.", FLY
+    # One row a message of the bank that holds most motors; the other bank's rows come a moment before or after.
+    main = max(banks, key=lambda bank: len(bank.among(plan.channels)))
+    outputs = np.full((len(main.time), len(plan.channels)), np.nan)
+    sent = []
+    for bank in banks:
+        for channel in bank.among(plan.channels):
+            values = bank.values[:, channel - bank.first]
+            sent.append(values)
+            outputs[:, plan.channels.index(channel)] = values if bank is main else _interpolated(main, bank, values)
+    time, boot, outputs, lost = in_order(main.time, main.boot, outputs)
+    # Of the values as sent: interpolated ones fall between the steps of the stream.
+    scale = output_scale(np.concatenate(sent), telemetry.parameters)
+    if not len(time):
+        return f"{name} has no message with finite outputs of all motors.", "Check what wrote the log."
+    return Motors(message, time, boot, outputs, plan, scale, main.sent, main.left_out + lost)
+
+
+def demand(telemetry: Telemetry, axis: str) -> Motors | None:
+    """The controller's command for the axis, −1 to 1, from ACTUATOR_CONTROL_TARGET; None when it never moved."""
+    bank = _control(telemetry, AXES.index(axis))
+    if bank is None or not _moves(bank.values[:, 0]):
+        return None
+    scale = OutputScale("demand", "", -1.0, 1.0, float(np.diff(np.unique(bank.values)).min()))
+    return Motors(
+        DEMAND_MESSAGE, bank.time, bank.boot, bank.values, demand_geometry(axis), scale, bank.sent, bank.left_out
+    )
+
+
+def thrust_demand(telemetry: Telemetry) -> _Bank | None:
+    """The controller's thrust command, 0 to 1, as one column; None when it was not recorded."""
+    bank = _control(telemetry, THRUST_COLUMN)
+    return bank if bank is not None and len(bank.time) else None
+
+
+def _control(telemetry: Telemetry, column: int) -> _Bank | None:
+    columns = telemetry.messages.get(DEMAND_MESSAGE)
+    if columns is None:
+        return None
+    # Group 0 is flight control: roll, pitch, yaw and thrust.
+    group_0 = np.asarray(columns["group_mlx"]) == 0 if "group_mlx" in columns else np.ones(len(columns["time"]), bool)
+    return _bank(columns, floats(columns, "controls")[:, [column]], 1, group_0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Bank:
+    """Output channels ``first``, ``first`` + 1, … as one stream sends them: values (N, width); see ``Motors``."""
+
+    time: NDArray[np.float64]
+    boot: NDArray[np.int64]
+    values: NDArray[np.float64]
+    first: int
+    sent: int
+    left_out: int
+
+    def among(self, channels: tuple[int, ...]) -> list[int]:
+        return [channel for channel in channels if self.first <= channel < self.first + self.values.shape[1]]
+
+
+def _banks(message: str, columns: Columns) -> list[_Bank]:
+    if message != "SERVO_OUTPUT_RAW":
+        field = "actuator" if message == "ACTUATOR_OUTPUT_STATUS" else "controls"
+        values = np.atleast_2d(floats(columns, field))
+        return [_outputs(columns, values, 1, np.ones(len(columns["time"]), dtype=bool))]
+    fields = [f"servo{n}_raw" for n in range(1, 17) if f"servo{n}_raw" in columns]
+    values = np.column_stack([floats(columns, field) for field in fields])
+    values[values == UNUSED_CHANNEL] = 0.0
+    port = floats(columns, "port") if "port" in columns else np.zeros(len(values))
+    wide = values.shape[1] == WIDE_PORT_CHANNELS and np.any(values[:, PORT_CHANNELS:])
+    width = WIDE_PORT_CHANNELS if wide else PORT_CHANNELS
+    return [_outputs(columns, values[:, :width], 1 + width * int(p), port == p) for p in np.unique(port)]
+
+
+def _outputs(columns: Columns, values: NDArray[np.float64], first: int, rows: NDArray[np.bool_]) -> _Bank:
+    """A bank of outputs; a channel that never has a number has none."""
+    return _bank(columns, np.where(np.isfinite(values[rows]).any(axis=0), values, 0.0), first, rows)
+
+
+def _numbers(channels: Iterable[int]) -> str:
+    return ", ".join(str(channel) for channel in sorted(channels))
+
+
+def _bank(columns: Columns, values: NDArray[np.float64], first: int, rows: NDArray[np.bool_]) -> _Bank:
+    time, boot, kept, left_out = in_order(columns["time"][rows], columns["boot"][rows], values[rows])
+    return _Bank(time, boot, kept, first, int(np.count_nonzero(rows)), left_out)
+
+
+def _moves(values: NDArray[np.float64]) -> bool:
+    """Whether a channel takes several values beside 0, which stands for "no output yet"."""
+    running = values[values != 0]
+    return len(running) > 0 and float(np.ptp(running)) > 0
+
+
+def _interpolated(main: _Bank, bank: _Bank, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values of one bank at the stamps of another."""
+    moved = np.full(len(main.time), np.nan)
+    for boot in np.unique(main.boot):
+        there, here = bank.boot == boot, main.boot == boot
+        if there.any():
+            moved[here] = np.interp(main.time[here], bank.time[there], values[there])
+    return moved

@@ -1,0 +1,100 @@
+"""Inventory of a log: components, messages and rates, damage, and a verdict for each vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+from scipy.stats import trim_mean
+
+from mavdem.alignment.read import choose_vehicle
+from mavdem.alignment.signals import Signals
+from mavdem.alignment.verdict import judge
+from mavdem.ingest import Log
+from mavdem.ingest.telemetry import Columns, Telemetry, selected
+
+
+def inventory(log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None) -> dict[str, Any]:
+    """Everything there is to report of a log before learning, as plain JSON values; times in s, rates in Hz.
+
+    Of each component ``lost_share`` is the share of its sequence numbers that do not occur, and of a vehicle
+    ``missing_share`` the share of messages missing from a stream by the stream's usual step, the median over its
+    streams; None where there are none. A link loses messages of all kinds alike: where ``missing_share`` is near 0, the
+    sequence numbers that do not occur are of kinds that the log leaves out. A change of rates raises ``missing_share``
+    but not ``lost_share``; only both together mean a loss. The arguments are as for :func:`mavdem.read_flight`; a
+    ``vehicle`` leaves the others out. Raises NotLearnable: no such vehicle; ValueError: unknown axis or inputs.
+    """
+    vehicles = log.vehicles if vehicle is None else (choose_vehicle(log.vehicles, vehicle),)
+    missing = {(one.system, one.component): _missing_share(one) for one in log.vehicles}
+    described = [_vehicle(telemetry, axis, inputs, log) for telemetry in vehicles]
+    return {
+        "source": log.source,
+        "frames": log.frames,
+        "bytes_skipped": log.bytes_skipped,
+        "receive_time": list(log.receive_time),
+        "unread": [asdict(unread) for unread in log.unread],
+        "speakers": [
+            {
+                "system": speaker.system,
+                "component": speaker.component,
+                "kind": speaker.kind,
+                "messages": sum(speaker.messages.values()),
+                "lost": speaker.lost,
+                "lost_share": speaker.lost / max(speaker.lost + sum(speaker.messages.values()), 1),
+                "missing_share": missing.get((speaker.system, speaker.component)),
+            }
+            for speaker in log.components
+        ],
+        "vehicles": described,
+        "learnable": any(one["verdict"]["learnable"] for one in described),
+    }
+
+
+def _vehicle(telemetry: Telemetry, axis: str, inputs: str | None, log: Log) -> dict[str, Any]:
+    verdict = judge(Signals(telemetry, axis, inputs), log.components)
+    return {
+        "system": telemetry.system,
+        "component": telemetry.component,
+        "vehicle": telemetry.vehicle,
+        "autopilot": telemetry.autopilot,
+        "translated_from": telemetry.translated_from,
+        "names": {name: telemetry.names[name] for name in sorted(telemetry.messages) if name in telemetry.names},
+        "parameters": len(telemetry.parameters),
+        "messages": {
+            name: {"count": len(columns["time"]), "rate": _rate(columns)}
+            for name, columns in sorted(telemetry.messages.items())
+        },
+        "boots": len(set().union(*(np.unique(columns["boot"]).tolist() for columns in telemetry.messages.values()))),
+        "segments": [{**asdict(segment), "duration": segment.duration} for segment in verdict.segments],
+        "repairs": list(telemetry.repairs),
+        "verdict": verdict.as_dict(),
+    }
+
+
+def _rate(columns: Columns) -> float | None:
+    """Messages a second from the first to the last of each boot; None where no two are apart in time.
+
+    Of a message that comes once for each port or group, those of one: the port or group that has most.
+    """
+    for field in ("port", "group_mlx"):
+        if field in columns:
+            instances, of = np.unique(columns[field], return_inverse=True)
+            columns = selected(columns, of == np.bincount(of).argmax()) if len(instances) > 1 else columns
+    boots = [columns["time"][columns["boot"] == boot] for boot in np.unique(columns["boot"])]
+    seconds = sum(float(time[-1] - time[0]) for time in boots)
+    return sum(len(time) - 1 for time in boots) / seconds if seconds > 0 else None
+
+
+def _missing_share(telemetry: Telemetry) -> float | None:
+    shares = []
+    for columns in telemetry.messages.values():
+        time, boot = columns["time"], columns["boot"]
+        steps = np.diff(time)[np.diff(boot) == 0]
+        # The mean of the middle half: a loop of 4 ms makes steps of 8 and 12 ms of 10.
+        usual = float(trim_mean(steps, 0.25)) if len(time) >= 50 and len(steps) else 0.0
+        if usual > 0:
+            # A quarter of a step is jitter.
+            missing = float(np.maximum(np.rint(steps / usual - 0.25) - 1, 0).sum())
+            shares.append(missing / (missing + len(time)))
+    return float(np.median(shares)) if shares else None

@@ -1,0 +1,140 @@
+"""Flight phases: which parts of a boot are settled flight, between climb-out and landing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import isinf
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.alignment.columns import Signal
+from mavdem.alignment.intervals import ALWAYS, Interval, Intervals, both, either, outside, unbroken, where
+from mavdem.alignment.signals import Attitude, Signals
+from mavdem.ingest.vocabulary import IN_AIR, OFF_GROUND
+
+IDLE_COLLECTIVE, ABOVE_IDLE = 0.15, 0.05
+"""Highest share of the motors' range at which autopilots idle on the ground, ArduPilot's default for MOT_SPIN_MIN, and
+how much more a multirotor needs at least to stay up."""
+TRANSIENT_SECONDS = 5.0
+"""Seconds after lift-off and before touch-down that are never settled. Spool-up, ground effect and the estimator's
+first metres."""
+CLIMB_OUT_SPEED = 0.25
+"""m/s: climb-out and landing last while the vehicle rises or sinks faster. Autopilots land at 0.3 m/s and more."""
+MAX_TILT = np.radians(60.0)
+"""Tilt beyond which no hover model holds: half the thrust no longer carries, and Euler angles leave the body rates."""
+REPORT_SECONDS = 10.0
+"""Longest time between two reports of EXTENDED_SYS_STATE that they cover: autopilots send it at 0.2 Hz and faster, and
+what the vehicle did in a longer gap the other evidence shows better."""
+AVERAGING_SECONDS = 2.0
+"""Seconds over which vertical speed and collective are averaged, so that a gust does not end a climb."""
+
+
+def airborne_collective(parameters: Mapping[str, float]) -> float:
+    """Least share of the motors' range, 0 to 1, that holds a multirotor up, by the autopilot's ``parameters``."""
+    return parameters.get("MOT_SPIN_MIN", IDLE_COLLECTIVE) + ABOVE_IDLE
+
+
+def settled(signals: Signals, boot: int) -> Intervals:
+    """Intervals of ``boot`` in settled flight, as the autopilot reports it and otherwise as the motors show it.
+
+    Neither take-off nor landing, where it reports them; both axes must stay upright.
+    """
+    climb = _of(signals.climb_rate, boot)
+    flights = both(armed(signals, boot), _in_states(signals, boot, (IN_AIR,)))
+    level = [between for flight in flights if (between := _between_transients(flight, climb)) is not None]
+    for attitude in (signals.attitude, signals.other_attitude):
+        level = both(level, _upright(attitude, boot)) if attitude is not None else []
+    return level
+
+
+def flying(signals: Signals, boot: int) -> Intervals:
+    """Intervals of ``boot`` when armed and off the ground."""
+    return both(armed(signals, boot), airborne(signals, boot))
+
+
+def armed(signals: Signals, boot: int) -> Intervals:
+    """Intervals of ``boot`` when armed; always, where no heartbeat came."""
+    return _true(_of(signals.armed, boot))
+
+
+def airborne(signals: Signals, boot: int) -> Intervals:
+    """Intervals of ``boot`` off the ground, by EXTENDED_SYS_STATE while it comes, otherwise by the motors' thrust."""
+    return _in_states(signals, boot, OFF_GROUND)
+
+
+def highest_collective(signals: Signals) -> float:
+    """The highest share of their range at which the motors worked together while armed, averaged as in flight."""
+    highest, collective = 0.0, signals.collective
+    for boot in np.unique(collective.boot) if collective is not None else ():
+        here = _of(collective, boot)
+        assert here is not None
+        mean = _average(here.time, here.values)
+        for start, end in armed(signals, boot):
+            highest = max(highest, float(mean[(here.time >= start) & (here.time <= end)].max(initial=0.0)))
+    return highest
+
+
+def _in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
+    """Intervals of ``boot`` in one of MAV_LANDED_STATE's ``states``, in the air where only the thrust shows it.
+
+    A report counts for the time up to the next, not for what came before all reports, nor across a long gap.
+    """
+    reported, collective = _of(signals.landed_state, boot), _of(signals.collective, boot)
+    carried: Intervals = []
+    if collective is not None:
+        least = airborne_collective(signals.telemetry.parameters)
+        carried = where(collective.time, _average(collective.time, collective.values) > least)
+    if reported is None:
+        return carried
+    undefined = reported.values == 0
+    covered = unbroken(reported.time, (np.diff(reported.time) > REPORT_SECONDS) | undefined[1:] | undefined[:-1])
+    inside = where(reported.time, np.isin(reported.values, states))
+    if collective is None:
+        return inside
+    return either(both(inside, covered), both(carried, outside(covered)))
+
+
+def _between_transients(flight: Interval, climb: Signal | None) -> Interval | None:
+    """The settled part of one flight; an end of the flight that was not seen has no transient to cut."""
+    start, end = flight
+    after, before = start + TRANSIENT_SECONDS, end - TRANSIENT_SECONDS
+    if climb is not None:
+        speed = _average(climb.time, climb.values)
+        inside = (climb.time >= after) & (climb.time <= before)
+        if not (isinf(start) or isinf(end) or np.any(speed[inside] > -CLIMB_OUT_SPEED)):
+            inside = np.zeros_like(inside)  # No whole flight only sinks: the estimate has run away
+    if climb is not None and inside.any():
+        if not isinf(start):
+            level = climb.time[inside & (speed < CLIMB_OUT_SPEED)]
+            after = float(level[0]) if len(level) else before
+        if not isinf(end):
+            level = climb.time[inside & (speed > -CLIMB_OUT_SPEED)]
+            before = float(level[-1]) if len(level) else after
+    return (after, before) if after < before else None
+
+
+def _upright(attitude: Attitude, boot: int) -> Intervals:
+    here = attitude.boot == boot
+    return where(attitude.time[here], np.abs(attitude.angle[here]) < MAX_TILT)
+
+
+def _of(signal: Signal | None, boot: int) -> Signal | None:
+    """The part of a signal in one boot; None when it has none there."""
+    if signal is None or not np.any(signal.boot == boot):
+        return None
+    here = signal.boot == boot
+    return Signal(signal.time[here], signal.boot[here], signal.values[here])
+
+
+def _true(signal: Signal | None) -> Intervals:
+    return ALWAYS if signal is None else where(signal.time, signal.values > 0)
+
+
+def _average(time: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Centred mean of the samples within half of ``AVERAGING_SECONDS`` on either side."""
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    first = np.searchsorted(time, time - AVERAGING_SECONDS / 2, side="left")
+    after = np.searchsorted(time, time + AVERAGING_SECONDS / 2, side="right")
+    mean: NDArray[np.float64] = (total[after] - total[first]) / (after - first)
+    return mean

@@ -1,0 +1,216 @@
+"""Quality of a log and of one segment: rates, jitter, noise, resolution and consistency, as numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import cumulative_trapezoid
+from scipy.signal import welch
+
+from mavdem.alignment import phases
+from mavdem.alignment.align import mean_rate, sample
+from mavdem.alignment.drive import Motors
+from mavdem.alignment.intervals import Interval, Intervals, both, total
+from mavdem.alignment.segments import Segment, slow_runs, within
+from mavdem.alignment.signals import Attitude, Signals, usual_rate
+from mavdem.flight import Flight
+
+CONSISTENCY_SPAN = 0.2  # Seconds: one period of 5 Hz, so that sensor noise averages out and roll dynamics do not
+OUTLIER_SHARE = 0.01
+"""Share of those spans, the worst explained, that the consistency leaves out, and at least as many as one sample is in:
+it is of the whole segment, and a single outlier must not decide it."""
+HELD_STEPS = 1.5
+"""Quantisation steps by which a value that had been constant for a message or more usually changes when it does, if it
+was held. One that only moves less than a step goes on by one step."""
+
+
+@dataclass(frozen=True)
+class QualityFigures:
+    """Measured on one segment; None where it could not be. In s, Hz, rad, rad/s, units of the stream."""
+
+    armed: float = 0.0  # with airborne: seconds over all boots
+    airborne: float = 0.0
+    segments: int = 0  # of settled flight
+    duration: float | None = None  # with samples, dt: of the segment, aligned
+    samples: int | None = None
+    dt: float | None = None
+    attitude_rate: float | None = None  # with motor_rate: mean messages a second
+    motor_rate: float | None = None
+    # attitude_fresh and motor_fresh: new values a second; less than the rate where old ones are sent again under new
+    # stamps, but not where they stand still because they are rounded
+    attitude_fresh: float | None = None
+    motor_fresh: float | None = None
+    attitude_jitter: float | None = None  # with motor_jitter: standard deviation of the steps between messages
+    motor_jitter: float | None = None
+    attitude_gap: float | None = None  # with motor_gap: the longest step
+    motor_gap: float | None = None
+    angle_sd: float | None = None  # with rate_sd: standard deviations of the outputs
+    rate_sd: float | None = None
+    angle_step: float | None = None  # with rate_step: quantisation steps of the outputs, as sent
+    rate_step: float | None = None
+    # variance of the changes of angle or rate over 0.2 s, rounding taken off, over the variance that rounding alone
+    # gives them; of whichever is less
+    output_snr: float | None = None
+    # standard deviation of the motors' combination that turns the axis (of one motor against the others where their
+    # places are unknown)
+    input_sd: float | None = None
+    input_step: float | None = None  # quantisation step of the motor outputs
+    # variance of that combination, rounding taken off, over the variance that rounding alone gives it
+    input_snr: float | None = None
+    saturation: float | None = None  # share of samples with a motor at its limit
+    upper_band: float | None = None  # share of the rate's variance above half the Nyquist frequency
+    # share of the angle's changes over 0.2 s explained by the integrated rates, in the stream or in the flight made of
+    # it, whichever is less; can be far below 0
+    consistency: float | None = None
+
+
+def of_log(signals: Signals, segments: int) -> QualityFigures:
+    """The figures of a whole log with so many ``segments``; its rates are those between outages."""
+    attitude, drive = signals.attitude, signals.drive
+    assert attitude is not None and drive is not None
+    armed = airborne = 0.0
+    for boot in np.intersect1d(attitude.boot, drive.boot):
+        recorded = _recorded(drive, boot)
+        armed += total(both(recorded, phases.armed(signals, boot)))
+        airborne += total(both(recorded, phases.flying(signals, boot)))
+    return QualityFigures(
+        armed, airborne, segments, attitude_rate=usual_rate(attitude) or None, motor_rate=usual_rate(drive) or None
+    )
+
+
+class SlowInAir(NamedTuple):
+    """Where a stream came too slowly in the air."""
+
+    seconds: float  # in all
+    rate: float  # messages a second in them
+    boot: int  # with start: where it began, s
+    start: float
+
+
+def slow_in_air(signals: Signals, stream: Attitude | Motors) -> SlowInAir | None:
+    """Where a stream usually came slower than ``MINIMUM_RATE`` in the air; None where it nowhere did."""
+    assert signals.drive is not None
+    found: list[tuple[int, Interval]] = []
+    messages = 0
+    for boot in np.intersect1d(stream.boot, signals.drive.boot):
+        time = stream.time[stream.boot == boot]
+        flown = both(_recorded(signals.drive, boot), phases.flying(signals, boot))
+        for start, end in both(slow_runs(time), flown):
+            found.append((int(boot), (start, end)))
+            messages += int(np.count_nonzero((time > start) & (time <= end)))
+    if not found:
+        return None
+    seconds = total([interval for _, interval in found])
+    boot, (start, _) = found[0]
+    return SlowInAir(seconds, messages / seconds, boot, start)
+
+
+def _recorded(drive: Motors, boot: int) -> Intervals:
+    time = drive.time[drive.boot == boot]
+    return [(float(time[0]), float(time[-1]))]
+
+
+def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityFigures) -> QualityFigures:
+    """The figures of one segment and the flight made of it, together with those of the ``log`` that hold for all."""
+    attitude, motors = signals.attitude, signals.drive
+    assert attitude is not None and motors is not None
+    here, there = within(attitude, segment), within(motors, segment)
+    time, angle, slope = attitude.time[here], attitude.angle[here], attitude.slope[here]
+    flown_slope, _ = sample(flight.time, flight.dt, time, slope[:, None])
+    flown_angle, flown_rate = flight.outputs.T
+    consistencies = [_consistency(time, angle, slope), _consistency(flight.time, flown_angle, flown_slope[:, 0])]
+    attitude_steps, motor_steps = np.diff(time), np.diff(motors.time[there])
+    motion = np.column_stack([angle, attitude.rate[here]])
+    steps = np.array([_step(column) for column in motion.T])
+    output_snrs = [_snr_of_changes(time, column, step) for column, step in zip(motion.T, steps, strict=True)]
+    combination, rounding = _turning(motors, flight.inputs, signals.axis)
+    # Full throttle, and the idle below which autopilots let no motor fall in flight.
+    share = motors.scale.fraction(flight.inputs)
+    limited = (share >= 0.99) | (share <= 0.15)
+    return replace(
+        log,
+        duration=flight.duration,
+        samples=len(flight),
+        dt=flight.dt,
+        attitude_rate=mean_rate(time),
+        motor_rate=mean_rate(motors.time[there]),
+        attitude_fresh=_fresh_rate(time, motion, steps),
+        motor_fresh=_fresh_rate(motors.time[there], motors.outputs[there], motors.scale.step),
+        attitude_jitter=float(attitude_steps.std()),
+        motor_jitter=float(motor_steps.std()),
+        attitude_gap=float(attitude_steps.max()),
+        motor_gap=float(motor_steps.max()),
+        angle_sd=float(flown_angle.std()),
+        rate_sd=float(flown_rate.std()),
+        angle_step=float(steps[0]),
+        rate_step=float(steps[1]),
+        output_snr=min((snr for snr in output_snrs if snr is not None), default=None),
+        input_sd=float(combination.std()),
+        input_step=motors.scale.step,
+        input_snr=float(combination.var() / rounding**2) - 1 if rounding > 0 else None,
+        saturation=float(np.mean(limited.any(axis=1))),
+        upper_band=_upper_band(flown_rate, flight.dt),
+        consistency=min((share for share in consistencies if share is not None), default=None),
+    )
+
+
+def _turning(motors: Motors, inputs: NDArray[np.float64], axis: str) -> tuple[NDArray[np.float64], float]:
+    """The motors' combination (T,) that turns the axis, and the standard deviation that rounding alone gives it."""
+    weights = motors.layout.effect(axis)
+    if weights is None:
+        differences = inputs - inputs.mean(axis=1, keepdims=True)
+        return differences[:, np.argmax(differences.std(axis=0))], motors.scale.step / 12**0.5
+    return inputs @ weights, motors.scale.step * float(np.sqrt((weights**2).sum() / 12))
+
+
+def _step(values: NDArray[np.float64]) -> float:
+    """The quantisation step: the median difference between neighbouring values of those seen, 0 for a constant.
+
+    A few values between the steps do not change the median. Of values that are not rounded it is next to nothing.
+    """
+    distinct = np.unique(values)
+    return float(np.median(np.diff(distinct))) if len(distinct) > 1 else 0.0
+
+
+def _snr_of_changes(time: NDArray[np.float64], values: NDArray[np.float64], step: float) -> float | None:
+    """Of the changes, not the values: it is by them that the dynamics show, and both ends of each are rounded."""
+    starts = time <= time[-1] - CONSISTENCY_SPAN
+    change = np.interp(time[starts] + CONSISTENCY_SPAN, time, values) - values[starts]
+    rounding = step**2 / 6
+    return float(change.var()) / rounding - 1 if rounding > 0 and len(change) else None
+
+
+def _fresh_rate(time: NDArray[np.float64], rows: NDArray[np.float64], step: NDArray[np.float64] | float) -> float:
+    """Rows (N, k) a second that are not the one before them sent again; ``step`` (k,): of which they are multiples."""
+    rate, changes = mean_rate(time), np.abs(np.diff(rows, axis=0))
+    changed = np.asarray((changes > 0).any(axis=1))
+    after_standstill = changes[1:][changed[1:] & ~changed[:-1]]
+    if not len(after_standstill):
+        return rate
+    steps = np.where(np.asarray(step) > 0, step, np.inf)
+    held = float(np.median((after_standstill / steps).max(axis=1))) > HELD_STEPS
+    return float(np.count_nonzero(changed)) / len(changed) * rate if held else rate
+
+
+def _upper_band(rate: NDArray[np.float64], dt: float) -> float | None:
+    frequency, power = welch(rate, 1 / dt, nperseg=min(256, len(rate)), detrend="constant")
+    total = float(power.sum())
+    return float(power[frequency > frequency[-1] / 2].sum()) / total if total > 0 else None
+
+
+def _consistency(time: NDArray[np.float64], angle: NDArray[np.float64], slope: NDArray[np.float64]) -> float | None:
+    """1 − var(Δangle − ∫slope)/var(Δangle) over spans of ``CONSISTENCY_SPAN``, without the worst ``OUTLIER_SHARE``."""
+    turned = cumulative_trapezoid(slope, time, initial=0)
+    starts = time <= time[-1] - CONSISTENCY_SPAN
+    later = time[starts] + CONSISTENCY_SPAN
+    change = np.interp(later, time, angle) - angle[starts]
+    unexplained = change - (np.interp(later, time, turned) - turned[starts])
+    off = np.abs(unexplained - np.median(unexplained)) if len(unexplained) else unexplained
+    wild = max(round(OUTLIER_SHARE * len(off)), int(np.count_nonzero(time <= time[0] + CONSISTENCY_SPAN)))
+    usual = np.argsort(off)[: max(len(off) - wild, 0)]
+    change, unexplained = change[usual], unexplained[usual]
+    variance = float(change.var()) if len(change) else 0.0
+    return 1 - float(unexplained.var()) / variance if variance > 0 else None

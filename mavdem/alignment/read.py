@@ -1,0 +1,73 @@
+"""From a log to the Flight a model can be learnt from, or the reason why not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from os import PathLike
+
+from mavdem.alignment.columns import message_counts
+from mavdem.alignment.signals import ATTITUDE_MESSAGES, Signals
+from mavdem.alignment.verdict import Verdict, judge
+from mavdem.errors import NotLearnable
+from mavdem.flight import Flight
+from mavdem.ingest import Log, read_log
+from mavdem.ingest.telemetry import Telemetry
+
+
+def read_flight(
+    path: str | bytes | PathLike[str], axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
+) -> Flight:
+    """The longest usable segment of a log; its cautions are in ``provenance["cautions"]``.
+
+    Args:
+        path: a log that ``mavdem.ingest.read_log`` reads.
+        axis: "roll" or "pitch".
+        vehicle: "system" or "system:component", where the log holds several.
+        inputs: "motors", or "demand": what the controller asked of the axis, one column; None for the motors, unless
+            they come too slowly and the demand does not.
+
+    Raises:
+        Unreadable: the log cannot be read.
+        NotLearnable: it holds no vehicle, or several and none was chosen, or the verdict is no.
+        ValueError: ``path`` is no path, or an axis or inputs that are neither.
+    """
+    flight, _ = learnable_flight(read_log(path), axis, vehicle, inputs)
+    return flight
+
+
+def learnable_flight(
+    log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
+) -> tuple[Flight, Verdict]:
+    """The longest usable segment of a log, as :func:`read_flight` gives it, and the verdict that lets it through."""
+    verdict = judge(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)
+    if not verdict.learnable or verdict.flight is None:
+        raise NotLearnable(verdict.reason, verdict.remedy)
+    provenance = {**verdict.flight.provenance, "cautions": list(verdict.cautions)}
+    return replace(verdict.flight, provenance=provenance), verdict
+
+
+def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> Telemetry:
+    """The one vehicle, or the one ``wanted``: "system" or "system:component". One that sends no attitude is no rival.
+
+    Raises NotLearnable: none or several match; the message lists them.
+    """
+    if wanted is not None:
+        matching = [vehicle for vehicle in vehicles if wanted in (str(vehicle.system), _name(vehicle))]
+    else:
+        moving = [vehicle for vehicle in vehicles if any(message_counts(vehicle, ATTITUDE_MESSAGES).values())]
+        matching = moving or list(vehicles)
+    if len(matching) == 1:
+        return matching[0]
+    if not vehicles:
+        raise NotLearnable("There is no vehicle in it.", "Check that the autopilot's own messages are recorded.")
+    listed = ", ".join(f"{_name(vehicle)} ({vehicle.vehicle}, {vehicle.autopilot})" for vehicle in matching or vehicles)
+    example = f"Choose one, for example with `--vehicle {_name((matching or vehicles)[0])}`."
+    if not matching:
+        there = "is" if len(vehicles) == 1 else "are"
+        raise NotLearnable(f"There is no vehicle {wanted}; there {there} {listed}.", example)
+    raise NotLearnable(f"There are several vehicles: {listed}.", example)
+
+
+def _name(vehicle: Telemetry) -> str:
+    return f"{vehicle.system}:{vehicle.component}"

@@ -1,0 +1,197 @@
+"""Signals: which message means what, worked out once for a vehicle and an axis.
+
+Message and field names occur only here and in ``drive``. Every signal is on the vehicle's boot clock, in time
+order, each stamp once, per boot; a signal that was not recorded is None.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.alignment.columns import Signal, floats, in_order, message_counts, preferred_message
+from mavdem.alignment.drive import AXES, INPUTS, Motors, demand, motors, thrust_demand
+from mavdem.ingest.mavlink.definitions import enum_name
+from mavdem.ingest.mavlink.euler import roll_and_pitch
+from mavdem.ingest.telemetry import Telemetry, rate_without_gaps
+from mavdem.ingest.vocabulary import ARMED
+
+ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")  # Messages with the attitude, the preferred first
+CLIMB_FIELDS = {"LOCAL_POSITION_NED": ("vz", -1.0), "GLOBAL_POSITION_INT": ("vz", -0.01), "VFR_HUD": ("climb", 1.0)}
+"""Messages with the vertical speed, the preferred first: the field, and the factor that makes it m/s upwards."""
+MINIMUM_RATE = 40.0
+"""Hz, of attitude and of motors. Ten times the roughly 4 Hz at which a multirotor's roll loop crosses over, and what is
+left of a 50 Hz stream on a link that loses a fifth. On recorded flights motors add nothing to a forecast at 1-10 Hz and
+do at 50."""
+MAX_ANGLE = 2 * np.pi  # rad: no Euler angle lies beyond, whatever the convention
+MAX_BODY_RATE = np.radians(4000.0)
+"""rad/s: beyond the range of the gyroscopes that autopilots carry, 2000 °/s and at most 4000."""
+
+
+Inputs = TypeVar("Inputs")
+
+
+@dataclass(frozen=True, eq=False)
+class Attitude:
+    """One axis at ``time`` (N,) s of ``boot`` (N,), from ``message``, without rows not finite or impossible."""
+
+    message: str
+    time: NDArray[np.float64]
+    boot: NDArray[np.int64]
+    angle: NDArray[np.float64]  # (N,) Euler angle, rad
+    rate: NDArray[np.float64]  # (N,) body rate, rad/s: p for roll, q for pitch
+    # (N,) the derivative of ``angle`` that the three body rates and the attitude imply, rad/s
+    slope: NDArray[np.float64]
+    sent: int  # messages in the stream
+    left_out: int  # those not used: not finite, impossible, or with the stamp of another. Exact copies do not count.
+    impossible: int  # those with a roll or pitch beyond ``MAX_ANGLE`` or a body rate beyond ``MAX_BODY_RATE``
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """The signals of one vehicle for a model of one axis, each worked out when first asked for, and once.
+
+    Raises ValueError: an axis or inputs that are neither.
+    """
+
+    telemetry: Telemetry  # of the vehicle
+    axis: str = "roll"  # "roll" or "pitch"
+    # "motors" or "demand"; None for the motors, unless they come too slowly and the demand does not
+    inputs: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.axis not in AXES:
+            raise ValueError(f"axis must be one of {', '.join(AXES)}, not {self.axis!r}")
+        if self.inputs not in (None, *INPUTS):
+            raise ValueError(f"inputs must be one of {', '.join(INPUTS)}, not {self.inputs!r}")
+
+    @cached_property
+    def attitude(self) -> Attitude | None:
+        """Angle and rate of the axis."""
+        return attitude(self.telemetry, self.axis)
+
+    @cached_property
+    def other_attitude(self) -> Attitude | None:
+        """Angle and rate of the other axis, by which a vehicle is upright or not."""
+        return attitude(self.telemetry, next(name for name in AXES if name != self.axis))
+
+    @cached_property
+    def motors(self) -> Motors | None:
+        """Motor outputs."""
+        return motors(self.telemetry)
+
+    @cached_property
+    def demand(self) -> Motors | None:
+        """The controller's command for the axis."""
+        return demand(self.telemetry, self.axis)
+
+    @cached_property
+    def drive(self) -> Motors | None:
+        """The model's inputs: the motors, or the demand where that was chosen or only it comes fast enough."""
+        if self.inputs is not None:
+            return self.demand if self.inputs == "demand" else self.motors
+        rates = (0.0 if stream is None else usual_rate(stream) for stream in (self.motors, self.demand))
+        return motors_or_demand(self.motors, self.demand, *rates)
+
+    @cached_property
+    def armed(self) -> Signal | None:
+        """Whether the vehicle was armed, from HEARTBEAT; a single stray heartbeat is outvoted by its neighbours.
+
+        Heartbeats that name another type or autopilot than the vehicle's are not its own.
+        """
+        telemetry = self.telemetry
+        columns = telemetry.messages.get("HEARTBEAT")
+        if columns is None or not len(columns["time"]):
+            return None
+        # An unknown vehicle sends heartbeats of type GENERIC.
+        own = _named(columns["type"], "MAV_TYPE", "GENERIC" if telemetry.vehicle == "UNKNOWN" else telemetry.vehicle)
+        own &= _named(columns["autopilot"], "MAV_AUTOPILOT", telemetry.autopilot)
+        if not own.any():
+            return None
+        state = (np.asarray(columns["base_mode"]).astype(np.int64) & ARMED) > 0
+        order = np.lexsort((columns["time"][own], columns["boot"][own]))
+        time, boot, state = columns["time"][own][order], columns["boot"][own][order], state[own][order]
+        before, after = np.concatenate([state[:1], state[:-1]]), np.concatenate([state[1:], state[-1:]])
+        return Signal(time, boot, ((state & before) | (state & after) | (before & after)).astype(np.float64))
+
+    @cached_property
+    def landed_state(self) -> Signal | None:
+        """MAV_LANDED_STATE as the autopilot reported it in EXTENDED_SYS_STATE; 0 where that is undefined."""
+        columns = self.telemetry.messages.get("EXTENDED_SYS_STATE")
+        if columns is None:
+            return None
+        time, boot, table, _ = in_order(columns["time"], columns["boot"], floats(columns, "landed_state")[:, None])
+        return Signal(time, boot, table[:, 0])
+
+    @cached_property
+    def climb_rate(self) -> Signal | None:
+        """Vertical speed, m/s, upwards, from LOCAL_POSITION_NED, GLOBAL_POSITION_INT or VFR_HUD."""
+        for message, (field, factor) in CLIMB_FIELDS.items():
+            columns = self.telemetry.messages.get(message)
+            if columns is not None and len(columns["time"]) > 1:
+                climb = factor * floats(columns, field)[:, None]
+                time, boot, table, _ = in_order(columns["time"], columns["boot"], climb)
+                return Signal(time, boot, table[:, 0])
+        return None
+
+    @cached_property
+    def collective(self) -> Signal | None:
+        """How hard the motors work together, 0 to 1: their mean, or the controller's thrust command."""
+        working = self.motors
+        if working is not None:
+            return Signal(working.time, working.boot, working.scale.fraction(working.outputs).mean(axis=1))
+        thrust = thrust_demand(self.telemetry)
+        return None if thrust is None else Signal(thrust.time, thrust.boot, thrust.values[:, 0])
+
+
+def motors_or_demand(
+    motors: Inputs | None, demand: Inputs | None, motor_rate: float, demand_rate: float
+) -> Inputs | None:
+    """The motors, or the demand where only it comes at ``MINIMUM_RATE``; rates in Hz."""
+    if demand is None or motor_rate >= MINIMUM_RATE:
+        return motors
+    return demand if motors is None or demand_rate >= MINIMUM_RATE else motors
+
+
+def usual_rate(stream: Attitude | Motors) -> float:
+    """Messages a second between outages; steps of more than three usual ones, and those from boot to boot, left out."""
+    return rate_without_gaps(np.diff(stream.time)[np.diff(stream.boot) == 0])
+
+
+def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
+    """Angle and rate of ``axis``, "roll" or "pitch".
+
+    From ATTITUDE or, where it comes clearly faster, ATTITUDE_QUATERNION.
+    Both messages give body rates p, q, r, not the derivatives of the Euler angles; near hover p and q are the same.
+    """
+    message = preferred_message(message_counts(telemetry, ATTITUDE_MESSAGES))
+    if message is None:
+        return None
+    columns = telemetry.messages[message]
+    if message == "ATTITUDE_QUATERNION":
+        roll, pitch = roll_and_pitch(np.column_stack([floats(columns, field) for field in ("q1", "q2", "q3", "q4")]))
+    else:
+        roll, pitch = floats(columns, "roll"), floats(columns, "pitch")
+    p, q, r = (floats(columns, field) for field in ("rollspeed", "pitchspeed", "yawspeed"))
+    limits = (MAX_ANGLE, MAX_ANGLE, MAX_BODY_RATE, MAX_BODY_RATE, MAX_BODY_RATE)
+    limited = zip((roll, pitch, p, q, r), limits, strict=True)
+    impossible = np.any([np.isfinite(values) & (np.abs(values) > limit) for values, limit in limited], axis=0)
+    with np.errstate(invalid="ignore", over="ignore"):  # rows that are not finite are left out below
+        # Z-Y-X Euler kinematics (any flight dynamics text, e.g. Stevens and Lewis, chapter 1).
+        if axis == "roll":
+            table = np.column_stack([roll, p, p + (q * np.sin(roll) + r * np.cos(roll)) * np.tan(pitch)])
+        else:
+            table = np.column_stack([pitch, q, q * np.cos(roll) - r * np.sin(roll)])
+    table[impossible] = np.nan
+    time, boot, kept, left_out = in_order(columns["time"], columns["boot"], table)
+    angle, rate, slope = kept.T
+    return Attitude(message, time, boot, angle, rate, slope, len(table), left_out, int(np.count_nonzero(impossible)))
+
+
+def _named(values: NDArray[np.integer], enum: str, name: str) -> NDArray[np.bool_]:
+    """Which of ``values`` (N,) the MAVLink enum calls ``name``."""
+    return np.isin(values, [value for value in np.unique(values) if enum_name(enum, int(value)) == name])

@@ -1,0 +1,361 @@
+"""The verdict: can a model of one axis be learnt from a log, and if not, why and what to change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+from mavdem.alignment import phases, quality
+from mavdem.alignment.align import align
+from mavdem.alignment.drive import DEMAND_MESSAGE, FLY, Motors, Obstacle, without_motors
+from mavdem.alignment.quality import CONSISTENCY_SPAN, QualityFigures
+from mavdem.alignment.rate_advice import ask_for_rate
+from mavdem.alignment.segments import Segment, settled_segments
+from mavdem.alignment.signals import MAX_BODY_RATE, MINIMUM_RATE, Attitude, Signals, usual_rate
+from mavdem.flight import Flight
+from mavdem.ingest import Component
+from mavdem.ingest.motors import MULTIROTORS
+
+MINIMUM_DURATION = 5.0
+"""Seconds: a few swings of an axis that moves at 1 Hz, and a few hundred samples for a few tens of parameters."""
+REFUSED_SNR, DOUBTFUL_SNR = 1.0, 20.0
+"""Variance of a signal over that of its rounding, for the motors' command and for the outputs' changes. Rounding what
+something is learnt from can shrink what is learnt to SNR/(1 + SNR) of the truth: to half at 1, by 5 % at 20."""
+REFUSED_CONSISTENCY, DOUBTFUL_CONSISTENCY = 0.5, 0.8
+"""Share of the angle's changes over ``CONSISTENCY_SPAN`` that the integrated rates explain. Both measure one motion;
+where they disagree, most of the rate is an alias, noise, or another unit."""
+DOUBTFUL_UPPER_BAND = 0.5
+"""Share of the rate's variance above half the Nyquist frequency. White noise has a half, so nothing has decayed by
+there."""
+DOUBTFUL_LOSS = 0.05  # Share of a stream's messages left out as damaged: the rest may be too
+REFUSED_IMPOSSIBLE = 0.01
+"""Share of messages with an angle or a rate that cannot be: too many for odd ones, so they are in another unit."""
+NO_ATTITUDE = {
+    "": "There is no ATTITUDE or ATTITUDE_QUATERNION message.",
+    "DataFlash": "There is no ATT or ANG message with the angles, or no RATE or IMU with the body rates.",
+    "ULog": "There is no vehicle_attitude, or no vehicle_angular_velocity with the body rates.",
+    "uXRCE-DDS": "There is no vehicle_attitude, or no vehicle_angular_velocity with the body rates.",
+    "MAVROS": "There is no imu/data.",
+}
+"""A sentence on attitude that was not recorded, by ``Telemetry.translated_from``."""
+DOUBTFUL_SATURATION = 0.05  # Share of samples with a motor at its limit: a linear model has no limits
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a model of ``axis`` can be learnt."""
+
+    axis: str
+    learnable: bool  # yes or no
+    reason: str  # one sentence with the figures that decided
+    remedy: str  # what to change, with the command where there is one; empty when learnable
+    cautions: tuple[str, ...]  # one sentence for each thing that makes a model less reliable
+    segment: Segment | None  # the one to learn from or, when refused, the longest; None when there is none
+    figures: QualityFigures  # measured on it
+    flight: Flight | None = field(default=None, repr=False, compare=False)  # the aligned segment, if there is one
+    segments: tuple[Segment, ...] = field(default=(), repr=False)  # all of settled flight, the longest first
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values, without the flight and the other segments."""
+        values = asdict(replace(self, flight=None, segments=()))
+        return {name: value for name, value in values.items() if name not in ("flight", "segments")}
+
+
+def judge(signals: Signals, speakers: Sequence[Component] = ()) -> Verdict:
+    """The verdict: yes on the longest settled segment that can be learnt from, or no on the longest.
+
+    The ``speakers`` are the components in the log, among them whoever asks the vehicle for other rates.
+    """
+    telemetry, axis = signals.telemetry, signals.axis
+
+    def refused(reason: str, remedy: str, figures: QualityFigures | None = None) -> Verdict:
+        return Verdict(axis, False, reason, remedy, (), None, figures or QualityFigures())
+
+    if telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
+        return refused(
+            f"{'The log' if telemetry.translated_from else 'HEARTBEAT'} reports the type {telemetry.vehicle}; mavdem "
+            "learns multirotors only.",
+            "Give a multirotor's log, or name another vehicle of this log with `--vehicle`.",
+        )
+    attitude, drive = signals.attitude, signals.drive
+    if attitude is None:
+        return refused(NO_ATTITUDE.get(telemetry.translated_from, NO_ATTITUDE[""]), ask_for_rate(telemetry))
+    if drive is None and signals.armed is not None and not signals.armed.values.any():
+        return refused(_NEVER_ARMED, FLY)
+    if drive is None:
+        return refused(*_without_drive(signals))
+    if attitude.impossible > REFUSED_IMPOSSIBLE * attitude.sent:
+        return refused(
+            f"{attitude.impossible} of {attitude.sent} {telemetry.called(attitude.message)} messages have "
+            f"{_IMPOSSIBLE}: the attitude is not in {'the unit of its format' if telemetry.names else 'radians'}.",
+            "Check what wrote the log: MAVLink's attitude is in rad and rad/s, DataFlash's in degrees.",
+        )
+    if not len(attitude.time):
+        return refused(
+            f"{telemetry.called(attitude.message)} holds no finite {axis} angle and rate.",
+            "Check the autopilot's estimator and what wrote the log.",
+        )
+    found = settled_segments(signals)
+    figures = quality.of_log(signals, len(found))
+    if figures.armed == 0:
+        return refused(_NEVER_ARMED, FLY, figures)
+    if figures.airborne == 0:
+        return refused(*_grounded(signals, figures), figures)
+    log = _Evidence(signals, attitude, drive, speakers, figures)
+    if not found:
+        return refused(
+            *(_too_slow(log, figures) or _slowed_down(log) or _too_short(figures, telemetry.translated_from)), figures
+        )
+    refusals: list[Verdict] = []
+    for segment in found:
+        if refusals and segment.duration < MINIMUM_DURATION:
+            break
+        flight = align(signals, segment)
+        of_segment = quality.of_segment(signals, segment, flight, figures)
+        objection = _objection(log, of_segment)
+        if objection is None:
+            cautions = _losses(log) + _cautions(signals, drive, of_segment)
+            return Verdict(
+                axis,
+                True,
+                _praise(log.name(attitude), drive, segment, of_segment),
+                "",
+                cautions,
+                segment,
+                of_segment,
+                flight,
+                found,
+            )
+        refusals.append(Verdict(axis, False, *objection, (), segment, of_segment, flight, found))
+    return refusals[0]
+
+
+@dataclass(frozen=True, eq=False)
+class _Evidence:
+    """The evidence: signals, the streams among them that decide, and the figures of the whole log."""
+
+    signals: Signals
+    attitude: Attitude
+    drive: Motors
+    speakers: Sequence[Component]
+    figures: QualityFigures
+
+    def name(self, stream: Attitude | Motors) -> str:
+        """The name of the stream's messages in the log."""
+        return self.signals.telemetry.called(stream.message)
+
+
+def _objection(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
+    """The first reason not to learn from the segment of ``figures``, if there is one."""
+    axis = log.signals.axis
+    short = (figures.duration or 0.0) < MINIMUM_DURATION
+    # A short segment of a slow stream may be fast; it is still the rate of the stream that should change.
+    slow = _too_slow(log, log.figures if short else figures)
+    if slow or short:
+        return slow or _slowed_down(log) or _too_short(figures, log.signals.telemetry.translated_from)
+    held = _held(log, figures)
+    if held:
+        return held
+    if not figures.angle_sd or not figures.rate_sd:
+        return f"The {axis} angle or rate never changes.", "Check that the stream is not a replay of one message."
+    if figures.output_snr is not None and figures.output_snr < REFUSED_SNR:
+        return (
+            f"Over {CONSISTENCY_SPAN} s the {axis} angle or rate changes by no more than rounding to steps of "
+            f"{figures.angle_step:.2g} rad and {figures.rate_step:.2g} rad/s makes.",
+            f"Record the attitude as the autopilot sends it, or excite {axis} with the stick.",
+        )
+    if figures.consistency is not None and figures.consistency < REFUSED_CONSISTENCY:
+        return (
+            f"The {axis} rate and angle contradict each other: integrated, the rate explains "
+            f"{figures.consistency:.3g} of the angle's changes over {CONSISTENCY_SPAN} s, so it is mostly an alias of "
+            "something faster, or noise.",
+            ask_for_rate(log.signals.telemetry, rate=200),
+        )
+    if figures.input_snr is not None and figures.input_snr < REFUSED_SNR:
+        command = f"{figures.input_sd:.2g} {log.drive.scale.unit}".rstrip()
+        return (
+            f"The standard deviation of the motors' {axis} command, {command}, is no more than rounding to steps of "
+            f"{figures.input_step:.2g} makes.",
+            f"Fly in wind, or excite {axis} with the stick.",
+        )
+    return None
+
+
+def _without_drive(signals: Signals) -> Obstacle:
+    telemetry, axis = signals.telemetry, signals.axis
+    if signals.inputs == "demand":
+        remedy = "Take the motors: `--inputs motors`."
+        name = telemetry.called(DEMAND_MESSAGE)
+        if DEMAND_MESSAGE in telemetry.messages:
+            return f"The controller's {axis} demand in {name} never moves.", remedy
+        other = " (ATTITUDE_TARGET is the attitude that is wanted, not what turns the vehicle there)"
+        return (
+            f"The controller's {axis} demand is not in it: that is in {name}, of which there is none"
+            f"{'' if telemetry.translated_from else other}.",
+            remedy,
+        )
+    reason, remedy = without_motors(telemetry)
+    return reason, remedy or ask_for_rate(telemetry)
+
+
+def _too_slow(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
+    rates = {log.name(log.attitude): figures.attitude_rate or 0.0, log.name(log.drive): figures.motor_rate or 0.0}
+    reason = too_slow(rates, log.signals.axis)
+    return None if reason is None else (reason, _for_faster(log, rates[log.name(log.attitude)] >= MINIMUM_RATE))
+
+
+def _slowed_down(log: _Evidence) -> Obstacle | None:
+    """Whether a stream that comes fast elsewhere comes too slowly in most of the air: somebody asked for less."""
+    found = {
+        log.name(stream): slow
+        for stream in (log.attitude, log.drive)
+        if (slow := quality.slow_in_air(log.signals, stream)) is not None and slow.seconds > log.figures.airborne / 2
+    }
+    if not found:
+        return None
+    # Attitude before motors: rates that hardly differ would choose by chance.
+    first, slow = next(iter(found.items()))
+    boot = f" of boot {slow.boot + 1}" if slow.boot else " after boot"
+    reason = (
+        f"In the air {first} comes at {_below(slow.rate, MINIMUM_RATE)} Hz from {slow.start:.1f} s{boot} on, for "
+        f"{slow.seconds:.0f} of {log.figures.airborne:.0f} s, though faster elsewhere; {_needed(log.signals.axis)}."
+    )
+    return reason, _for_faster(log, log.name(log.attitude) not in found)
+
+
+def _for_faster(log: _Evidence, attitude_is_fast: bool) -> str:
+    """What makes streams come faster that come too slowly, or do without."""
+    signals = log.signals
+    demand = signals.demand if signals.inputs == "motors" and attitude_is_fast else None
+    if demand is not None and (rate := usual_rate(demand)) >= MINIMUM_RATE:
+        return f"Leave out `--inputs motors`: the {signals.axis} demand comes at {rate:.1f} Hz and is then the input."
+    return ask_for_rate(signals.telemetry, speakers=log.speakers)
+
+
+def too_slow(rates: Mapping[str, float], axis: str) -> str | None:
+    """A sentence on all messages too slow for ``axis``, of ``rates`` in Hz by name; None if none is."""
+    slow = [(name, _below(rate, MINIMUM_RATE)) for name, rate in rates.items() if rate < MINIMUM_RATE]
+    if not slow:
+        return None
+    named = (f"{name} {'at' if place else 'comes at'} {rate} Hz" for place, (name, rate) in enumerate(slow))
+    return f"{' and '.join(named)}; {_needed(axis)}."
+
+
+def _needed(axis: str) -> str:
+    return (
+        f"{axis} motion has frequencies of several Hz, which need {MINIMUM_RATE:.0f} Hz of attitude and of motor "
+        "outputs or demand, better 100"
+    )
+
+
+def _held(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
+    """Whether a stream repeats old values under new stamps."""
+    attitude = (log.name(log.attitude), figures.attitude_rate or 0.0, figures.attitude_fresh or 0.0)
+    drive = (log.name(log.drive), figures.motor_rate or 0.0, figures.motor_fresh or 0.0)
+    held = [stream for stream in (attitude, drive) if stream[2] < MINIMUM_RATE]
+    if not held:
+        return None
+    name, rate, new = held[0]
+    return (
+        f"{name} changes only at {_below(new, MINIMUM_RATE)} Hz, though it is sent at {rate:.3g} Hz; "
+        f"{log.signals.axis} dynamics need {MINIMUM_RATE:.0f} Hz of new values.",
+        f"Find what repeats old values between the autopilot and the log. {ask_for_rate(log.signals.telemetry)}",
+    )
+
+
+def _below(value: float, limit: float) -> str:
+    """The value with as many decimals, at least one, as show that it is below the limit."""
+    return next((text for digits in range(1, 6) if float(text := f"{value:.{digits}f}") < limit), f"{value:.6g}")
+
+
+def _too_short(figures: QualityFigures, translated_from: str = "") -> Obstacle:
+    duration = "less than 1" if figures.duration is None else _below(figures.duration, MINIMUM_DURATION)
+    recorder = "logger" if translated_from in ("DataFlash", "ULog") else "link"
+    return (
+        f"The longest settled flight without gaps lasts {duration} s of the {MINIMUM_DURATION:.0f} s needed, out of "
+        f"{figures.airborne:.0f} s in the air; settled is upright, after the climb and before the landing.",
+        f"Hover for half a minute between take-off and landing, with a {recorder} that does not drop out.",
+    )
+
+
+def _grounded(signals: Signals, figures: QualityFigures) -> Obstacle:
+    """On a vehicle that was armed and did not fly: what shows that, if anything does."""
+    state = signals.telemetry.called("EXTENDED_SYS_STATE")
+    shown = f"by {state}"
+    if signals.landed_state is None:
+        if signals.collective is None:
+            reason = f"Nothing shows when the vehicle flew: no {state}, motor outputs or thrust."
+            return reason, ask_for_rate(signals.telemetry)
+        most = int(100 * phases.highest_collective(signals))
+        least = phases.airborne_collective(signals.telemetry.parameters)
+        shown = f"its motors ran at {most}% of their range at most, and flight takes {least:.0%}"
+    return f"The vehicle was armed for {figures.armed:.0f} s and never left the ground: {shown}.", FLY
+
+
+def _praise(attitude: str, motors: Motors, segment: Segment, figures: QualityFigures) -> str:
+    what = "motor outputs" if motors.message != DEMAND_MESSAGE else motors.layout.names[0]
+    # Attitude may be interpolated at PX4's body rates, whose rate is then no attitude's.
+    measured = "body rates" if attitude == "vehicle_angular_velocity" else "attitude"
+    return (
+        f"{segment.duration:.1f} s of settled flight with {measured} at {figures.attitude_rate:.1f} Hz and {what} "
+        f"at {figures.motor_rate:.1f} Hz."
+    )
+
+
+_NEVER_ARMED = "The vehicle was never armed."
+_IMPOSSIBLE = f"an angle beyond 2π or a rate beyond {MAX_BODY_RATE:.0f} rad/s"
+
+
+def _losses(log: _Evidence) -> tuple[str, ...]:
+    attitude, cautions = log.attitude, []
+    if attitude.impossible:
+        cautions.append(
+            f"{attitude.impossible} of {attitude.sent} {log.name(attitude)} messages were left out, for {_IMPOSSIBLE}."
+        )
+    for stream in (attitude, log.drive):
+        if stream.left_out > DOUBTFUL_LOSS * stream.sent:
+            cautions.append(
+                f"{stream.left_out} of {stream.sent} {log.name(stream)} messages were left out: their time stamps are "
+                "far off or those of others, or their numbers make no sense."
+            )
+    return tuple(cautions)
+
+
+def _cautions(signals: Signals, drive: Motors, figures: QualityFigures) -> tuple[str, ...]:
+    axis, layout, cautions = signals.axis, drive.layout, []
+    if drive.message == DEMAND_MESSAGE:
+        rate = 0.0 if signals.motors is None else usual_rate(signals.motors)
+        slowly = f"come too slowly ({_below(rate, MINIMUM_RATE)} Hz)" if rate else "are missing"
+        lead = "The" if rate >= MINIMUM_RATE else f"Motor outputs {slowly}, so the"
+        cautions.append(
+            f"{lead} input is the controller's {axis} demand, and the model includes the mixer, the motors' limits "
+            "and the battery."
+        )
+    if signals.telemetry.vehicle == "UNKNOWN":
+        cautions.append("No heartbeat says what the vehicle is: a multirotor was assumed.")
+    if layout.channels_assumed or layout.positions_assumed:
+        cautions.append(f"Which motor is which was assumed: {layout.basis}.")
+    if figures.input_snr is not None and figures.input_snr < DOUBTFUL_SNR:
+        loss = min(1.0, 1 / (1 + figures.input_snr))
+        cautions.append(
+            f"The motors' {axis} command is near the resolution of the stream (standard deviation "
+            f"{figures.input_sd:.2g}, steps of {figures.input_step:.2g}): rounding can shrink the learnt gain by "
+            f"{loss:.0%}."
+        )
+    if figures.output_snr is not None and figures.output_snr < DOUBTFUL_SNR:
+        cautions.append(
+            f"The {axis} angle or rate is near the resolution of the stream (steps of {figures.angle_step:.2g} rad and "
+            f"{figures.rate_step:.2g} rad/s): rounding can shrink what is learnt of the dynamics by "
+            f"{min(1.0, 1 / (1 + figures.output_snr)):.0%}."
+        )
+    if figures.consistency is not None and figures.consistency < DOUBTFUL_CONSISTENCY:
+        cautions.append(f"The rate explains only {figures.consistency:.2f} of the angle's changes: noise, or an alias.")
+    if figures.upper_band is not None and figures.upper_band > DOUBTFUL_UPPER_BAND:
+        cautions.append(
+            f"{figures.upper_band:.0%} of the {axis} rate's variance lies in the upper half of the band: something "
+            "faster is probably aliased into it."
+        )
+    if figures.saturation is not None and figures.saturation > DOUBTFUL_SATURATION:
+        cautions.append(f"A motor is at its limit in {figures.saturation:.0%} of the samples.")
+    return tuple(cautions)

@@ -1,0 +1,259 @@
+"""PEM: the state-space model with the smallest one-step prediction errors on the training data."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, get_args
+
+import numpy as np
+from scipy.linalg import null_space
+from scipy.optimize import least_squares
+from scipy.signal import lfilter
+
+from mavdem.baselines.identified import Identified, of_stability, required_order
+from mavdem.baselines.regression import stable_radius
+from mavdem.baselines.subspace_identification import SubspaceModel, Weighting, found_by_projection
+from mavdem.baselines.units import LEAST_VARIANCE, Segments, Units
+from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.engine.model import WORST_MODES
+from mavdem.dem.engine.state_space import StateSpace
+from mavdem.dem.record import Record, UniformRecord
+
+REWEIGHTINGS = 30  # times at most that the errors are weighted again by their own covariance
+EVALUATIONS = 30  # of the errors at most, with one weighting
+CONVERGED_NATS = 0.1  # PEM has converged when the likelihood gains less; one more parameter gains half a nat by chance
+
+
+def pem(
+    train: UniformRecord | Sequence[UniformRecord], order: int = 2, feedthrough: bool = False, stable: bool = False
+) -> Identified:
+    """The model in innovation form that makes the determinant of the one-step errors' covariance smallest.
+
+    That is maximum likelihood where errors are Gaussian (Ljung, System Identification, 2nd ed., secs. 7.2, 10.2): all
+    of A, B, C, K, the offset and the states in which segments begin, in full parametrization, by Levenberg and
+    Marquardt's method on errors weighted by their covariance, iterated until it converges. The determinant never rises:
+    tr(R₀⁻¹R) bounds ln det R from above and touches it at R₀. It starts from the subspace model with the smallest
+    determinant among all weightings, and stays where the predictor A − K C is stable. Consistent in closed loop, as far
+    as the order is right.
+
+    Args:
+        train: a ``Flight``, or a list of them, segments with gaps between: nothing is predicted across a gap.
+        order: number of states.
+        feedthrough: whether inputs act on the outputs of the same sample, D; otherwise it is zero.
+        stable: keep A of a model that comes out unstable stable all the way from a stable start.
+
+    Raises:
+        ValueError: as :func:`mavdem.baselines.subspace_identification`, of whose models none can be started from.
+    """
+    order = required_order(order)
+    record = Record.of(train)
+    units = Units.of(record)
+    with one_thread():
+        segments = units.segments(record)
+        found = _best_start(segments, order, feedthrough, stable=False)
+        model, starts, converged = _minimised(found, feedthrough, segments, np.inf)
+        stabilised = stable and not model.stable
+        if stabilised:
+            found = _best_start(segments, order, feedthrough, stable=True)
+            model, starts, converged = _minimised(found, feedthrough, segments, stable_radius(len(record)))
+        cautions = of_stability(model, stabilised)
+        if not converged:
+            cautions += (
+                f"The prediction errors were still falling after {REWEIGHTINGS} rounds: the model is not the best of "
+                f"its order.",
+            )
+        return Identified(f"PEM({order})", units.physical(model), record, starts, stabilised, cautions)
+
+
+class FreeParameters(NamedTuple):
+    """What is varied: all of A, B, C, K and the offset, D where there is feedthrough, and where segments begin.
+
+    As a vector they follow each other in the order of these fields, rows first.
+    """
+
+    A: Array  # (n, n)
+    B: Array  # (n, k)
+    C: Array  # (m, n)
+    D: Array  # (m, k), or (m, 0) without feedthrough
+    K: Array  # (n, m)
+    offset: Array  # (n,)
+    starts: Array  # (segments, n)
+
+    def vector(self) -> Array:
+        """All of them, one after the other."""
+        return np.concatenate([part.ravel() for part in self])
+
+    def of(self, vector: Array) -> FreeParameters:
+        """FreeParameters of the same shapes out of a vector."""
+        cuts = np.cumsum([part.size for part in self])[:-1]
+        return FreeParameters(
+            *(values.reshape(part.shape) for values, part in zip(np.split(vector, cuts), self, strict=True))
+        )
+
+    def identifiable(self) -> Array:
+        """(parameters, ·): an orthonormal basis of the changes that do more than choose other states.
+
+        Its complement is what x → (1 + T) x + c does to the parameters, for any T and for those c which C does not see
+        (McKelvey, Helmersson and Ribarits, Data driven local coordinates, Automatica 40(9), 2004).
+        """
+        A, B, C, D, K, offset, starts = self
+        n, unseen = len(A), null_space(C)
+        units = np.eye(n * n).reshape(-1, n, n)
+        turned = [FreeParameters(T @ A - A @ T, T @ B, -C @ T, 0 * D, T @ K, T @ offset, starts @ T.T) for T in units]
+        nothing = FreeParameters(*(np.zeros_like(part) for part in self))
+        moved = [nothing._replace(offset=c - A @ c, starts=np.tile(c, (len(starts), 1))) for c in unseen.T]
+        complement = np.stack([change.vector() for change in turned + moved], axis=1)
+        return np.asarray(np.linalg.qr(complement, mode="complete").Q[:, complement.shape[1] :])
+
+
+def prediction_errors(parameters: FreeParameters, model: StateSpace, segments: Segments) -> Array:
+    """(T, m): of each sample of all segments."""
+    model = with_parameters(model, parameters)
+    ahead = [model.predicted(start, *segment) for start, segment in zip(parameters.starts, segments, strict=True)]
+    return np.concatenate([outputs for _, outputs in segments]) - np.concatenate(ahead)
+
+
+def with_parameters(model: StateSpace, parameters: FreeParameters) -> StateSpace:
+    """The model with these parameters, which has its trims from before."""
+    A, B, C, D, K, offset, _ = parameters
+    return StateSpace(A, B, C, D if D.size else np.zeros_like(model.D), K, offset, model.input_trim, model.output_trim)
+
+
+def sensitivities(parameters: FreeParameters, model: StateSpace, segments: Segments) -> Array:
+    """(T, m, parameters): derivatives of :func:`prediction_errors`, exact.
+
+    A small change of the state runs through the same recursion x⁺ = (A − K C) x + … as the state (Ljung, System
+    Identification, 2nd ed., sec. 10.3), so every derivative is made of that recursion's responses to states, inputs, a
+    constant and errors.
+    """
+    model = with_parameters(model, parameters)
+    return np.concatenate([_of_segment(model, parameters, number, *segment) for number, segment in enumerate(segments)])
+
+
+def _of_segment(model: StateSpace, parameters: FreeParameters, number: int, inputs: Array, outputs: Array) -> Array:
+    A, B, C, D, K, *_ = parameters
+    (n, k), m, samples = B.shape, len(C), len(outputs)
+    states = model.filtered(parameters.starts[number], inputs, outputs)[:-1]
+    errors = outputs - states @ C.T - model.direct(inputs)
+    inputs = inputs - model.input_trim
+    signals = np.hstack([states, inputs, np.ones((samples, 1)), errors])
+    # What pulses into each state do to each predicted output.
+    responses, decay = _responses(A - K @ C, C, signals)
+    of_states, of_inputs, of_constant, of_errors = np.split(responses, np.cumsum([n, k, 1]), axis=3)
+    of_C = -np.einsum("tmls,li->tmis", of_states, K) + np.einsum("mi,ts->tmis", np.eye(m), states)
+    of_D = -np.einsum("tmls,li->tmis", of_inputs, K) + np.einsum("mi,ts->tmis", np.eye(m), inputs)
+    of_starts = np.zeros((samples, m, *parameters.starts.shape))
+    of_starts[:, :, number] = decay
+    parts = [of_states, of_inputs, of_C, of_D if D.size else of_D[..., :0], of_errors, of_constant, of_starts]
+    return -np.concatenate([part.reshape(samples, m, -1) for part in parts], axis=2)
+
+
+def _responses(F: Array, C: Array, signals: Array) -> tuple[Array, Array]:
+    """What C x does when one signal (T, s) pushes one state of x⁺ = F x: (T, m, n, s); and of x₀ alone: (T, m, n)."""
+    samples, n = len(signals), len(F)
+    eigenvalues, modes = np.linalg.eig(F)
+    if np.linalg.cond(modes) > WORST_MODES:
+        return _responses_by_sample(F, C, signals)
+    driven = np.stack([lfilter([0.0, 1.0], [1.0, -value], signals.astype(complex), axis=0) for value in eigenvalues])
+    through = (C @ modes)[:, None, :] * np.linalg.inv(modes).T[None]
+    m = len(C)
+    responses = (through.reshape(m * n, n) @ driven.reshape(n, -1)).real.reshape(m, n, samples, -1)
+    powers = eigenvalues[:, None] ** np.arange(samples)
+    decay = (through.reshape(m * n, n) @ powers).real.reshape(m, n, samples)
+    return responses.transpose(2, 0, 1, 3), decay.transpose(2, 0, 1)
+
+
+def _responses_by_sample(F: Array, C: Array, signals: Array) -> tuple[Array, Array]:
+    (samples, number), n = signals.shape, len(F)
+    responses, decay = np.empty((samples, len(C), n, number)), np.empty((samples, len(C), n))
+    state, power = np.zeros((n, n, number)), np.eye(n)
+    for t in range(samples):
+        responses[t], decay[t] = np.tensordot(C, state, 1), C @ power
+        state = np.tensordot(F, state, 1) + np.eye(n)[:, :, None] * signals[t]
+        power = F @ power
+    return responses, decay
+
+
+def _best_start(segments: Segments, order: int, feedthrough: bool, stable: bool) -> SubspaceModel:
+    """The subspace model, of those there are, that predicts best."""
+    found: list[SubspaceModel] = []
+    for weighting in get_args(Weighting):
+        try:
+            found.append(found_by_projection(segments, order, weighting, feedthrough, stable))
+        except ValueError as error:
+            refused = error
+    if not found:
+        raise refused
+    return min(
+        found, key=lambda one: _determinant(prediction_errors(_parameters(one, feedthrough), one.model, segments))
+    )
+
+
+def _parameters(found: SubspaceModel, feedthrough: bool) -> FreeParameters:
+    A, B, C, D, K, offset, *_ = found.model
+    return FreeParameters(A, B, C, D if feedthrough else D[:, :0], K, offset, found.starts)
+
+
+def _determinant(errors: Array) -> float:
+    """The logarithm of that of the errors' covariance."""
+    return float(np.linalg.slogdet(_covariance(errors))[1])
+
+
+def _covariance(errors: Array) -> Array:
+    return np.asarray(errors.T @ errors / len(errors) + LEAST_VARIANCE * np.eye(errors.shape[1]))
+
+
+def _minimised(
+    found: SubspaceModel, feedthrough: bool, segments: Segments, bound: float
+) -> tuple[StateSpace, Array, bool]:
+    """Model, starts, and whether it converged: minimised from there, the spectral radius of A never above ``bound``."""
+    best, converged = _parameters(found, feedthrough), False
+    errors = prediction_errors(best, found.model, segments)
+    for _ in range(REWEIGHTINGS):
+        weight = np.linalg.cholesky(np.linalg.inv(_covariance(errors)))
+        tried = _downhill(best, found.model, segments, weight, bound)
+        before, errors_there = _determinant(errors), prediction_errors(tried, found.model, segments)
+        gained = before - _determinant(errors_there)
+        if gained > 0:
+            best, errors = tried, errors_there
+        if gained * len(errors) / 2 < CONVERGED_NATS:
+            converged = True
+            break
+    return with_parameters(found.model, best), best.starts, converged
+
+
+def _downhill(
+    start: FreeParameters, model: StateSpace, segments: Segments, weight: Array, bound: float
+) -> FreeParameters:
+    """The parameters that minimise the weighted sum of squared errors."""
+    nowhere = 1e3 * (prediction_errors(start, model, segments) @ weight).ravel()
+    origin, directions = start.vector(), start.identifiable()
+
+    def there(steps: Array) -> FreeParameters:
+        return start.of(origin + directions @ steps)
+
+    def weighted(steps: Array) -> Array:
+        parameters = there(steps)
+        if not _allowed(parameters, bound):
+            return nowhere
+        return (prediction_errors(parameters, model, segments) @ weight).ravel()
+
+    def slopes(steps: Array) -> Array:
+        by_output = sensitivities(there(steps), model, segments) @ directions
+        return (weight.T @ by_output).reshape(-1, len(steps))
+
+    still = np.zeros(directions.shape[1])
+    # With this weight half the sum of squares, about half their number, is in nats.
+    converged = 2 * CONVERGED_NATS / len(nowhere)
+    return there(least_squares(weighted, still, slopes, method="lm", ftol=converged, max_nfev=EVALUATIONS).x)
+
+
+def _allowed(parameters: FreeParameters, bound: float) -> bool:
+    """Whether the predictor is stable, and the model as far as it must be."""
+    A, C, K = parameters.A, parameters.C, parameters.K
+    finite = np.isfinite(parameters.vector()).all()
+    return bool(
+        finite
+        and np.abs(np.linalg.eigvals(A - K @ C)).max() < 1
+        and (bound == np.inf or np.abs(np.linalg.eigvals(A)).max() <= bound)
+    )

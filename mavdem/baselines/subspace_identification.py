@@ -1,0 +1,304 @@
+"""Subspace identification: states are projections of the past onto the future, the model their regression."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.linalg import solve_discrete_are
+
+from mavdem.baselines.identified import Identified, of_stability, required_order
+from mavdem.baselines.regression import RANK_TOLERANCE, least_ridge, regression, triangle
+from mavdem.baselines.units import LEAST_VARIANCE, Segments, Units
+from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.engine.model import STABILITY_TOLERANCE, recursion
+from mavdem.dem.engine.state_space import StateSpace
+from mavdem.dem.record import Record, UniformRecord
+
+Weighting = Literal["CVA", "MOESP", "SSARX"]
+
+LONGEST_HORIZON = 20  # samples of past and of future that the state is found from, at most
+WINDOWS_PER_COLUMN = 2  # so many windows there must be for each number in one of them
+
+
+def subspace(
+    train: UniformRecord | Sequence[UniformRecord],
+    order: int = 2,
+    weighting: Weighting = "CVA",
+    feedthrough: bool = False,
+    stable: bool = False,
+) -> Identified:
+    """A state-space model of ``order`` states from projections, without iterations.
+
+    The states are the combinations of the past that predict the future best; y is regressed on them for C (and D),
+    their successors on them and u for A and B, and K is the steady Kalman gain of the residuals' covariances (Van
+    Overschee and De Moor, Subspace Identification for Linear Systems, 1996, ch. 4; Katayama, Subspace Methods for
+    System Identification, 2005, ch. 10). What "best" means is the weighting's:
+
+    - ``"CVA"``: canonical correlations of past and future, given the future inputs (Larimore 1990).
+    - ``"MOESP"``: the variance of the future outputs which the past explains, given the future inputs (Verhaegen 1994).
+    - ``"SSARX"``: canonical correlations of the past and what is left of the future outputs when the effects of inputs
+      and outputs within the future are subtracted, as a long ARX model has them; the successors are regressed on the
+      innovations too. Consistent in closed loop, which the others are not (Jansson, Subspace identification and ARX
+      modeling, SYSID 2003).
+
+    Past and future are as long as the ARX model that Akaike's criterion chooses, but longer than the order needs. The
+    state in which a segment begins is estimated from that segment.
+
+    Args:
+        train: a ``Flight``, or a list of them, segments with gaps between: no window reaches across a gap.
+        order: number of states.
+        weighting: of past and future.
+        feedthrough: whether inputs act on the outputs of the same sample, D; otherwise it is zero.
+        stable: shrink A of an unstable model by a ridge, the smallest tried that makes it stable (as Van Gestel
+            and others, IEEE Trans. Automatic Control 46(9), 2001).
+
+    Raises:
+        ValueError: too few samples for the order, values that are not finite, an output that does not vary, or an order
+            or weighting that is none.
+    """
+    order = required_order(order)
+    if weighting not in get_args(Weighting):
+        raise ValueError(f"weighting must be one of {', '.join(get_args(Weighting))}, not {weighting!r}")
+    record = Record.of(train)
+    units = Units.of(record)
+    with one_thread():
+        found = found_by_projection(units.segments(record), order, weighting, feedthrough, stable)
+        return Identified(
+            f"subspace({order}, {weighting})",
+            units.physical(found.model),
+            record,
+            found.starts,
+            found.stabilised,
+            of_stability(found.model, found.stabilised),
+        )
+
+
+class SubspaceModel(NamedTuple):
+    """A model in the method's units, and where its segments begin."""
+
+    model: StateSpace
+    starts: Array  # (segments, n)
+    stabilised: bool
+
+
+def found_by_projection(
+    segments: Segments, order: int, weighting: Weighting, feedthrough: bool, stable: bool
+) -> SubspaceModel:
+    """The model of inputs and outputs of each segment, in units in which their variance is 1."""
+    horizon = _horizon(segments, order)
+    windows = Windows.of(segments, horizon, horizon)
+    state_map = _state_map(windows, order, weighting, feedthrough)
+    states, successors = windows.both(0, horizon) @ state_map, windows.both(1, horizon + 1) @ state_map
+    inputs, outputs = windows.inputs(horizon, horizon + 1), windows.outputs(horizon, horizon + 1)
+    k, m = inputs.shape[1], outputs.shape[1]
+
+    regressors = np.hstack([windows.constant, states, inputs[:, : k * feedthrough]])
+    of_outputs = regression(regressors, outputs)
+    innovations = outputs - regressors @ of_outputs
+    output_trim, C, D = np.split(of_outputs.T, [1, 1 + order], axis=1)
+    if not feedthrough:
+        D = np.zeros((m, k))
+
+    regressors = np.hstack([windows.constant, states, inputs])
+    explained = [regressors, innovations] if weighting == "SSARX" else [regressors]
+    columns = np.hstack(explained)
+    of_states = np.isin(np.arange(columns.shape[1]), np.arange(1, 1 + order))
+
+    def dynamics(ridge: float | None) -> Array:
+        solution = regression(columns, successors, None if ridge is None else ridge * of_states)
+        return solution[: regressors.shape[1]].T
+
+    def radius(ridge: float | None) -> float:
+        return float(np.abs(np.linalg.eigvals(dynamics(ridge)[:, 1 : 1 + order])).max())
+
+    stabilised = stable and radius(None) > 1 + STABILITY_TOLERANCE
+    of_successors = dynamics(least_ridge(radius, windows.number) if stabilised else None)
+    offset, A, B = np.split(of_successors, [1, 1 + order], axis=1)
+    errors = np.hstack([successors - regressors @ of_successors.T, innovations])
+    covariance = errors.T @ errors / windows.number
+    Q, S, R = covariance[:order, :order], covariance[:order, order:], covariance[order:, order:]
+    try:
+        K = steady_gain(A, C, Q, R, S)
+    except np.linalg.LinAlgError:
+        raise ValueError(
+            f"the training data determine no model of {order} observable states: lower the order"
+        ) from None
+    model = StateSpace(A, B, C, D, K, offset[:, 0], np.zeros(k), output_trim[:, 0])
+    return SubspaceModel(model, estimated_starts(model, segments, R), stabilised)
+
+
+def _horizon(segments: Segments, order: int) -> int:
+    """How many samples of past and of future to look at: as many lags as the best ARX model has.
+
+    By Akaike's criterion, as is usual with canonical variates (Peternell, Scherrer and Deistler, Signal Processing
+    52(2), 1996), with all numbers of lags compared on the same samples.
+    """
+    k, m = (int(table.shape[1]) for table in segments[0])
+    fewest = order // m + 1
+    lengths = [len(outputs) for _, outputs in segments]
+
+    def enough(horizon: int) -> bool:
+        number = sum(max(0, length - 2 * horizon + 1) for length in lengths)
+        return number >= WINDOWS_PER_COLUMN * (1 + 2 * horizon * (k + m))
+
+    if not enough(fewest):
+        raise ValueError(
+            f"train has too few samples for {order} states: {sum(lengths)} in segments of {max(lengths)} at most; "
+            f"lower the order, or train on more samples without gaps"
+        )
+    longest = max(horizon for horizon in range(fewest, max(fewest, LONGEST_HORIZON) + 1) if enough(horizon))
+    windows = Windows.of(segments, longest, 1)
+    lags = [windows.both(longest - lag, longest - lag + 1) for lag in range(1, longest + 1)]
+    nested = triangle(np.hstack([windows.constant, *lags, windows.outputs(longest, longest + 1)]))
+
+    def criterion(horizon: int) -> float:
+        left = nested[1 + horizon * (k + m) :, -m:]
+        covariance = left.T @ left / windows.number
+        size = np.linalg.slogdet(covariance + RANK_TOLERANCE**2 * np.eye(m))[1]
+        return float(windows.number * size + 2 * horizon * (k + m) * m)
+
+    return max(min(range(1, longest + 1), key=criterion), fewest)
+
+
+def _state_map(windows: Windows, order: int, weighting: Weighting, feedthrough: bool) -> Array:
+    """(past · (k + m), n): from the past, oldest sample first, to states of variance 1."""
+    past, future = windows.past, windows.samples.shape[1] - windows.past
+    before = windows.both(0, past)
+    if weighting == "SSARX":
+        given, after = windows.constant, _without_effects_of_the_future(windows, feedthrough)
+    else:
+        given = np.hstack([windows.constant, windows.inputs(past, past + future)])
+        after = windows.outputs(past, past + future)
+    projected = triangle(np.hstack([given, before, after]))[given.shape[1] :, given.shape[1] :]
+    of_past, of_future = projected[:, : before.shape[1]], projected[:, before.shape[1] :]
+    basis, to_basis = _orthonormal(of_past)
+    shared = basis.T @ of_future
+    if weighting != "MOESP":
+        shared = shared @ _orthonormal(of_future)[1]
+    directions = np.linalg.svd(shared, full_matrices=False)[0]
+    if directions.shape[1] < order:
+        raise ValueError(
+            f"the training data have no {order} states: their past and future share only {directions.shape[1]}; lower "
+            f"the order"
+        )
+    return np.asarray(to_basis @ directions[:, :order] * np.sqrt(windows.number))
+
+
+def _orthonormal(table: Array) -> tuple[Array, Array]:
+    """An orthonormal basis of the table's columns, and the map from the table to it."""
+    basis, sizes, directions = np.linalg.svd(table, full_matrices=False)
+    kept = sizes > RANK_TOLERANCE * sizes.max(initial=0.0)
+    return basis[:, kept], directions[kept].T / sizes[kept]
+
+
+def _without_effects_of_the_future(windows: Windows, feedthrough: bool) -> Array:
+    """(rows, future · m): the future outputs less what inputs and outputs since the past ended add to them.
+
+    By the coefficients of the ARX model with as many lags as the past has samples.
+    """
+    past, k = windows.past, windows.k
+    now = windows.inputs(past, past + 1)[:, : k * feedthrough]
+    coefficients = regression(
+        np.hstack([windows.constant, now, windows.both(0, past)]), windows.outputs(past, past + 1)
+    )
+    direct = coefficients[1 : 1 + now.shape[1]]
+    # By lag, from 1 on.
+    lagged = coefficients[1 + now.shape[1] :].reshape(past, -1, coefficients.shape[1])[::-1]
+    after = windows.samples[:, past:]
+    left = after[:, :, k:].copy()
+    if feedthrough:
+        left -= after[:, :, :k] @ direct
+    for lag in range(1, after.shape[1]):
+        left[:, lag:] -= after[:, :-lag] @ lagged[lag - 1]
+    return left.reshape(len(left), -1)
+
+
+class Windows(NamedTuple):
+    """All windows of ``past`` + ``future`` samples in rows that are fewer and have the same inner products.
+
+    So whatever is regressed and projected here comes out as from the windows themselves, whose number enters once, in
+    one QR decomposition. Sample 0 of a window is its oldest, sample ``past`` the first of its future.
+    """
+
+    constant: Array  # (rows, 1) what is 1 in each window
+    samples: Array  # (rows, past + future, k + m): inputs, then outputs
+    past: int
+    k: int  # inputs
+    number: int
+
+    @classmethod
+    def of(cls, segments: Segments, past: int, future: int) -> Windows:
+        """Of the inputs (T, k) and outputs (T, m) of each segment; no window reaches across a gap."""
+        (inputs, outputs), length = segments[0], past + future
+        width = inputs.shape[1] + outputs.shape[1]
+        windows = [
+            sliding_window_view(np.hstack(segment), length, axis=0).swapaxes(1, 2)
+            for segment in segments
+            if len(segment[0]) >= length
+        ]
+        stacked = np.concatenate([np.empty((0, length, width)), *windows])
+        flat = stacked.reshape(len(stacked), length * width)
+        rows = triangle(np.hstack([np.ones((len(flat), 1)), flat]))
+        return cls(rows[:, :1], rows[:, 1:].reshape(len(rows), length, width), past, inputs.shape[1], len(flat))
+
+    def inputs(self, first: int, last: int) -> Array:
+        """(rows, ·) of the samples ``first`` to ``last`` − 1, one sample after the other."""
+        return self.samples[:, first:last, : self.k].reshape(len(self.samples), -1)
+
+    def outputs(self, first: int, last: int) -> Array:
+        """The same of the outputs."""
+        return self.samples[:, first:last, self.k :].reshape(len(self.samples), -1)
+
+    def both(self, first: int, last: int) -> Array:
+        """The same of inputs and outputs."""
+        return self.samples[:, first:last].reshape(len(self.samples), -1)
+
+
+LEAST_NOISES = (1e-12, 1e-9, 1e-6)
+"""Variances that are added to all noises, the next where there is no steady filter with one before: data without noise
+do not determine the gain. In the methods' units, in which outputs and states have a variance of about 1."""
+
+
+def steady_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
+    """(n, m) K of the innovation form of x⁺ = A x + … + w, y = C x + … + v, with which A − K C is stable.
+
+    By the algebraic Riccati equation (Van Overschee and De Moor, Subspace Identification for Linear Systems, 1996,
+    sec. 4.2.2, Table 4.1; Katayama, Subspace Methods for System Identification, 2005, sec. 5.3). Q, R and S are the
+    covariances E wwᵀ, E vvᵀ and E wvᵀ; ``LinAlgError`` where there is no steady filter.
+    """
+    n, m = S.shape
+    for least in LEAST_NOISES:
+        Q_, R_ = Q + least * np.eye(n), R + least * np.eye(m)
+        try:
+            P = solve_discrete_are(A.T, C.T, Q_, R_, s=S)
+        except (ValueError, np.linalg.LinAlgError):
+            continue
+        gain = np.linalg.solve(C @ P @ C.T + R_, (A @ P @ C.T + S).T).T
+        if np.abs(np.linalg.eigvals(A - gain @ C)).max() < 1:
+            return np.asarray(gain)
+    raise np.linalg.LinAlgError("there is no steady filter: an unstable state may not be seen in the outputs")
+
+
+def estimated_starts(model: StateSpace, segments: Segments, innovation: Array) -> Array:
+    """(segments, n): the most probable first states, before which they are of mean 0 and variance 1.
+
+    All in units in which the model's states have about that variance; ``innovation`` (m, m) is the covariance of the
+    prediction errors.
+    """
+    n = len(model.A)
+    variance, axes = np.linalg.eigh(innovation)
+    whiten = axes / np.sqrt(np.maximum(variance, LEAST_VARIANCE))
+    longest = max(len(outputs) for _, outputs in segments)
+    predictor = model.A - model.K @ model.C
+    still = np.zeros((longest - 1, n))
+    decays = np.stack([np.vstack([unit, recursion(predictor, still, unit)]) for unit in np.eye(n)], axis=2)
+    responses = whiten.T @ model.C @ decays
+    starts = []
+    for inputs, outputs in segments:
+        errors = (outputs - model.predicted(np.zeros(n), inputs, outputs)) @ whiten
+        effects = np.vstack([responses[: len(errors)].reshape(-1, n), np.eye(n)])
+        starts.append(np.linalg.lstsq(effects, np.append(errors.ravel(), np.zeros(n)), rcond=None)[0])
+    return np.array(starts)

@@ -1,0 +1,153 @@
+"""``mavdem``: the group of commands, their completion by a shell, and what becomes of errors."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from difflib import SequenceMatcher
+from importlib import import_module
+
+import click
+from click.shell_completion import shell_complete
+
+from mavdem.cli.output import complain, prepare_streams, say_aside
+from mavdem.cli.signals import INTERRUPTED, ending_at_once
+from mavdem.errors import NotLearnable, Unreadable
+
+DONE, UNSUPPORTED, UNUSABLE, PIPE_CLOSED = 0, 1, 2, 141
+"""Exit codes: done; the data cannot support the request; bad usage, unreadable input or output that fails; and as a
+shell reports SIGPIPE."""
+
+
+COMPLETION = "_MAVDEM_COMPLETE"
+"""Environment variable by which click's shell scripts ask for completions."""
+
+
+class _Commands(click.Group):
+    """Imports a command when it is named: what it needs takes a second, which ``--help`` need not wait."""
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        name, command, rest = super().resolve_command(ctx, args)
+        if command is not None:
+            with ending_at_once():
+                command = getattr(import_module(f"mavdem.cli.{command.name}"), f"{command.name}_command")
+        return name, command, rest
+
+
+@click.group(
+    cls=_Commands,
+    commands=[
+        click.Command("info", help="Reports what a log holds and if a model can be learnt."),
+        click.Command("learn", help="Learns a linear model and tests it on held-out data."),
+        click.Command("compare", help="Compares DEM with other methods, window by window."),
+        click.Command("order", help="Finds the model order (number of states) by the free energy."),
+        click.Command("live", help="Attaches to a link and learns while the vehicle flies."),
+        click.Command("convert", help="Converts a log to another file format."),
+        click.Command("fly", help="Simulates the flight of a quadrotor in wind."),
+        click.Command("reproduce", help="Runs the paper's experiments again and checks its claims."),
+    ],
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+@click.version_option(package_name="mavdem")
+def mavdem() -> None:
+    """Learns what a multirotor does in wind from its flight logs.
+
+    mavdem takes motor outputs and attitude from a MAVLink stream or a log. It learns a linear model of the roll (or
+    pitch) motion by Dynamic Expectation Maximization (DEM), with an interval for every parameter. It forecasts samples
+    that the model has not seen, and reports the error beside forecasts without a model.
+
+    \b
+    1. Is the log good enough? If not: why, and what to change.
+         mavdem info flight.tlog
+    2. Learn a model. Read the report, then look at the plots.
+         mavdem learn flight.tlog --out result
+         rerun result/flight.rrd
+    3. Compare with subspace, PEM, EM and ARX models.
+         mavdem compare flight.tlog
+    4. How many states does the motion have?
+         mavdem order flight.tlog
+    5. Learn while the vehicle flies.
+         mavdem live udpin:127.0.0.1:14550
+    6. Run the paper's experiments.
+         mavdem reproduce --list
+
+    \b
+    No log at hand? Simulate a flight in wind:
+      mavdem fly hover_blower --out flight.tlog
+
+    A log needs attitude, and motor outputs or the controller's demand, at 40 Hz or more, better 100 Hz.
+
+    With --json every command prints one JSON document on standard output. Exit codes: 0 done; 1 the data cannot support
+    the request; 2 bad usage or unreadable input. A command ended by Ctrl-C (130), SIGTERM (143) or a closed pipe (141)
+    may print no document.
+    """
+
+
+def main(arguments: Sequence[str] | None = None, command: click.Command = mavdem) -> int:
+    """Runs one command with these words, or those of the process, and returns its exit code; raises SystemExit only."""
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    prepare_streams()
+    try:
+        if COMPLETION in os.environ:
+            return shell_complete(mavdem, {}, "mavdem", COMPLETION, os.environ[COMPLETION])
+        code = _run(command, words, as_json="--json" in words)
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        code = PIPE_CLOSED  # the reader has had enough
+    except OSError as error:
+        complain(f"Standard output cannot be written to ({error.strerror or error}).", "", as_json=False)
+        code = UNUSABLE
+    # Python flushes once more at exit, and that must go somewhere.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return code
+
+
+def _run(command: click.Command, words: list[str], as_json: bool) -> int:
+    try:
+        with command.make_context(command.name, list(words)) as context:
+            command.invoke(context)
+    except click.exceptions.Exit as end:
+        return end.exit_code
+    except click.exceptions.NoArgsIsHelpError as error:
+        say_aside(error.format_message())
+        return UNUSABLE
+    except click.ClickException as error:
+        where = error.ctx.command_path if isinstance(error, click.UsageError) and error.ctx else "mavdem"
+        complain(_usage(error), f"Try `{where} --help`.", as_json)
+        return UNUSABLE
+    except NotLearnable as error:
+        complain(error.reason, error.remedy, as_json)
+        return UNSUPPORTED
+    except Unreadable as error:
+        complain(str(error), "", as_json)
+        return UNUSABLE
+    except KeyboardInterrupt:
+        complain("Interrupted; nothing is left half written.", "", as_json)
+        return INTERRUPTED
+    except Exception as error:
+        if isinstance(error, OSError) and error.filename is None:
+            raise  # standard output: the only thing written to here that has no name
+        if os.environ.get("MAVDEM_TRACEBACK"):
+            traceback.print_exc()
+        complain(
+            f"This should not have happened ({type(error).__name__}: {error}).",
+            "Run it again with MAVDEM_TRACEBACK=1 to see where.",
+            as_json,
+        )
+        return UNUSABLE
+    return DONE
+
+
+def _usage(error: click.ClickException) -> str:
+    """What is wrong, with the names that come closest to one that does not exist, the closest first."""
+    close: list[str] | None = getattr(error, "possibilities", None)
+    wrong = getattr(error, "option_name", None) or getattr(error, "command_name", None)
+    if not close or not wrong:
+        return error.format_message()
+    *others, last = sorted(close, key=lambda name: -SequenceMatcher(None, wrong, name).ratio())
+    return f"{error.message} Did you mean {', '.join(others)}{' or ' * bool(others)}{last}?"

@@ -1,0 +1,123 @@
+"""Options that several commands share: which motion of which vehicle, and which model."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from mavdem.dem import Settings
+from mavdem.dem.learning import FEWEST_SAMPLES
+from mavdem.evaluate.flight_windows import FAST, TEST, TRAIN, USUAL_RATE
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+VEHICLE_PATTERN = re.compile(r"\d{1,3}(:\d{1,3})?", re.ASCII)  # MAVLink's ids
+MAX_STATES = 10  # A roll model has a few states; the memory of a fit increases with the fourth power of their number
+AXIS_OUTPUTS = 2  # of an axis: its angle and its rate
+
+ORDERS = {"real": range(AXIS_OUTPUTS, AXIS_OUTPUTS + Settings().p + 1), "paper": range(1, MAX_STATES + 1)}
+"""The real prior has a state for each output and at most p hidden ones."""
+
+
+Value = TypeVar("Value")
+
+
+def file_option(name: str, text: str) -> Callable[[Command], Command]:
+    """An option that names a file."""
+    return click.option(name, type=click.Path(path_type=Path), callback=no_option, help=text)
+
+
+def no_option(context: click.Context, parameter: click.Parameter, value: Value) -> Value:
+    """Refuses an option as the value of another, which was then forgotten: ``--out --json``."""
+    if str(value).startswith("--"):
+        raise click.BadParameter(f"{value} is an option, and no value was given.", context, parameter)
+    return value
+
+
+def _vehicle(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    no_option(context, parameter, value)
+    if value is not None and not VEHICLE_PATTERN.fullmatch(value):
+        raise click.BadParameter(
+            f"{value!r} is no vehicle: give its MAVLink system id, or system and component as in 1:1.",
+            context,
+            parameter,
+        )
+    return value
+
+
+def motion_options(command: Command) -> Command:
+    """Adds --axis, --vehicle, --inputs and --json to a command."""
+    for decorate in (
+        click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."),
+        click.option(
+            "--inputs",
+            type=click.Choice(["motors", "demand"]),
+            help="The inputs of the model: the motor outputs, or the controller's demand before the mixer. "
+            "[default: motors; demand if only that is logged fast enough]",
+        ),
+        click.option(
+            "--vehicle", metavar="SYSTEM[:COMPONENT]", callback=_vehicle, help="Which vehicle, if there are several."
+        ),
+        click.option(
+            "--axis", type=click.Choice(["roll", "pitch"]), default="roll", show_default=True, help="Axis to model."
+        ),
+    ):
+        command = decorate(command)
+    return command
+
+
+def source_options(command: Command) -> Command:
+    """Adds SOURCE and the same options to a command."""
+    return click.argument("source", type=click.Path())(motion_options(command))
+
+
+def _spoken(orders: range) -> str:
+    return f"{orders[0]} to {orders[-1]}"
+
+
+def model_options(command: Command) -> Command:
+    """Adds --preset and --order to a command."""
+    for decorate in (
+        click.option(
+            "--order",
+            type=int,
+            help=f"Number of states, {_spoken(ORDERS['real'])}; for paper {_spoken(ORDERS['paper'])}. "
+            "[default: 3 (angle, rate, and a hidden state for the motors' lag); for paper 2]",
+        ),
+        click.option(
+            "--preset",
+            type=click.Choice(["real", "paper"]),
+            default="real",
+            show_default=True,
+            help="real: scaling and priors for real flights; paper: the settings of the paper, section V.D.",
+        ),
+    ):
+        command = decorate(command)
+    return command
+
+
+def chosen_settings(preset: str, order: int | None) -> Settings:
+    """The settings of --preset and --order; raises ``BadParameter`` for an order that the preset does not have."""
+    if order is not None and order not in ORDERS[preset]:
+        raise click.BadParameter(
+            f"{order} is not in {_spoken(ORDERS[preset])}, the numbers of states of --preset {preset}.",
+            param_hint="--order",
+        )
+    settings = Settings.paper() if preset == "paper" else Settings()
+    return settings if order is None else replace(settings, order=order)
+
+
+def window_options(command: Command) -> Command:
+    """Adds --train and --test, numbers of samples, to a command."""
+    for option, usual, fewest, what in (
+        ("--test", TEST, 1, "Held-out test samples after them."),
+        ("--train", TRAIN, FEWEST_SAMPLES, "Training samples."),
+    ):
+        default = f"[default: {usual}; above {FAST:.0f} Hz {usual / USUAL_RATE:g} s]"
+        command = click.option(option, type=click.IntRange(fewest), help=f"{what} {default}")(command)
+    return command

@@ -1,0 +1,104 @@
+"""Files that a command writes: checked before the work, and each appears whole or not at all."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import click
+
+from mavdem.cli.options import no_option
+from mavdem.cli.output import json_text
+from mavdem.cli.signals import ending_at_once
+from mavdem.dem import Learned
+from mavdem.errors import Unreadable
+from mavdem.export.channels import write_channels
+from mavdem.files import atomic_writes, replaceable
+from mavdem.flight import Flight
+
+RESULT_FILES = ("model.json", "report.json", "flight.rrd", "flight.mcap")  # of the files of a learnt flight
+
+
+def folder_named(context: click.Context, parameter: click.Parameter, value: str | None) -> Path | None:
+    """The folder of an option; refuses no name, which a path would take for the current folder."""
+    if value is None:
+        return None
+    if not no_option(context, parameter, value):
+        raise click.BadParameter("it names no folder; use `.` for the current one.", context, parameter)
+    return Path(value)
+
+
+def check_folder(folder: Path, names: Sequence[str] = RESULT_FILES) -> None:
+    """Raises ``Unreadable``, before the work, for a folder that cannot be written to; it makes nothing."""
+    existing = next(place for place in (folder, *folder.absolute().parents) if os.path.lexists(place))
+    if not existing.is_dir():
+        raise Unreadable(f"--out {folder} is not a folder, because {existing} is a file: name another.")
+    if not os.access(existing, os.W_OK | os.X_OK):
+        raise Unreadable(f"--out {folder} cannot be made: {existing} is not writable.")
+    for path in (folder / name for name in names):
+        # Found only when the others are replaced, it would leave results of two runs.
+        if path.is_dir() and not path.is_symlink():
+            raise Unreadable(f"{path} is a folder, where a file is to be written: move it, or name another --out.")
+
+
+def write_results(folder: Path, report: dict[str, Any], train: Flight, test: Flight, learned: Learned) -> None:
+    """Writes the four ``RESULT_FILES``, as :func:`files_in` does."""
+    # Rerun takes a second to load, and a flight that cannot be learnt needs none of it.
+    with ending_at_once():
+        from mavdem.view import write_recording
+
+    with files_in(folder, RESULT_FILES) as (model_json, report_json, recording, channels):
+        model_json.write_text(learned.to_json() + "\n")
+        report_json.write_text(json_text(report) + "\n")
+        write_recording(recording, train, test, learned)
+        write_channels(channels, train, learned, test)
+
+
+@contextmanager
+def files_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[Path, ...]]:
+    """Yields paths to write instead of these files; at the end all are moved into ``folder``, which is made if missing.
+
+    An ``OSError`` becomes ``Unreadable``.
+    """
+    try:
+        with _made(folder), atomic_writes(*(folder / name for name in names)) as files:
+            yield files
+    except OSError as error:
+        raise Unreadable(f"--out {folder} cannot be written ({error.strerror or error}): name another.") from None
+
+
+@contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Makes a folder and those above it, and on failure removes those that it made."""
+    missing = [place for place in (folder, *folder.parents) if not place.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+    except BaseException:
+        for place in missing:
+            with suppress(OSError):  # never made, or somebody else has put something there
+                place.rmdir()
+        raise
+
+
+def check_file(path: Path | None, option: str, endings: tuple[str, ...]) -> None:
+    """Raises ``Unreadable``, before the work, for a file that cannot be written, ``BadParameter`` for other endings."""
+    if path is None:
+        return
+    if path.suffix.lower() not in endings:
+        raise click.BadParameter(f"{path} must end in {' or '.join(endings)}.", param_hint=option)
+    with writing(path):
+        replaceable(path)
+
+
+@contextmanager
+def writing(*files: Path) -> Iterator[None]:
+    """Raises ``Unreadable`` for an ``OSError``: files that cannot be written."""
+    try:
+        yield
+    except OSError as error:
+        names = " or ".join(str(path) for path in files)
+        raise Unreadable(f"{names} cannot be written ({error.strerror or error}): name another file.") from None

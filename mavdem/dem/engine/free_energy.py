@@ -1,0 +1,223 @@
+"""Free energy: the one definition of F̄. The D, E and M steps maximise it and are tested against it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
+from mavdem.dem.engine.linalg import Array, logdet
+
+
+class Belief(NamedTuple):
+    """The recognition density q: Gaussian in X (at every sample), θ and λ."""
+
+    moments: GeneralizedMoments  # of the data and the means of X
+    state_covariance: Array  # Σˣ of X = [x̃; ṽ], the same at every sample
+    theta: Array
+    theta_covariance: Array
+    lambda_: Array
+    lambda_covariance: Array
+
+
+def free_energy_action(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> float:
+    """F̄ = Ū + W + H, Eq. ``free_E`` summed over time; constants in 2π are left out.
+
+    W is the expectation of the curvature, ½ Σ tr(Σ U_ϑϑ): the ½ that Eq. ``F_bar_MF`` has and Eq. ``free_E`` lost.
+    """
+    moments, lambda_ = belief.moments, belief.lambda_
+    T = samples.number
+    weights = np.exp(lambda_)
+    mean_field = 0.5 * (
+        T * np.sum(belief.state_covariance * state_curvature(model, belief.theta, weights))
+        + np.sum(belief.theta_covariance * theta_curvature(model, moments, weights))
+        + np.sum(belief.lambda_covariance * lambda_curvature(model, moments, belief.theta, lambda_))
+    )
+    entropy = 0.5 * (
+        T * logdet(belief.state_covariance) + logdet(belief.theta_covariance) + logdet(belief.lambda_covariance)
+    )
+    return internal_energy(model, samples, moments, belief.theta, lambda_) + mean_field + entropy
+
+
+def free_energy(model: GenerativeModel, data: Array, states: Array, belief: Belief) -> Array:
+    """F(t) = U + W + H of every sample, (T,), Eq. ``free_E``, with the ½ that its W has lost.
+
+    The priors and entropies of θ and λ, which are the same at every sample, are in each F(t) and only once in F̄.
+
+    Args:
+        model: the model.
+        data: (T, ·) generalized data [ỹ; η̃].
+        states: (T, dim X) means of X.
+        belief: the rest; its moments are not used.
+    """
+    return SampleEnergy.of(model, belief).at(data, states)
+
+
+class SampleEnergy(NamedTuple):
+    """F(t) as a function of the sample: a constant less half the squares of its errors and of its states.
+
+    Attributes:
+        constant: F(t) of a sample without errors, at states 0.
+        priors: what of it the priors and entropies of θ and λ make up, which are in F̄ only once.
+        errors: E with ε̃ = E [ỹ; η̃; X].
+        precision: of ε̃, that of the noise included that uncertain λ make.
+        uncertainty: of X, which uncertain θ make.
+    """
+
+    constant: float
+    priors: float
+    errors: Array
+    precision: Array
+    uncertainty: Array
+
+    @classmethod
+    def of(cls, model: GenerativeModel, belief: Belief) -> SampleEnergy:
+        """That of a model under a belief, whose moments are not used."""
+        theta, lambda_ = belief.theta, belief.lambda_
+        # W^λ and W^θ of a sample are quadratic in its errors and in its X.
+        precision = model.precision(expected_weights(lambda_, belief.lambda_covariance))
+        uncertainty = parameter_uncertainty(model, belief.theta_covariance, np.exp(lambda_))
+        priors = _of_priors(model, belief)
+        constant = priors + _of_noise(model, belief)
+        return cls(constant, priors, model.error_operator(theta), precision, uncertainty)
+
+    def at(self, data: Array, states: Array) -> Array:
+        """F(t), (T,), of generalized data (T, ·) and states (T, dim X)."""
+        errors = np.hstack([data, states]) @ self.errors.T
+        squares = np.sum(errors @ self.precision * errors, axis=1) + np.sum(states @ self.uncertainty * states, axis=1)
+        return np.asarray(self.constant - 0.5 * squares)
+
+
+def _of_noise(model: GenerativeModel, belief: Belief) -> float:
+    """What F(t) has at every sample of the noise, and of X and how uncertain it is."""
+    return 0.5 * float(
+        model.log_precision_at_zero
+        + model.log_precision_slope @ belief.lambda_
+        + np.sum(belief.state_covariance * state_curvature(model, belief.theta, np.exp(belief.lambda_)))
+        + logdet(belief.state_covariance)
+    )
+
+
+def _of_priors(model: GenerativeModel, belief: Belief) -> float:
+    """What F(t) has of the priors and entropies of θ and λ."""
+    prior, total = model.prior, 0.0
+    for mean, covariance, about, certainty in (
+        (belief.theta, belief.theta_covariance, prior.theta_mean, prior.theta_precision),
+        (belief.lambda_, belief.lambda_covariance, prior.lambda_mean, prior.lambda_precision),
+    ):
+        error = mean - about
+        total += logdet(certainty) + logdet(covariance)
+        total -= float(error @ certainty @ error + np.sum(covariance * certainty))
+    return 0.5 * total
+
+
+def expected_weights(lambda_: Array, lambda_covariance: Array) -> Array:
+    """Noise precisions as the squared errors feel them: e^λ (1 + ½ Σ^λ), the mean-field term of λ included."""
+    return np.exp(lambda_) * (1.0 + 0.5 * lambda_covariance.diagonal())
+
+
+def internal_energy(
+    model: GenerativeModel, samples: SufficientStatistics, moments: GeneralizedMoments, theta: Array, lambda_: Array
+) -> float:
+    """Ū = Σ_t U(t) with the priors counted once: log likelihood plus log priors at the means."""
+    prior = model.prior
+    error = np.sum(model.precision(np.exp(lambda_)) * moments.errors(theta))
+    log_precision = model.log_precision_at_zero + model.log_precision_slope @ lambda_
+    theta_error, lambda_error = theta - prior.theta_mean, lambda_ - prior.lambda_mean
+    return 0.5 * float(
+        samples.number * log_precision
+        - error
+        - theta_error @ prior.theta_precision @ theta_error
+        - lambda_error @ prior.lambda_precision @ lambda_error
+        + sum(model.log_precision_of_priors)
+    )
+
+
+def state_curvature(model: GenerativeModel, theta: Array, weights: Array) -> Array:
+    """U_XX, the same at every sample, for noise precisions ``weights`` = e^λ."""
+    of_X = model.error_operator(theta)[:, model.hidden]
+    return -of_X.T @ model.precision(weights) @ of_X
+
+
+def theta_curvature(model: GenerativeModel, moments: GeneralizedMoments, weights: Array) -> Array:
+    """Ū_θθ (k, k): each row of [A B] and of C is a regression of its own, coupled only by the prior."""
+    curvature = -model.prior.theta_precision
+    regression, rows = moments.regression, model.parameter_rows
+    add_blocks(curvature, rows.dynamics, -np.multiply.outer(weights[model.state_groups], regression.regressors))
+    add_blocks(curvature, rows.observation, -np.multiply.outer(weights[model.output_groups], regression.states))
+    return curvature
+
+
+def parameter_uncertainty(model: GenerativeModel, theta_covariance: Array, weights: Array) -> Array:
+    """M with −½ XᵀM X the data's share of W^θ: an uncertain parameter makes the states it multiplies expensive."""
+    n, r, rows = model.n, model.r, model.parameter_rows
+    dynamics = _sum(weights[model.state_groups], blocks(theta_covariance, rows.dynamics))
+    observation = _sum(weights[model.output_groups], blocks(theta_covariance, rows.observation))
+    x, v = n * (model.p + 1), r * (model.d + 1)
+    curvature = np.zeros((x + v, x + v))
+    curvature[:x, :x] = _kron(model.output_correlation, observation)
+    S = model.state_correlation
+    both = min(model.q, model.d) + 1
+    at_x, at_v = slice(0, n * (model.q + 1)), slice(x, x + r * both)
+    curvature[at_x, at_x] += _kron(S, dynamics[:n, :n])
+    cross = _kron(S[:, :both], dynamics[:n, n:])
+    curvature[at_x, at_v] += cross
+    curvature[at_v, at_x] += cross.T
+    curvature[at_v, at_v] += _kron(S[:both, :both], dynamics[n:, n:])
+    return curvature
+
+
+def _sum(weights: Array, matrices: Array) -> Array:
+    """Σⱼ weights[j] · matrices[j]."""
+    return (weights @ matrices.reshape(len(weights), -1)).reshape(matrices.shape[1:])
+
+
+def _kron(left: Array, right: Array) -> Array:
+    """``numpy.kron`` of two matrices, without the generality that takes ten times as long."""
+    product = left[:, None, :, None] * right[None, :, None, :]
+    return product.reshape(left.shape[0] * right.shape[0], left.shape[1] * right.shape[1])
+
+
+def blocks(matrix: Array, rows: NDArray[np.intp]) -> Array:
+    """The square blocks of ``matrix`` at the places ``rows`` (j, size): (j, size, size)."""
+    return matrix[rows[:, :, None], rows[:, None, :]]
+
+
+def add_blocks(matrix: Array, rows: NDArray[np.intp], added: Array) -> None:
+    """Adds ``added[j]`` to ``matrix`` at the places ``rows[j]``, for every j."""
+    matrix[rows[:, :, None], rows[:, None, :]] += added
+
+
+def lambda_curvature(model: GenerativeModel, moments: GeneralizedMoments, theta: Array, lambda_: Array) -> Array:
+    """Ū_λλ (g, g)."""
+    return -np.diag(0.5 * np.exp(lambda_) * moments.squared_errors(theta)) - model.prior.lambda_precision
+
+
+def optimal_terms(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Mapping[str, float]:
+    """The named terms of F̄ᵒ, Eq. ``F_action_opt``, of a belief whose precisions are the negative curvatures.
+
+    They sum to F̄ᵒ, which is :func:`free_energy_action` there plus half the number of everything estimated,
+    T·dim X + dim θ + dim λ (the mean-field terms, which the paper drops with the constants).
+    """
+    prior = model.prior
+    of_theta, of_lambda = model.log_precision_of_priors
+    T = samples.number
+    squares = model.precision(np.exp(belief.lambda_)) * belief.moments.errors(belief.theta)
+    of_y, of_v, of_x = model.errors
+    of_x = slice(of_x.start, None)  # with x itself, where something is known of it
+    theta_error, lambda_error = belief.theta - prior.theta_mean, belief.lambda_ - prior.lambda_mean
+    log_precision = model.log_precision_at_zero + float(model.log_precision_slope @ belief.lambda_)
+    return {
+        "noise entropy": 0.5 * T * log_precision,
+        "state and input entropy": 0.5 * T * logdet(belief.state_covariance),
+        "parameter entropy": 0.5 * (logdet(belief.theta_covariance) + of_theta),
+        "hyperparameter entropy": 0.5 * (logdet(belief.lambda_covariance) + of_lambda),
+        "prediction error of outputs": -0.5 * float(squares[of_y, of_y].sum()),
+        "prediction error of inputs": -0.5 * float(squares[of_v, of_v].sum()),
+        "prediction error of states": -0.5 * float(squares[of_x, of_x].sum()),
+        "prediction error of parameters": -0.5 * float(theta_error @ prior.theta_precision @ theta_error),
+        "prediction error of hyperparameters": -0.5 * float(lambda_error @ prior.lambda_precision @ lambda_error),
+    }

@@ -1,0 +1,89 @@
+"""Damped Gauss-Newton: maximises a function whose curvature is known nearly (Levenberg and Marquardt).
+
+Each step solves (curvature + damping · its diagonal) step = slope. A step that does not increase the function is damped
+more; after one that does, the next is damped less. References: Levenberg 1944; Marquardt 1963; Nocedal and Wright,
+Numerical Optimization, 2nd ed., sec. 10.3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.resumable import Resumable
+
+
+class Quadratic(NamedTuple):
+    """A function to second order about a point: its value and slope there, and its negative's curvature."""
+
+    at: Array
+    value: float
+    slope: Array
+    curvature: Array
+
+    @property
+    def remaining(self) -> float:
+        """What the function gains up to the maximum of the quadratic."""
+        return float(0.5 * self.slope @ np.linalg.solve(self.curvature, self.slope))
+
+    def highest(self, mean: Array, precision: Array) -> float:
+        """The maximum with a Gaussian prior (f,), (f, f) added, up to a constant that is the same for any prior."""
+        off = mean - self.at
+        slope = self.slope + precision @ off
+        return float(0.5 * slope @ np.linalg.solve(self.curvature + precision, slope) - 0.5 * off @ precision @ off)
+
+
+class Objective(Protocol):
+    """A function to maximise."""
+
+    def resumable_value(self, at: Array) -> Resumable[tuple[float, Array]]:
+        """The value at a point (f,), NaN where there is none, and the residuals that it is made of."""
+
+    def resumable_quadratic(self, at: Array, residuals: Array) -> Resumable[Quadratic]:
+        """The function to second order about a point whose residuals are known."""
+
+
+class Damping(NamedTuple):
+    """How steps are damped."""
+
+    first: float  # damping of the first step, as a share of the curvature's diagonal
+    factor: float  # times more after a step that does not increase the function, and less after one that does
+    attempts: int  # at most for one step
+    limited: Callable[[Array], Array] = np.asarray  # makes a step (f,) short enough to be trusted
+    careful: bool = False  # compare the gain with what the quadratic predicts before damping less
+
+    def after(self, damping: float, gained: float, predicted: float) -> float:
+        """The damping of the step after one that increased the function."""
+        if not self.careful or gained > predicted / 2:
+            return max(damping / self.factor, 1e-6) if self.careful else damping / self.factor
+        return damping if gained > predicted / 5 else 4 * damping
+
+
+def resumable_gauss_newton(
+    objective: Objective, start: Quadratic, damping: Damping, iterations: int, converged: float
+) -> Resumable[tuple[list[Quadratic], float]]:
+    """Maximises from ``start`` until a step gains no more than ``converged``, by at most so many steps; resumable.
+
+    Returns:
+        the function about each iterate, the first being the start; and what the last step gained or, where no attempt
+        at a step increased the function, what the last quadratic still predicts.
+    """
+    trace, damped, gained = [start], damping.first, np.inf
+    while gained > converged and len(trace) <= iterations:
+        now = trace[-1]
+        for _ in range(damping.attempts):
+            curvature = now.curvature + damped * np.diag(now.curvature.diagonal())
+            step: Array = damping.limited(np.asarray(np.linalg.solve(curvature, now.slope), np.float64))
+            value, residuals = yield from objective.resumable_value(now.at + step)
+            gained = value - now.value
+            if gained > 0:
+                break
+            damped *= damping.factor
+        if not gained > 0:
+            return trace, now.remaining
+        damped = damping.after(damped, gained, float(now.slope @ step - 0.5 * step @ now.curvature @ step))
+        trace.append((yield from objective.resumable_quadratic(now.at + step, residuals)))
+    return trace, gained

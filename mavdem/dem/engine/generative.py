@@ -1,0 +1,304 @@
+"""The generative model in generalized coordinates: how the data are assumed to arise.
+
+    ỹ = C̃ x̃ + z̃,   D x̃ = Ã x̃ + B̃ ṽ + w̃,   ṽ = η̃ + (input noise)            Eq. ``generative_process``
+
+Everything here is linear in the data, so the data enter the engine as one matrix of second moments.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.dem.engine.coordinates import derivative_operator
+from mavdem.dem.engine.linalg import Array, logdet, require_positive_definite
+from mavdem.dem.engine.model import unpack
+
+
+class Prior(NamedTuple):
+    """Gaussian priors of θ and λ."""
+
+    theta_mean: Array  # (k,)
+    theta_precision: Array  # (k, k)
+    lambda_mean: Array  # (g,)
+    lambda_precision: Array  # (g, g)
+
+
+class SufficientStatistics(NamedTuple):
+    """The data, as far as the steps need them: the number of generalized samples, and their second moments."""
+
+    number: float  # whole, unless correlated neighbours count for less than one each
+    gram: Array  # Σ_t [ỹ; η̃][ỹ; η̃]ᵀ
+
+    @classmethod
+    def of(cls, *segments: Array) -> SufficientStatistics:
+        """From generalized data [ỹ; η̃], (T, (p+1)m + (d+1)r) of each segment; their moments add up."""
+        gram = sum((data.T @ data for data in segments[1:]), segments[0].T @ segments[0])
+        return cls(sum(map(len, segments)), gram)
+
+
+@dataclass(frozen=True, eq=False)
+class GenerativeModel:
+    """Sizes, noise correlations and priors of the model; θ and λ are what is learnt.
+
+    Attributes:
+        n, r, m: states, inputs, outputs.
+        p, d, q: embedding orders of states and outputs, of inputs, and of the process noise.
+        output_correlation: S of z̃, (p + 1, p + 1): the precision of a noise of unit variance and its derivatives.
+        state_correlation: S of w̃, (q + 1, q + 1).
+        output_groups, state_groups: (m,) and (n,) which entry of λ each output's and each state's noise has.
+        input_precision: P̃ᵛ, ((d + 1)r, (d + 1)r).
+        prior: of θ and λ.
+        state_precision: of x about 0 at every sample, (n, n). ``None``: x has no prior. The density
+            of X is then improper, so that F̄ of different n cannot be compared, and where θ leaves the unit of x free,
+            F̄ is highest at C = 0.
+
+    Raises:
+        ValueError: names the argument of the wrong shape, or that is not a positive definite precision.
+    """
+
+    n: int
+    r: int
+    m: int
+    p: int
+    d: int
+    q: int
+    output_correlation: Array
+    state_correlation: Array
+    output_groups: NDArray[np.intp]
+    state_groups: NDArray[np.intp]
+    input_precision: Array
+    prior: Prior
+    state_precision: Array | None = None
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """n, r and m."""
+        return self.n, self.r, self.m
+
+    def __post_init__(self) -> None:
+        n, r, m = self.sizes
+        if not (min(n, m) >= 1 and r >= 0 and min(self.p, self.d) >= 0 and 0 <= self.q <= self.p):
+            raise ValueError("n and m must be at least 1, r, p and d at least 0, and q between 0 and p")
+        prior, k, g = self.prior, n * n + n * r + m * n, int(max(*self.output_groups, *self.state_groups)) + 1
+        for name, mean, size in (("theta", prior.theta_mean, k), ("lambda", prior.lambda_mean, g)):
+            if mean.shape != (size,) or not np.isfinite(mean).all():
+                raise ValueError(f"prior.{name}_mean must be {size} finite numbers, not of shape {mean.shape}")
+        for name, matrix, size in (
+            ("output_correlation", self.output_correlation, self.p + 1),
+            ("state_correlation", self.state_correlation, self.q + 1),
+            ("input_precision", self.input_precision, r * (self.d + 1)),
+            ("prior.theta_precision", prior.theta_precision, k),
+            ("prior.lambda_precision", prior.lambda_precision, g),
+            ("state_precision", np.eye(n) if self.state_precision is None else self.state_precision, n),
+        ):
+            require_positive_definite(matrix, name, size)
+
+    @property
+    def errors(self) -> tuple[slice, slice, slice]:
+        """Rows of ε̃: prediction errors of outputs, of inputs, of states."""
+        y = self.m * (self.p + 1)
+        v = y + self.r * (self.d + 1)
+        return slice(0, y), slice(y, v), slice(v, v + self.n * (self.q + 1))
+
+    @property
+    def about_zero(self) -> slice:
+        """Rows of ε̃ after these: x itself, where its precision is given."""
+        end = self.errors[2].stop
+        return slice(end, end if self.state_precision is None else end + self.n)
+
+    @property
+    def hidden(self) -> slice:
+        """Where X = [x̃; ṽ] begins in the joint vector [ỹ; η̃; X]; before it are the data."""
+        return slice(self.m * (self.p + 1) + self.r * (self.d + 1), None)
+
+    def error_operator(self, theta: Array) -> Array:
+        """E with ε̃ = E [ỹ; η̃; x̃; ṽ]: the three prediction errors below Eq. ``free_E``, stacked."""
+        fixed, places, parameters = self._operator_parts
+        operator = fixed.copy()
+        operator.flat[places] = -theta[parameters]
+        return operator
+
+    @cached_property
+    def _operator_parts(self) -> tuple[Array, NDArray[np.intp], NDArray[np.intp]]:
+        """E at θ = 0, the flat places in E that hold a parameter, and which: −C̃, −Ã and −B̃."""
+        n, r, m, p, d, q = self.n, self.r, self.m, self.p, self.d, self.q
+        y, v, x = m * (p + 1), r * (d + 1), n * (p + 1)
+        of_y, of_v, of_x = self.errors
+        at_x, at_v = slice(y + v, y + v + x), slice(y + v + x, None)
+        fixed = np.zeros((self.about_zero.stop, y + v + x + v))
+        fixed[self.about_zero, at_x] = np.eye(self.about_zero.stop - self.about_zero.start, x)
+        fixed[of_y, :y] = np.eye(y)
+        fixed[of_v, y : y + v] = -np.eye(v)
+        fixed[of_v, at_v] = np.eye(v)
+        # The highest order's derivative is not modelled: D's last row is zero, or, for q < p, not there.
+        fixed[of_x, at_x] = derivative_operator(p, n)[: n * (q + 1)]
+        # Numbered from 1, so that the zeros of the Kronecker products stay no parameter's place.
+        A, B, C = (part.astype(int) for part in unpack(1.0 + np.arange(n * n + n * r + m * n), n, r, m))
+        number = np.zeros(fixed.shape, int)
+        number[of_y, at_x] = np.kron(np.eye(p + 1, dtype=int), C)
+        number[of_x, at_x] = np.kron(np.eye(q + 1, p + 1, dtype=int), A)
+        number[of_x, at_v] = np.kron(np.eye(q + 1, d + 1, dtype=int), B)
+        places = np.flatnonzero(number)
+        return fixed, places, number.flat[places] - 1
+
+    def precision(self, weights: Array) -> Array:
+        """Π̃ = blockdiag(S⊗Πᶻ, P̃ᵛ, S⊗Πʷ) for noise precisions ``weights`` (g,), which are e^λ."""
+        unit, groups = self._precision_parts
+        # Ω is diagonal, so each error's column is scaled by its own noise precision; those of inputs by 1.
+        return np.asarray(unit * np.append(weights, 1.0)[groups])
+
+    @cached_property
+    def _precision_parts(self) -> tuple[Array, NDArray[np.intp]]:
+        """Π̃ at λ = 0, and for each column its entry of λ, or −1."""
+        of_y, of_v, of_x = self.errors
+        unit = np.zeros((self.about_zero.stop, self.about_zero.stop))
+        unit[of_y, of_y] = np.kron(self.output_correlation, np.eye(self.m))
+        unit[of_v, of_v] = self.input_precision
+        unit[of_x, of_x] = np.kron(self.state_correlation, np.eye(self.n))
+        if self.state_precision is not None:
+            unit[self.about_zero, self.about_zero] = self.state_precision
+        groups = np.full(len(unit), -1)
+        groups[of_y] = np.tile(self.output_groups, self.p + 1)
+        groups[of_x] = np.tile(self.state_groups, self.q + 1)
+        return unit, groups
+
+    @cached_property
+    def group_sum(self) -> Array:
+        """(g, m + n): 1 where an output's or a state's noise has that entry of λ; adds up components by λ."""
+        groups = np.concatenate([self.output_groups, self.state_groups])
+        return np.asarray(groups == np.arange(groups.max() + 1)[:, None], float)
+
+    @cached_property
+    def log_precision_slope(self) -> Array:
+        """∂ ln|Π̃| / ∂λ, (g,): ln|Π̃| is linear in λ."""
+        return np.asarray(self.group_sum @ np.repeat([self.p + 1.0, self.q + 1.0], [self.m, self.n]))
+
+    @cached_property
+    def log_precision_at_zero(self) -> float:
+        """ln|Π̃| at λ = 0."""
+        return float(np.linalg.slogdet(self._precision_parts[0])[1])
+
+    @cached_property
+    def log_precision_of_priors(self) -> tuple[float, float]:
+        """ln|P^θ| and ln|P^λ|."""
+        return logdet(self.prior.theta_precision), logdet(self.prior.lambda_precision)
+
+    def squared_errors(self, moments: Array) -> Array:
+        """Σ ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,), of second moments Σ ε̃ε̃ᵀ of the errors."""
+        of_y, _, of_x = self.errors
+        outputs = _by_component(self.output_correlation, moments[of_y, of_y], self.m)
+        states = _by_component(self.state_correlation, moments[of_x, of_x], self.n)
+        return np.asarray(self.group_sum @ np.concatenate([outputs, states]))
+
+    def regression(self, joint: Array) -> Regression:
+        """What the regressions of Dx̃ on [x̃; ṽ] and of ỹ on x̃ need of second moments of [ỹ; η̃; X]."""
+        # One row and column of zeros stands for every derivative beyond the embedding.
+        padded = np.zeros((len(joint) + 1, len(joint) + 1))
+        padded[:-1, :-1] = joint
+        Sx, Sy = self.state_correlation, self.output_correlation
+        both, slope, states, outputs = self.orders
+        dynamics = _contract(Sx, padded, np.hstack([both, slope]), both)
+        observation = _contract(Sy, padded, np.hstack([states, outputs]), states)
+        n, size = self.n, self.n + self.r
+        return Regression(dynamics[:size], dynamics[size:], observation[:n], observation[n:])
+
+    @cached_property
+    def parameter_rows(self) -> ParameterRows:
+        """Where θ holds the parameters of each noise component."""
+        n, r, m = self.n, self.r, self.m
+        A, B, C = unpack(np.arange(n * n + n * r + m * n), n, r, m)
+        return ParameterRows(np.hstack([A, B]), C)
+
+    @cached_property
+    def orders(self) -> tuple[NDArray[np.intp], ...]:
+        """Places, in the joint vector, of [x; v], x′, x and y of each order: (orders, components) each."""
+        start = self.hidden.start
+        x = start + np.arange(self.n * (self.p + 1)).reshape(-1, self.n)
+        v = start + x.size + np.arange(self.r * (self.d + 1)).reshape(-1, self.r)
+        beyond = start + x.size + v.size
+        x_and_beyond = np.vstack([x, np.full((1, self.n), beyond)])
+        v_and_beyond = np.vstack([v, np.full((max(self.q - self.d, 0), self.r), beyond)])
+        q = self.q + 1
+        both = np.hstack([x[:q], v_and_beyond[:q]])
+        y = np.arange(self.m * (self.p + 1)).reshape(-1, self.m)
+        return both, x_and_beyond[1 : q + 1], x, y
+
+
+class Regression(NamedTuple):
+    """S-weighted second moments over orders; each noise component's parameters are one row of a regression."""
+
+    regressors: Array  # (n + r, n + r) of [x; v], for the rows of [A B]
+    slopes: Array  # (n, n + r) of x′ with [x; v]
+    states: Array  # (n, n) of x, for the rows of C
+    outputs: Array  # (m, n) of y with x
+
+
+@dataclass(frozen=True, eq=False)
+class GeneralizedMoments:
+    """Second moments of data and means, Σ_t [ỹ; η̃; X][ỹ; η̃; X]ᵀ, and what the steps need of them.
+
+    Attributes:
+        model: whose X it is.
+        gram: Σ_t [ỹ; η̃][ỹ; η̃]ᵀ.
+        stack: (dim [ỹ; η̃; X], dim [ỹ; η̃]): [ỹ; η̃; X] from [ỹ; η̃].
+    """
+
+    model: GenerativeModel
+    gram: Array
+    stack: Array
+    _latest: tuple[Array, Array, Array] | None = field(default=None, init=False)
+
+    @classmethod
+    def of(cls, model: GenerativeModel, samples: SufficientStatistics, state_map: Array) -> GeneralizedMoments:
+        """Those of X = L [ỹ; η̃], for L = ``state_map`` (dim X, dim [ỹ; η̃])."""
+        return cls(model, samples.gram, np.vstack([np.eye(len(samples.gram)), state_map]))
+
+    @cached_property
+    def joint(self) -> Array:
+        """The matrix of moments."""
+        return self.stack @ self.gram @ self.stack.T
+
+    @cached_property
+    def regression(self) -> Regression:
+        """The regressions' part of them; made once, for all steps until X moves again."""
+        return self.model.regression(self.joint)
+
+    def errors(self, theta: Array) -> Array:
+        """Σ_t ε̃ε̃ᵀ; the errors are taken before the moments, since they are far smaller than what they lie between."""
+        return self._errors(theta)[0]
+
+    def squared_errors(self, theta: Array) -> Array:
+        """Σ_t ε̃ᵀ (S⊗Ω_g) ε̃ for each λ, (g,)."""
+        return self._errors(theta)[1]
+
+    def _errors(self, theta: Array) -> tuple[Array, Array]:
+        # Several steps in turn use those of the same θ.
+        if self._latest is None or self._latest[0] is not theta:
+            errors = self.model.error_operator(theta) @ self.stack
+            moments = errors @ self.gram @ errors.T
+            object.__setattr__(self, "_latest", (theta, moments, self.model.squared_errors(moments)))
+        assert self._latest is not None
+        return self._latest[1:]
+
+
+class ParameterRows(NamedTuple):
+    """Places in θ of each row of [A B], (n, n + r), and of each row of C, (m, n)."""
+
+    dynamics: NDArray[np.intp]
+    observation: NDArray[np.intp]
+
+
+def _contract(correlation: Array, joint: Array, left: NDArray[np.intp], right: NDArray[np.intp]) -> Array:
+    """Σᵢⱼ Sᵢⱼ · moments between the components of order i on the left and of order j on the right."""
+    blocks = joint[left.ravel()[:, None], right.ravel()[None, :]].reshape(*left.shape, *right.shape)
+    return np.asarray(np.einsum("ij,iajb->ab", correlation, blocks))
+
+
+def _by_component(correlation: Array, moments: Array, components: int) -> Array:
+    orders = len(correlation)
+    return np.asarray(np.einsum("ij,iaja->a", correlation, moments.reshape(orders, components, orders, components)))

@@ -1,0 +1,128 @@
+"""Linear algebra of small matrices: Cholesky's factorization, overflow as an error, and one BLAS thread.
+
+Derivatives of different orders differ by powers of the sampling rate, so matrices are first scaled to a unit diagonal;
+their condition then depends on the data, not on the unit of time. LAPACK is called directly: the matrices are so small
+that SciPy's wrappers would cost more than the work.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from threading import Lock
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dposv, dpotrf, dpotri
+from threadpoolctl import ThreadpoolController
+
+Array = NDArray[np.float64]
+
+SMALLEST = 1e-300  # keeps a zero on the diagonal from being divided by
+SYMMETRY = 1e-9  # rounding that a symmetric matrix may show, relative to its largest entry
+
+
+def solve(matrix: Array, right: Array) -> Array:
+    """matrix⁻¹ right, for a positive definite matrix (k, k); ``numpy.linalg.LinAlgError`` if it is not."""
+    unit, scaled = _scaled(matrix)
+    _, solution, failed = dposv(scaled, (right.T * unit).T)
+    _check(failed)
+    return np.asarray((solution.T * unit).T)
+
+
+def inverse(matrix: Array) -> Array:
+    """matrix⁻¹, symmetric to the last bit; ``numpy.linalg.LinAlgError`` if it is not positive definite."""
+    unit, scaled = _scaled(matrix)
+    factor, failed = dpotrf(scaled, clean=1)
+    _check(failed)
+    # Both keep to the upper triangle and leave zeros below it.
+    upper = dpotri(factor)[0] * unit * unit[:, None]
+    upper.flat[:: len(upper) + 1] *= 0.5
+    return np.asarray(upper + upper.T)
+
+
+def logdet(matrix: Array) -> float:
+    """ln|matrix|; ``numpy.linalg.LinAlgError`` if it is not positive definite."""
+    unit, scaled = _scaled(matrix)
+    factor, failed = dpotrf(scaled)
+    _check(failed)
+    return 2.0 * float(np.log(factor.diagonal() / unit).sum())
+
+
+def _scaled(matrix: Array) -> tuple[Array, Array]:
+    # A diagonal that is not positive stays so, and the factorization fails: a check here would cost as much.
+    unit = 1.0 / np.sqrt(np.abs(matrix.diagonal()) + SMALLEST)
+    return unit, matrix * unit * unit[:, None]
+
+
+def _check(failed: int) -> None:
+    if failed:
+        raise np.linalg.LinAlgError("the matrix is not positive definite")
+
+
+def require_positive_definite(matrix: Array, name: str, size: int) -> None:
+    """``ValueError``, which names the argument, unless it is a symmetric positive definite (size, size) matrix."""
+    if np.shape(matrix) != (size, size):
+        raise ValueError(f"{name} must have shape ({size}, {size}), not {np.shape(matrix)}")
+    if not np.isfinite(matrix).all():
+        raise ValueError(f"{name} must be finite")
+    if np.abs(matrix - matrix.T).max(initial=0.0) > SYMMETRY * np.abs(matrix).max(initial=0.0):
+        raise ValueError(f"{name} must be symmetric")
+    if size:
+        try:
+            logdet(matrix)
+        except np.linalg.LinAlgError:
+            raise ValueError(f"{name} must be positive definite") from None
+
+
+@contextmanager
+def raise_on_overflow() -> Iterator[None]:
+    """Raises ``numpy.linalg.LinAlgError`` instead of continuing with infinity or NaN."""
+    try:
+        with np.errstate(over="raise", divide="raise", invalid="raise"):
+            yield
+    except FloatingPointError as error:
+        raise np.linalg.LinAlgError(f"overflow: {error}") from None
+
+
+_lock = Lock()
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Limits linear algebra to one thread; other threads that call this wait."""
+    with _lock, _linear_algebra().limit(limits=1, user_api="blas"):
+        yield
+
+
+@contextmanager
+def one_thread_if_free() -> Iterator[bool]:
+    """The same without waiting: yields ``False`` where another thread has the lock."""
+    free = _lock.acquire(blocking=False)
+    try:
+        if free:
+            with _linear_algebra().limit(limits=1, user_api="blas"):
+                yield True
+        else:
+            yield False
+    finally:
+        if free:
+            _lock.release()
+
+
+def _new_lock() -> None:
+    """In a forked process: a thread of the parent that has the lock is not there to release it."""
+    global _lock
+    _lock = Lock()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_new_lock)
+
+
+@cache
+def _linear_algebra() -> ThreadpoolController:
+    """Looking for the libraries takes longer than a fit."""
+    return ThreadpoolController()

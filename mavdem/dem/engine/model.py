@@ -1,0 +1,108 @@
+"""The linear model, the parameter vector it is packed into, and its motion from sample to sample."""
+
+from __future__ import annotations
+
+from math import isqrt
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+from mavdem.dem.engine.linalg import Array
+
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+STABILITY_TOLERANCE = 1e-9
+"""A mode that would grow by less than this of itself at each sample is one that is held, but for rounding."""
+
+
+class LinearModel(NamedTuple):
+    """ẋ = A x + B (u − input_trim) + offset + w,  y = C x + output_trim + z, Eq. ``general_LTI`` with its trim.
+
+    The state x is a deviation from trim, in the units of the outputs for the first states.
+    """
+
+    A: Array  # (n, n) 1/s
+    B: Array  # (n, r)
+    C: Array  # (m, n)
+    offset: Array  # (n,) what the trim inputs leave over, per second
+    input_trim: Array  # (r,)
+    output_trim: Array  # (m,)
+
+    @property
+    def spectral_abscissa(self) -> float:
+        """The largest real part among the eigenvalues of A, 1/s: positive means unstable."""
+        return float(np.linalg.eigvals(self.A).real.max())
+
+
+def pack(A: NDArray[Scalar], B: NDArray[Scalar], C: NDArray[Scalar]) -> NDArray[Scalar]:
+    """θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)]: the rows of A, then of B, then of C."""
+    return np.concatenate([A.ravel(), B.ravel(), C.ravel()])
+
+
+def unpack(theta: NDArray[Scalar], n: int, r: int, m: int) -> tuple[NDArray[Scalar], NDArray[Scalar], NDArray[Scalar]]:
+    """A (n, n), B (n, r) and C (m, n) out of θ (n² + n·r + m·n,)."""
+    a, b = n * n, n * n + n * r
+    return theta[:a].reshape(n, n), theta[a:b].reshape(n, r), theta[b:].reshape(m, n)
+
+
+class Transition(NamedTuple):
+    """x⁺ = Φ x + Γ₀ u + Γ₁ u⁺: one sampling step, exact for inputs that run linearly between samples."""
+
+    state: Array  # (..., n, n) Φ
+    input_now: Array  # (..., n, r) Γ₀
+    input_next: Array  # (..., n, r) Γ₁
+
+
+def discretize(A: Array, B: Array, dt: float) -> Transition:
+    """The exact transition over ``dt`` seconds with first-order hold (Franklin, Powell and Workman, sec. 4.3.2).
+
+    A and B are (..., n, n) and (..., n, r), of one model or of several.
+    """
+    n, r = B.shape[-2:]
+    generator = np.zeros((*B.shape[:-2], n + 2 * r, n + 2 * r))
+    generator[..., :n, :n] = A * dt
+    generator[..., :n, n : n + r] = B * dt
+    generator[..., n : n + r, n + r :] = np.eye(r)
+    flow = expm(generator)
+    ramp = flow[..., :n, n + r :]
+    return Transition(flow[..., :n, :n], flow[..., :n, n : n + r] - ramp, ramp)
+
+
+WORST_MODES = 1e8  # condition of the eigenvectors beyond which it runs block by block instead of mode by mode
+
+
+def recursion(F: Array, pushes: Array, first: Array) -> Array:
+    """x₁ … x_T of x_{t} = F x_{t−1} + push_t from x₀ = ``first``, mode by mode, in which it is vectorized."""
+    if not pushes.size:
+        return np.empty_like(pushes)
+    eigenvalues, modes = np.linalg.eig(F)
+    if np.linalg.cond(modes) > WORST_MODES:
+        return _recursion_by_block(F, pushes, first)
+    inward = np.linalg.inv(modes)
+    start, driven = inward @ first, pushes @ inward.T
+    states = [
+        lfilter([1.0], [1.0, -value], driven[:, i].astype(complex), zi=[value * start[i]])[0]
+        for i, value in enumerate(eigenvalues)
+    ]
+    return np.asarray((np.stack(states, axis=1) @ modes.T).real)
+
+
+def _recursion_by_block(F: Array, pushes: Array, first: Array) -> Array:
+    """Blocks side by side from 0, then what each begins with: 3 √T steps in place of T."""
+    samples, n = pushes.shape
+    length = isqrt(samples - 1) + 1
+    blocks = np.zeros((-(-samples // length), length, n))
+    blocks.reshape(-1, n)[:samples] = pushes
+    powers = np.empty((length, n, n))
+    powers[0] = F
+    for step in range(1, length):
+        blocks[:, step] += blocks[:, step - 1] @ F.T
+        powers[step] = F @ powers[step - 1]
+    state = first
+    for block in blocks:
+        block += powers @ state
+        state = block[-1]
+    return blocks.reshape(-1, n)[:samples]

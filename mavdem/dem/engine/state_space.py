@@ -1,0 +1,211 @@
+"""The discrete linear model in innovation form: it filters, predicts, forecasts and simulates.
+
+The D step uses the samples of one window, which cannot carry a hidden state from one sample to the next. So the learnt
+model and its noises are put into a steady-state Kalman filter, in which the coloured noises count with their power at
+low frequency, Σ · 2s√π: the effect that noise of that colour has on a slower state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solve_discrete_are
+
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.model import STABILITY_TOLERANCE, Transition, discretize, recursion
+
+
+class StateSpace(NamedTuple):
+    """x⁺ = A x + B (u − input_trim) + offset + K e,  y = C x + D (u − input_trim) + output_trim + e.
+
+    One step is one sample, e is the error of predicting y from all samples before it. With D = 0 the input of an
+    instant moves the outputs from the next sample on. Models that differ in their matrices run side by side where these
+    have a leading axis (b, ·, ·); states are then (b, S, n), and inputs and outputs (T, b or 1, S, ·). A segment's
+    second state is ``second_of_outputs`` times its first outputs plus ``second_of_inputs`` times its first inputs.
+    """
+
+    A: Array  # (n, n)
+    B: Array  # (n, r)
+    C: Array  # (m, n)
+    D: Array  # (m, r)
+    K: Array  # (n, m)
+    offset: Array  # (n,)
+    input_trim: Array  # (r,)
+    output_trim: Array  # (m,)
+    second_of_outputs: Array | None = None  # (n, m) state of a segment's second sample, from the outputs of its first
+    second_of_inputs: Array | None = None  # (n, r) likewise from the inputs of its first
+
+    @staticmethod
+    def of_transition(
+        transition: Transition, C: Array, gain: Array, first: tuple[Array, Array] | None = None
+    ) -> StateSpace:
+        """The same model as one whose state is corrected by gain · e at each sample: A = Φ, K = Φ gain.
+
+        Inputs run linearly between samples, so that B = Φ Γ₁ + Γ₀ and D = C Γ₁ (Franklin, Powell and Workman, sec.
+        4.3.2). Arrays are in C order, as those of a loaded document: in another order a product rounds differently.
+        The ``transition`` is over one sampling step, C is (m, n), and ``gain`` (n, m) is of the filter. ``first``,
+        (n, m) and (n, r), give the corrected state at a first sample from its outputs and its inputs; unless given,
+        that is the least state that gives these outputs.
+        """
+        state, now, later = transition
+        of_outputs, of_inputs = first or (np.linalg.pinv(C), np.zeros(now.shape))
+        n, r = now.shape[-2:]
+        return StateSpace(
+            A=np.ascontiguousarray(state),
+            B=np.ascontiguousarray(state @ later + now),
+            C=np.ascontiguousarray(C),
+            D=np.ascontiguousarray(C @ later),
+            K=np.ascontiguousarray(state @ gain),
+            offset=np.zeros(n),
+            input_trim=np.zeros(r),
+            output_trim=np.zeros(len(C)),
+            second_of_outputs=np.ascontiguousarray(state @ of_outputs),
+            second_of_inputs=np.ascontiguousarray(state @ of_inputs + now),
+        )
+
+    @property
+    def spectral_radius(self) -> float:
+        """The largest magnitude among the eigenvalues of A; 0 of a model without states."""
+        return float(np.abs(np.linalg.eigvals(self.A)).max(initial=0.0))
+
+    @property
+    def stable(self) -> bool:
+        """Whether no mode grows, but for rounding."""
+        return self.spectral_radius <= 1 + STABILITY_TOLERANCE
+
+    def with_states(self, change: Array) -> StateSpace:
+        """The same model of states ``change`` (n, n) times as they are."""
+        inverse = np.linalg.inv(change)
+        return self._replace(
+            A=change @ self.A @ inverse,
+            B=change @ self.B,
+            C=self.C @ inverse,
+            K=change @ self.K,
+            offset=change @ self.offset,
+        )
+
+    def second(self, inputs: Array, outputs: Array) -> Array:
+        """(n,) the state of a segment's second sample, from the inputs (r,) and outputs (m,) of its first."""
+        assert self.second_of_outputs is not None and self.second_of_inputs is not None
+        return np.asarray(outputs @ _transposed(self.second_of_outputs) + inputs @ _transposed(self.second_of_inputs))
+
+    def filtered(self, start: Array, inputs: Array, outputs: Array) -> Array:
+        """States (T + 1, n): of each sample predicted from those before it, and of the one after the last.
+
+        They begin at ``start`` (n,), with ``inputs`` (T, r) and ``outputs`` (T, m).
+        """
+        pushes = self._pushes(inputs) + (outputs - self.direct(inputs)) @ _transposed(self.K)
+        return _run(self.A - self.K @ self.C, pushes, start)
+
+    def predicted(self, start: Array, inputs: Array, outputs: Array) -> Array:
+        """(T, m): samples predicted from those before; ``start``, ``inputs``, ``outputs`` as in :meth:`filtered`."""
+        return self.outputs(self.filtered(start, inputs, outputs)[:-1], inputs)
+
+    def one_step(self, inputs: Array, outputs: Array) -> Array:
+        """(T − 1, m) predictions of ``outputs`` (T, m) but the first, from those before and ``inputs`` (T, r)."""
+        return self.predicted(self.second(inputs[0], outputs[0]), inputs[1:], outputs[1:])
+
+    def at_end(self, inputs: Array, outputs: Array) -> Array:
+        """(n,) the state of the sample after a segment of ``inputs`` (T, r) and ``outputs`` (T, m)."""
+        return np.asarray(self.filtered(self.second(inputs[0], outputs[0]), inputs[1:], outputs[1:])[-1])
+
+    def following(self, state: Array, inputs: Array, outputs: Array) -> Array:
+        """(n,) the next sample's state, from that of a sample and its inputs (r,) and outputs (m,)."""
+        error = outputs - self.outputs(state, inputs)
+        return np.asarray(self.A @ state + self._pushes(inputs) + self.K @ error)
+
+    def driven(self, start: Array, inputs: Array) -> Array:
+        """States (T + 1, n) without noise, the first of which is ``start`` (n,), of inputs (T, r)."""
+        return _run(self.A, self._pushes(inputs), start)
+
+    def simulated(self, start: Array, inputs: Array) -> Array:
+        """(H, m): outputs without noise, the first of state ``start`` (n,), of inputs (H, r).
+
+        Outputs of an unstable model may overflow to infinity or NaN.
+        """
+        with np.errstate(over="ignore", invalid="ignore"):
+            return self.outputs(self.driven(start, inputs[:-1])[: len(inputs)], inputs)
+
+    def simulated_from(self, begins: NDArray[np.intp], horizon: int, states: Array, inputs: Array) -> Array:
+        """(S, H, m): outputs without noise, from each of the samples ``begins`` (S,), of ``states`` (S, n), on.
+
+        The ``horizon`` is H; beyond the last row of ``inputs`` (T, r) they stay as they are there.
+        """
+        direct, pushes = self.direct(inputs), self._pushes(inputs)
+        predicted = np.empty((len(begins), horizon, len(self.C)))
+        with np.errstate(over="ignore", invalid="ignore"):
+            for step in range(horizon):
+                rows = np.minimum(begins + step, len(inputs) - 1)
+                predicted[:, step] = states @ self.C.T + direct[rows]
+                states = states @ self.A.T + pushes[rows]
+        return predicted
+
+    def simulated_every(self, steps: int, start: Array, inputs: Array, outputs: Array) -> Array:
+        """(T, m): outputs without noise, from every ``steps``-th sample on of the state predicted from all before it.
+
+        ``start`` (n,) is the first sample's state, with ``inputs`` (T, r) and ``outputs`` (T, m).
+        """
+        begins, steps = np.arange(0, len(inputs), steps), min(steps, len(inputs))
+        with np.errstate(over="ignore", invalid="ignore"):
+            states = self.filtered(start, inputs, outputs)[begins]
+        return self.simulated_from(begins, steps, states, inputs).reshape(-1, len(self.C))[: len(inputs)]
+
+    def ahead(self, horizons: Sequence[int]) -> tuple[Array, Array]:
+        """Maps (H, m, n) and (H, m, r) to the outputs ``horizons`` samples ahead, at least 1, with constant inputs.
+
+        They map the state of the next sample and the inputs, less their trim.
+        """
+        n, r = self.B.shape
+        step = np.block([[self.A, self.B], [np.zeros((r, n)), np.eye(r)]])
+        outputs = np.hstack([self.C, self.D])
+        maps = np.array([outputs @ np.linalg.matrix_power(step, horizon - 1) for horizon in horizons])
+        return maps[:, :, :n], maps[:, :, n:]
+
+    def outputs(self, states: Array, inputs: Array) -> Array:
+        """(T, m) of states (T, n) and inputs (T, r), without noise."""
+        return np.asarray(states @ _transposed(self.C) + self.direct(inputs))
+
+    def direct(self, inputs: Array) -> Array:
+        """(T, m): the part of the outputs that ``inputs`` (T, r) and the trim make, not the state."""
+        return np.asarray((inputs - self.input_trim) @ _transposed(self.D) + self.output_trim)
+
+    def _pushes(self, inputs: Array) -> Array:
+        return np.asarray((inputs - self.input_trim) @ _transposed(self.B) + self.offset)
+
+
+def _transposed(matrix: Array) -> Array:
+    return np.swapaxes(matrix, -1, -2)
+
+
+def _run(F: Array, pushes: Array, start: Array) -> Array:
+    """x₀ … x_T (T + 1, n) of x⁺ = F x + push; of several models at once where they have a leading axis."""
+    if F.ndim == 2 and pushes.ndim == 2:
+        return np.vstack([start, recursion(F, pushes, start)])
+    states, step = np.empty((len(pushes) + 1, *pushes.shape[1:])), _transposed(F)
+    states[0] = start
+    for number, push in enumerate(pushes):
+        np.matmul(states[number], step, out=states[number + 1])
+        states[number + 1] += push
+    return states
+
+
+def filter_gain(
+    A: Array, C: Array, dt: float, measurement_noise: Array, process_noise: Array, smoothness: float
+) -> Array:
+    """(n, m) gain of the steady-state Kalman filter of a continuous model with coloured noise.
+
+    Variances of z are ``measurement_noise`` (m,), the covariance of w is ``process_noise`` (n, n); both have kernel
+    width ``smoothness``, s. ``LinAlgError`` where there is no steady filter, as when no output shows an unstable state.
+    """
+    state = discretize(A, np.empty((len(A), 0)), dt).state
+    power = 2 * smoothness * np.sqrt(np.pi)
+    # Measurements are samples: noise whose correlation is shorter than a step has its variance and no more.
+    R = np.diag(measurement_noise) * max(power / dt, 1.0)
+    try:
+        P = solve_discrete_are(state.T, C.T, process_noise * power * dt, R)
+    except ValueError as error:
+        raise np.linalg.LinAlgError(f"there is no steady filter: {error}") from None
+    return np.ascontiguousarray(np.linalg.solve(C @ P @ C.T + R, C @ P).T)

@@ -1,0 +1,213 @@
+"""One fit: from a record and complete settings to an ascent and its predictor, in the engine's units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.dem.engine.ascent import Ascent, Rates, ascend
+from mavdem.dem.engine.coordinates import embed, sampled_output_precision, sampled_state_precision, temporal_precision
+from mavdem.dem.engine.free_energy import Belief
+from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
+from mavdem.dem.engine.linalg import Array, raise_on_overflow
+from mavdem.dem.engine.model import discretize, pack, unpack
+from mavdem.dem.engine.state_space import StateSpace, filter_gain
+from mavdem.dem.forecast.simulation_error import SimulationFit
+from mavdem.dem.priors import (
+    KINEMATIC,
+    derivative_pairs,
+    explicit_prior,
+    hyperparameter_groups,
+    hyperparameter_prior,
+    regulated_prior,
+    uniform_prior,
+)
+from mavdem.dem.record import Record
+from mavdem.dem.scaling import Scaling
+from mavdem.dem.settings import CompleteSettings
+
+MIN_SMOOTHNESS_STEPS, MAX_SMOOTHNESS_STEPS = 1e-3, 1e5  # noise beyond these is white in the samples, or constant
+KNOWN_INPUT = float(np.exp(12.0))  # precision of the constant input
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A learnt model in the engine's units; ``smoothness`` is the kernel width s of its noise, seconds.
+
+    ``gain`` (n, m) is of the filter of the ascent's model and its noises, and ``predictor`` has that filter. Where
+    there is a ``simulation_fit``, the ascent's belief is about its θ.
+    """
+
+    settings: CompleteSettings
+    scaling: Scaling
+    model: GenerativeModel
+    smoothness: float
+    ascent: Ascent
+    gain: Array
+    predictor: StateSpace
+    simulation_fit: SimulationFit | None = None
+
+    @property
+    def converged(self) -> bool:
+        """Whether the last fit has converged: the simulation-error fit, where there was one."""
+        return self.ascent.converged if self.simulation_fit is None else self.simulation_fit.settled
+
+
+@raise_on_overflow()
+def fit(record: Record, settings: CompleteSettings) -> Fit:
+    """Fits a record with complete settings.
+
+    Raises:
+        ValueError: the record or the settings do not fit the rest.
+        numpy.linalg.LinAlgError: the fit broke down.
+    """
+    scaling = Scaling.of(*record.spread, settings)
+    model = generative_model(settings, scaling, record)
+    segments = generalized(settings, scaling, record)
+    samples = SufficientStatistics.of(*segments)
+    rates = Rates(settings.state_rate, settings.parameter_rate, settings.hyperparameter_rate, segments, record.dt)
+    ascent = ascend(model, samples, settings.iterations, rates)
+    smoothness = smoothness_of(settings, record.dt)
+    gain = gain_of(model, ascent.belief, smoothness, record.dt)
+    predictor = predictor_of(ascent.belief.theta, model.sizes, gain, record.dt)
+    return Fit(settings, scaling, model, smoothness, ascent, gain, predictor)
+
+
+def smoothness_of(settings: CompleteSettings, dt: float) -> float:
+    """Kernel width s of the noise by complete settings at a sampling step ``dt``, seconds."""
+    smoothness = dt if settings.smoothness is None else settings.smoothness
+    if not MIN_SMOOTHNESS_STEPS <= smoothness / dt <= MAX_SMOOTHNESS_STEPS:
+        raise ValueError(
+            f"smoothness must be between {MIN_SMOOTHNESS_STEPS * dt:g} and {MAX_SMOOTHNESS_STEPS * dt:g} s "
+            f"where samples are {dt:g} s apart, not {smoothness:g}"
+        )
+    return smoothness
+
+
+def generative_model(settings: CompleteSettings, scaling: Scaling, record: Record) -> GenerativeModel:
+    """The generative model that complete settings describe for a record."""
+    n, m, motors = settings.order, record.outputs.shape[1], record.inputs.shape[1]
+    # Hidden states form a chain, of which each derivative of the last output depends on one more.
+    most = m + settings.p
+    if settings.prior == "regulated" and (n < m or (n > most and not settings.last_derivative_zero)):
+        raise ValueError(f"order must be between {m} and {most} with {m} outputs and p = {settings.p}, not {n}")
+    r = motors + scaling.constant
+    q = settings.p if settings.last_derivative_zero else settings.p - 1
+    output_groups, state_groups = hyperparameter_groups(settings, n, m)
+    return GenerativeModel(
+        n,
+        r,
+        m,
+        settings.p,
+        settings.d,
+        q,
+        *_correlations(settings, q, smoothness_of(settings, record.dt), record.dt),
+        output_groups,
+        state_groups,
+        _input_precision(settings, motors, scaling.constant),
+        Prior(*_parameter_prior(settings, scaling, record, r), *hyperparameter_prior(settings, n, m)),
+    )
+
+
+def with_smoothness(
+    model: GenerativeModel, settings: CompleteSettings, smoothness: float, dt: float
+) -> GenerativeModel:
+    """The same model of noise of another smoothness, s."""
+    of_z, of_w = _correlations(settings, model.q, smoothness, dt)
+    return replace(model, output_correlation=of_z, state_correlation=of_w)
+
+
+def _correlations(settings: CompleteSettings, q: int, smoothness: float, dt: float) -> tuple[Array, Array]:
+    """S of z̃, up to order p, and of w̃, up to order q."""
+    p = settings.p
+    if settings.correlation == "continuous":
+        return temporal_precision(p, smoothness), temporal_precision(q, smoothness)
+    reading = smoothness, dt, settings.window
+    return sampled_output_precision(p, *reading), sampled_state_precision(q, *reading)
+
+
+def _parameter_prior(settings: CompleteSettings, scaling: Scaling, record: Record, r: int) -> tuple[Array, Array]:
+    """Mean and precision of the engine's θ, for r inputs with the constant."""
+    n, m, motors = settings.order, record.outputs.shape[1], r - scaling.constant
+    if settings.prior == "uniform":
+        return uniform_prior(settings, n, r, m)
+    if settings.prior == "regulated":
+        return regulated_prior(settings, n, motors, scaling.constant, scaling.output_scale, derivative_pairs(record))
+    places = of_vehicle(n, motors, m, scaling.constant)
+    mean, precision = explicit_prior(settings.prior, settings.parameter_precision, places, scaling.parameter_scale(n))
+    # Where C is free as well, nothing fixes the scale of x, and F̄ is largest at C = 0.
+    _, _, of_C = unpack(np.diag(precision), n, r, m)
+    if not settings.last_derivative_zero and not (of_C >= KINEMATIC).all():
+        raise ValueError(
+            "last_derivative_zero must be True with a prior that leaves C free (a precision below "
+            f"{KINEMATIC:g} in the units of scaling), not False"
+        )
+    return mean, precision
+
+
+def of_vehicle(n: int, motors: int, m: int, constant: bool) -> NDArray[np.intp]:
+    """Indices in the engine's θ of the vehicle's: all but the column of B for the constant input."""
+    A, B, C = (np.ones(shape, np.bool_) for shape in ((n, n), (n, motors + constant), (m, n)))
+    B[:, motors:] = False
+    return np.flatnonzero(pack(A, B, C))
+
+
+def held_by_prior(precision: Array, scale: Array, settings: CompleteSettings, record: Record) -> NDArray[np.bool_]:
+    """(k,) which of the vehicle's parameters the prior of ``precision`` (k,) holds, whatever units the engine works in.
+
+    Those with a prior standard deviation below a hundredth of their natural unit, made of the channels' deviations;
+    ``scale`` (k,) is the physical size of the engine's units.
+    """
+    natural = Scaling.of(*record.spread, replace(settings, scaling="channel"))
+    motors = of_vehicle(settings.order, record.inputs.shape[1], record.outputs.shape[1], natural.constant)
+    units = natural.parameter_scale(settings.order)[motors] / scale
+    return np.asarray(precision * units**2 >= KINEMATIC)
+
+
+def _input_precision(settings: CompleteSettings, motors: int, constant: bool) -> Array:
+    """P̃ᵛ of the engine's inputs, the constant's precision being ``KNOWN_INPUT``."""
+    orders, given = settings.d + 1, np.array(settings.input_precision, np.float64)
+    if given.shape == (motors,):
+        given = np.diag(np.tile(given, orders))
+    if given.ndim and len(given) != motors * orders:
+        raise ValueError(f"input_precision must be of {motors} inputs, or of their {orders} orders, not {given.shape}")
+    precision = np.diag(np.full((motors + constant) * orders, KNOWN_INPUT))
+    places = np.arange(len(precision)).reshape(orders, motors + constant)[:, :motors].ravel()
+    precision[np.ix_(places, places)] = given if given.ndim else given * np.eye(len(places))
+    return precision
+
+
+def generalized(settings: CompleteSettings, scaling: Scaling, record: Record) -> tuple[Array, ...]:
+    """Generalized data [ỹ; η̃], (T′, ·) for each segment: of the samples whose whole window lies inside it.
+
+    Outputs and inputs have one window about one instant, so that no derivative lags another.
+    """
+    window, centre = settings.window, settings.window // 2
+    return tuple(
+        np.hstack(
+            [
+                embed(scaling.scale_outputs(outputs), settings.p, record.dt, window, centre),
+                embed(scaling.scale_inputs(inputs), settings.d, record.dt, window, centre),
+            ]
+        )
+        for inputs, outputs in record.segments
+        if len(outputs) >= window
+    )
+
+
+def gain_of(model: GenerativeModel, belief: Belief, smoothness: float, dt: float) -> Array:
+    """(n, m) gain of the filter of what was learnt; ``LinAlgError`` where there is no steady filter."""
+    A, B, C = unpack(belief.theta, *model.sizes)
+    noise = np.exp(-belief.lambda_)
+    # The uncertainty of the inputs moves the states as well.
+    unknown = np.linalg.inv(model.input_precision)[: model.r, : model.r]
+    process = np.diag(noise[model.state_groups]) + B @ unknown @ B.T
+    return filter_gain(A, C, dt, noise[model.output_groups], process, smoothness)
+
+
+def predictor_of(theta: Array, sizes: tuple[int, int, int], gain: Array, dt: float) -> StateSpace:
+    """The predictor of θ (k,), of n states, r inputs and m outputs, with a filter of that gain (n, m)."""
+    A, B, C = unpack(theta, *sizes)
+    return StateSpace.of_transition(discretize(A, B, dt), C, gain)

@@ -1,0 +1,1 @@
+"""Beyond the paper: the simulation-error fit, mixer geometry as a prior, the noise model and shrinkage."""

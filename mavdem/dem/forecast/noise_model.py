@@ -1,0 +1,111 @@
+"""The noise model: one-step prediction errors are autocorrelated, and follow the inputs' last changes.
+
+As in the noise model of Box and Jenkins (a VARX model; docs/method.md), an error follows from those before it and from
+the last changes of the inputs, by least squares, each coefficient with a prior worth a few samples:
+
+    e(t) = Σᵢ Aᵢ e(t − i) + Σⱼ Gⱼ Δu(t − j) + ν(t)
+
+Past errors and inputs are part of a longer state, so that the result is a :class:`StateSpace` like any other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.resumable import Resumable
+from mavdem.dem.engine.state_space import StateSpace
+
+ERRORS = 3  # past errors that count
+CHANGES = 3  # changes of the inputs that count, the one into the sample itself first
+PRIOR_SAMPLES = 10.0  # weight, in samples, of each coefficient's prior, which has mean zero
+MAX_SPECTRAL_RADIUS = 0.995  # of the recursion of errors: they decay at least so fast with each sample
+LEAST_RMS = 1e-12  # regressors smaller than this, such as the changes of a constant input, get no coefficient
+
+
+def resumable_noise_model(predictor: StateSpace, segments: Sequence[tuple[Array, Array]]) -> Resumable[StateSpace]:
+    """The predictor with a model of its own one-step errors, learnt from segments in the engine's units; resumable.
+
+    Segments that are too short do not count.
+    """
+    m, r = len(predictor.C), predictor.B.shape[1]
+    size = ERRORS * m + CHANGES * r
+    gram, cross = np.zeros((size, size)), np.zeros((size, m))
+    for inputs, outputs in segments:
+        # An error needs a sample before it, and so does a change.
+        errors = outputs[1:] - predictor.one_step(inputs, outputs)
+        yield
+        regressors = _regressors(errors, np.diff(inputs, axis=0))
+        yield
+        gram += regressors.T @ regressors
+        cross += regressors.T @ errors[len(errors) - len(regressors) :]
+        yield
+    number = max(1, sum(len(outputs) for _, outputs in segments))
+    sizes = np.sqrt(np.diag(gram) / number)
+    sizes[sizes < LEAST_RMS] = np.inf
+    ridge = gram / np.outer(sizes, sizes) + PRIOR_SAMPLES * np.eye(size)
+    coefficients = np.linalg.solve(ridge, cross / sizes[:, None]).T / sizes
+    return _extended(predictor, _decaying(coefficients[:, : ERRORS * m]), coefficients[:, ERRORS * m :])
+
+
+def _decaying(of_errors: Array) -> Array:
+    """The coefficients (m, ·), each A_i times ρⁱ with ρ < 1 where errors would not decay by themselves."""
+    m = len(of_errors)
+    companion = np.vstack([of_errors, np.eye((ERRORS - 1) * m, ERRORS * m)])
+    radius = np.abs(np.linalg.eigvals(companion)).max()
+    shrunk = min(1.0, MAX_SPECTRAL_RADIUS / max(radius, MAX_SPECTRAL_RADIUS)) ** np.arange(1, ERRORS + 1)
+    return np.asarray(of_errors * np.repeat(shrunk, m))
+
+
+def _regressors(errors: Array, changes: Array) -> Array:
+    """(T, ·) the errors before each error, the latest first, and the changes up to its sample, likewise."""
+    longest = max(ERRORS, CHANGES - 1)
+    length = max(0, len(errors) - longest)
+    past = [errors[longest - i : longest - i + length] for i in range(1, ERRORS + 1)]
+    recent = [changes[longest - j : longest - j + length] for j in range(CHANGES)]
+    return np.hstack([*past, *recent])
+
+
+def _extended(predictor: StateSpace, of_errors: Array, of_changes: Array) -> StateSpace:
+    """With the state [x; e(t − 1) …; u(t − 1) …], for coefficients (m, ·) of past errors and of changes.
+
+    The filter moves x by K e, whatever part of e was expected.
+    """
+    A, B, C, D, K, *_ = predictor
+    (m, n), r = C.shape, B.shape[1]
+    assert predictor.second_of_outputs is not None and predictor.second_of_inputs is not None
+    # Σⱼ Gⱼ Δu(t − j) in terms of u(t), u(t − 1), …
+    changes = of_changes.reshape(m, CHANGES, r)
+    of_inputs = np.zeros((m, CHANGES + 1, r))
+    of_inputs[:, :-1] += changes
+    of_inputs[:, 1:] -= changes
+    expected = np.hstack([np.zeros((m, n)), of_errors, of_inputs[:, 1:].reshape(m, -1)])
+    expected_now = of_inputs[:, 0]
+
+    past = n + ERRORS * m
+    size = past + CHANGES * r
+    state, driven, corrected = np.zeros((size, size)), np.zeros((size, r)), np.zeros((size, m))
+    state[:n, :n] = A
+    state[:n] += K @ expected
+    driven[:n], corrected[:n] = B + K @ expected_now, K
+    state[n : n + m], driven[n : n + m], corrected[n : n + m] = expected, expected_now, np.eye(m)
+    # Errors and inputs move one place back.
+    state[n + m : past, n : past - m] = np.eye((ERRORS - 1) * m)
+    driven[past : past + r] = np.eye(r)
+    state[past + r :, past : size - r] = np.eye((CHANGES - 1) * r)
+
+    outputs = expected.copy()
+    outputs[:, :n] = C
+    no_errors = np.zeros((ERRORS * m, r))
+    return predictor._replace(
+        A=state,
+        B=driven,
+        C=outputs,
+        D=D + expected_now,
+        K=corrected,
+        offset=np.zeros(size),
+        second_of_outputs=np.vstack([predictor.second_of_outputs, np.zeros((size - n, m))]),
+        second_of_inputs=np.vstack([predictor.second_of_inputs, no_errors, *[np.eye(r)] * CHANGES]),
+    )

@@ -1,0 +1,356 @@
+"""The simulation-error (output-error) fit: θ continues from the ascent, by simulations over a short horizon.
+
+Over segments of the record the state starts where the filter has it and then follows ẋ = A x + B v, the limit of a high
+precision of w. The residual is z, wind included. Within a horizon neighbouring residuals repeat each other, so that the
+effective sample size is the number of horizons that follow each other. F̄ has its named terms, with a weak prior of the
+parameters and λ at its maximum, which is known. It has many maxima; the ascent leads to the right one (docs/method.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from mavdem.dem.engine.gauss_newton import Damping, Quadratic, resumable_gauss_newton
+from mavdem.dem.engine.generative import GenerativeModel
+from mavdem.dem.engine.linalg import Array, inverse, logdet
+from mavdem.dem.engine.model import discretize, unpack
+from mavdem.dem.engine.resumable import Resumable, run_to_end
+from mavdem.dem.engine.state_space import StateSpace
+from mavdem.dem.forecast.mixer import MixerPrior, mixer_priors
+from mavdem.dem.priors import KINEMATIC
+from mavdem.dem.record import Record
+from mavdem.dem.scaling import Scaling
+from mavdem.dem.settings import CompleteSettings
+
+WEAK_PRECISION = 1e-5
+"""Prior precision of a free parameter, in the engine's units: it determines what the segments do not."""
+
+SAMPLES_PER_PARAMETER = 2.0  # least effective sample size for each free parameter; with less there is no such fit
+STARTS_PER_HORIZON = 4  # segments begin so many times a horizon
+MAX_SEGMENTS = 2000  # spread over the whole record, however long it is
+MAX_ITERATIONS = 40  # Gauss-Newton steps at most
+CONVERGED_NATS = 0.02  # the fit has converged when a step gains less: the effective sample size is small
+
+DAMPING = Damping(first=1e-3, factor=8.0, attempts=6)
+
+RELATIVE_STEP = 1e-6  # of a parameter, or of 1 if that is more: for slopes by differences
+STEPS_COUNTED = 30  # residuals of a horizon at most, evenly spaced: those of faster samples repeat each other
+
+
+STEPS_A_PART = 70  # of one model; of several side by side as many fewer
+
+
+def models_of(thetas: Array, sizes: tuple[int, int, int], gain: Array, dt: float) -> StateSpace:
+    """Models that differ in θ (b, k) alone, side by side; of n states, r inputs and m outputs, and C of the first."""
+    A, B, C = (np.stack(each) for each in zip(*(unpack(theta, *sizes) for theta in thetas), strict=True))
+    transition = discretize(A, B, dt)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return StateSpace.of_transition(transition, C[0], gain)
+
+
+def resumable_simulation(models: StateSpace, inputs: Array, outputs: Array, every: int = 1) -> Resumable[Array]:
+    """Outputs (b, S, H / every, m) of b models over H steps, from the state that the filter finds over h steps before.
+
+    ``inputs`` are (h + H + 1, S, r), ``outputs`` (h + 1, S, m); one step in ``every`` is returned.
+    """
+    settle, steps = len(outputs) - 1, len(inputs) - 1
+    part = max(1, STEPS_A_PART // len(models.A))
+    state, ahead = models.second(inputs[0], outputs[0]), []
+    for begin, end in pairwise(sorted({*range(0, steps, part), settle, steps})):
+        rows = slice(begin + 1, end + 1)
+        # An unstable model may overflow; its errors are then infinite.
+        with np.errstate(over="ignore", invalid="ignore"):
+            if end <= settle:
+                state = models.filtered(state, inputs[rows, None], outputs[rows, None])[-1]
+            else:
+                states = models.driven(state, inputs[rows, None])
+                kept = slice((settle - begin - 1) % every, None, every)
+                state = states[-1]
+                ahead.append(models.outputs(states[:-1][kept], inputs[rows, None][kept]))
+        if not end % part:
+            yield
+    return np.moveaxis(np.concatenate(ahead), 0, 2)
+
+
+class SimulationSegments(NamedTuple):
+    """Pieces of a record, step by step: the filter uses the first half of each, simulations begin at its middle.
+
+    ``inputs`` (h + H, S, r) and ``outputs`` (h + H, S, m) are in the engine's units; the filter takes h = ``settle``
+    steps; ``number`` is the effective one of segments: as many as follow each other in the record.
+    """
+
+    inputs: Array
+    outputs: Array
+    settle: int
+    number: float
+
+    @classmethod
+    def of(cls, segments: list[tuple[Array, Array]], horizon: int) -> SimulationSegments | None:
+        """Pieces of ``horizon`` samples before and ahead, all over segments; ``None`` where none is long enough."""
+        whole = 2 * horizon
+        starts = [
+            (inputs, outputs, start)
+            for inputs, outputs in segments
+            for start in range(0, len(outputs) - whole, max(1, horizon // STARTS_PER_HORIZON))
+        ]
+        if not starts:
+            return None
+        kept = np.unique(np.linspace(0, len(starts) - 1, MAX_SEGMENTS).astype(int))
+        pieces = [
+            (u[start : start + whole + 1], y[start : start + whole + 1]) for u, y, start in (starts[i] for i in kept)
+        ]
+        inputs, outputs = (np.stack(tables, axis=1) for tables in zip(*pieces, strict=True))
+        samples = sum(len(outputs) for _, outputs in segments if len(outputs) > whole)
+        return cls(inputs, outputs, horizon, min(samples / horizon, float(len(kept))))
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationFit:
+    """The result of the fit, in the engine's units."""
+
+    theta: Array  # (k,) all parameters
+    places: NDArray[np.intp]  # (f,) indices of the free ones
+    covariance: Array  # (f, f) of their posterior
+    numbers: float  # effective sample size: outputs times horizons that follow each other
+    horizon: int  # samples of each simulation, and of the filter before it
+    terms: Mapping[str, Array]  # each named term of F̄, (I + 1,)
+    settled: bool  # whether it has converged, by the gain of the last step or the gain that the curvature predicts
+    mse: Array  # (L, m) of forecasts inside the training data, by their length
+    gain: Array  # (n, m) of the filter that finds the state before each simulation
+    layout: MixerPrior | None  # mixer geometry of the prior; ``None`` where one was given, or inputs are not rotors
+
+    @property
+    def rounds(self) -> int:
+        """Gauss-Newton steps."""
+        return len(self.terms["noise entropy"]) - 1
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom that the noise's variance is estimated with."""
+        return self.numbers - len(self.places)
+
+    def theta_covariance(self, held: Array) -> Array:
+        """(k, k) posterior covariance of θ; parameters that were not free have that of the prior, ``held`` (k, k)."""
+        covariance = np.zeros_like(held)
+        fixed = np.setdiff1d(np.arange(len(held)), self.places)
+        covariance[np.ix_(fixed, fixed)] = held[np.ix_(fixed, fixed)]
+        covariance[np.ix_(self.places, self.places)] = self.covariance
+        return covariance
+
+    def quantile(self, level: float) -> float:
+        """Half width of an interval that holds its number with probability ``level``, in standard deviations."""
+        return float(student.ppf(0.5 + level / 2, self.freedom))
+
+    @property
+    def noise(self) -> Array:
+        """(L, m) variance about a forecast with the true θ, by its length.
+
+        Forecasts of the training data have smaller errors, by the parameters' degrees of freedom. A shorter forecast
+        has a larger effective sample size.
+        """
+        lengths = np.minimum(np.arange(1, len(self.mse) + 1), self.horizon)
+        numbers = self.numbers * self.horizon / lengths
+        return np.asarray(self.mse * (numbers / (numbers - len(self.places)))[:, None])
+
+    def spread(self, sizes: tuple[int, int, int], dt: float, inputs: Array, outputs: Array) -> Array:
+        """(S, H, m) variance that θ's posterior gives forecasts; infinite where it leaves the range of numbers.
+
+        ``inputs`` are (h + H, S, r) for S forecasts, from the samples on by which the filter finds the state;
+        ``outputs`` (h, S, m) come before.
+        """
+        free = self.theta[self.places]
+        nudges = RELATIVE_STEP * np.maximum(1.0, np.abs(free))
+        thetas = np.repeat(self.theta[None], len(free) + 1, axis=0)
+        thetas[1:, self.places] += np.diag(nudges)
+        models = models_of(thetas, sizes, self.gain, dt)
+        ahead = run_to_end(resumable_simulation(models, inputs, outputs))
+        with np.errstate(over="ignore", invalid="ignore"):
+            jacobian = (ahead[1:] - ahead[0]) / nudges[:, None, None, None]
+            variance = np.einsum("isht,ij,jsht->sht", jacobian, self.covariance, jacobian, optimize=True)
+        return np.where(np.isfinite(variance), variance, np.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class SimulationError:
+    """The log joint of the simulation errors of segments and of free parameters, which are θ at ``places``."""
+
+    theta: Array
+    places: NDArray[np.intp]
+    prior_mean: Array
+    prior_precision: Array
+    sizes: tuple[int, int, int]
+    gain: Array
+    dt: float
+    segments: SimulationSegments
+
+    @property
+    def numbers(self) -> float:
+        """Effective sample size."""
+        return self.segments.number * self.sizes[2]
+
+    def resumable_errors(self, free: Array) -> Resumable[Array]:
+        """(b, S, steps counted, m) of the models whose free parameters are (b, f)."""
+        inputs, outputs, settle, _ = self.segments
+        every = -(-settle // STEPS_COUNTED)
+        thetas = np.repeat(self.theta[None], len(free), axis=0)
+        thetas[:, self.places] = free
+        models = models_of(thetas, self.sizes, self.gain, self.dt)
+        predicted = yield from resumable_simulation(models, inputs, outputs[: settle + 1], every)
+        yield
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.asarray(np.moveaxis(outputs[settle + every :: every], 0, 1) - predicted)
+
+    def resumable_value(self, at: Array) -> Resumable[tuple[float, Array]]:
+        """The log joint up to a constant, with the noise precision at its maximum; and errors (S, steps counted, m)."""
+        errors = (yield from self.resumable_errors(at[None]))[0]
+        return self._value(at, errors), errors
+
+    def resumable_quadratic(self, at: Array, residuals: Array) -> Resumable[Quadratic]:
+        """Slope and Gauss-Newton curvature, the posterior precision, by differences of the errors ``residuals``."""
+        steps = RELATIVE_STEP * np.maximum(1.0, np.abs(at))
+        beside = yield from self.resumable_errors(at + np.diag(steps))
+        yield
+        jacobian = (beside - residuals).reshape(len(at), -1) / steps[:, None]
+        yield
+        mse, each = _mean_square(residuals), self.numbers / residuals.size
+        slope = -each * jacobian @ residuals.ravel() / mse - self.prior_precision @ (at - self.prior_mean)
+        curvature = each * jacobian @ jacobian.T / mse + self.prior_precision
+        return Quadratic(at, self._value(at, residuals), slope, curvature)
+
+    def likelihood(self, joint: Quadratic) -> Quadratic:
+        """The log joint without its prior."""
+        at, value, slope, curvature = joint
+        pull = self.prior_precision @ (at - self.prior_mean)
+        return Quadratic(at, value - self._log_prior(at), slope + pull, curvature - self.prior_precision)
+
+    def terms(self, joint: Quadratic) -> dict[str, float]:
+        """The named terms of F̄, Eq. ``F_action_opt``; X has no entropy of its own in a simulation."""
+        log_prior = self._log_prior(joint.at)
+        return {
+            "noise entropy": joint.value - log_prior,
+            "parameter entropy": -0.5 * (logdet(joint.curvature) - logdet(self.prior_precision)),
+            "prediction error of outputs": -0.5 * self.numbers,
+            "prediction error of parameters": log_prior,
+        }
+
+    def _value(self, free: Array, errors: Array) -> float:
+        return float(-0.5 * self.numbers * np.log(_mean_square(errors)) + self._log_prior(free))
+
+    def _log_prior(self, free: Array) -> float:
+        off = free - self.prior_mean
+        return float(-0.5 * off @ self.prior_precision @ off)
+
+
+def _mean_square(errors: Array) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float((errors**2).mean())
+
+
+def resumable_fit_with_prior(
+    theta: Array,
+    prior: tuple[Array, Array],
+    sizes: tuple[int, int, int],
+    gain: Array,
+    dt: float,
+    segments: SimulationSegments,
+    iterations: int,
+) -> Resumable[tuple[SimulationFit, Quadratic] | None]:
+    """The fit from θ (k,) by damped Gauss-Newton steps, each of which increases F̄, and the log likelihood about it.
+
+    The ``prior`` has mean (k,) and precision (k, k); parameters of A and B with a precision below ``KINEMATIC`` are
+    free. ``None`` where the segments are too few for so many parameters, or errors overflow. Resumable.
+    """
+    n, r, _ = sizes
+    mean, precision = prior
+    places = np.flatnonzero(np.diag(precision)[: n * n + n * r] < KINEMATIC)
+    objective = SimulationError(
+        theta, places, mean[places], precision[np.ix_(places, places)], sizes, gain, dt, segments
+    )
+    numbers = objective.numbers
+    if numbers < SAMPLES_PER_PARAMETER * len(places) or not len(places):
+        return None
+    _, errors = yield from objective.resumable_value(theta[places])
+    if not np.isfinite(_mean_square(errors)):
+        return None
+    start = yield from objective.resumable_quadratic(theta[places], errors)
+    trace, gained = yield from resumable_gauss_newton(objective, start, DAMPING, iterations, CONVERGED_NATS)
+    best = theta.copy()
+    best[places] = trace[-1].at
+    terms = [objective.terms(each) for each in trace]
+    return SimulationFit(
+        theta=best,
+        places=places,
+        # The variance that is left is an estimate as well: of as many numbers as the parameters have left over.
+        covariance=inverse(trace[-1].curvature) * numbers / (numbers - len(places)),
+        numbers=numbers,
+        horizon=segments.settle,
+        terms={name: np.array([row[name] for row in terms]) for name in terms[0]},
+        settled=gained <= CONVERGED_NATS,
+        mse=np.empty((0, sizes[2])),
+        gain=gain,
+        layout=None,
+    ), objective.likelihood(trace[-1])
+
+
+def resumable_simulation_fit(
+    model: GenerativeModel,
+    settings: CompleteSettings,
+    scaling: Scaling,
+    theta: Array,
+    gain: Array,
+    record: Record,
+    iterations: int = MAX_ITERATIONS,
+    geometry: MixerPrior | None = None,
+) -> Resumable[SimulationFit | None]:
+    """The simulation-error fit to a record from θ (k,), with a filter of that gain (n, m); resumable.
+
+    Under the package's own prior the mixer geometry is the known one, ``record.effect_directions``, or the likeliest:
+    the fit is made with the ``geometry`` found before, or with none in particular, and once more where another turns
+    out to be likelier.
+
+    ``None`` where the settings ask for none, inputs are unknown, the prior is the paper's or the record is too short.
+    """
+    if settings.horizon is None or settings.prior == "uniform" or not scaling.known.all():
+        return None
+    segments = SimulationSegments.of(scaling.scale_segments(record), max(1, round(settings.horizon / record.dt)))
+    yield
+    if segments is None:
+        return None
+    (n, r, _), mean, precision = model.sizes, model.prior.theta_mean, model.prior.theta_precision
+    free = np.diag(precision) < KINEMATIC
+    geometries: tuple[MixerPrior, ...] = ()
+    if settings.prior == "regulated":
+        precision = np.where(np.outer(free, free), WEAK_PRECISION * np.eye(len(free)), precision)
+        geometries = mixer_priors(r - scaling.constant, record.effect_directions)
+    rows = np.flatnonzero(free[n * n : n * n + n * r : r])
+
+    def precision_of(mixer: MixerPrior | None) -> Array:
+        return precision if mixer is None else precision + mixer.added_precision(model.sizes, rows)
+
+    def fitted(mixer: MixerPrior | None) -> Resumable[tuple[SimulationFit, Quadratic] | None]:
+        prior = mean, precision_of(mixer)
+        return resumable_fit_with_prior(theta, prior, model.sizes, gain, record.dt, segments, iterations)
+
+    first = geometry if any(geometry is each for each in geometries) else next(iter(geometries), None)
+    found = yield from fitted(first)
+    if found is None or not geometries:
+        return found and found[0]
+    fit, likelihood = found
+    inner = np.ix_(fit.places, fit.places)
+
+    def log_odds(mixer: MixerPrior) -> float:
+        return mixer.log_odds + likelihood.highest(mean[fit.places], precision_of(mixer)[inner])
+
+    likeliest = max(geometries, key=log_odds)
+    if likeliest is not first:
+        found = yield from fitted(likeliest)
+        assert found is not None
+        fit, _ = found
+    return replace(fit, layout=likeliest)

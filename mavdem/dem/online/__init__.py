@@ -1,0 +1,1 @@
+"""DEM on a stream: the online learner."""

@@ -1,0 +1,371 @@
+"""OnlineLearner: the same model, fitted in small steps while the samples come.
+
+With each block of samples the model is fitted on by a few rounds of D, E and M steps, to the statistics of the latest
+samples: where these stay the same, it converges to the result of :func:`mavdem.learn`. Calls of ``learn`` in between
+check that the samples support a model, and give its cautions and intervals.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import CancelledError, Executor, Future
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.model import LinearModel
+from mavdem.dem.learned import Learned
+from mavdem.dem.learning import FEWEST_SAMPLES, learn
+from mavdem.dem.online.bands import ErrorBands
+from mavdem.dem.online.memory import Memory
+from mavdem.dem.online.refit import OnlineRefit
+from mavdem.dem.online.surprise import Marks, Surprise
+from mavdem.dem.online.tracker import Tracker
+from mavdem.dem.record import LARGEST, SHORTEST_STEP
+from mavdem.dem.selection import choices, leaves_open
+from mavdem.dem.settings import CompleteSettings, Settings
+from mavdem.dem.validation import is_number, is_whole, real_numbers
+
+BLOCK_SECONDS = 0.1  # of samples, after which the model is fitted on
+FIRST_LEARNING_SECONDS = 2.0
+"""Of samples, before the first call of ``learn``, and the next after a failure; otherwise one whenever there are twice
+as many samples, and with a full memory whenever all of it is new."""
+HORIZONS = (1, 5, 10, 25, 50)
+"""Default steps ahead."""
+FILTER_SECONDS = 1.0  # of samples, over which a new model's filter finds the state
+MAX_GAPS = 5  # in a row, after which ``dt`` is wrong rather than samples missing
+TOO_FEW = "there are not enough samples yet"
+FIRST_RUNS = "the first learning is still running"
+REFIT_STEP_SECONDS = 0.01  # of samples for one step of a refit, which takes about a millisecond
+
+
+class Estimate(NamedTuple):
+    """Predictions, model and disturbance as of a sample; NaN, or ``None``, where there is none yet.
+
+    H horizons, m outputs, n states, g noise precisions; physical units.
+
+    Attributes:
+        time: of the sample, s.
+        expected: (m,) the sample, predicted from those before it and from its own inputs.
+        expected_band: (m,) half width of its 90 % band: the quantile of the latest errors.
+        ahead_times: (H,) times of the next two, s: the learner's horizons from here.
+        ahead: (H, m) predictions of the samples then, with constant inputs.
+        ahead_band: (H, m) likewise.
+        seen: time of the next three, s: the centre of the latest embedding window.
+        free_energy: F(t) without the prior and entropy terms of θ and λ, which are the same at every sample and change
+            only with the model.
+        surprise: standardised drop of F(t) below the median of its last 10 s, in units of its 5 % quantile's: above 1
+            in about one of 20 samples without a change; tens to thousands of units with a failing motor.
+        disturbance: (n,) w of each state, in its unit per second; of a rate, rad/s².
+        free_energy_action: F̄ᵒ of the memory.
+        model: the current one.
+        model_sd: DEM's own posterior standard deviations of A, B and C; too small, see ``Learned.model_sd``.
+        log_precisions: (g,) λ of the noises.
+        until: time of the last sample the model was learnt from, s.
+        unusual: whether this sample is marked: surprise stays above what is usual in this flight. Without a change, one
+            mark in five minutes is expected; see ``mavdem.dem.online.surprise.Marks``.
+    """
+
+    time: float
+    expected: Array
+    expected_band: Array
+    ahead_times: Array
+    ahead: Array
+    ahead_band: Array
+    seen: float
+    free_energy: float
+    surprise: float
+    disturbance: Array
+    free_energy_action: float
+    model: LinearModel | None
+    model_sd: LinearModel | None
+    log_precisions: Array
+    until: float
+    unusual: bool = False
+
+    def __repr__(self) -> str:
+        if self.model is None:
+            return f"<Estimate: at {self.time:.6g} s, no model yet>"
+        expected, band = (np.array2string(values, precision=3) for values in (self.expected, self.expected_band))
+        return (
+            f"<Estimate: at {self.time:.6g} s, expected {expected} ± {band}, surprise {self.surprise:.3g}, by a model "
+            f"learnt until {self.until:.6g} s>"
+        )
+
+
+class OnlineLearner:
+    """Learns from samples as they come, whatever their source.
+
+    Attributes:
+        horizons: steps ahead of ``Estimate.ahead``.
+        learned: the last result of ``learn``, with cautions and intervals; ``None`` before, and for complete settings.
+        obstacle: why there is no model, or no newer one; one sentence without its full stop, empty without a reason.
+    """
+
+    def __init__(
+        self,
+        settings: Settings | None = None,
+        dt: float = 0.01,
+        n_inputs: int = 4,
+        n_outputs: int = 2,
+        memory: float = 20.0,
+        horizons: tuple[int, ...] = HORIZONS,
+        executor: Executor | None = None,
+        effect_directions: ArrayLike | None = None,
+    ) -> None:
+        """Begins without a sample.
+
+        Args:
+            settings: what decides the fit; ``Settings()`` unless given.
+            dt: sampling step, s.
+            n_inputs, n_outputs: r and m.
+            memory: seconds of samples that the model is fitted to; older ones are dropped.
+            horizons: steps ahead to predict, increasing.
+            executor: of processes, where ``learn`` runs; unless given, it runs inside an update, which then takes as
+                long. With one of threads the model does not change meanwhile, and an update may wait for them.
+            effect_directions: (r,) relative effect of each input on the axis, where the mixer geometry is known.
+
+        Raises:
+            ValueError: names the argument that does not fit.
+        """
+        if not (settings is None or isinstance(settings, Settings)):
+            raise ValueError(f"settings must be a Settings, or None for the default ones, not {settings!r}")
+        if not (is_number(dt) and SHORTEST_STEP <= dt <= 1 / SHORTEST_STEP):
+            raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {dt!r}")
+        for name, number in (("n_inputs", n_inputs), ("n_outputs", n_outputs)):
+            if not (is_whole(number) and number >= 1):
+                raise ValueError(f"{name} must be a whole number of at least 1, not {number!r}")
+        steps = isinstance(horizons, tuple | list) and len(horizons) > 0 and all(map(is_whole, horizons))
+        if not steps or horizons[0] < 1 or list(horizons) != sorted(set(horizons)):
+            raise ValueError(f"horizons must be whole steps of at least 1, increasing, not {horizons!r}")
+        block = max(1, round(BLOCK_SECONDS / dt))
+        most = round(memory / dt / block) if is_number(memory) and np.isfinite(memory / dt) else 0
+        if most * block < 2 * FEWEST_SAMPLES:
+            raise ValueError(f"memory must be at least {2 * FEWEST_SAMPLES * dt:g} s at this dt, not {memory!r}")
+        self.horizons = tuple(horizons)
+        self.learned: Learned | None = None
+        self.obstacle = TOO_FEW
+        self._settings = Settings() if settings is None else settings
+        self._dt, self._sizes, self._executor = float(dt), (n_inputs, n_outputs), executor
+        directions = None if effect_directions is None else real_numbers(effect_directions, "effect_directions")
+        if directions is not None and (directions.shape != (n_inputs,) or not np.isfinite(directions).all()):
+            raise ValueError(f"effect_directions must be {n_inputs} finite numbers, not {effect_directions!r}")
+        self._memory = Memory(dt, block, most, n_inputs, n_outputs, directions)
+        self._most = most * block
+        self._samples = 0
+        self._next_choice = self._first_choice = max(round(FIRST_LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
+        self._pending: Future[Learned] | None = None
+        self._refit: OnlineRefit | None = None
+        self._tracker: Tracker | None = None
+        self._last: float | None = None
+        self._gaps = 0
+        self._bands = ErrorBands(self.horizons, n_outputs, self._dt)
+        self._surprise, self._marks = Surprise(self._dt), Marks(self._dt)
+
+    def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike) -> Estimate:
+        """Takes the next sample, ``outputs`` (m,) and ``inputs`` (r,) at a ``time`` in s.
+
+        A time other than one step after the last, also one that goes back, begins a new segment: the model is kept, and
+        nothing is predicted or differentiated across the gap. After ``MAX_GAPS`` in a row, ``obstacle`` states that
+        samples do not come every ``dt``.
+
+        Returns:
+            the estimate as of this sample, by the model before it.
+
+        Raises:
+            ValueError: values that are not finite, larger than ``mavdem.learn`` takes, or of another number.
+        """
+        time, u, y = self._checked(time, inputs, outputs)
+        step = self._dt if self._last is None else time - self._last
+        if abs(step - self._dt) > 0.5 * self._dt:
+            self._begin_segment()
+            self._gaps += 1
+        elif self._gaps:
+            if self._gaps >= MAX_GAPS:
+                self.obstacle = self._missing()
+            self._gaps = 0
+        closed = self._memory.add(u, y, time)
+        self._samples += 1
+        estimate = self._estimate(time, u, y)
+        self._last = time
+        if closed:
+            self._bands.update()
+            self._surprise.update_quantiles()
+            self._remember()
+        self._choose()
+        self._advance()
+        if self._gaps >= MAX_GAPS:
+            coming = f"come every {step:.3g} s" if step > 0 else "do not go on in time"
+            self.obstacle = f"samples {coming}, where dt is {self._dt:g} s: each begins a segment of its own"
+        return estimate
+
+    def forget_since(self, time: float) -> None:
+        """Takes back the samples of the latest segments from ``time``, s, on: they were not what they seemed to be.
+
+        The model is fitted anew to those before; a running call of ``learn`` is not waited for.
+        """
+        self._begin_segment()
+        if not self._memory.drop_since(time):
+            return
+        if self._pending is not None:
+            self._pending.cancel()
+            self._pending, self._next_choice = None, self._samples
+        if self._refit is not None:
+            # Without a sample left there is nothing to fit: as in the beginning, but the model stays.
+            settings, self._refit = self._refit.settings, None
+            if self._memory.blocks:
+                self._refit = OnlineRefit(settings, self._memory, self._dt)
+                self._refit.begin()
+            else:
+                self._next_choice = self._samples + self._first_choice
+
+    def learn_now(self) -> Learned:
+        """The result of ``learn`` on the samples in the memory, with the settings in use.
+
+        Raises:
+            ValueError: they do not support one, or there is no full block of samples yet.
+        """
+        if not self._memory.blocks:
+            raise ValueError(TOO_FEW)
+        return learn(self._memory.record(), self._settings if self._refit is None else self._refit.settings)
+
+    def _checked(self, time: float, inputs: ArrayLike, outputs: ArrayLike) -> tuple[float, Array, Array]:
+        now, u, y = real_numbers(time, "time"), real_numbers(inputs, "inputs"), real_numbers(outputs, "outputs")
+        u, y = np.atleast_1d(u), np.atleast_1d(y)
+        for name, numbers, shape in (
+            ("time", now, ()),
+            ("inputs", u, self._sizes[:1]),
+            ("outputs", y, self._sizes[1:]),
+        ):
+            if numbers.shape != shape or not np.isfinite(numbers).all():
+                raise ValueError(f"{name} must be finite and of shape {shape}, not {numbers}")
+            if np.abs(numbers).max() > LARGEST:
+                raise ValueError(f"{name} must not be larger than {LARGEST:g}")
+        return float(now), u, y
+
+    def _begin_segment(self) -> None:
+        if self._memory.end_segment():
+            self._remember()
+        self._bands.end_segment()
+        self._last = None
+
+    def _estimate(self, time: float, u: Array, y: Array) -> Estimate:
+        tracker = self._tracker
+        if tracker is None:
+            return self._no_estimate(time)
+        expected = tracker.filter(self._last is None, u, y)
+        ahead = tracker.ahead(u)
+        expected_band, *ahead_band = self._bands.half_widths
+        self._bands.add(y, expected, ahead)
+        energy, disturbance = tracker.evaluate(self._memory)
+        surprise = self._surprise.add(energy) if np.isfinite(energy) else np.nan
+        delay = (tracker.window - 1 - tracker.window // 2) * self._dt
+        now = tracker.now
+        return Estimate(
+            time=time,
+            expected=expected,
+            expected_band=expected_band,
+            ahead_times=time + self._dt * np.array(self.horizons),
+            ahead=ahead,
+            ahead_band=np.array(ahead_band),
+            seen=time - delay,
+            free_energy=energy,
+            surprise=surprise,
+            disturbance=disturbance,
+            free_energy_action=now.free_energy_action,
+            model=now.model,
+            model_sd=now.model_sd,
+            log_precisions=now.log_precisions,
+            until=now.until,
+            unusual=self._marks.add(surprise),
+        )
+
+    def _no_estimate(self, time: float) -> Estimate:
+        (_, m), nan = self._sizes, np.nan
+        later = time + self._dt * np.array(self.horizons)
+        one, several, none = np.full(m, nan), np.full((len(later), m), nan), np.empty(0)
+        return Estimate(time, one, one, later, several, several, nan, nan, nan, none, nan, None, None, none, nan)
+
+    def _remember(self) -> None:
+        """Adds the block that was just closed to the statistics; starts a refit, unless one is running."""
+        if self._refit is not None:
+            self._refit.statistics.add(self._memory.blocks[-1])
+            if not self._refit.running:
+                self._refit.begin()
+
+    def _missing(self) -> str:
+        """Why there is no model yet; empty where there is one."""
+        if self._tracker is not None:
+            return ""
+        return TOO_FEW if self._refit is None and self._pending is None else FIRST_RUNS
+
+    def _advance(self) -> None:
+        """The steps of a running refit that a sample leaves time for."""
+        for _ in range(max(1, round(self._dt / REFIT_STEP_SECONDS))):
+            if self._refit is None or not self._refit.running:
+                return
+            self._advance_once(self._refit)
+
+    def _advance_once(self, refit: OnlineRefit) -> None:
+        try:
+            snapshot = refit.advance()
+        except (ValueError, np.linalg.LinAlgError) as error:
+            self.obstacle = (
+                f"{'the first fit failed' if self._tracker is None else 'the model stays as it was'}: {error}"
+            )
+            return
+        if snapshot is not None:
+            self.obstacle = ""
+            learned = self.learned
+            weight = (
+                None if learned is None or learned.simulation_fit is not None else learned.training_forecasts.weight
+            )
+            self._tracker = Tracker(snapshot, refit, self.horizons, weight)
+            self._tracker.find_state(*self._memory.latest(round(FILTER_SECONDS / self._dt)))
+
+    def _choose(self) -> None:
+        if self._pending is not None and self._pending.done():
+            pending, self._pending = self._pending, None
+            self._adopt(pending.result)
+        if self._samples < self._next_choice or self._pending is not None or not self._memory.blocks:
+            return
+        if self._refit is not None and self._refit.begins:
+            return  # Another choice would begin the fit anew.
+        record = self._memory.record()
+        self._next_choice = self._samples + min(len(record), self._most)
+        try:
+            if not leaves_open(self._settings):
+                self._take(choices(self._settings, record)[0])
+            elif self._executor is None:
+                self._adopt(lambda: learn(record, self._settings))
+            else:
+                self._pending = self._executor.submit(learn, record, self._settings)
+                if self.obstacle == TOO_FEW:
+                    self.obstacle = self._missing()
+        except (ValueError, RuntimeError) as error:  # RuntimeError: the executor's processes are gone
+            self._put_off(error)
+
+    def _adopt(self, result: Callable[[], Learned]) -> None:
+        try:
+            self.learned = result()
+        except (ValueError, RuntimeError, CancelledError) as error:
+            self._put_off(error)
+            return
+        self._take(self.learned.settings)
+
+    def _put_off(self, error: BaseException) -> None:
+        """Tries again soon, with half the memory: a vehicle on the ground may have taken off since."""
+        self.obstacle = str(error) or "the whole learning was given up"
+        self._next_choice = self._samples + self._first_choice
+        if isinstance(error, ValueError) and self._refit is None:
+            self._memory.drop_half()
+
+    def _take(self, settings: CompleteSettings) -> None:
+        """Fits with these complete settings from now on; goes on where they are the same."""
+        if self._refit is None or self._refit.settings != settings:
+            self._refit = OnlineRefit(settings, self._memory, self._dt)
+            self._refit.begin()
+            self.obstacle = self._missing()
+            self._surprise = Surprise(self._dt)

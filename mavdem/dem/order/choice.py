@@ -1,0 +1,222 @@
+"""The order of a model by its free energy: Algorithm ``extended_DEM``, over one or several flights.
+
+F̄ᵒ increases with the number of states up to the order of the system that produced the data, and saturates there: a
+further state explains less than the uncertainty it adds (the paper's Fig. ``model_nx``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+from math import e
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.order.search import fits_by_order
+from mavdem.dem.order.system import BlackBox
+from mavdem.dem.parallel import parallel_map
+from mavdem.dem.record import Record, UniformRecord
+from mavdem.dem.validation import is_number, is_whole
+
+STRONG_EVIDENCE_NATS = 3.0  # odds of 20 to 1: strong evidence by Kass and Raftery (1995)
+STANDARD_ERRORS = 2.0  # that a mean gain over several flights must exceed as well, so that no single flight decides
+DEFAULT_MAX_ORDER = 6  # two states more than the paper's largest system
+LARGEST_ORDER = 8  # more states need higher derivatives of an output, which would be rounding
+UNKNOWN_INPUT = e**2  # P̃ᵛ of unrecorded inputs, as in the paper; in units of the data
+
+
+class FlightOrders(NamedTuple):
+    """F̄ᵒ of one flight by order.
+
+    Attributes:
+        free_energy: (N,) nats; NaN where no fit converged.
+        width: of the kernel that filters the flight, s: faster motion is not seen.
+        smoothness: (N,) kernel width s of the noise, seconds, as given or estimated for each order.
+        samples: effective sample size.
+        remarks: why orders are missing, one sentence each.
+    """
+
+    free_energy: Array
+    width: float
+    smoothness: Array
+    samples: float
+    remarks: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class OrderChoice:
+    """F̄ᵒ of ``flights`` by model order, as many orders for each, and the chosen order."""
+
+    flights: tuple[FlightOrders, ...]
+
+    @property
+    def orders(self) -> NDArray[np.intp]:
+        """(N,) numbers of states that were tried, from 1."""
+        return 1 + np.arange(len(self.flights[0].free_energy))
+
+    @property
+    def free_energy(self) -> Array:
+        """(flights, N) F̄ᵒ, nats; NaN where no fit converged."""
+        return np.stack([flight.free_energy for flight in self.flights])
+
+    @property
+    def mean(self) -> Array:
+        """(N,) over the flights; NaN where a flight has none."""
+        return np.asarray(self.free_energy.mean(axis=0))
+
+    @property
+    def spread(self) -> Array:
+        """(N,) standard deviation over the flights of F̄ᵒ; NaN for a single one."""
+        several = len(self.flights) > 1
+        return np.asarray(self.free_energy.std(axis=0, ddof=1)) if several else np.full(len(self.orders), np.nan)
+
+    def gain(self, order: int, over: int) -> tuple[float, float]:
+        """The increase of F̄ᵒ at ``order`` ``over`` another one, averaged over the flights that have both, nats.
+
+        Returns:
+            the mean gain, and its standard error, which is 0 for a single flight; NaN and 0 if no flight has both.
+        """
+        gains = self.free_energy[:, order - 1] - self.free_energy[:, over - 1]
+        gains = gains[np.isfinite(gains)]
+        if not len(gains):
+            return np.nan, 0.0
+        return float(gains.mean()), float(gains.std(ddof=1) / np.sqrt(len(gains))) if len(gains) > 1 else 0.0
+
+    @property
+    def chosen(self) -> int:
+        """The lowest order over which no higher one gains strong evidence (``STRONG_EVIDENCE_NATS``)."""
+        fitted = [int(order) for order in self.orders if np.isfinite(self.free_energy[:, order - 1]).any()]
+        return next(
+            order for order in fitted if not any(self._gains(higher, order) for higher in fitted if higher > order)
+        )
+
+    @property
+    def saturated(self) -> bool:
+        """Whether a higher order than the chosen one was tried."""
+        return bool(np.isfinite(self.free_energy[:, self.chosen :]).any())
+
+    @property
+    def reason(self) -> str:
+        """Why this order, one sentence."""
+        chosen = self.chosen
+        higher = [self.gain(int(order), chosen) for order in self.orders[chosen:]]
+        most = max((gain for gain, _ in higher if np.isfinite(gain)), default=None)
+        if most is None:
+            return f"F̄ still increases at {_states(chosen)}, the highest order that was fitted."
+        beyond = f"no further state increases it by more than {STRONG_EVIDENCE_NATS:g} nats" + (
+            f" and {STANDARD_ERRORS:g} standard errors" if len(self.flights) > 1 else ""
+        )
+        return f"F̄ saturates at {_states(chosen)}: {beyond} (the largest change is {most:.1f})."
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Why orders are missing, one sentence each."""
+        return tuple(dict.fromkeys(remark for flight in self.flights for remark in flight.remarks))
+
+    def _gains(self, order: int, over: int) -> bool:
+        gain, error = self.gain(order, over)
+        return gain > max(STRONG_EVIDENCE_NATS, STANDARD_ERRORS * error)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain JSON values by name."""
+        return {
+            "orders": self.orders.tolist(),
+            "free_energy": self.free_energy.tolist(),
+            "mean": self.mean.tolist(),
+            "spread": self.spread.tolist(),
+            "chosen": self.chosen,
+            "saturated": self.saturated,
+            "reason": self.reason,
+            "remarks": list(self.remarks),
+            "width": [flight.width for flight in self.flights],
+            "smoothness": [flight.smoothness.tolist() for flight in self.flights],
+            "samples": [flight.samples for flight in self.flights],
+        }
+
+
+def choose_order(
+    flights: UniformRecord | Iterable[UniformRecord | Sequence[UniformRecord]],
+    max_order: int = DEFAULT_MAX_ORDER,
+    known_inputs: bool = True,
+    input_precision: float = UNKNOWN_INPUT,
+    smoothness: float | None = None,
+    executor: Executor | None = None,
+) -> OrderChoice:
+    """Compares model orders by F̄ᵒ, and returns the one at which it saturates.
+
+    Every flight is fitted by itself with 1, 2, … states, with A, B and C free, to the same data and under priors of the
+    same form. Only states that the outputs show are counted: not a state that no output depends on, or that nothing
+    excites; but states of coloured wind are.
+
+    Args:
+        flights: one, or several of the same inputs and outputs, each a ``Flight`` or segments of one.
+        max_order: the highest order that is fitted, up to ``LARGEST_ORDER``.
+        known_inputs: whether the recorded inputs drive the system; if not, as many unknown ones do, η̃ᵛ = 0.
+        input_precision: P̃ᵛ of unknown inputs and of each derivative, in units of the data (``BlackBox``).
+        smoothness: kernel width s of the noise, seconds; ``None``: the maximum of F̄ᵒ, for each order.
+        executor: does the work, one flight at a time, in place of this process.
+
+    Raises:
+        ValueError: an argument of the wrong kind; flights of other channels; or one that is too short, or for which no
+            order can be fitted.
+    """
+    work = partial(
+        orders_of,
+        max_order=max_order,
+        known_inputs=known_inputs,
+        input_precision=input_precision,
+        smoothness=smoothness,
+    )
+    records = [Record.of(flight) for flight in (flights if isinstance(flights, Iterable) else [flights])]
+    if not records:
+        raise ValueError("flights must be at least one")
+    channels = {(record.inputs.shape[1], record.outputs.shape[1]) for record in records}
+    if len(channels) > 1:
+        raise ValueError(f"flights must have the same numbers of inputs and outputs, not {sorted(channels)}")
+    return OrderChoice(tuple(parallel_map(work, records, executor)))
+
+
+def orders_of(
+    flight: UniformRecord | Sequence[UniformRecord],
+    max_order: int = DEFAULT_MAX_ORDER,
+    known_inputs: bool = True,
+    input_precision: float = UNKNOWN_INPUT,
+    smoothness: float | None = None,
+) -> FlightOrders:
+    """F̄ᵒ of one ``flight``, or of its segments, by order.
+
+    ``max_order``, ``known_inputs``, ``input_precision``, ``smoothness`` and errors are as for :func:`choose_order`.
+    """
+    if not (is_whole(max_order) and 1 <= max_order <= LARGEST_ORDER):
+        raise ValueError(f"max_order must be a whole number from 1 to {LARGEST_ORDER}, not {max_order!r}")
+    for name, value in (("input_precision", input_precision), ("smoothness", smoothness)):
+        if not (value is None and name == "smoothness" or is_number(value) and 0 < value < np.inf):
+            raise ValueError(f"{name} must be a positive number, not {value!r}")
+    record = Record.of(flight)
+    with one_thread():
+        box = BlackBox.of(record, max_order, known_inputs, input_precision)
+        # No more parameters, less n² for the coordinates, than effective values.
+        allowed = min(max_order, max(1, int(box.counted(box.dt).number * box.m / (box.r + box.m))))
+        found = fits_by_order(box, allowed, smoothness)
+    values, widths = np.full((2, max_order), np.nan)
+    values[:allowed] = [np.nan if one is None else one.iterate.free_energy for one in found]
+    widths[:allowed] = [np.nan if one is None else one.smoothness for one in found]
+    if not np.isfinite(values).any():
+        raise ValueError("no order can be fitted: every fit broke down")
+    remarks = [f"With {_states(order)} every fit broke down." for order, one in enumerate(found, 1) if one is None]
+    if allowed < max_order:
+        remarks.append(
+            f"{_states(allowed + 1).capitalize()} and more are not fitted: they have more parameters than the "
+            "effective samples have values."
+        )
+    best = widths[np.nanargmax(values)]
+    return FlightOrders(values, box.width, widths, box.counted(best).number, tuple(remarks))
+
+
+def _states(number: int) -> str:
+    return "1 state" if number == 1 else f"{number} states"

@@ -1,0 +1,203 @@
+"""Many calls of one function: on this machine's cores, on threads, or on a cluster.
+
+The processes started here end with their work, also when a signal ends this process.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections import deque
+from collections.abc import Callable, Generator, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from contextlib import contextmanager
+from functools import partial
+from itertools import chain, islice
+from multiprocessing import current_process, get_context, parent_process
+from multiprocessing.connection import Connection
+from threading import Thread, current_thread, main_thread
+from typing import TypeVar
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+FEW = 8  # up to this many jobs are sooner done in this process than by workers, which take about a second to start
+LARGEST_CHUNK = 8  # Jobs sent together at most. What they share is sent once, and so is what their results share.
+JOBS_PER_SIZE = 32  # after this many jobs chunks grow by one job
+
+AHEAD = 8
+"""Chunks per own worker that are sent ahead of the result that is waited for, so that one slow job does not keep the
+other workers idle; their results are kept until then."""
+
+AHEAD_ELSEWHERE = 256  # the same for a given executor, whose number of workers cannot be asked
+ENDS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # signals that end a program from outside
+
+_stop_pipe: Connection | None = None
+"""In a worker: the end of a pipe that becomes readable when its results are no longer wanted."""
+
+
+def parallel_map(
+    work: Callable[[Job], Result], jobs: Iterable[Job], executor: Executor | None = None
+) -> Generator[Result, None, None]:
+    """``work`` of each of many jobs; yields results in the order of the jobs, as soon as they are there.
+
+    As :func:`mavdem.dem.learn_many`, for any ``work``: for other processes a function of a module, or a ``partial`` of
+    one, whose jobs and results pickle.
+    """
+    jobs = iter(jobs)
+    sent: deque[Future[list[Result]]] = deque()
+    if executor is not None:
+        try:
+            yield from _map_on(executor, work, jobs, sent, AHEAD_ELSEWHERE)
+        finally:
+            # Workers that a signal to the whole group has ended break a pool, which before Python 3.13 waits for ever
+            # where jobs are cancelled.
+            if not isinstance(executor, Pool):
+                for future in sent:
+                    future.cancel()
+        return
+    first = list(islice(jobs, FEW + 1))
+    workers = spare_cores() if len(first) > FEW else 1
+    jobs = chain(first, jobs)
+    if workers == 1:
+        for job in jobs:
+            yield from _map_chunk(work, [job])
+        return
+    with pool(workers) as own:
+        yield from _map_on(own, work, jobs, sent, AHEAD * workers)
+
+
+def _map_on(
+    executor: Executor,
+    work: Callable[[Job], Result],
+    jobs: Iterable[Job],
+    sent: deque[Future[list[Result]]],
+    ahead: int,
+) -> Generator[Result, None, None]:
+    """``sent`` holds what is on its way, of which there are at most ``ahead``."""
+    try:
+        for chunk in _chunks(jobs):
+            sent.append(executor.submit(partial(_map_chunk, work), chunk))
+            while sent and (len(sent) >= ahead or sent[0].done()):
+                yield from sent[0].result()
+                sent.popleft()
+        while sent:
+            yield from sent[0].result()
+            sent.popleft()
+    except BrokenExecutor as error:
+        # A broken pool breaks these off itself, and before Python 3.13 it cannot where they are cancelled.
+        sent.clear()
+        raise type(error)(
+            "a worker died: for want of memory, killed, or unable to start. Ask for fewer at a time with an executor "
+            "of fewer workers; and where a script calls this, do so below `if __name__ == '__main__':`"
+        ) from error
+
+
+def _chunks(jobs: Iterable[Job]) -> Iterator[list[Job]]:
+    """Single jobs first, so that a few jobs reach all workers; more at a time when there are many."""
+    jobs, taken = iter(jobs), 0
+    while chunk := list(islice(jobs, min(1 + taken // JOBS_PER_SIZE, LARGEST_CHUNK))):
+        taken += len(chunk)
+        yield chunk
+
+
+def _map_chunk(work: Callable[[Job], Result], jobs: list[Job]) -> list[Result]:
+    return [work(job) for job in jobs if not stop_requested()]
+
+
+def spare_cores() -> int:
+    """How many workers are worth starting: the cores this process may use, or 1 where it is a worker itself."""
+    if parent_process() is not None and not _importing_main():
+        return 1
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+class Pool(ProcessPoolExecutor):
+    """An executor of :func:`pool`: its jobs stop when its block is left, and need not be cancelled."""
+
+
+@contextmanager
+def pool(workers: int) -> Iterator[Pool]:
+    """An executor of ``workers`` processes that have ended when its block is left.
+
+    Processes are started afresh ("spawn"): a fork of a process with threads may wait for one of their locks for ever.
+    """
+    if _importing_main():
+        sys.exit("mavdem starts processes, which import this script: make that call below `if __name__ == '__main__':`")
+    context = get_context("spawn")
+    stop_pipe, parents_end = context.Pipe(duplex=False)
+    # Ctrl-C, and a terminal that closes, reach every process of it, but not those begun in here, Python's own for
+    # semaphores among them: the parent decides what it means. Nor may a signal interrupt the start of a process.
+    with _blocked(*ENDS):
+        executor = Pool(workers, context, initializer=_begin, initargs=(stop_pipe,))
+    # The parent's end is closed first, which stops the workers; then they are waited for.
+    with stop_pipe, _waited_for(executor), parents_end:
+        with _blocked(*ENDS):
+            for _ in range(workers):
+                executor.submit(os.getpid)
+        yield executor
+
+
+@contextmanager
+def _waited_for(executor: Pool) -> Iterator[None]:
+    """Shuts an executor down; signals are handled after that.
+
+    A wait for a thread that an exception interrupts takes the thread for ended (bpo-45274): of the executor's
+    own, that leaves the workers running, and Python waits for them for ever.
+    """
+    try:
+        yield
+    finally:
+        with _blocked(*ENDS):
+            executor.shutdown()
+
+
+@contextmanager
+def _blocked(*numbers: signal.Signals) -> Iterator[None]:
+    """Signals of these ``numbers`` wait until the block is left; processes started in it inherit the mask.
+
+    The mask holds for this thread only, and Python handles here what another thread has received.
+    """
+    waiting: list[int] = []
+    handlers = {}
+    if current_thread() is main_thread():
+        for number in numbers:
+            if signal.getsignal(number) not in (None, signal.SIG_IGN):
+                handlers[number] = signal.signal(number, lambda came, _: waiting.append(came))
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
+    try:
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for came in waiting:
+            signal.raise_signal(came)
+
+
+def stop_requested() -> bool:
+    """Whether this is a worker of :func:`pool` whose results are no longer waited for."""
+    return _stop_pipe is not None and _stop_pipe.poll()  # true once the other end is closed: nothing is ever sent
+
+
+def _importing_main() -> bool:
+    """Whether this is a process that another has started, which still imports the other's script."""
+    # There is no public name for it; multiprocessing itself uses this to refuse what is refused here.
+    return getattr(current_process(), "_inheriting", False)
+
+
+def _begin(stop_pipe: Connection) -> None:
+    global _stop_pipe
+    _stop_pipe = stop_pipe
+    # Blocked while it began; a worker alone may be ended.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+    Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A worker waits for its next job for ever, also when the parent was killed."""
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)

@@ -1,0 +1,66 @@
+"""Windows: a flight cut into training parts, each with the test part that follows it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from mavdem.flight import Flight
+
+TRAIN, TEST = 700, 150
+"""Default numbers of training and test samples, those of the paper: a few periods of a vehicle's motion."""
+
+USUAL_RATE, FAST = 100.0, 125.0
+"""Hz: the rate of these numbers, and the rate above which they last as long as at ``USUAL_RATE``."""
+
+
+def usual_samples(usual: int, dt: float) -> int:
+    """The default number of samples ``dt`` s apart: ``usual`` up to ``FAST`` Hz, above it of the same duration."""
+    return usual if dt >= 1 / FAST else round(usual / USUAL_RATE / dt)
+
+
+def fewer_samples(available: int, train: int, test: int) -> tuple[int, int]:
+    """Numbers of training and test samples that fit into a flight: at most these, and at most a sixth for the test."""
+    test = min(test, max(available // 6, 1))
+    return min(train, available - test), test
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """One window of the flight named ``flight``: from sample ``start`` on, ``train`` and, right after it, ``test``."""
+
+    flight: str
+    start: int
+    train: Flight
+    test: Flight
+
+    @property
+    def stop(self) -> int:
+        """The sample of the flight after the last of the window."""
+        return self.start + len(self.train) + len(self.test)
+
+
+def windows(
+    name: str, flight: Flight, train: int | None = None, test: int | None = None, hop: int | None = None
+) -> tuple[Window, ...]:
+    """Every window that fits into a flight; none if it is too short.
+
+    Args:
+        name: of the flight.
+        flight: what is cut.
+        train, test: numbers of training and test samples; 700 and 150 unless given; above 125 Hz, as many as
+            last as long as those at 100 Hz.
+        hop: samples from the start of one window to the next; half a window unless given, so that neighbours share a
+            half.
+
+    Raises:
+        ValueError: a number of samples that is not positive.
+    """
+    train = usual_samples(TRAIN, flight.dt) if train is None else train
+    test = usual_samples(TEST, flight.dt) if test is None else test
+    hop = max(1, (train + test) // 2) if hop is None else hop
+    if min(train, test, hop) < 1:
+        raise ValueError(f"train, test and hop must be at least 1, not {train}, {test} and {hop}")
+    return tuple(
+        Window(name, start, flight[start : start + train], flight[start + train : start + train + test])
+        for start in range(0, len(flight) - train - test + 1, hop)
+    )

@@ -1,0 +1,1 @@
+"""Flights and results as tables, MCAP channels and other log formats."""

@@ -1,0 +1,74 @@
+"""Files that appear whole or not at all.
+
+A file that was there keeps its mode, and a symbolic link stays: what it leads to is replaced, as other programs that
+write to it would have it.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import BinaryIO
+
+
+@contextmanager
+def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+    """Gives what to write to; when all is written the file is there, in place of one that was.
+
+    Raises:
+        OSError: it cannot be written there, as when there is no such folder.
+    """
+    with atomic_writes(path) as (unfinished,), unfinished.open("wb") as file:
+        yield file
+
+
+@contextmanager
+def atomic_writes(*paths: str | os.PathLike[str]) -> Iterator[tuple[Path, ...]]:
+    """Gives for each file the path of one to write instead; when all are written they take their places together.
+
+    Raises:
+        OSError: one cannot be written there; then none is replaced.
+    """
+    places = [replaceable(path) for path in paths]
+    for number, place in enumerate(places):
+        if place in places[:number]:
+            raise FileExistsError(None, "it is the same file as another that is to be written", str(paths[number]))
+    with ExitStack() as stack:
+        unfinished = []
+        for place in places:
+            folder = stack.enter_context(TemporaryDirectory(dir=place.parent, prefix=".unfinished."))
+            unfinished.append(Path(folder) / place.name)
+        yield tuple(unfinished)
+        for new, place in zip(unfinished, places, strict=True):
+            if place.exists():
+                new.chmod(stat.S_IMODE(place.stat().st_mode))
+        for new, place in zip(unfinished, places, strict=True):
+            os.replace(new, place)
+
+
+def replaceable(path: str | os.PathLike[str]) -> Path:
+    """The file that writing to ``path`` makes or replaces: itself, or where a symbolic link leads.
+
+    Raises:
+        OSError: something is there that cannot be replaced, or a name is too long, or a folder not writable.
+    """
+    place = Path(os.path.realpath(path))
+    try:
+        mode = os.stat(place).st_mode
+    except FileNotFoundError:
+        mode = stat.S_IFREG
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(None, "it is a folder", str(path))
+    if not stat.S_ISREG(mode):
+        # A device must not be replaced.
+        raise FileExistsError(None, "it is there and no plain file", str(path))
+    for folder in (Path(path).parent, place.parent):
+        if not folder.is_dir():
+            raise FileNotFoundError(None, f"there is no folder {folder}", str(path))
+    if not os.access(place.parent, os.W_OK | os.X_OK):
+        raise PermissionError(None, f"the folder {place.parent} is not writable", str(path))
+    return place

@@ -1,0 +1,111 @@
+"""The bytes of a file, unpacked if it is an xz archive, or one sentence why they cannot be read."""
+
+from __future__ import annotations
+
+import lzma
+import mmap
+import os
+import stat
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.errors import Unreadable
+
+READABLE_FORMATS = (
+    "this version reads telemetry logs (.tlog), MCAP recordings of MAVLink or ROS 2 (.mcap), ArduPilot DataFlash logs "
+    "(.bin, .log) and PX4 ULogs (.ulg, .ulg.xz) only"
+)
+"""End of the sentence for a file of another format."""
+LOG_ENDINGS = (".tlog", ".mcap", ".bin", ".log", ".ulg", ".ulg.xz")
+MIN_MAPPED_BYTES = 64 << 20
+"""A file of this size or larger is mapped, not read: it takes no memory of its own, but must not change."""
+BEGINNING_BYTES = 1 << 16  # Bytes that are read of a file for its beginning; unpacked they are hardly ever fewer
+MAX_UNPACKED_BYTES = 1 << 30
+"""An archive may unpack to these: a few hours of the densest logs. A small one can be made to hold any number."""
+
+
+def file_bytes(path: str | os.PathLike[str]) -> bytes:
+    """The whole file, or the contents of an xz archive.
+
+    Raises Unreadable: it is missing, no plain file, not permitted, empty, or larger than the memory; or an archive that
+    is damaged, or holds more than ``MAX_UNPACKED_BYTES``.
+    """
+    return bytes(_content(path))
+
+
+def file_beginning(path: str | os.PathLike[str], count: int) -> bytes:
+    """The first ``count`` bytes, ``BEGINNING_BYTES`` at most; raises as ``file_bytes``, as far as these show it."""
+    return bytes(_content(path, limit=BEGINNING_BYTES)[:count])
+
+
+def mapped_bytes(path: str | os.PathLike[str]) -> bytes | mmap.mmap:
+    """As ``file_bytes``, but a large file that is no archive is mapped: parts are loaded when they are used."""
+    return _content(path, mapped=True)
+
+
+def require_whole(data: NDArray[np.uint8], source: str) -> None:
+    """Makes sure that ``data``, over ``mapped_bytes`` of the file ``source``, can still be read.
+
+    Raises Unreadable: the file was cut after it was opened; the system ends a process that reads beyond its end.
+    """
+    content = data.base.obj if isinstance(data.base, memoryview) else data.base
+    if isinstance(content, mmap.mmap) and content.size() < len(content):
+        raise Unreadable(f"{source} was cut short while it was in use: read it again.")
+
+
+def _content(path: str | os.PathLike[str], limit: int | None = None, mapped: bool = False) -> bytes | mmap.mmap:
+    """The contents of a file or an archive; the first ``limit`` bytes of either, if given."""
+    path = Path(path)
+    try:
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise Unreadable(f"{path} is a folder, {_logs_in(path)}")
+        if not stat.S_ISREG(status.st_mode):
+            raise Unreadable(f"{path} is not a plain file: name a log file.")
+        with path.open("rb") as file:
+            # Not to the end: a file of size 0 may never end (/proc), and one that is being recorded grows.
+            size = status.st_size if limit is None else min(status.st_size, limit)
+            content: bytes | mmap.mmap
+            if mapped and size >= MIN_MAPPED_BYTES:
+                content = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+            else:
+                content = file.read(size)
+        if content[:6] == b"\xfd7zXZ\x00":
+            content = _unpacked(content, path, limit)
+    except FileNotFoundError:
+        raise Unreadable(f"{path} does not exist: check the name.") from None
+    except MemoryError:
+        raise Unreadable(f"{path} does not fit into memory: cut it into shorter logs.") from None
+    except (OSError, ValueError) as error:
+        if isinstance(error, Unreadable):
+            raise
+        reason = getattr(error, "strerror", None) or error
+        raise Unreadable(f"{path} cannot be read ({reason}): check the name and its permissions.") from None
+    if not len(content):
+        raise Unreadable(f"{path} is empty: nothing was recorded.")
+    return content
+
+
+def _logs_in(folder: Path) -> str:
+    """The end of the sentence about a folder where a log is needed."""
+    logs = sorted(path for path in folder.iterdir() if path.name.lower().endswith(LOG_ENDINGS) and path.is_file())
+    if not logs:
+        return f"with no log in it: name a file that ends in {', '.join(LOG_ENDINGS[:-1])} or {LOG_ENDINGS[-1]}."
+    return f"with {len(logs)} log{'s' * (len(logs) > 1)} in it: name a file, such as {logs[0]}."
+
+
+def _unpacked(content: bytes | mmap.mmap, path: Path, limit: int | None) -> bytes:
+    """The first stream of an xz archive, or its first ``limit`` bytes; ``xz`` writes no second stream."""
+    # Unpacking itself may take 128 MiB; the strongest setting of xz takes half.
+    decompressor = lzma.LZMADecompressor(lzma.FORMAT_XZ, 1 << 27)
+    try:
+        unpacked = decompressor.decompress(content, MAX_UNPACKED_BYTES if limit is None else limit)
+    except lzma.LZMAError as error:
+        raise Unreadable(f"{path} is a damaged xz archive ({error}): save what can be with `xz -dc`.") from None
+    if limit is None and not decompressor.eof:
+        cut = len(unpacked) < MAX_UNPACKED_BYTES
+        why = "is cut off: save what can be" if cut else f"holds more than {MAX_UNPACKED_BYTES >> 20} MiB: unpack it"
+        raise Unreadable(f"{path} is an xz archive that {why} with `xz -dc`.")
+    return unpacked

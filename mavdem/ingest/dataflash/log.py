@@ -1,0 +1,179 @@
+"""DataFlash logs: what an ArduPilot autopilot writes on board, binary (.bin) or as text (.log).
+
+Read into MAVLink's messages and units (``translation``). All messages carry one clock: TimeUS, µs since boot, or TimeMS
+before ArduPilot 3.3. A log may contain several boots, appended.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Mapping, Sequence
+from math import isfinite
+
+import numpy as np
+
+from mavdem.errors import Unreadable
+from mavdem.ingest.contents import file_bytes
+from mavdem.ingest.dataflash.binary import read_binary
+from mavdem.ingest.dataflash.definitions import DataflashRecording, MessageTable, numbers
+from mavdem.ingest.dataflash.text import is_text, read_text
+from mavdem.ingest.dataflash.translation import GYROS, NEEDED, translated
+from mavdem.ingest.log import Log, listed, log_of_vehicles, repair_sentences
+from mavdem.ingest.mavlink.clocks import Sent, boot_clock
+from mavdem.ingest.mavlink.definitions import enum_name
+from mavdem.ingest.mavlink.framing import Progress
+from mavdem.ingest.telemetry import Columns, Telemetry, selected
+from mavdem.ingest.vocabulary import ARDUPILOT, AUTOPILOT_COMPONENT, UNNAMED
+
+CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}  # Fields with the time stamp and their units in a second
+EVENTS = ("EV", "ARM")  # Without a stamp, as before ArduCopter 3.4, they have the time of the message before them
+UNKNOWN, COPTER = 0, 2
+FIRMWARES = {"plane": 1, "copter": COPTER, "tracker": 5, "blimp": 7, "rover": 10, "sub": 12}
+"""MAV_TYPE by what follows "Ardu", "APM:" or "Antenna" in MSG ("ArduCopter V4.5.7", "APM:Copter V3.5")."""
+_FIRMWARE = re.compile(r"^(?:Ardu|APM:|Antenna)?(plane|copter|tracker|blimp|rover|sub)\b", re.IGNORECASE)
+_COPTER_VERSION = re.compile(r"^(?:Ardu|APM:)?copter V(\d+)\.(\d+)", re.IGNORECASE)
+FRAME_CLASSES = {0: 2, 1: 2, 2: 13, 3: 14, 4: 14, 5: 13, 6: 4, 7: 15, 8: 3, 9: 3, 10: 3, 11: 4, 12: 29, 13: 4, 14: 35}
+"""MAV_TYPE by FRAME_CLASS, as in ArduCopter's HEARTBEAT (``get_frame_mav_type``)."""
+FRAME_NAMES = {"QUAD": 2, "HEXA": 13, "Y6": 13, "OCTA": 14, "OCTAQUAD": 14, "OCTA_QUAD": 14, "TRI": 15, "HELI": 4}
+"""The same by the name in MSG: "Frame: QUAD/X"."""
+_FRAME = re.compile(r"^Frame: ([A-Z0-9_]+)")
+
+
+def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
+    """Reads a DataFlash log; a damaged one as far as possible.
+
+    The log has one vehicle. Its component counts the messages under DataFlash's names ("ATT"), the telemetry has them
+    under MAVLink's ("ATTITUDE"). Raises Unreadable: the file cannot be opened, or has no message of ArduPilot.
+    """
+    source = os.fspath(path)
+    content = file_bytes(path)
+    recording = read_text(content, progress) if is_text(content) else read_binary(content, progress)
+    logged = {message: numbers(recording.table(message)) for message in NEEDED}
+    imu = logged["IMU"]  # by far the most messages: only what is used of each is kept
+    gyros = {name: column for name, column in imu.columns.items() if name in (*CLOCKS, "I", *GYROS)}
+    tables, repairs = _on_boot_clock(logged | {"IMU": MessageTable(imu.place, gyros)})
+    if not any(len(columns["time"]) for columns in tables.values()):
+        raise Unreadable(_no_flight(source, recording))
+    parameters = _parameters(recording.table("PARM"))
+    texts = _texts(recording.table("MSG"), "Message")
+    kind, dropouts = _mav_type(texts, parameters), _dropouts(recording.table("DSF"))
+    made = translated(tables, kind, _copter_version(texts))
+    if recording.bytes_skipped:
+        repairs = (f"{recording.bytes_skipped} bytes that belong to no message were skipped.", *repairs)
+    system_ids = ("MAV_SYSID", "SYSID_THISMAV")  # from ArduPilot 4.7 on, and before
+    vehicle = Telemetry(
+        system=next((int(parameters[name]) for name in system_ids if 1 <= parameters.get(name, 0) <= 255), 1),
+        component=AUTOPILOT_COMPONENT,
+        vehicle=UNNAMED if kind == UNKNOWN else enum_name("MAV_TYPE", kind),
+        autopilot=enum_name("MAV_AUTOPILOT", ARDUPILOT),
+        messages=made.messages,
+        parameters=parameters,
+        source=source,
+        repairs=recording.repairs + repairs + made.notes + _lost(dropouts),
+        translated_from="DataFlash",
+        firmware=next((text.strip() for text in texts if _FIRMWARE.match(text)), ""),
+        dropouts=dropouts,
+        names=made.names,
+    )
+    frames = sum(recording.counts.values())
+    return log_of_vehicles((vehicle,), frames, recording.bytes_skipped, counts=recording.counts)
+
+
+def _on_boot_clock(tables: Mapping[str, MessageTable]) -> tuple[dict[str, Columns], tuple[str, ...]]:
+    """The tables with ``time`` (s) and ``boot`` beside their columns, and a sentence for each repair.
+
+    Tables without stamps, other than ``EVENTS``, are left out, and so are messages with an impossible stamp.
+    """
+    clocks = {name: field for name, table in tables.items() for field in CLOCKS if field in table.columns}
+    if not clocks:
+        return {}, ()
+    seconds = np.concatenate(
+        [np.asarray(tables[name].columns[field], dtype=np.float64) / CLOCKS[field] for name, field in clocks.items()]
+    )
+    # As a float, or in text, a damaged stamp may be anything.
+    impossible = ~((seconds >= 0) & (seconds <= 2.0**63 / 1e6))
+    seconds[impossible] = 0.0  # no stamp, to the boot clock
+    order = np.argsort(np.concatenate([tables[name].place for name in clocks]), kind="stable")
+    sent = Sent("the messages", np.arange(len(order)), seconds[order].copy)
+    clock = boot_clock([sent])
+    time, boot = np.empty(len(order)), np.empty(len(order), dtype=np.int64)
+    time[order], boot[order] = clock.placed[sent.message].time, clock.placed[sent.message].boot
+    placed: dict[str, Columns] = {}
+    first = 0
+    for name in clocks:
+        rows = slice(first, first + len(tables[name].place))
+        first = rows.stop
+        # A message whose stamp was ignored has the time of the one before it: it is not to be trusted either.
+        kept = time[rows] == seconds[rows]
+        placed[name] = selected({**tables[name].columns, "time": time[rows], "boot": boot[rows]}, kept)
+    stamped = np.concatenate([tables[name].place for name in clocks])[order]
+    for name in EVENTS:
+        if name not in clocks and len(tables[name].place):
+            before = order[np.maximum(np.searchsorted(stamped, tables[name].place) - 1, 0)]
+            placed[name] = {**tables[name].columns, "time": time[before], "boot": boot[before]}
+    lost = int(np.count_nonzero(impossible))
+    left_out = (f"{lost} messages with an impossible time stamp were left out.",) if lost else ()
+    return placed, (*left_out, *clock.repairs)
+
+
+def _parameters(logged: MessageTable) -> dict[str, float]:
+    """The last finite value of each parameter by name, from PARM."""
+    values, names = numbers(logged).columns.get("Value"), _texts(logged, "Name")
+    if values is None or len(names) != len(values):
+        return {}
+    pairs = zip(names, values.astype(float).tolist(), strict=True)
+    return {name: value for name, value in pairs if isfinite(value)}
+
+
+def _texts(logged: MessageTable, field: str) -> list[str]:
+    """The texts of one field; empty where it is missing."""
+    values = logged.columns.get(field, logged.place[:0]).tolist()
+    return [value.split(b"\0", 1)[0].decode("utf-8", errors="replace") for value in values if isinstance(value, bytes)]
+
+
+def _dropouts(logged: MessageTable) -> int:
+    """Messages that the logger had no room for while it wrote this log, by DSF's running count, new with each boot."""
+    counts = numbers(logged).columns.get("Dp", np.zeros(0)).astype(np.float64)
+    return int(np.nansum(np.maximum(np.diff(counts), 0)))
+
+
+def _lost(dropouts: int) -> tuple[str, ...]:
+    return repair_sentences((dropouts, f"The logger had no room for {dropouts} messages (DSF): they are missing."))
+
+
+def _mav_type(texts: Sequence[str], parameters: Mapping[str, float]) -> int:
+    """The vehicle's MAV_TYPE, from the texts of MSG and its parameters; ``UNKNOWN`` (GENERIC) where neither has it."""
+    firmwares = [found[1].lower() for text in texts if (found := _FIRMWARE.match(text))]
+    only_copters = {"FRAME_CLASS", "ATC_RAT_RLL_P"}  # no other ArduPilot vehicle has both
+    kind = FIRMWARES[firmwares[0]] if firmwares else COPTER if only_copters <= parameters.keys() else UNKNOWN
+    if kind != COPTER:
+        return kind
+    multirotor = 43  # MAV_TYPE_GENERIC_MULTIROTOR, where the number of motors is not known
+    if "FRAME_CLASS" in parameters:
+        return FRAME_CLASSES.get(int(parameters["FRAME_CLASS"]), multirotor)
+    frames = [found[1] for text in texts if (found := _FRAME.match(text))]
+    return FRAME_NAMES.get(frames[0], multirotor) if frames else multirotor
+
+
+def _copter_version(texts: Sequence[str]) -> tuple[int, int] | None:
+    """Major and minor version of ArduCopter from MSG ("ArduCopter V4.5.7"); None for other firmware."""
+    found = [version for text in texts if (version := _COPTER_VERSION.match(text))]
+    return (int(found[0][1]), int(found[0][2])) if found else None
+
+
+def _no_flight(source: str, recording: DataflashRecording) -> str:
+    counts = recording.counts
+    if not counts:
+        return f"{source} contains no DataFlash messages: name an ArduPilot log (.bin or .log)."
+    if "ATT" in counts and "TIME" in counts:
+        return f"{source} is a log of PX4's sdlog2, which this version does not read: PX4 1.5 and later write ULog."
+    if "ATT" in counts and not any(clock in recording.table("ATT").columns for clock in CLOCKS):
+        return (
+            f"{source} is a DataFlash log without time stamps, as ArduCopter before 3.2 wrote them: give a later "
+            "version's."
+        )
+    return (
+        f"{source} is a DataFlash log, but has no attitude (ATT), motors (RCOU) or events (EV) on a boot clock: it "
+        f"holds {listed(counts)}, so name a log of a flight, or a whole copy of this one."
+    )

@@ -1,0 +1,309 @@
+"""DataFlash's messages in MAVLink's vocabulary.
+
+Fields and units: https://ardupilot.org/copter/docs/logmessages.html, from ArduPilot's ``LogStructure.h`` files.
+
+| MAVLink | DataFlash |
+|---|---|
+| ATTITUDE roll, pitch, yaw (rad) | ATT or, where faster (ArduPilot 4.7), ANG: Roll, Pitch, Yaw (°, yaw 0 to 360) |
+| ATTITUDE rollspeed, pitchspeed, yawspeed (rad/s) | RATE R, P, Y (°/s), or IMU GyrX, GyrY, GyrZ of instance 0 (rad/s) |
+| SERVO_OUTPUT_RAW servo1_raw to servo16_raw (µs) | RCOU C1 to C14 (Ch1 or Chan1 in old logs) |
+| ACTUATOR_CONTROL_TARGET controls of group 0 | RATE ROut, POut, YOut (-1 to 1), AOut (0 to 1): what goes to the mixer |
+| LOCAL_POSITION_NED | XKF1 or NKF1 PN, PE, PD (m), VN, VE, VD (m/s) of the core that is primary (XKF4 PI) |
+| VFR_HUD climb (m/s) | CTUN CRt (cm/s) |
+| HEARTBEAT base_mode, EXTENDED_SYS_STATE landed_state | EV, ARM, at each change and once a second |
+
+RATE has the rates that MAVLink's ATTITUDE sends, filtered and without the gyro bias that the estimator finds. IMU has
+the bias still, and is used only where RATE was logged slower than both it and the angles, or not at all.
+
+ArduCopter before 3.4 called RATE's columns otherwise for a time, and logged them in centidegrees/s, the demands as
+-4500 to 4500, and AOut as 0 to 1000. ``Translation.notes`` say where that was found.
+
+EV's ids are ``LogEvent`` in ArduPilot's ``libraries/AP_Logger/AP_Logger.h``. A log may begin after take-off, so an
+event also gives the state before it. Where that is not the state after the event before, one between them was not
+logged, and the landed state is undefined, as it is after the last. A boot without events has neither message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.ingest.telemetry import Columns, joined, rows_by, selected
+from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, IN_AIR, ON_GROUND, heartbeat_fields
+
+ANGLES, GYROS = ("Roll", "Pitch", "Yaw"), ("GyrX", "GyrY", "GyrZ")
+RATES = (("R", "P", "Y"), ("Rll", "Pit", "Yaw"))
+DEMANDS = (("ROut", "POut", "YOut"), ("RllOut", "PitOut", "YawOut"))
+"""RATE's columns by their names, and by those of ArduCopter 3.3 before its release."""
+NEEDED = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
+"""DataFlash's messages that are translated."""
+SLOWER_SHARE = 0.9  # A message is slower than another when it has fewer than this share of the other's number
+IN_DEGREES = (3, 4)  # The first version of ArduCopter whose releases log RATE in degrees/s
+CENTIDEGREES = (15.0, 400.0)
+"""RATE, taken for degrees/s, over the gyro: the range in which it is in centidegrees/s. RATE may be filtered where the
+gyro is not, so that it is less than 100 times as much."""
+MOVING_RATE, MIN_MOVING = 0.1, 20  # rad/s of the gyro from which a sample counts, and the samples that decide
+MAX_DEMAND = 2.0  # Demands of the range -1 to 1 lie below it, but for damaged ones
+OLD_DEMAND, OLD_THRUST = 4500.0, 1000.0  # Full demand and full thrust where they are not 1
+ARMED_EVENTS = {10: (0, ARMED), 15: (ARMED, ARMED), 11: (ARMED, 0)}
+"""base_mode before and after ARMED, AUTO_ARMED and DISARMED."""
+LANDED_EVENTS = {28: (ON_GROUND, IN_AIR), 18: (IN_AIR, ON_GROUND)}
+"""landed_state before and after NOT_LANDED and LAND_COMPLETE."""
+ARM_STATES = {0: (ARMED, 0), 1: (0, ARMED)}  # base_mode before and after ARM with this ArmState
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Translation:
+    """MAVLink's ``messages`` by name, the name of each in the log (``names``), and a sentence for each oddity."""
+
+    messages: dict[str, Columns]
+    names: Mapping[str, str]
+    notes: tuple[str, ...]
+
+
+def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int] | None = None) -> Translation:
+    """MAVLink's messages, of DataFlash's (``tables``, one at least); one without logged data is left out.
+
+    ``kind`` is the vehicle's MAV_TYPE, for HEARTBEAT; ``version`` that of ArduCopter, None for others.
+    """
+    attitude, named, notes = _attitude(tables, version)
+    demands, scaled = _demands(tables)
+    position, positioned = _position(tables)
+    messages = {
+        "ATTITUDE": attitude,
+        "SERVO_OUTPUT_RAW": _servos(tables),
+        "ACTUATOR_CONTROL_TARGET": demands,
+        "LOCAL_POSITION_NED": position,
+        "VFR_HUD": _climb(tables),
+        "HEARTBEAT": _heartbeats(tables, kind),
+        "EXTENDED_SYS_STATE": _landed_states(tables),
+    }
+    names = {"ATTITUDE": named, "SERVO_OUTPUT_RAW": "RCOU", "ACTUATOR_CONTROL_TARGET": "RATE", "VFR_HUD": "CTUN"}
+    names["LOCAL_POSITION_NED"] = positioned
+    there = {name: columns for name, columns in messages.items() if columns is not None and len(columns["time"])}
+    return Translation(there, names, (*notes, *scaled))
+
+
+def _attitude(
+    tables: Mapping[str, Columns], version: tuple[int, int] | None
+) -> tuple[Columns | None, str, tuple[str, ...]]:
+    """At the stamps of the slower of angles and rates, so that neither is interpolated from too few samples.
+
+    With the name of the slower message, and what is odd about RATE.
+    """
+    named = max(("ATT", "ANG"), key=lambda name: _count(_having(tables, name, ANGLES)))
+    angles, gyros = _having(tables, named, ANGLES), _instance(_having(tables, "IMU", GYROS), "I", 0)
+    columns = next((names for names in RATES if _having(tables, "RATE", names) is not None), RATES[0])
+    rates = _having(tables, "RATE", columns)
+    if angles is None or (rates is None and gyros is None):
+        return None, named, ()
+    angles_rad = np.radians(_values(angles, ANGLES))
+    notes: tuple[str, ...] = ()
+    if rates is None or (_count(rates) < SLOWER_SHARE * _count(angles) and _count(rates) < _count(gyros)):
+        assert gyros is not None
+        rates, speeds, source = gyros, _values(gyros, GYROS), "IMU"
+    else:
+        speeds, source = np.radians(_values(rates, columns)), "RATE"
+        if because := _in_centidegrees(rates, speeds, gyros, version):
+            speeds = speeds / 100
+            notes = (f"RATE is in centidegrees/s, {because}: its rates were divided by 100.",)
+    base, named = (rates, source) if _count(rates) < SLOWER_SHARE * _count(angles) else (angles, named)
+    angles_rad, speeds = _onto(base, angles, angles_rad, turning=True), _onto(base, rates, speeds)
+    # To one turn about zero, as MAVLink has it.
+    angles_rad = np.where(np.abs(angles_rad) > np.pi, np.remainder(angles_rad + np.pi, 2 * np.pi) - np.pi, angles_rad)
+    fields = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
+    turned = dict(zip(fields, np.hstack([angles_rad, speeds]).T, strict=True))
+    return _stamped(base, "time_boot_ms", turned), named, notes
+
+
+def _in_centidegrees(rates: Columns, speeds: Values, gyros: Columns | None, version: tuple[int, int] | None) -> str:
+    """Why ``speeds`` (N, 3), degrees turned to radians, were centidegrees: by the gyro while it turns, else by version.
+
+    Empty where they were degrees.
+    """
+    if gyros is not None:
+        turning = np.linalg.norm(_onto(rates, gyros, _values(gyros, GYROS)), axis=1)
+        moving = turning > MOVING_RATE
+        if np.count_nonzero(moving) >= MIN_MOVING:
+            ratio = float(np.median(np.linalg.norm(speeds[moving], axis=1) / turning[moving]))
+            low, high = CENTIDEGREES
+            return f"{ratio:.0f} times the gyro's rate in IMU" if low < ratio < high else ""
+    if version is not None and version < IN_DEGREES:
+        return f"as ArduCopter {version[0]}.{version[1]} logs it"
+    return ""
+
+
+def _servos(tables: Mapping[str, Columns]) -> Columns | None:
+    logged = tables.get("RCOU", {})
+    fields = {n: field for n in range(1, 17) for field in (f"C{n}", f"Ch{n}", f"Chan{n}") if field in logged}
+    if not fields:
+        return None
+    none = np.zeros(len(logged["time"]))
+    outputs = {"port": none.astype(np.uint8)}
+    for n in range(1, 17):
+        pulses = np.nan_to_num(np.asarray(logged[fields[n]], dtype=np.float64) if n in fields else none)
+        outputs[f"servo{n}_raw"] = np.clip(pulses, 0, np.iinfo(np.uint16).max).astype(np.uint16)
+    return _stamped(logged, "time_usec", outputs)
+
+
+def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[str, ...]]:
+    """The demands, −1 to 1, and thrust, 0 to 1 (NaN where RATE has none); and a note where they were scaled."""
+    logged, fields = next(
+        ((found, names) for names in DEMANDS if (found := _having(tables, "RATE", names)) is not None), (None, ())
+    )
+    if logged is None:
+        return None, ()
+    controls = np.pad(_values(logged, fields), ((0, 0), (0, 8 - len(fields))))
+    thrust = _having(tables, "RATE", ("AOut",))
+    controls[:, 3] = np.nan if thrust is None else thrust["AOut"]
+    notes: tuple[str, ...] = ()
+    demanded = np.abs(controls[:, :3])
+    demanded = demanded[demanded > 0]
+    if len(demanded) and np.percentile(demanded, 75) > MAX_DEMAND:
+        controls[:, :3] /= OLD_DEMAND
+        controls[:, 3] /= OLD_THRUST
+        notes = (f"RATE's demands are outside the range -1 to 1: they were divided by {OLD_DEMAND:.0f}.",)
+    group = np.zeros(len(controls), dtype=np.uint8)
+    return _stamped(logged, "time_usec", {"group_mlx": group, "controls": controls}), notes
+
+
+def _position(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
+    """With the name of its message."""
+    fields = {"x": "PN", "y": "PE", "z": "PD", "vx": "VN", "vy": "VE", "vz": "VD"}
+    chosen = tables.get("XKF4", {}).get("PI", np.zeros(0))
+    cores, times = np.unique(chosen[chosen >= 0], return_counts=True)
+    primary = float(cores[times.argmax()]) if len(cores) else 0
+    for name, core in (("XKF1", primary), ("NKF1", 0)):
+        logged = _instance(_having(tables, name, tuple(fields.values())), "C", core)
+        if logged is not None:
+            return _stamped(logged, "time_boot_ms", {ours: logged[theirs] for ours, theirs in fields.items()}), name
+    return None, "XKF1"
+
+
+def _climb(tables: Mapping[str, Columns]) -> Columns | None:
+    logged = _having(tables, "CTUN", ("CRt",))
+    return None if logged is None else _stamped(logged, "", {"climb": _values(logged, ("CRt",))[:, 0] / 100})
+
+
+def _having(tables: Mapping[str, Columns], name: str, fields: tuple[str, ...]) -> Columns | None:
+    """The messages of that name; None where there are none, or one of the fields is not there as numbers."""
+    columns = tables.get(name, {})
+    if not all(field in columns and columns[field].dtype.kind in "iuf" for field in fields):
+        return None
+    return columns if len(columns["time"]) else None
+
+
+def _instance(columns: Columns | None, field: str, number: float) -> Columns | None:
+    """Those of one instance (sensor, core); all where the messages have no instances."""
+    if columns is None or field not in columns:
+        return columns
+    rows = columns[field] == number
+    return selected(columns, rows) if rows.any() else None
+
+
+def _count(columns: Columns | None) -> int:
+    return 0 if columns is None else len(columns["time"])
+
+
+def _values(columns: Columns, fields: tuple[str, ...]) -> Values:
+    """The fields as columns (N, k); NaN where not finite."""
+    values = np.column_stack([np.asarray(columns[field], dtype=np.float64) for field in fields])
+    values[~np.isfinite(values)] = np.nan
+    return values
+
+
+def _stamped(logged: Columns, stamp: str, fields: Mapping[str, NDArray[Any]]) -> Columns:
+    """A message's columns at the logged stamps, with the field ``stamp`` as MAVLink sends it."""
+    time = logged["time"]
+    if stamp == "time_boot_ms":
+        fields = {stamp: (np.rint(time * 1e3) % 2**32).astype(np.uint32), **fields}  # as the counter wraps
+    elif stamp:
+        fields = {stamp: np.rint(time * 1e6).astype(np.uint64), **fields}
+    return {"time": time, "boot": logged["boot"], **fields}
+
+
+def _onto(base: Columns, source: Columns, values: Values, turning: bool = False) -> Values:
+    """Columns of ``values`` (N, k), of ``source``, at the stamps of ``base``; NaN before, after and inside gaps.
+
+    Linear between the neighbours, across a full turn where ``turning``; exact at a stamp that both have.
+    """
+    if base is source:
+        return values
+    moved = np.full((len(base["time"]), values.shape[1]), np.nan)
+    finite = np.asarray(np.isfinite(values).all(axis=1))
+    sources = rows_by(source["boot"])
+    for boot, here in rows_by(base["boot"]).items():
+        there = sources.get(boot, here[:0])
+        there = there[finite[there]]
+        time, first = np.unique(source["time"][there], return_index=True)
+        if not len(time):
+            continue
+        known = values[there[first]]
+        if turning:
+            known = np.unwrap(known, axis=0)
+        at = base["time"][here]
+        before = np.clip(np.searchsorted(time, at, side="right") - 1, 0, len(time) - 1)
+        after = np.clip(np.searchsorted(time, at), 0, len(time) - 1)
+        longest = 3 * float(np.median(np.diff(time))) if len(time) > 1 else 0.0  # a longer step is a gap
+        sure = (time[before] <= at) & (at <= time[after]) & (time[after] - time[before] <= longest)
+        table = np.column_stack([np.interp(at, time, column) for column in known.T])
+        moved[here] = np.where(sure[:, None], table, np.nan)
+    return moved
+
+
+def _heartbeats(tables: Mapping[str, Columns], kind: int) -> Columns:
+    """HEARTBEAT of a vehicle of MAV_TYPE ``kind``; of ``base_mode`` only the armed flag."""
+    changes = [_changes(tables, "EV", "Id", ARMED_EVENTS), _changes(tables, "ARM", "ArmState", ARM_STATES)]
+    time, boot, state = _each_second(tables, np.concatenate(changes))
+    return {"time": time, "boot": boot, **heartbeat_fields(kind, ARDUPILOT, state)}
+
+
+def _landed_states(tables: Mapping[str, Columns]) -> Columns:
+    """EXTENDED_SYS_STATE: on the ground, in the air, or undefined; without take-off and landing."""
+    time, boot, state = _each_second(tables, _changes(tables, "EV", "Id", LANDED_EVENTS), undefined=True)
+    return {"time": time, "boot": boot, "vtol_state": np.zeros_like(state), "landed_state": state}
+
+
+def _changes(tables: Mapping[str, Columns], name: str, field: str, states: Mapping[int, tuple[int, int]]) -> Values:
+    """Boot, time, state before and state after each event (N, 4)."""
+    logged = tables.get(name, {})
+    if field not in logged:
+        return np.zeros((0, 4))
+    rows = zip(logged["boot"].tolist(), logged["time"].tolist(), logged[field].tolist(), strict=True)
+    return np.array([(boot, time, *states[value]) for boot, time, value in rows if value in states]).reshape(-1, 4)
+
+
+def _each_second(
+    tables: Mapping[str, Columns], changes: Values, undefined: bool = False
+) -> tuple[Values, NDArray[np.int64], NDArray[np.uint8]]:
+    """Time, boot and state at each change and at the first message of each second of a boot that has changes.
+
+    At messages, because between two of them the clock may jump a year. With ``undefined``, the state is 0 between
+    changes that contradict each other, up to a second before the second, and after the last.
+    """
+    parts = [np.zeros((0, 3))]
+    logged = joined([{"time": columns["time"], "boot": columns["boot"]} for columns in tables.values()])
+    rows_of_boot = rows_by(logged["boot"]) if len(changes) else {}
+    for boot, rows in rows_by(changes[:, 0].astype(np.int64)).items():
+        own = changes[rows]
+        own = own[np.argsort(own[:, 1], kind="stable")]
+        times = np.unique(logged["time"][rows_of_boot[boot]])
+        _, first = np.unique(np.floor(times), return_index=True)
+        time = np.union1d(times[first], own[:, 1])
+        last = np.searchsorted(own[:, 1], time, side="right") - 1
+        state = np.where(last < 0, own[0, 2], own[np.maximum(last, 0), 3])
+        if undefined:
+            agree = np.append(own[:-1, 3] == own[1:, 2], False)
+            unsure = (last >= 0) & (time > own[last, 1]) & ~agree[last]
+            following = own[np.minimum(last + 1, len(own) - 1)]
+            soon = (following[:, 1] > time) & (following[:, 1] <= time + 1.0)
+            state[unsure] = np.where(soon, following[:, 2], 0)[unsure]
+        parts.append(np.column_stack([np.full(len(time), boot), time, state]))
+    table = np.concatenate(parts)
+    return table[:, 1], table[:, 0].astype(np.int64), table[:, 2].astype(np.uint8)

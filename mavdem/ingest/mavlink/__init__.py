@@ -1,0 +1,1 @@
+"""MAVLink: frames, message definitions, the boot clock, and the messages of each component."""

@@ -1,0 +1,290 @@
+"""The boot clock: one time axis for everything a component sent, from the stamps inside its messages.
+
+Stamps come as ``time_boot_ms`` (uint32 milliseconds), ``time_usec`` (uint32 microseconds in SERVO_OUTPUT_RAW, which
+wraps every 71.6 minutes, uint64 elsewhere) and ``time_boot_us``. One message type is the reference. Its own stamps show
+reboots and outliers; all other stamps are compared with it, which undoes their wraps and moves them to its epoch. A
+``time_usec`` may also be UNIX time: a type whose stamps lie on another epoch is moved as a whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from mavdem.ingest.mavlink.outlier_stamps import (
+    MIN_RESET_STAMPS,
+    Boots,
+    Places,
+    Rows,
+    Times,
+    before_lower,
+    outliers,
+    without,
+)
+
+REFERENCES = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "GLOBAL_POSITION_INT", "SYSTEM_TIME")
+"""Stamped by the autopilot itself, often: the first of these that was sent is the reference."""
+WRAP_GAP = 60.0  # Longest silence, s, across which a 32-bit reference clock counts as wrapped, not as restarted
+STEP_BACK = 1.0  # Seconds by which a clock falls when it was reset; less is reordering
+BOOT_SLACK = 30.0  # Seconds that a clock may show after a reboot beyond the time that passed at the receiver
+OTHER_EPOCH = 10.0  # Median offset, s, of a type's stamps from the reference above which they are of another clock
+BATCH = 1 << 16  # Messages placed together: bounds the memory of intermediate arrays
+
+
+@dataclass(frozen=True, eq=False)
+class Sent:
+    """The messages of one type: ``places`` (n,) in the stream, ascending, and a function for their stamps, if any.
+
+    ``stamps`` returns (n,) s, zero for none, in an array of its own. ``period``, s, is where the counter wraps;
+    infinite for 64-bit counters.
+    """
+
+    message: str
+    places: Places
+    stamps: Callable[[], Times] | None = None
+    period: float = np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedStamps:
+    """``time`` (n,) s and ``boot`` (n,) of each message of one type."""
+
+    time: Times
+    boot: Boots
+
+
+@dataclass(frozen=True, eq=False)
+class BootClock:
+    """The messages of each type on the boot clock, by name, and a sentence for each repair.
+
+    Messages before the first stamp have the first stamp; without any stamp all times are NaN.
+    """
+
+    placed: Mapping[str, PlacedStamps]
+    repairs: tuple[str, ...]
+
+
+def boot_clock(sent: Sequence[Sent], received: Callable[[Places], Times] | None = None) -> BootClock:
+    """Places each of a component's messages on its boot clock.
+
+    Stamps are read one type at a time: those of all types of a long log take much memory. ``received`` returns when the
+    messages at the places (n,) were received, s of the receiver's clock; NaN where that is not known.
+    """
+    chosen = _reference(sent)
+    if chosen is None:
+        return BootClock({kind.message: _unplaced(kind, np.dtype(np.uint8)) for kind in sent}, ())
+    stamps = _stamps(chosen)
+    receive_times = np.full(len(stamps.places), np.nan) if received is None else received(stamps.places)
+    reference, repairs = _placed_alone(stamps, receive_times)
+    placed = {}
+    for kind in sent:
+        placed[kind.message] = _unplaced(kind, reference.boot.dtype)
+        stamps, own = _stamps(kind), reference
+        if kind is not chosen and len(stamps.places):
+            own, repair = _placed_against(reference, stamps)
+            repairs += repair
+        if len(stamps.places) and len(own.places):
+            rows = _last_at(kind.places, stamps.places)
+            # A message whose stamp was ignored repeats the last time of its type: that of another type would look like
+            # a time at which it was sent.
+            at = _last_at(own.places, stamps.places)
+            placed[kind.message].time[rows], placed[kind.message].boot[rows] = own.time[at], own.boot[at]
+    _fill(sent, placed)
+    return BootClock(placed, tuple(repairs))
+
+
+@dataclass(frozen=True, eq=False)
+class _Stamps:
+    """The stamps of one message type: ``places`` (n,) in the stream, ``seconds`` (n,)."""
+
+    message: str
+    places: Places
+    seconds: Times
+    period: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Kept:
+    """Messages of one type on the boot clock, without outliers."""
+
+    places: Places
+    time: Times
+    boot: Boots
+
+
+def _stamps(kind: Sent) -> _Stamps:
+    seconds = np.empty(0) if kind.stamps is None else kind.stamps()
+    places = kind.places[: len(seconds)]
+    there = seconds > 0
+    if not there.all():
+        places, seconds = places[there], seconds[there]
+    return _Stamps(kind.message, places, seconds, kind.period)
+
+
+def _reference(sent: Sequence[Sent]) -> Sent | None:
+    stamped = {kind.message: kind for kind in sent if kind.stamps is not None}
+    for message in REFERENCES:
+        if message in stamped and len(_stamps(stamped[message]).places) >= 3:
+            return stamped[message]
+    counts = {message: len(_stamps(kind).places) for message, kind in stamped.items()}
+    some = [kind for message, kind in stamped.items() if counts[message]]
+    return max(some, key=lambda kind: (np.isfinite(kind.period), counts[kind.message]), default=None)
+
+
+def _unplaced(kind: Sent, boot: np.dtype[Any]) -> PlacedStamps:
+    return PlacedStamps(np.full(len(kind.places), np.nan), np.zeros(len(kind.places), dtype=boot))
+
+
+def _last_at(places: Places, wanted: Places) -> Rows | slice:
+    """The row of the last of ``places`` at or before each wanted one, else the first; one contains all of the other."""
+    if len(places) == len(wanted):
+        return slice(None)
+    return np.asarray(np.maximum(np.searchsorted(places, wanted, side="right") - 1, 0))
+
+
+def _fill(sent: Sequence[Sent], placed: Mapping[str, PlacedStamps]) -> None:
+    """Gives each message without a time that of the last message before it, of any type, or else the first time."""
+    kinds = [(kind.places, placed[kind.message]) for kind in sent]
+    known = [int(np.argmin(np.isnan(own.time))) for _, own in kinds]
+    firsts = [
+        (int(places[row]), own.time[row], own.boot[row])
+        for (places, own), row in zip(kinds, known, strict=True)
+        if not np.isnan(own.time[row])
+    ]
+    if not firsts:
+        return
+    _, time, boot = min(firsts)
+    first, last = min(int(places[0]) for places, _ in kinds), max(int(places[-1]) for places, _ in kinds)
+    pieces = 1 + sum(len(places) for places, _ in kinds) // BATCH
+    edges = np.linspace(first, last + 1, pieces + 1).astype(np.int64)
+    bounds = [np.searchsorted(places, edges.astype(places.dtype)).tolist() for places, _ in kinds]
+    for piece in range(pieces):
+        parts = [
+            (places[rows], PlacedStamps(own.time[rows], own.boot[rows]))
+            for (places, own), ends in zip(kinds, bounds, strict=True)
+            if len(places[rows := slice(ends[piece], ends[piece + 1])])
+        ]
+        if not parts:
+            continue
+        order = np.argsort(np.concatenate([places for places, _ in parts]), kind="stable")
+        times = np.concatenate([[time], np.concatenate([own.time for _, own in parts])[order]])
+        boots = np.concatenate([[boot], np.concatenate([own.boot for _, own in parts])[order]])
+        latest = np.maximum.accumulate(np.where(np.isnan(times), 0, np.arange(len(times))))
+        time, boot = times[latest[-1]], boots[latest[-1]]
+        back = np.empty(len(order), dtype=np.int64)
+        back[order] = latest[1:]
+        for places, own in parts:
+            at, back = back[: len(places)], back[len(places) :]
+            own.time[:], own.boot[:] = times[at], boots[at]
+
+
+def _placed_alone(stamps: _Stamps, received: Times) -> tuple[_Kept, list[str]]:
+    """The reference, by its own stamps: without outliers, wraps undone, reboots counted."""
+    outlier = outliers(stamps.seconds)
+    places, raw, received = without(outlier, stamps.places, stamps.seconds, received)
+    wraps = 1 + np.flatnonzero((np.diff(raw) < 0) & (np.diff(raw) + stamps.period <= WRAP_GAP))
+    turns = np.zeros(len(raw), dtype=np.int64)
+    turns[wraps] = 1
+    turns = np.cumsum(turns)
+    time = raw + stamps.period * turns if len(wraps) else raw
+    reboots = _reboots(time, raw, received)
+    boot = np.zeros(len(places), dtype=np.min_scalar_type(len(reboots)))
+    boot[reboots] = 1
+    boot = np.cumsum(boot, dtype=boot.dtype)
+    if len(wraps):
+        time = raw + stamps.period * (turns - turns[np.concatenate([[0], reboots])][boot])
+    late = before_lower(time, boot)
+    repairs = _ignored(stamps.message, int(np.count_nonzero(outlier) + np.count_nonzero(late)))
+    if len(wraps):
+        repairs.append(f"The clock of {stamps.message} wraps every {stamps.period / 60:.1f} min; undone.")
+    if len(reboots):
+        at = time[reboots[0] - 1]
+        times = "once," if len(reboots) == 1 else f"{len(reboots)} times, first"
+        repairs.append(f"The vehicle rebooted {times} when its clock read {at:.1f} s.")
+    return _Kept(*without(late, places, time, boot)), repairs
+
+
+def _ignored(message: str, stamps: int) -> list[str]:
+    if stamps == 1:
+        return [f"1 time stamp of {message} far off its neighbours was ignored."]
+    return [f"{stamps} time stamps of {message} far off their neighbours were ignored."] if stamps else []
+
+
+def _reboots(time: Times, raw: Times, received: Times) -> Rows:
+    """Rows at which the clock restarted: it fell, stays low, and shows no more than the time that has passed since."""
+    ahead = maximum_filter1d(time, MIN_RESET_STAMPS, origin=-(MIN_RESET_STAMPS // 2), mode="nearest")
+    gaps = np.abs(np.diff(received, prepend=np.nan))
+    passed = float(np.nansum(gaps))
+    speed = max(float(np.clip(np.diff(time), 0, None).sum()) / passed, 1.0) if passed > 0 else 1.0
+    reboots, peak = [], -np.inf
+    for begin in range(0, len(time), BATCH):
+        rows = slice(begin, begin + BATCH)
+        peaks = np.maximum.accumulate(np.concatenate([[peak], time[rows]]))
+        if not (ahead[rows] < peaks[:-1] - STEP_BACK).any():
+            peak = peaks[-1]
+            continue
+        gap = gaps[rows]
+        most = np.where(gap > 0, BOOT_SLACK + 2 * speed * gap, BOOT_SLACK if passed > 0 else np.inf)
+        possible = (raw[rows] <= most) | np.isnan(gap)
+        batch = zip(time[rows].tolist(), ahead[rows].tolist(), possible.tolist(), strict=True)
+        for row, (now, highest_ahead, may_be) in enumerate(batch, begin):
+            if highest_ahead < peak - STEP_BACK and may_be:
+                reboots.append(row)
+                peak = now
+            peak = max(peak, now)
+    return np.array(reboots, dtype=np.int64)
+
+
+def _placed_against(reference: _Kept, stamps: _Stamps) -> tuple[_Kept, list[str]]:
+    """Another type, compared with the reference's stamps before and after each of its messages."""
+    time, off = np.empty(len(stamps.places)), np.empty(len(stamps.places))
+    boot = np.empty(len(stamps.places), dtype=reference.boot.dtype)
+    for begin in range(0, len(time), BATCH):
+        rows = slice(begin, begin + BATCH)
+        part = _Stamps(stamps.message, stamps.places[rows], stamps.seconds[rows], stamps.period)
+        time[rows], off[rows], boot[rows] = _read_against(reference, part)
+    wrapped = np.isfinite(stamps.period) and bool((np.abs(time - stamps.seconds) > stamps.period / 2).any())
+    inside = slice(*np.searchsorted(stamps.places, reference.places[[0, -1]], side="right").tolist())
+    typical = float(np.median(off[inside] if inside.start < inside.stop else off))
+    repairs = []
+    if abs(typical) > OTHER_EPOCH:
+        for number in np.unique(boot):
+            of_boot = boot == number
+            shift = np.median(off[of_boot])
+            time[of_boot] -= shift
+            off[of_boot] -= shift
+        repairs.append(
+            f"The time stamps of {stamps.message} are of another clock, {typical:.6g} s away; "
+            "they were moved to the boot clock."
+        )
+    elif wrapped:
+        repairs.append(f"The clock of {stamps.message} wraps every {stamps.period / 60:.1f} min; undone.")
+    outlier = outliers(off)
+    repairs += _ignored(stamps.message, int(np.count_nonzero(outlier)))
+    return _Kept(*without(outlier, stamps.places, time, boot)), repairs
+
+
+def _read_against(reference: _Kept, stamps: _Stamps) -> tuple[Times, Times, Boots]:
+    """The time of each stamp, its offset from the interval of the reference's stamps around it, and its boot."""
+    following = np.searchsorted(reference.places, stamps.places)
+    before = np.maximum(following - 1, 0)
+    after = np.minimum(following, len(reference.places) - 1)
+    earlier, later = reference.time[before], reference.time[after]
+    same_boot = reference.boot[before] == reference.boot[after]
+    by_earlier, by_later = _unwrapped(stamps, earlier), _unwrapped(stamps, later)
+    off_earlier = by_earlier - np.where(same_boot, np.clip(by_earlier, earlier, later), earlier)
+    off_later = by_later - np.where(same_boot, np.clip(by_later, earlier, later), later)
+    first = np.abs(off_earlier) <= np.abs(off_later)
+    boot = np.where(first, reference.boot[before], reference.boot[after])
+    return np.where(first, by_earlier, by_later), np.where(first, off_earlier, off_later), boot
+
+
+def _unwrapped(stamps: _Stamps, near: Times) -> Times:
+    """The stamps plus whole periods, so that each is nearest to the time ``near`` for it."""
+    if not np.isfinite(stamps.period):
+        return stamps.seconds
+    return stamps.seconds + stamps.period * np.round((near - stamps.seconds) / stamps.period)

@@ -1,0 +1,140 @@
+"""Message definitions of pymavlink's ``all`` dialect, and payloads as columns.
+
+That dialect joins ``ardupilotmega`` with ``common``, ``development`` and the others whose ids do not collide, so that
+it has PX4's newer messages too. Field order on the wire, truncation and extensions:
+https://mavlink.io/en/guide/serialization.html.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from math import isfinite
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import all as dialect
+
+from mavdem.ingest.mavlink.checksum import Bytes, rows_of
+from mavdem.ingest.mavlink.framing import HEADER, HEADER_1, MARKER_1
+from mavdem.ingest.telemetry import Columns
+
+BATCH = 1 << 14  # Messages decoded together: few enough to stay in the processor's cache
+
+WIRE_TYPES = {"char": "S1", "float": "<f4", "double": "<f8"}
+WIRE_TYPES |= {f"{sign}int{8 * size}_t": f"<{sign or 'i'}{size}" for sign in ("", "u") for size in (1, 2, 4, 8)}
+INTEGER_TYPES = {1: "<u1", 2: "<i1", 3: "<u2", 4: "<i2", 5: "<u4", 6: "<i4"}  # MAV_PARAM_TYPE UINT8 to INT32
+
+
+@dataclass(frozen=True)
+class MessageDefinition:
+    """One message of the dialect: ``fields`` are in the order of the definition, extensions last.
+
+    ``wire`` is the payload as a structured dtype, in the order of the wire, extensions included; ``seed`` is CRC_EXTRA.
+    """
+
+    message_id: int
+    name: str
+    fields: tuple[str, ...]
+    wire: np.dtype[Any]
+    seed: int
+
+
+@cache
+def definitions() -> Mapping[int, MessageDefinition]:
+    """Every message of the dialect by id."""
+    return {message_id: _definition(message) for message_id, message in dialect.mavlink_map.items()}
+
+
+@cache
+def seeds() -> NDArray[np.int32]:
+    """CRC_EXTRA by message id; -1 where the dialect has no such message."""
+    table = np.full(max(definitions()) + 1, -1, dtype=np.int32)
+    for message_id, definition in definitions().items():
+        table[message_id] = definition.seed
+    return table
+
+
+def columns(
+    data: Bytes, start: NDArray[np.integer], definition: MessageDefinition, names: Sequence[str] = ()
+) -> dict[str, NDArray[Any]]:
+    """The payloads of frames of one message as contiguous columns by name: (N,), or (N, k) for an array field.
+
+    The frames' markers are at ``start`` (N,) in ``data``. Bytes that were not sent are zero: trailing zeros in
+    MAVLink 2, extensions in MAVLink 1. Bytes beyond the definition, extensions newer than the dialect, are left out.
+    Texts are bytes, ``S``. ``names`` are the fields, all unless given.
+    """
+    names = tuple(names) or definition.fields
+    kinds = {name: definition.wire[name] for name in names}
+    filled = {name: np.empty((len(start), *kind.shape), dtype=kind.base) for name, kind in kinds.items()}
+    for begin in range(0, len(start), BATCH):
+        rows = slice(begin, begin + BATCH)
+        messages = _messages(data, start[rows].astype(np.int64), definition, names)
+        for name in names:
+            filled[name][rows] = messages[name]
+    return filled
+
+
+def _messages(
+    data: Bytes, start: NDArray[np.int64], definition: MessageDefinition, names: Sequence[str]
+) -> NDArray[Any]:
+    """A structured array (N,) of the named fields, read from the stretch of the payload that holds them."""
+    fields = {name: definition.wire.fields[name][:2] for name in names} if definition.wire.fields else {}
+    first = min(offset for _, offset in fields.values())
+    width = max(offset + kind.itemsize for kind, offset in fields.values()) - first
+    wire = np.dtype(
+        {
+            "names": list(fields),
+            "formats": [kind for kind, _ in fields.values()],
+            "offsets": [offset - first for _, offset in fields.values()],
+            "itemsize": width,
+        }
+    )
+    payload = start + np.where(data[start] == MARKER_1, HEADER_1, HEADER) + first
+    inside = int(np.searchsorted(payload, len(data) - width, side="right"))
+    table = rows_of(data, payload[:inside], width)
+    if inside < len(payload):
+        # The definition may extend beyond the end of the stream; the bytes read instead were not sent.
+        rest = data[np.minimum(payload[inside:, None] + np.arange(width), len(data) - 1)]
+        table = np.concatenate([table, rest])
+    sent = data[start + 1]
+    if int(sent.min()) < first + width:
+        table[np.arange(first, first + width) >= sent[:, None]] = 0
+    return table.view(wire)[:, 0]
+
+
+def enum_name(enum: str, value: int) -> str:
+    """The name of an enum's entry without the enum's own name: ("MAV_TYPE", 2) is "QUADROTOR"; else the number."""
+    entry = dialect.enums[enum].get(value)
+    if entry is None or entry.name.endswith("_ENUM_END"):
+        return str(value)
+    return str(entry.name).removeprefix(f"{enum}_")
+
+
+def parameter_values(sent: Columns, autopilot: str) -> dict[str, float]:
+    """The last finite value of each parameter by name, from PARAM_VALUE's columns and the MAV_AUTOPILOT of the sender.
+
+    A parameter travels in a float32. ArduPilot casts integers to it; PX4 copies their bits. Source:
+    https://mavlink.io/en/services/parameter.html#parameter-encoding.
+    """
+    with np.errstate(invalid="ignore"):  # NaN stays NaN
+        values = sent["param_value"].astype(np.float64)
+    if autopilot == "PX4":
+        for number, kind in INTEGER_TYPES.items():
+            rows = sent["param_type"] == number
+            # The integers in the first bytes of little-endian float32 values.
+            content = np.ascontiguousarray(sent["param_value"][rows], dtype="<f4").view(np.uint8).reshape(-1, 4)
+            values[rows] = np.ascontiguousarray(content[:, : np.dtype(kind).itemsize]).view(kind)[:, 0]
+    names = [name.split(b"\0", 1)[0].decode("ascii", errors="replace") for name in sent["param_id"].tolist()]
+    return {name: value for name, value in zip(names, values.tolist(), strict=True) if isfinite(value)}
+
+
+def _definition(message: Any) -> MessageDefinition:
+    types = dict(zip(message.fieldnames, message.fieldtypes, strict=True))
+    wire = []
+    for name, count in zip(message.ordered_fieldnames, message.array_lengths, strict=True):
+        array = f"S{count}" if types[name] == "char" else f"({count},){WIRE_TYPES[types[name]]}"
+        wire.append((name, array if count else WIRE_TYPES[types[name]]))
+    return MessageDefinition(message.id, message.msgname, tuple(message.fieldnames), np.dtype(wire), message.crc_extra)

@@ -1,0 +1,252 @@
+"""Finding MAVLink frames in bytes: one scan, block by block, checksums by column, a table of frames.
+
+A frame is good when its checksum agrees. Bytes FD and FE also occur inside payloads and time stamps, so a marker is
+only a candidate. Candidates are accepted in this order:
+
+1. ``linked`` frames: the checksum agrees, and another marker is where the next frame should begin, or the bytes end;
+2. frames of another dialect, or damaged ones of the right length, whose checksum cannot agree: they fill the space
+   between two linked frames exactly;
+3. other frames whose checksum agrees, in the space that is left.
+
+A linked frame decides all bytes before it, so the scan holds no more than a block and the bytes since the last.
+
+Sources: https://mavlink.io/en/guide/serialization.html (layout, truncation, X.25 checksum with CRC_EXTRA),
+https://mavlink.io/en/guide/message_signing.html (signature of 13 bytes).
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.ingest.mavlink.checksum import Bytes, checksums, rows_of
+
+Places = NDArray[np.int64]
+Progress = Callable[[float], None]  # Called repeatedly with the fraction done, 0 to 1
+
+MARKER_1, MARKER_2 = 0xFE, 0xFD
+SIGNED = 1
+SIGNATURE = 13
+CHECKSUM = 2
+HEADER_1, HEADER = 6, 10
+LONGEST_FRAME = HEADER + 255 + CHECKSUM + SIGNATURE
+BLOCK = 1 << 18  # Bytes scanned at a time: bounds the memory for hostile input, all markers
+GOOD, UNKNOWN, FAILED = 0, 1, 2
+"""A frame's verdict: the checksum agrees; the message id is not in the dialect; the checksum disagrees."""
+
+
+@dataclass(frozen=True, eq=False)
+class Frames:
+    """A table of frames in stream order; every column has shape (N,).
+
+    ``start`` is the place of the marker in the bytes, ``end`` that after the last byte; ``payload`` begins at its place
+    and has ``length`` bytes on the wire. ``verdict`` is ``GOOD``, ``UNKNOWN`` or ``FAILED``.
+    """
+
+    start: Places
+    end: Places
+    payload: Places
+    length: Places
+    message_id: Places
+    system: Bytes
+    component: Bytes
+    sequence: Bytes
+    verdict: Bytes
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def __getitem__(self, rows: slice | NDArray[np.bool_] | Places) -> Frames:
+        return Frames(*(getattr(self, column.name)[rows] for column in fields(self)))
+
+
+def concatenated(tables: Sequence[Frames]) -> Frames:
+    """Tables, one at least, one after the other."""
+    return Frames(*(np.concatenate([getattr(table, column.name) for table in tables]) for column in fields(Frames)))
+
+
+def find_frames(
+    data: Bytes, seeds: NDArray[np.int32], gap: int = 0, progress: Progress | None = None
+) -> Iterator[Frames]:
+    """Every frame in ``data``, also of unknown messages and with failed checksums, table by table.
+
+    ``seeds`` is CRC_EXTRA by message id, -1 where the dialect has no such message; ``gap`` the bytes between one frame
+    and the next: 8 for the time stamps of a tlog, 0 for a plain stream.
+    """
+    size = len(data)
+    decided = 0
+    waiting: list[Frames] = []  # of the third kind, after the decided bytes
+    for begin in range(0, max(size, 1), BLOCK):
+        end = min(begin + BLOCK, size)
+        block = _FrameBlock(data, begin, end, gap, seeds)
+        linked = _apart(block.linked(), decided)
+        if len(linked) or end == size:
+            until = size if end == size else int(linked.end[-1])
+            taken = _merged([linked, _explained(data, linked, decided, until, gap, seeds)])
+            loose = [one[_fits(one.start, one.end, taken, decided, until)] for one in waiting]
+            loose.append(block.loose(_fits(block.start, block.end, taken, decided, until)))
+            yield _merged([taken, _apart(_merged(loose), decided)])
+            decided, waiting = until, []
+        waiting.append(block.loose(block.start >= decided))
+        if progress is not None:
+            progress(end / max(size, 1))
+
+
+def find_in_pieces(data: Bytes, ends: Places, seeds: NDArray[np.int32]) -> tuple[Frames, Places]:
+    """Every frame in pieces of a stream that end at ``ends`` (P,), and the number of the piece in which each begins."""
+    frames = concatenated(list(find_frames(data, seeds)))
+    return frames, np.searchsorted(ends, frames.start, side="right")
+
+
+def candidates(data: Bytes, seeds: NDArray[np.int32]) -> tuple[Places, Places, NDArray[np.bool_]]:
+    """Where frames may begin: each place (N,), where the frame would end, and whether its checksum agrees.
+
+    A frame that would end after ``data`` is a candidate too.
+    """
+    block = _FrameBlock(data, 0, len(data), 0, seeds)
+    good = _merged([block.linked(), block.loose(block.end <= len(data))])
+    return block.start, block.end, np.isin(block.start, good.start)
+
+
+class _FrameBlock:
+    """The candidates (N,) that begin in one block of the bytes: markers with known incompatibility flags."""
+
+    def __init__(self, data: Bytes, begin: int, end: int, gap: int, seeds: NDArray[np.int32]) -> None:
+        self._begin, self._size, self._seeds = begin, len(data), seeds
+        # With the bytes that the last candidate covers, zeros after the end of the stream.
+        self._bytes = np.zeros(end - begin + LONGEST_FRAME + gap + 2, dtype=np.uint8)
+        there = data[begin : begin + len(self._bytes)]
+        self._bytes[: len(there)] = there
+        block = self._bytes[: end - begin]
+        start = np.flatnonzero((block == MARKER_1) | (block == MARKER_2))
+        header = rows_of(self._bytes, start, HEADER)
+        known_flags = (header[:, 0] == MARKER_1) | (header[:, 2] <= SIGNED)
+        self._header = header[known_flags]
+        self.start = start[known_flags] + begin
+        self.end = self.start + _lengths(self._header)
+        following = self._bytes[self.end + (gap - begin)]
+        marked = (following == MARKER_1) | (following == MARKER_2)
+        self._linked = (self.end + gap >= self._size) | marked
+
+    def linked(self) -> Frames:
+        """The frames whose checksum agrees, where another begins after them or the bytes end before one could."""
+        return self._good(self._linked)
+
+    def loose(self, within: NDArray[np.bool_]) -> Frames:
+        """The other frames whose checksum agrees, of the candidates ``within``.
+
+        Linked ones are left out: each whose checksum agrees was accepted, or begins inside one that was.
+        """
+        return self._good(within & ~self._linked)
+
+    def _good(self, wanted: NDArray[np.bool_]) -> Frames:
+        rows = np.flatnonzero(wanted & (self.end <= self._size))
+        frames = _frames(self.start[rows], self._header[rows])
+        seeds = _seeds_of(frames, self._seeds)
+        known = seeds >= 0
+        frames, seeds = frames[known], seeds[known]
+        behind = frames.payload + frames.length - self._begin
+        sent = self._bytes[behind] | self._bytes[behind + 1].astype(np.uint16) << 8
+        body = frames.start - self._begin + 1
+        return frames[sent == checksums(self._bytes, body, behind - body, seeds)]
+
+
+def _lengths(header: Bytes) -> Places:
+    """Bytes of the whole frame, from headers (N, ``HEADER``)."""
+    second = header[:, 0] == MARKER_2
+    signature = np.where(second & (header[:, 2] == SIGNED), SIGNATURE, 0)
+    return np.asarray(np.where(second, HEADER, HEADER_1) + header[:, 1] + CHECKSUM + signature, dtype=np.int64)
+
+
+def _frames(start: Places, header: Bytes) -> Frames:
+    """The frames that begin at ``start`` with these headers (N, ``HEADER``), all with the verdict ``GOOD``."""
+    second = header[:, 0] == MARKER_2
+    low, middle, high = (header[:, 7 + byte].astype(np.int64) for byte in range(3))
+    return Frames(
+        start=start,
+        end=start + _lengths(header),
+        payload=start + np.where(second, HEADER, HEADER_1),
+        length=header[:, 1].astype(np.int64),
+        message_id=np.where(second, low | middle << 8 | high << 16, header[:, 5]),
+        sequence=np.where(second, header[:, 4], header[:, 2]),
+        system=np.where(second, header[:, 5], header[:, 3]),
+        component=np.where(second, header[:, 6], header[:, 4]),
+        verdict=np.full(len(start), GOOD, dtype=np.uint8),
+    )
+
+
+def _seeds_of(frames: Frames, seeds: NDArray[np.int32]) -> NDArray[np.int32]:
+    inside = frames.message_id < len(seeds)
+    return np.where(inside, seeds[np.where(inside, frames.message_id, 0)], -1)
+
+
+def _apart(frames: Frames, free: int) -> Frames:
+    """Frames in order, without those that begin before ``free`` or inside an earlier one."""
+    frames = frames[frames.start >= free]
+    if (frames.start[1:] >= frames.end[:-1]).all():
+        return frames
+    keep = np.zeros(len(frames), dtype=np.bool_)
+    for row, (start, end) in enumerate(zip(frames.start.tolist(), frames.end.tolist(), strict=True)):
+        if start >= free:
+            keep[row], free = True, end
+    return frames[keep]
+
+
+def _explained(data: Bytes, linked: Frames, decided: int, until: int, gap: int, seeds: NDArray[np.int32]) -> Frames:
+    """The frames that fill the space before, between and, at the end of the bytes, after linked frames exactly."""
+    ends = np.concatenate([[decided], linked.end])
+    before = ends + gap
+    after = np.append(linked.start, len(data) + gap if until == len(data) else 0)
+    content = data.data
+    starts = array("q")
+    for row in np.flatnonzero(after > before).tolist():
+        starts.extend(_chain(content, int(before[row]), int(after[row]), gap))
+    filling = np.frombuffer(starts, dtype=np.int64)
+    # A header at the very end may be shorter than ``HEADER``; the bytes read instead are no part of it.
+    header = data[np.minimum(filling[:, None] + np.arange(HEADER), len(data) - 1)]
+    frames = _frames(filling, header)
+    frames.verdict[:] = np.where(_seeds_of(frames, seeds) < 0, UNKNOWN, FAILED)
+    return frames[frames.end <= len(data)]
+
+
+def _chain(content: memoryview, place: int, goal: int, gap: int) -> Sequence[int]:
+    """Starts of the frames from ``place`` on, by their headers, if they lead to the goal or the end of the bytes."""
+    starts, size = array("q"), len(content)
+    while place < goal and place + 3 <= size:
+        length = announced_length(*content[place : place + 3])
+        if length is None:
+            break
+        starts.append(place)
+        place += length + gap
+    cut_off = goal > size and place + 3 > size
+    return starts if place == goal or cut_off else array("q")
+
+
+def announced_length(marker: int, payload: int, flags: int) -> int | None:
+    """Bytes of the frame whose header starts with these three; None if no header does."""
+    if marker == MARKER_1:
+        return HEADER_1 + payload + CHECKSUM
+    if marker == MARKER_2 and flags <= SIGNED:
+        return HEADER + payload + CHECKSUM + SIGNATURE * flags
+    return None
+
+
+def _fits(start: Places, end: Places, taken: Frames, decided: int, until: int) -> NDArray[np.bool_]:
+    """Whether frames lie between ``decided`` and ``until`` and overlap none of those in ``taken``."""
+    following = np.searchsorted(taken.start, start, side="right")
+    free_from = np.concatenate([[decided], taken.end])[following]
+    limit = np.append(taken.start, until)[following]
+    return np.asarray((start >= free_from) & (end <= limit))
+
+
+def _merged(tables: list[Frames]) -> Frames:
+    """Tables as one, in stream order."""
+    filled = [table for table in tables if len(table)]
+    if len(filled) <= 1:
+        return filled[0] if filled else tables[0]
+    both = concatenated(filled)
+    return both[np.argsort(both.start, kind="stable")]

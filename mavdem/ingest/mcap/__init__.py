@@ -1,0 +1,1 @@
+"""MCAP recordings of MAVLink: records, logs and writing."""

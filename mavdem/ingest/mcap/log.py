@@ -1,0 +1,218 @@
+"""MCAP recordings (.mcap): MAVLink as JSON, in the layouts of BlueOS and of another bridge, or as frames; else ROS 2.
+
+MCAP's registry has no MAVLink. In use are the topics ``mavlink/{system}/{component}/{MESSAGE}`` (BlueOS) and the same
+after a slash, both with a JSON body (``mavlink.json_messages``), and ``mavlink/out``, which repeats everything. Frames
+are recorded with the message encoding ``mavlink``, or as bytes without a schema. A sender with frames is read from them
+alone: its JSON messages are the same again. Topics of ROS 2 (``ros2.log``) are read where there is no MAVLink. Source
+of BlueOS's layout: its recorder, https://github.com/bluerobotics/BlueOS.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.errors import Unreadable
+from mavdem.ingest.contents import file_bytes
+from mavdem.ingest.log import Log, listed
+from mavdem.ingest.mavlink.compose import FrameSender
+from mavdem.ingest.mavlink.definitions import seeds
+from mavdem.ingest.mavlink.frame_index import FrameIndex
+from mavdem.ingest.mavlink.framing import GOOD, MARKER_1, MARKER_2, Frames, Progress, find_in_pieces
+from mavdem.ingest.mavlink.outlier_stamps import Places, Times, far_off
+from mavdem.ingest.mavlink.stream import FrameStream, RecordingPart, joined
+from mavdem.ingest.mavlink.vehicles import assemble
+from mavdem.ingest.mcap.json_topics import JsonTopic, JsonTopics
+from mavdem.ingest.mcap.records import Channel, McapMessage, McapRecording
+from mavdem.ingest.ros2.topics import flight_topics
+from mavdem.ingest.tlog import MAX_STAMP_JUMP, STAMP_WINDOW
+
+OWN_TOPIC = re.compile(r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)")
+REPEATED_TOPIC = re.compile(r"/?mavlink/out")
+JSON = frozenset({"json", "json5"})
+NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
+"""Message encodings (https://mcap.dev/spec/registry) that are not of frames, whatever the first byte."""
+
+
+def read_mcap(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
+    """Reads the MAVLink in an MCAP recording, or else the flights in its ROS 2 topics.
+
+    Cut and damaged recordings are read as far as possible. Raises Unreadable: the file cannot be opened, contains
+    neither, or contains ROS 2 and its reader is not installed.
+    """
+    recording = McapRecording(file_bytes(path))
+    stream, seen = _stream(os.fspath(path), recording, progress)
+    if stream is None:
+        if not flight_topics(recording.channels.values(), recording.schemas):
+            raise Unreadable(_nothing_in(path, recording, seen))
+        try:
+            from mavdem.ingest.ros2.log import read_ros2
+        except ImportError:
+            raise Unreadable(
+                f'{os.fspath(path)} is a ROS 2 recording, which needs another package: pip install "mavdem[ros2]".'
+            ) from None
+        return read_ros2(recording, os.fspath(path), _within(progress, 0.5, 1.0))
+    index = FrameIndex(len(stream.data), seeds())
+    index.add(stream.frames)
+    received = _received(stream.stamps)
+    known = received[~np.isnan(received)]
+    span = (float(known.min()), float(known.max())) if len(known) else (np.nan, np.nan)
+
+    def at(start: Places) -> Times:
+        return received[np.searchsorted(stream.frames.start, start, side="right") - 1]
+
+    return assemble(stream.data, index, at, span, stream.bytes_skipped, stream.source, stream.repairs)
+
+
+def mcap_stream(path: str | os.PathLike[str], progress: Progress | None = None) -> FrameStream:
+    """The MAVLink in an MCAP recording as frames; JSON messages are composed into frames.
+
+    Raises Unreadable: the file cannot be opened, or contains no MAVLink.
+    """
+    recording = McapRecording(file_bytes(path))
+    stream, seen = _stream(os.fspath(path), recording, progress)
+    if stream is None:
+        raise Unreadable(_nothing_in(path, recording, seen))
+    return stream
+
+
+def _stream(source: str, recording: McapRecording, progress: Progress | None) -> tuple[FrameStream | None, int]:
+    """The MAVLink in a recording, or None, and the number of messages that look like MAVLink."""
+    carried: dict[Channel, _FrameChannel | None] = {}
+    for place, message in enumerate(recording.messages(_within(progress, 0.0, 0.5))):
+        if message.channel not in carried:
+            carried[message.channel] = _FrameChannel() if _carries_frames(message) else None
+        if (frames := carried[message.channel]) is not None:
+            frames.add(place, message)
+    found = [frames.found() for frames in carried.values() if frames is not None]
+    heard = set().union(*(_senders(part.frames) for part, _ in found))
+    channels = list(recording.channels.values())
+    if not heard and not any(channel.encoding in JSON for channel in channels):
+        return None, sum(len(part.frames) for part, _ in found)
+    json, left_out = _json_parts(recording.content, channels, heard, _within(progress, 0.5, 1.0))
+    parts = [*(part for part, _ in found), *json]
+    if not any((part.frames.verdict == GOOD).any() for part in parts):
+        return None, sum(len(part.frames) for part in parts)
+    part = joined(parts)
+    stamps = part.log_time // np.uint64(1000)
+    repairs = [*recording.damage.sentences(), *left_out]
+    if flight_topics(channels, recording.schemas):
+        repairs.append("The recording also has ROS 2 topics of a flight; they were not read.")
+    skipped = sum(skipped for _, skipped in found)
+    return FrameStream(source, ".mcap", part.data, part.frames, stamps, skipped, tuple(repairs)), len(part.frames)
+
+
+def _carries_frames(message: McapMessage) -> bool:
+    """Whether a channel carries frames, by its first message."""
+    channel = message.channel
+    marked = message.data[:1] in (bytes([MARKER_1]), bytes([MARKER_2]))
+    return channel.encoding == "mavlink" or (channel.schema == 0 and channel.encoding not in NO_FRAMES and marked)
+
+
+@dataclass
+class _FrameChannel:
+    """The frames in a channel's messages, each of which is a frame, several, or a part of one."""
+
+    # Arrays, not lists, whose integers take five times the memory: there may be millions of messages.
+    content: bytearray = field(default_factory=bytearray)
+    ends: array[int] = field(default_factory=partial(array, "q"))
+    places: array[int] = field(default_factory=partial(array, "q"))
+    log_times: array[int] = field(default_factory=partial(array, "Q"))
+
+    def add(self, place: int, message: McapMessage) -> None:
+        self.content += message.data
+        self.ends.append(len(self.content))
+        self.places.append(place)
+        self.log_times.append(message.log_time)
+
+    def found(self) -> tuple[RecordingPart, int]:
+        """The frames, and the number of bytes that belong to no frame."""
+        data = np.frombuffer(self.content, dtype=np.uint8)
+        frames, holding = find_in_pieces(data, np.array(self.ends), seeds())
+        places, times = np.array(self.places), np.array(self.log_times)
+        skipped = len(data) - int((frames.end - frames.start).sum())
+        return RecordingPart(data, frames, places[holding], times[holding]), skipped
+
+
+def _senders(frames: Frames) -> set[FrameSender]:
+    ids = (frames.system[frames.verdict == GOOD].tolist(), frames.component[frames.verdict == GOOD].tolist())
+    return {FrameSender(*sender) for sender in zip(*ids, strict=True)}
+
+
+def _json_parts(
+    content: bytes, channels: Sequence[Channel], heard: set[FrameSender], progress: Progress | None
+) -> tuple[list[RecordingPart], tuple[str, ...]]:
+    """The JSON messages of senders not ``heard`` in frames, and a sentence for each reason to leave some out."""
+    kinds = _own_kinds(channels)
+    repeated = {channel for channel in channels if channel.encoding in JSON and REPEATED_TOPIC.fullmatch(channel.topic)}
+    if not repeated and all(kind.sender in heard for kind in kinds.values()):
+        if progress is not None:
+            progress(1.0)
+        return [], ()
+    topics = JsonTopics(kinds.values(), heard)
+    for place, message in enumerate(McapRecording(content).messages(progress)):
+        kind = kinds.get(message.channel)
+        if kind is not None:
+            topics.add(kind, place, message)
+        elif message.channel in repeated:
+            topics.add_repeated(place, message)
+    parts = list(topics.parts())
+    return parts, topics.sentences()
+
+
+def _own_kinds(channels: Sequence[Channel]) -> dict[Channel, JsonTopic]:
+    """The channels of one message each. Where both bridges were recorded, BlueOS's alone: it has headers."""
+    topics = {channel: OWN_TOPIC.fullmatch(channel.topic) for channel in channels if channel.encoding in JSON}
+    kinds = {
+        channel: JsonTopic(FrameSender(int(topic[1]), int(topic[2])), topic[3])
+        for channel, topic in topics.items()
+        if topic is not None and max(int(topic[1]), int(topic[2])) <= 255
+    }
+    with_headers = {kind for channel, kind in kinds.items() if not channel.topic.startswith("/")}
+    return {
+        channel: kind for channel, kind in kinds.items() if not (channel.topic.startswith("/") and kind in with_headers)
+    }
+
+
+def _within(progress: Progress | None, first: float, last: float) -> Progress | None:
+    """Progress of a step from one fraction to another."""
+    if progress is None:
+        return None
+    return lambda fraction: progress(first + (last - first) * fraction)
+
+
+def _received(stamps: NDArray[np.uint64]) -> Times:
+    """Seconds; NaN without a stamp, or where it is far from its neighbours'."""
+    received = np.where(stamps > 0, stamps / 1e6, np.nan)
+    rows = np.flatnonzero(stamps)
+    if (np.abs(np.diff(received[rows])) > MAX_STAMP_JUMP).any():
+        received[rows[far_off(received[rows], STAMP_WINDOW, MAX_STAMP_JUMP)]] = np.nan
+    return received
+
+
+def _nothing_in(path: str | os.PathLike[str], recording: McapRecording, messages: int) -> str:
+    if messages:
+        return (
+            f"{os.fspath(path)} is an MCAP recording of {messages} messages that look like MAVLink, but none matches "
+            "a dialect that pymavlink has: it is of another dialect or damaged throughout."
+        )
+    if flight_topics(recording.channels.values(), recording.schemas):
+        return (
+            f"{os.fspath(path)} is an MCAP recording of ROS 2 topics, not of MAVLink: it can be learnt from, or "
+            "converted to a table (.csv), but not to a stream of MAVLink."
+        )
+    names = {channel.topic for channel in recording.channels.values()}
+    if names >= {"flight/inputs", "flight/outputs"}:  # of mavdem.export.channels
+        return f"{os.fspath(path)} was written by `mavdem learn` for viewers: name the log of the flight instead."
+    contents = f"its topics are {listed(names)}" if names else "nothing in it can be read"
+    return (
+        f"{os.fspath(path)} is an MCAP recording without MAVLink and without topics of PX4 or MAVROS ({contents}): "
+        "record mavlink/…, or in ROS 2 /fmu/out/… or /mavros/…."
+    )

@@ -1,0 +1,251 @@
+"""Which output channels drive motors, where each motor is, and the scale of the outputs.
+
+Channels and positions come from the autopilot's parameters, or are assumed, which ``MotorGeometry`` reports.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import atan2, cos, degrees, radians, sin
+
+import numpy as np
+from numpy.typing import NDArray
+
+Position = tuple[float, float]
+"""(forward, right) of the centre of mass: metres from the autopilot's parameters, else on a unit circle."""
+MOTOR_COUNTS = {"TRICOPTER": 3, "QUADROTOR": 4, "HEXAROTOR": 6, "OCTOROTOR": 8, "DECAROTOR": 10, "DODECAROTOR": 12}
+"""Number of motors of each MAV_TYPE that has one."""
+MULTIROTORS = (*MOTOR_COUNTS, "GENERIC_MULTIROTOR")  # The MAV_TYPEs of vehicles with fixed rotors
+
+_COMPASS = ("front", "front right", "right", "rear right", "rear", "rear left", "left", "front left")
+
+
+@dataclass(frozen=True)
+class MotorGeometry:
+    """The motors of one vehicle, in the order of their numbers, and the output channel that drives each, all from 1.
+
+    ``positions`` are empty when unknown; ``basis`` is the source of all this, or the assumption, as a phrase.
+    ``labels`` are names of the inputs, where they are not motors.
+    """
+
+    motors: tuple[int, ...]
+    channels: tuple[int, ...]
+    positions: tuple[Position, ...]
+    basis: str
+    channels_assumed: bool
+    positions_assumed: bool
+    labels: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """One name a motor: ``motor 1 (front right)``, without the place when it is unknown."""
+        if self.labels:
+            return self.labels
+        if not self.positions:
+            return tuple(f"motor {motor}" for motor in self.motors)
+        return tuple(f"motor {motor} ({_place(at)})" for motor, at in zip(self.motors, self.positions, strict=True))
+
+    def effect(self, axis: str) -> NDArray[np.float64] | None:
+        """(k,) weights of the motors in the torque about ``axis``, magnitudes summing to 1; None when unknown.
+
+        Thrust acts upwards, so a motor on the left rolls to the right (positive roll) and a motor in front raises the
+        nose (positive pitch). On an X quad, roll is (left motors − right motors)/4.
+        """
+        if not self.positions:
+            return None
+        forward, right = np.array(self.positions).T
+        weights = -right if axis == "roll" else forward
+        total = float(np.abs(weights).sum())
+        return weights / total if total > 0 else None
+
+
+def demand_geometry(axis: str) -> MotorGeometry:
+    """The controller's demand on an axis as the one input: like a motor with effect 1 about it."""
+    place = (0.0, -1.0) if axis == "roll" else (1.0, 0.0)
+    basis = "the controller's demand, before the mixer distributes it to the motors"
+    return MotorGeometry((1,), (1,), (place,), basis, False, False, (f"{axis} demand",))
+
+
+def motor_geometry(
+    vehicle: str, autopilot: str, parameters: Mapping[str, float], moving: Sequence[int], bank: int
+) -> MotorGeometry | None:
+    """The motors of a vehicle; None when no channel can be one.
+
+    ``vehicle`` and ``autopilot`` are MAV_TYPE and MAV_AUTOPILOT without prefixes, ``moving`` the channels, from 1,
+    whose outputs change, ``bank`` how many channels a bank has (PX4 numbers those of each driver, and bank, from 1).
+    """
+    if autopilot == "PX4":
+        known = _px4_channels(parameters, moving, bank)
+        places = _px4_positions(parameters)
+        basis = "the *_FUNCn and CA_ROTORn parameters" if places else "the *_FUNCn parameters"
+    else:
+        known = _ardupilot_channels(parameters)
+        if vehicle == "TRICOPTER":
+            known.pop(7, None)  # the servo that tilts the rear motor
+        places = _ardupilot_positions(vehicle, parameters)
+        basis = "the SERVOn_FUNCTION and FRAME parameters" if places else "the SERVOn_FUNCTION parameters"
+    if len(known) >= MOTOR_COUNTS.get(vehicle, 1):  # fewer are parameters of which some did not come
+        motors, channels = tuple(sorted(known)), tuple(known[motor] for motor in sorted(known))
+        channels_assumed = False
+    else:
+        channels_assumed = True
+        count = MOTOR_COUNTS.get(vehicle, len(moving))
+        channels = tuple(sorted(moving)[:count])
+        motors = tuple(range(1, len(channels) + 1))
+        basis = "the channels that move"
+    if not channels:
+        return None
+    assumed = not all(motor in places for motor in motors)
+    if assumed:
+        # ArduPilot and PX4 number the motors of an X quad, by far the most common frame, the same way.
+        places = _circle(_QUAD_X) if motors == (1, 2, 3, 4) else {}
+        basis += "; motor positions of an X quad" if places else "; motor positions unknown"
+    positions = tuple(places[motor] for motor in motors) if places else ()
+    return MotorGeometry(motors, channels, positions, basis, channels_assumed, assumed)
+
+
+def _place(position: Position) -> str:
+    bearing = degrees(atan2(position[1], position[0]))
+    return _COMPASS[round(bearing / 45) % 8]
+
+
+def _ardupilot_channels(parameters: Mapping[str, float]) -> dict[int, int]:
+    """SERVOn_FUNCTION 33..40 are motors 1..8, 82..85 motors 9..12; of several channels the first."""
+    motor_of = {33 + i: 1 + i for i in range(8)} | {82 + i: 9 + i for i in range(4)}
+    functions = {channel: int(parameters.get(f"SERVO{channel}_FUNCTION", 0)) for channel in range(32, 0, -1)}
+    return {motor_of[function]: channel for channel, function in functions.items() if function in motor_of}
+
+
+_Bearings = tuple[float, ...]
+
+_QUAD_PLUS: _Bearings = (90, -90, 0, 180)
+_QUAD_X: _Bearings = (45, -135, -45, 135)
+_QUAD_BETAFLIGHT: _Bearings = (135, 45, -135, -45)
+_OCTAQUAD_X: _Bearings = (45, -45, -135, 135, -45, 45, 135, -135)
+_Y6: _Bearings = (60, -60, -60, 180, 60, 180)
+
+_ARDUPILOT_FRAMES: dict[int, dict[int, _Bearings]] = {
+    1: {0: _QUAD_PLUS, 6: _QUAD_PLUS, 16: _QUAD_PLUS}
+    | {1: _QUAD_X, 2: _QUAD_X, 3: _QUAD_X, 17: _QUAD_X}
+    | {12: _QUAD_BETAFLIGHT, 18: _QUAD_BETAFLIGHT}
+    | {13: (45, -45, -135, 135), 14: (45, 135, -135, -45)},
+    2: {
+        0: (0, 180, -120, 60, -60, 120),
+        1: (90, -90, -30, 150, 30, -150),
+        13: (30, -30, -90, -150, 150, 90),
+        14: (30, 90, 150, -150, -90, -30),
+    },
+    3: {
+        0: (0, 180, 45, 135, -45, -135, -90, 90),
+        1: (22.5, -157.5, 67.5, 157.5, -22.5, -112.5, -67.5, 112.5),
+        13: (22.5, -22.5, -67.5, -112.5, -157.5, 157.5, 112.5, 67.5),
+        14: (22.5, 67.5, 112.5, 157.5, -157.5, -112.5, -67.5, -22.5),
+    },
+    4: {0: (0, -90, 180, 90, -90, 0, 90, 180), 14: (45, 45, 135, 135, -135, -135, -45, -45)}
+    | {1: _OCTAQUAD_X, 2: _OCTAQUAD_X, 3: _OCTAQUAD_X}
+    | {12: _QUAD_BETAFLIGHT * 2, 18: _QUAD_BETAFLIGHT * 2},
+    5: {0: _Y6, 1: _Y6, 10: (60, 60, 180, 180, -60, -60), 11: (180, 60, -60, 180, 60, -60)},
+}
+"""Bearing of each motor, degrees clockwise from the nose, by FRAME_CLASS (1 quad, 2 hexa, 3 octa, 4 octaquad, 5 Y6) and
+FRAME_TYPE. Source: ArduPilot's motor order diagrams, https://ardupilot.org/copter/docs/connect-escs-and-motors.html."""
+
+
+def _ardupilot_positions(vehicle: str, parameters: Mapping[str, float]) -> dict[int, Position]:
+    frame_class = int(parameters.get("FRAME_CLASS", 0))
+    frame_type = int(parameters.get("FRAME_TYPE", -1))
+    if "FRAME_CLASS" not in parameters and "FRAME" in parameters:
+        # Before ArduCopter 3.5 the class was compiled in and FRAME was the type.
+        frame_class = {"QUADROTOR": 1, "HEXAROTOR": 2, "OCTOROTOR": 3}.get(vehicle, 0)
+        frame_type = int(parameters["FRAME"])
+    if frame_class == 7:  # a tricopter
+        return {motor: _on_circle(bearing) for motor, bearing in {1: 60.0, 2: -60.0, 4: 180.0}.items()}
+    return _circle(_ARDUPILOT_FRAMES.get(frame_class, {}).get(frame_type, ()))
+
+
+def _circle(bearings: Sequence[float]) -> dict[int, Position]:
+    return {i + 1: _on_circle(bearing) for i, bearing in enumerate(bearings)}
+
+
+def _on_circle(bearing: float) -> Position:
+    return round(cos(radians(bearing)), 6), round(sin(radians(bearing)), 6)
+
+
+_PX4_DRIVERS = ("PWM_MAIN", "PWM_AUX", "UAVCAN_EC", "DSHOT", "SIM_GZ_EC", "HIL_ACT", "TAP_ESC", "VOXL_ESC", "PCA9685")
+
+
+def _px4_channels(parameters: Mapping[str, float], moving: Sequence[int], bank: int) -> dict[int, int]:
+    """The motors of the output drivers whose channels move, each in the first bank where they do.
+
+    {driver}_FUNCn 101..112 are motors 1..12.
+    """
+    channels: dict[int, int] = {}
+    banks = [0, bank]
+    for driver in _PX4_DRIVERS:
+        outputs = {
+            function - 100: n
+            for n in range(1, 17)
+            if 101 <= (function := int(parameters.get(f"{driver}_FUNC{n}", 0))) <= 112
+        }
+        # A motor on two drivers is on a spare one.
+        further = {motor: n for motor, n in outputs.items() if motor not in channels}
+        first = next((first for first in banks if {first + n for n in further.values()} <= set(moving)), None)
+        if further and first is not None:
+            channels |= {motor: first + n for motor, n in further.items()}
+            banks.remove(first)
+    return channels
+
+
+def _px4_positions(parameters: Mapping[str, float]) -> dict[int, Position]:
+    return {  # rotor n of the control allocation is motor n + 1
+        n + 1: (float(parameters[f"CA_ROTOR{n}_PX"]), float(parameters[f"CA_ROTOR{n}_PY"]))
+        for n in range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12))
+        if f"CA_ROTOR{n}_PX" in parameters and f"CA_ROTOR{n}_PY" in parameters
+    }
+
+
+@dataclass(frozen=True)
+class OutputScale:
+    """How motor outputs are expressed in a stream: "PWM" in µs, "normalised", "0-1000", "DShot" or "unknown".
+
+    ``low`` and ``high`` are outputs at no and at full throttle, ``step`` is the smallest difference between two values.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    step: float
+
+    def fraction(self, outputs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Outputs as a share of the range, 0 at ``low`` and 1 at ``high``; below 0 when disarmed on some autopilots."""
+        return (outputs - self.low) / (self.high - self.low)
+
+
+MIN_PULSE_RANGE = 300.0  # µs from no to full throttle; less is no range of a speed controller
+
+
+def output_scale(outputs: NDArray[np.float64], parameters: Mapping[str, float]) -> OutputScale:
+    """The scale of motor outputs of any shape, as sent, also while disarmed; non-finite values are ignored.
+
+    Pulse widths never fall below 750 µs except to 0 for "off"; PX4's DShot runs to 1999 and idles far below that, and
+    its simulators send 150..1000. ArduPilot's MOT_PWM_MIN and MOT_PWM_MAX are the range of pulse widths; where they are
+    0, and in ArduCopter before 3.4, which has neither, it is that of the throttle's input.
+    """
+    values = np.unique(outputs[np.isfinite(outputs)])
+    running = values[values > 0]
+    if not len(running):
+        return OutputScale("unknown", "", 0.0, 1.0, 0.0)
+    step = float(np.diff(values).min()) if len(values) > 1 else 0.0
+    least, most = float(running[0]), float(running[-1])
+    if least >= 750 and 1000 < most <= 2300:
+        throttle = f"RC{parameters['RCMAP_THROTTLE']:.0f}" if "RCMAP_THROTTLE" in parameters else ""
+        for first, last in (("MOT_PWM_MIN", "MOT_PWM_MAX"), (f"{throttle}_MIN", f"{throttle}_MAX")):
+            low, high = parameters.get(first, 0.0), parameters.get(last, 0.0)
+            if low > 0 and high - low >= MIN_PULSE_RANGE:
+                return OutputScale("PWM", "µs", float(low), float(high), step)
+        return OutputScale("PWM", "µs", 1000.0, 2000.0, step)
+    # By the largest value; from 1.05 to 10 it is DShot too, hardly above idle.
+    ranges = ((1.05, "normalised", 1.0), (10.0, "DShot", 2000.0), (1000.0, "0-1000", 1000.0), (2047.0, "DShot", 2000.0))
+    name, high = next(((name, high) for bound, name, high in ranges if most <= bound), ("unknown", most))
+    return OutputScale(name, "", 0.0, high, step)

@@ -1,0 +1,1 @@
+"""ROS 2 recordings of PX4 and MAVROS topics."""

@@ -1,0 +1,272 @@
+"""Flights in ROS 2 recordings (rosbag2's MCAP files): PX4's topics and MAVROS's as MAVLink messages.
+
+``px4_topics`` and ``mavros_topics`` translate the topics. Recordings have no parameters.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.errors import Unreadable
+from mavdem.ingest import px4_topics
+from mavdem.ingest.log import Log, listed, log_of_vehicles, repair_sentences
+from mavdem.ingest.mavlink.clocks import Sent, boot_clock
+from mavdem.ingest.mavlink.definitions import enum_name
+from mavdem.ingest.mavlink.framing import Progress
+from mavdem.ingest.mavlink.outlier_stamps import Places
+from mavdem.ingest.mcap.records import McapRecording
+from mavdem.ingest.ros2 import mavros_topics
+from mavdem.ingest.ros2.messages import RosTopicReader, TopicColumns, decoder
+from mavdem.ingest.ros2.topics import CDR, MAVROS, PX4_BRIDGE, RosTopic, flight_topics
+from mavdem.ingest.telemetry import Columns, Telemetry, joined, selected
+from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT, PX4, UNNAMED
+
+PX4_STAMP, PX4_SAMPLE = "timestamp", "timestamp_sample"
+"""µs on one clock: when a message was published and, in some messages, when its data were measured."""
+SECOND = 1_000_000_000  # Nanoseconds
+
+
+def read_ros2(recording: McapRecording, source: str, progress: Progress | None = None) -> Log:
+    """Reads the vehicles in a ROS 2 recording; of each, PX4's own topics or, where there are none, MAVROS's.
+
+    In the ``Log``, ``frames`` counts the messages that were read. The ``recording`` was read once, so that its channels
+    and schemas are known; it is read anew. Raises ``Unreadable`` without a message of a flight that can be decoded.
+    """
+    topics = flight_topics(recording.channels.values(), recording.schemas)
+    decoders = {number: decoder(recording.schemas[number]) for number in {channel.schema for channel in topics}}
+    readers = {channel: _reader(topic) for channel, topic in topics.items()}
+    damaged = undefined = count = 0
+    first, last = np.inf, -np.inf
+    anew = McapRecording(recording.content)
+    for place, message in enumerate(anew.messages(progress)):
+        channel = message.channel
+        if channel not in readers:
+            undefined += channel.encoding == CDR and channel.schema not in recording.schemas
+        elif not message.sound:
+            # A ROS 2 message has no checksum of its own.
+            damaged += 1
+        elif readers[channel].add(place, message.data, decoders[channel.schema]):
+            count += 1
+            first, last = min(first, message.log_time), max(last, message.log_time)
+    tables = [(topic, readers[channel].table()) for channel, topic in topics.items()]
+    made = [(name, one) for name, own in _by_vehicle(tables) if (one := vehicle(own, source)) is not None]
+    if not made:
+        raise Unreadable(
+            f"{source} is a ROS 2 recording, but no message of a flight in it can be decoded: it is damaged, or the "
+            "definitions of its messages are."
+        )
+    failed = {channel.topic: reader.failed for channel, reader in readers.items() if reader.failed}
+    lost = sum(failed.values())
+    repairs = anew.damage.sentences() + repair_sentences(
+        (damaged, f"{damaged} ROS 2 messages in damaged chunks were left out."),
+        (undefined, f"{undefined} ROS 2 messages whose definition is damaged or missing were left out."),
+        (lost, f"{lost} ROS 2 messages that cannot be decoded were left out, of {listed(failed)}."),
+    )
+    vehicles = tuple(replace(one, repairs=repairs + one.repairs) for one in numbered(made))
+    return log_of_vehicles(vehicles, count, anew.damage.skipped, (first / 1e9, last / 1e9))
+
+
+def _reader(topic: RosTopic) -> RosTopicReader:
+    if topic.bridge == PX4_BRIDGE:
+        return RosTopicReader((PX4_STAMP,), px4_topics.NEEDED[topic.name], ())
+    kind = mavros_topics.TOPICS[topic.name]
+    return RosTopicReader((*mavros_topics.STAMP, *kind.numbers), (), kind.texts)
+
+
+def _by_vehicle(
+    tables: Sequence[tuple[RosTopic, TopicColumns]],
+) -> list[tuple[str, dict[RosTopic, TopicColumns]]]:
+    """The namespace of each vehicle and its topics; of several channels of a topic, the one with most messages."""
+    found: dict[str, dict[RosTopic, TopicColumns]] = {}
+    for topic, table in tables:
+        topics = found.setdefault(topic.vehicle, {})
+        if len(table.places) > (len(topics[topic].places) if topic in topics else 0):
+            topics[topic] = table
+    return sorted(found.items())
+
+
+def vehicle(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry | None:
+    """The vehicle of one namespace's topics, by PX4's own or else MAVROS's; None without any message of it.
+
+    ``system`` is 0 where no topic has it.
+    """
+    # Topics to the autopilot are used where there is none from it.
+    in_turn = sorted(topics.items(), key=lambda item: not item[0].incoming)
+    px4 = {topic.name: table for topic, table in in_turn if topic.bridge == PX4_BRIDGE}
+    mavros = {topic.name: table for topic, table in in_turn if topic.bridge == MAVROS}
+    made = _px4_vehicle(px4, source)
+    if made is None:
+        return _mavros_vehicle(mavros, source)
+    also = ("MAVROS's topics of the same vehicle were not read: PX4's own are there.",) if mavros else ()
+    return replace(made, repairs=made.repairs + also)
+
+
+def numbered(vehicles: Sequence[tuple[str, Telemetry]]) -> Iterator[Telemetry]:
+    """Vehicles with their namespaces, each with a system id of its own; a repair says where that is not the topics'."""
+    used = {one.system for _, one in vehicles}
+    free = iter(sorted(set(range(1, 1 + len(used) + len(vehicles))) - used))
+    given: set[int] = set()
+    for namespace, one in vehicles:
+        if one.system and one.system not in given:
+            given.add(one.system)
+            yield one
+            continue
+        system = next(free)
+        what = f"have system id {one.system}, as others do" if one.system else "have no system id"
+        repair = f"The topics of {listed([namespace or '/'])} {what}: numbered {system}."
+        yield replace(one, system=system, repairs=(*one.repairs, repair) if len(vehicles) > 1 else one.repairs)
+
+
+def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
+    stamped = {
+        name: _StampedTopic(table.places, _nanoseconds(table.columns[PX4_STAMP], 1000))
+        for name, table in tables.items()
+    }
+    placed, repairs = _on_one_clock(stamped)
+    topics = {name: _px4_topic(tables[name].columns, on_clock) for name, on_clock in placed.items()}
+    instances = {name: {0: topic} for name, topic in topics.items()}
+    kind = px4_topics.mav_type(instances, {})
+    name_of_kind = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
+    boots = []
+    for boot in np.unique(np.concatenate([on_clock.boot for on_clock in placed.values()])) if placed else ():
+        rows = {name: np.flatnonzero(on_clock.boot == boot) for name, on_clock in placed.items()}
+        in_order = {name: rows[name][np.argsort(topics[name]["time"][rows[name]], kind="stable")] for name in topics}
+        here = {name: {0: selected(topics[name], order)} for name, order in in_order.items() if len(order)}
+        made = px4_topics.messages(here, {}, name_of_kind, kind)
+        boots.append({name: {**columns, "boot": columns["boot"] + boot} for name, columns in made.items()})
+    messages = {name: joined([made[name] for made in boots if name in made]) for name in sorted(set().union(*boots))}
+    if not messages:
+        return None
+    status = topics.get("vehicle_status", {})
+    return Telemetry(
+        system=_most_frequent_id(status.get("system_id"), 0),
+        component=_most_frequent_id(status.get("component_id"), AUTOPILOT_COMPONENT),
+        vehicle=name_of_kind,
+        autopilot=enum_name("MAV_AUTOPILOT", PX4),
+        messages=messages,
+        source=source,
+        repairs=repairs,
+        translated_from=PX4_BRIDGE,
+        names=px4_topics.names(instances, messages),
+    )
+
+
+def _px4_topic(columns: Columns, on_clock: _PlacedTopic) -> Columns:
+    """The topic's messages on the clock; both stamps are moved alike, also those of another clock."""
+    topic = selected(columns, on_clock.rows) | {"time": on_clock.time}
+    if PX4_SAMPLE in topic:
+        topic[PX4_SAMPLE] = topic[PX4_SAMPLE] + np.rint(on_clock.time * 1e6 - topic[PX4_STAMP])
+    return topic
+
+
+def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
+    names = {name: mavros_topics.TOPICS[name].message for name in tables}
+    seconds, nanoseconds = mavros_topics.STAMP
+    placed, repairs = _on_one_clock(
+        {
+            names[name]: _StampedTopic(
+                table.places,
+                _nanoseconds(table.columns[seconds], SECOND) + _nanoseconds(table.columns[nanoseconds], 1),
+                mavros_topics.PERIODS.get(names[name], np.inf),
+            )
+            for name, table in tables.items()
+        }
+    )
+    autopilot = mavros_topics.autopilot(sum((table.texts for table in tables.values()), Counter()))
+    messages: dict[str, Columns] = {}
+    for name, table in tables.items():
+        if names[name] in placed:
+            on_clock = placed[names[name]]
+            made = mavros_topics.translated(names[name], selected(table.columns, on_clock.rows), autopilot)
+            messages[names[name]] = {"time": on_clock.time, "boot": on_clock.boot, **made}
+    if not messages:
+        return None
+    return Telemetry(
+        system=0,
+        component=AUTOPILOT_COMPONENT,
+        vehicle=UNNAMED,
+        autopilot=enum_name("MAV_AUTOPILOT", autopilot),
+        messages=messages,
+        source=source,
+        repairs=repairs,
+        translated_from=MAVROS,
+        names={topic.message: name for name, topic in mavros_topics.TOPICS.items()},
+    )
+
+
+class _StampedTopic(NamedTuple):
+    """The messages of one topic: ``places`` (N,) in the recording, ascending, and their ``stamps`` (N,), ns.
+
+    ``period`` is the time, s, after which stamps wrap.
+    """
+
+    places: Places
+    stamps: NDArray[np.int64]
+    period: float = np.inf
+
+
+class _PlacedTopic(NamedTuple):
+    """``time`` (M,) s and ``boot`` (M,) of those ``rows`` (M,) of a topic that have a place on the clock."""
+
+    rows: NDArray[np.intp]
+    time: NDArray[np.float64]
+    boot: NDArray[np.int64]
+
+
+def _on_one_clock(topics: Mapping[str, _StampedTopic]) -> tuple[dict[str, _PlacedTopic], tuple[str, ...]]:
+    """The messages of each topic on the common clock, and a sentence for each repair.
+
+    UNIX time counts from a second before the first stamp: floats of seconds since 1970 do not resolve a microsecond.
+    """
+    stamps = np.concatenate([topic.stamps for topic in topics.values()]) if topics else np.empty(0, dtype=np.int64)
+    start, repairs = _start(stamps[stamps > 0])
+    seconds = {name: (topic.stamps - start) / 1e9 for name, topic in topics.items()}
+    usable = {name: (topic.stamps > 0) & (seconds[name] > 0) for name, topic in topics.items()}
+    without = sum(int(np.count_nonzero(~some)) for some in usable.values())
+    if without:
+        repairs.append(f"{without} messages without a time stamp, or with one of another clock, were left out.")
+    # Without receive times: by them, a companion's clock that was set back would not be a restart.
+    clock = boot_clock(
+        [
+            Sent(name, topic.places[usable[name]], seconds[name][usable[name]].copy, topic.period)
+            for name, topic in topics.items()
+            if usable[name].any()
+        ]
+    )
+    placed = {}
+    for name, on_clock in clock.placed.items():
+        time, boot = on_clock.time, on_clock.boot.astype(np.int64)
+        # A message whose stamp was ignored has the place of the one before.
+        new = np.ones(len(time), dtype=np.bool_)
+        new[1:] = (np.diff(time) != 0) | (np.diff(boot) != 0)
+        placed[name] = _PlacedTopic(np.flatnonzero(usable[name])[new], time[new], boot[new])
+    return placed, (*repairs, *clock.repairs)
+
+
+def _start(stamps: NDArray[np.int64]) -> tuple[int, list[str]]:
+    """The origin of time, ns, and a sentence where that is not the boot of the vehicle."""
+    # The middle stamp itself: the mean of two clocks' stamps, half of the messages each, would be near neither.
+    middle = int(np.partition(stamps, len(stamps) // 2)[len(stamps) // 2]) if len(stamps) else 0
+    if middle < 10**9 * SECOND:  # the year 2001: no autopilot runs for so long
+        return 0, []
+    # Stamps a month away are not of the same recording.
+    first = int(stamps[np.abs(stamps - middle) < 30 * 86400 * SECOND].min()) // SECOND - 1
+    return first * SECOND, [f"The time stamps are UNIX time; here they count from {first} s."]
+
+
+def _nanoseconds(values: NDArray[np.float64], unit: int) -> NDArray[np.int64]:
+    """Stamps in nanoseconds, from values in multiples of ``unit`` ns; 0 for an impossible one."""
+    # As integers: floats do not hold nanoseconds since 1970, and 64 bits not much more than 9e18.
+    return np.where((values > 0) & (values < 9 * 10**18 // unit), values, 0.0).astype(np.int64) * unit
+
+
+def _most_frequent_id(ids: NDArray[np.float64] | None, default: int) -> int:
+    """The id in most messages."""
+    valid = [] if ids is None else [int(one) for one in ids if 1 <= one <= 255]
+    return max(set(valid), key=valid.count, default=default)

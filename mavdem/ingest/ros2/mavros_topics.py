@@ -1,0 +1,102 @@
+"""MAVROS's topics as MAVLink messages: the inverse of MAVROS's own translation.
+
+MAVROS converts to the frames of ROS (REP 103: east-north-up, and forward-left-up in the body). Each function names the
+file of https://github.com/mavlink/mavros/tree/ros2/mavros/src that it inverts. Stamps are the autopilot's, moved to the
+companion's clock (``lib/uas_timesync.cpp``), or the time of receipt where the clocks were never compared.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, CUSTOM_MODE, GENERIC, PX4, heartbeat_fields
+
+Fields = Mapping[str, NDArray[np.float64]]  # The numbers of a topic's messages by name, (N,) each
+
+
+class MavrosTopic(NamedTuple):
+    """A topic: its MAVLink ``message``, its own ``schema``, and the fields with ``numbers`` and with ``texts``."""
+
+    message: str
+    schema: str
+    numbers: tuple[str, ...]
+    texts: tuple[str, ...] = ()
+
+
+STAMP = ("header.stamp.sec", "header.stamp.nanosec")  # Fields of every message
+_QUATERNION, _RATES = ("w", "x", "y", "z"), ("x", "y", "z")
+TOPICS = {
+    "imu/data": MavrosTopic(
+        "ATTITUDE_QUATERNION",
+        "sensor_msgs/msg/Imu",
+        (*(f"orientation.{n}" for n in _QUATERNION), *(f"angular_velocity.{n}" for n in _RATES)),
+    ),
+    "rc/out": MavrosTopic("SERVO_OUTPUT_RAW", "mavros_msgs/msg/RCOut", ("channels[16]",)),
+    "target_actuator_control": MavrosTopic(
+        "ACTUATOR_CONTROL_TARGET", "mavros_msgs/msg/ActuatorControl", ("group_mix", "controls[8]")
+    ),
+    "state": MavrosTopic("HEARTBEAT", "mavros_msgs/msg/State", ("armed",), ("mode",)),
+    "extended_state": MavrosTopic("EXTENDED_SYS_STATE", "mavros_msgs/msg/ExtendedState", ("landed_state",)),
+    "local_position/velocity_local": MavrosTopic(
+        "LOCAL_POSITION_NED", "geometry_msgs/msg/TwistStamped", tuple(f"twist.linear.{n}" for n in _RATES)
+    ),
+}
+"""By the name after the node's, which is ``mavros`` unless it was started with another."""
+MAVROS_TYPES = "mavros_msgs/msg/"
+"""Beginning of the types that only MAVROS sends: a driver of another sensor sends imu/data too."""
+PERIODS = {"SERVO_OUTPUT_RAW": 2**32 / 1e6}
+"""Seconds after which stamps wrap: MAVROS moves the 32 bits of SERVO_OUTPUT_RAW's as they are (plugins/rc_io.cpp)."""
+_PX4_MODES = frozenset({"ALTCTL", "POSCTL", "OFFBOARD", "STABILIZED", "RATTITUDE"})
+_ARDUPILOT_MODES = frozenset(
+    {"STABILIZE", "ALT_HOLD", "AUTO", "GUIDED", "LOITER", "RTL", "CIRCLE", "LAND", "POSHOLD", "BRAKE", "AUTOTUNE"}
+    | {"GUIDED_NOGPS", "SMART_RTL", "DRIFT", "SPORT", "FLIP", "THROW", "FLOWHOLD", "FOLLOW", "ZIGZAG", "SYSTEMID"}
+)
+"""lib/uas_stringify.cpp, without MANUAL and ACRO, which both autopilots have."""
+
+
+def autopilot(modes: Counter[str]) -> int:
+    """MAV_AUTOPILOT by the names of the flight modes and how often each occurs."""
+    px4 = sum(count for mode, count in modes.items() if mode in _PX4_MODES or mode.startswith("AUTO."))
+    ardupilot = sum(count for mode, count in modes.items() if mode in _ARDUPILOT_MODES)
+    if px4 == ardupilot:
+        return GENERIC
+    return PX4 if px4 > ardupilot else ARDUPILOT
+
+
+def translated(message: str, fields: Fields, vehicle_autopilot: int) -> dict[str, NDArray[Any]]:
+    """The fields of one MAVLink message of ``TOPICS``, without its stamps, from those of its topic."""
+    if message == "ATTITUDE_QUATERNION":
+        return _attitude_quaternion(fields)
+    if message == "SERVO_OUTPUT_RAW":
+        return {f"servo{n + 1}_raw": fields[f"channels[{n}]"] for n in range(16)}
+    if message == "ACTUATOR_CONTROL_TARGET":
+        # plugins/actuator_control.cpp passes it on unchanged.
+        controls = np.column_stack([fields[f"controls[{n}]"] for n in range(8)])
+        return {"group_mlx": fields["group_mix"], "controls": controls}
+    if message == "HEARTBEAT":
+        # plugins/sys_status.cpp; the type of vehicle is not known: 0, GENERIC.
+        base_mode = np.where(fields["armed"] > 0, CUSTOM_MODE | ARMED, CUSTOM_MODE)
+        return heartbeat_fields(0, vehicle_autopilot, base_mode)
+    if message == "LOCAL_POSITION_NED":
+        # plugins/local_position.cpp: north is y, east x, and down the other way from up.
+        east, north, up = (fields[f"twist.linear.{n}"] for n in _RATES)
+        return {"vx": north, "vy": east, "vz": -up}
+    return {"landed_state": fields["landed_state"]}
+
+
+def _attitude_quaternion(fields: Fields) -> dict[str, NDArray[Any]]:
+    """plugins/imu.cpp, lib/ftf_frame_conversions.cpp: q_ENU,FLU = q_n q_NED,FRD q_b, of half a turn each.
+
+    q_n = (i + j)/√2 swaps north and east and turns down up, q_b = i turns right left and down up. Both are their own
+    inverses but for the sign, which an attitude does not have: q_NED,FRD = q_n q_ENU,FLU q_b, multiplied out here.
+    """
+    w, x, y, z = (fields[f"orientation.{n}"] for n in _QUATERNION)
+    with np.errstate(invalid="ignore"):  # infinities of a broken estimator: their readers leave them out
+        ned = np.sqrt(0.5) * np.array([w + z, x + y, x - y, w - z])
+    p, q, r = (fields[f"angular_velocity.{n}"] for n in _RATES)
+    return dict(zip(("q1", "q2", "q3", "q4"), ned, strict=True)) | {"rollspeed": p, "pitchspeed": -q, "yawspeed": -r}

@@ -1,0 +1,368 @@
+"""A MAVLink link: a socket or a serial port, by pymavlink's connection strings. It sends nothing before ``send``.
+
+pymavlink's own connections are not used. Its UDP socket shares a port in use instead of failing, sends to every address
+that ever sent it anything, and keeps the kernel's small buffer; its serial port changes the speed twice; both print.
+
+=====================  =================================================================================================
+``udpin:HOST:PORT``    receives at this address; also ``udp:HOST:PORT`` and ``HOST:PORT``
+``udpout:HOST:PORT``   exchanges with this address, which sends only after it has received something
+``tcp:HOST:PORT``      connects to a server
+``tcpin:HOST:PORT``    waits for one client
+``DEVICE[,BAUD]``      a serial port, 115200 baud unless given; its modem lines stay as they are
+=====================  =================================================================================================
+
+Without a HOST it is this machine, 127.0.0.1; ``udpin:0.0.0.0:14550`` is open to the network.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import select
+import socket
+import sys
+import time
+from typing import Any, NoReturn
+
+from mavdem.errors import Unreadable
+from mavdem.ingest.mavlink.framing import HEADER_1, MARKER_1, MARKER_2
+from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
+
+LOOPBACK = "127.0.0.1"
+BUFFER_BYTES = 4 << 20  # Asked of the kernel: half a minute of a fast link
+MAX_PIECE_BYTES = 1 << 16  # Of a datagram, and of a piece of a byte stream
+MAX_PIECES = 512  # Datagrams or pieces taken in one call: a fast sender must not hold up the caller
+SENDER_SECONDS, MAX_PEERS = 10.0, 16  # How long an address that sent something is sent to, and how many are kept
+BAUD = 115200
+CONNECT_SECONDS = 5.0  # Time limit of a connection attempt
+SILENCE_SECONDS = 5  # After which a silent client gives way to another, and a silent connection is probed
+PROBE_SECONDS, MAX_PROBES = 2, 3  # Between two probes, and probes without a reply until the connection is lost
+STABLE_SECONDS = 10.0  # A connection that lasted this long is opened again at once when it is lost
+HEARD_SECONDS, MAX_VEHICLES = 3.0, 64
+"""Since an autopilot's first address was heard last, until another may take its place; and how many are kept."""
+FIRST_PAUSE_SECONDS, MAX_PAUSE_SECONDS = 0.25, 8.0  # Before a lost link is opened again; doubled each time
+
+_NETWORK = re.compile(r"(?:(udpin|udp|udpout|tcp|tcpin):(?!/))?(?:(\[[^\]]*\]|[^:/]*):)?(\d+)")
+_KINDS = {None: "udpin", "udp": "udpin"}  # Without a direction, as in pymavlink
+
+
+class LinkLost(Exception):
+    """The TCP connection or the serial port is lost; the message is one sentence."""
+
+
+class Link:
+    """An open link.
+
+    ``name``: the connection string. ``datagrams``: whether it receives datagrams, which contain whole frames.
+    ``speaks_first``: whether the other side sends only after it has received something. ``buffer``: bytes that the
+    kernel granted for the receive buffer; 0 for a serial port. Raises Unreadable: it cannot be opened, with the reason.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name, self.buffer = name, 0
+        self._origins = Origins()
+        self._pause, self._not_before = FIRST_PAUSE_SECONDS, 0.0
+        self._opened = self._came = 0.0
+        self._server: socket.socket | None = None
+        self._socket: socket.socket | None = None
+        self._serial: int | None = None
+        self._peers: dict[Any, float] = {}
+        self._from: Any = None
+        self._kind, host, port = _parsed(name)
+        self._address = (host, port)
+        self.datagrams = self._kind in ("udpin", "udpout")
+        self.speaks_first = self._kind == "udpout"
+        try:
+            self._open()
+        except OSError as error:
+            self.close()
+            self._refuse(error)
+
+    def receive(self, timeout: float) -> list[tuple[float, bytes]]:
+        """Up to ``MAX_PIECES`` waiting pieces: UNIX s of receipt, and the bytes as they came.
+
+        The list is empty if none comes within ``timeout`` seconds. Raises LinkLost: the connection or the port is lost;
+        ``reopen`` opens it again.
+        """
+        waiting_on = self._waiting_on()
+        if waiting_on is None:
+            raise LinkLost(f"The link {self.name} is not open.")
+        received: list[tuple[float, bytes]] = []
+        try:
+            # A silent client may be gone; while it sends, others wait.
+            replaceable = self._server if time.monotonic() - self._came > SILENCE_SECONDS else None
+            ready = select.select([waiting_on, *filter(None, [replaceable])], [], [], max(timeout, 0.0))[0]
+            if not ready:
+                return received
+            if self._server is not None and self._socket is None:
+                self._socket, _ = self._server.accept()
+                _probe(self._socket)
+                self._socket.setblocking(False)
+                self._came = time.monotonic()
+            elif ready == [self._server]:
+                self._lose("was silent, and another client waits")
+            while len(received) < MAX_PIECES:
+                piece = self._take()
+                if piece is None:
+                    break
+                if not piece and not self.datagrams:
+                    if received:
+                        break  # return what came; the next call raises
+                    self._lose("was closed by the other side")
+                if piece:
+                    self._came = time.monotonic()
+                    if self._origins.admit(piece, self._from, self._came):
+                        received.append((time.time(), piece))
+                    else:
+                        self._peers.pop(self._from, None)  # nor is anything sent to a vehicle that only shares the ids
+        except OSError as error:
+            if not received:
+                self._lose(f"was lost: {error.strerror or error}")
+        return received
+
+    def events(self) -> list[str]:
+        """Sentences to report since the last call."""
+        new, self._origins.events = self._origins.events, []
+        return new
+
+    def send(self, frame: bytes) -> None:
+        """Sends whole frames, with ``udpin`` to all addresses read from in the last ``SENDER_SECONDS``.
+
+        Raises LinkLost: the connection or the port is lost.
+        """
+        try:
+            if self._serial is not None:
+                os.write(self._serial, frame)
+            elif self._socket is None:
+                return  # no client yet
+            elif self._kind == "udpin":
+                since = time.monotonic() - SENDER_SECONDS
+                for sender in [sender for sender, heard in self._peers.items() if heard >= since]:
+                    self._socket.sendto(frame, sender)
+            else:
+                self._socket.sendall(frame)
+        except BlockingIOError:
+            return  # the other side is too slow: dropped, as a datagram would be
+        except OSError as error:
+            if self.datagrams:
+                return  # no listener there now: the link itself is fine
+            self._lose(f"was lost: {error.strerror or error}")
+
+    def reopen(self) -> bool:
+        """Opens a lost link, once its pause is over; returns whether it is open.
+
+        The pause doubles with each attempt, and with each link that is lost within ``STABLE_SECONDS``. An attempt takes
+        at most ``CONNECT_SECONDS``.
+        """
+        now = time.monotonic()
+        if self._waiting_on() is not None:
+            return True
+        if now < self._not_before:
+            return False
+        try:
+            self._open()
+        except OSError:
+            self.close()
+            self._pause_attempts()
+            return False
+        return True
+
+    def close(self) -> None:
+        """Closes it."""
+        for one in (self._socket, self._server):
+            if one is not None:
+                one.close()
+        if self._serial is not None:
+            with contextlib.suppress(OSError):
+                os.close(self._serial)
+        self._socket = self._server = self._serial = None
+
+    def _open(self) -> None:
+        self._opened = time.monotonic()
+        if self._kind == "serial":
+            self._serial = _serial(self.name)
+            return
+        kind = socket.SOCK_DGRAM if self.datagrams else socket.SOCK_STREAM
+        try:
+            family, _, _, _, address = socket.getaddrinfo(*self._address, type=kind)[0]
+        except UnicodeError as error:  # no valid host name
+            raise socket.gaierror(str(error)) from error
+        opened = socket.socket(family, kind)
+        if self._kind == "tcpin":
+            self._server = opened
+            opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        else:
+            self._socket = opened
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        self.buffer = opened.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+        if self._kind in ("udpin", "tcpin"):
+            opened.bind(address)
+            if self._kind == "tcpin":
+                opened.listen(1)
+        else:
+            if self._kind == "tcp":
+                _probe(opened)
+            # For a datagram socket this only sets the peer.
+            opened.settimeout(CONNECT_SECONDS)
+            opened.connect(address)
+        opened.setblocking(False)
+
+    def _waiting_on(self) -> socket.socket | int | None:
+        return self._socket or self._server or self._serial
+
+    def _take(self) -> bytes | None:
+        """The next piece; None if nothing waits."""
+        try:
+            if self._serial is not None:
+                return os.read(self._serial, MAX_PIECE_BYTES)
+            if self._socket is None:
+                return None
+            if self._kind == "udpin":
+                piece, sender = self._socket.recvfrom(MAX_PIECE_BYTES)
+                if sender not in self._peers and len(self._peers) >= MAX_PEERS:
+                    del self._peers[min(self._peers, key=self._peers.__getitem__)]
+                self._peers[sender] = time.monotonic()
+                self._from = sender
+                return piece
+            return self._socket.recv(MAX_PIECE_BYTES)
+        except BlockingIOError:
+            return None
+        except ConnectionRefusedError:
+            if self.datagrams:
+                return None  # the last datagram had no receiver
+            raise
+
+    def _lose(self, how: str) -> NoReturn:
+        if self._server is not None and self._socket is not None:
+            # The next client may connect at once.
+            self._socket.close()
+            self._socket = None
+        else:
+            self.close()
+            if time.monotonic() - self._opened >= STABLE_SECONDS:
+                self._pause = FIRST_PAUSE_SECONDS
+            self._pause_attempts()
+        raise LinkLost(f"The link {self.name} {how}.")
+
+    def _pause_attempts(self) -> None:
+        self._not_before = time.monotonic() + self._pause
+        self._pause = min(2 * self._pause, MAX_PAUSE_SECONDS)
+
+    def _refuse(self, error: OSError) -> NoReturn:
+        (host, port), bound = self._address, self._kind in ("udpin", "tcpin")
+        remedy = "; ports below 1024 need privileges" if 0 < port < 1024 else ""
+        if self._kind == "serial":
+            remedy = ": join the group that owns the port (often dialout)"
+        used = "the port is in use by another program: close it, or let it forward to another port"
+        reasons = (
+            (isinstance(error, socket.gaierror), f"there is no host {host}"),
+            (isinstance(error, PermissionError), f"it is not permitted{remedy}"),
+            (isinstance(error, FileNotFoundError), "there is no such serial port"),
+            (isinstance(error, ConnectionRefusedError), "nothing listens there"),
+            (isinstance(error, TimeoutError), f"no connection within {CONNECT_SECONDS:.0f} s"),
+            (bound and "in use" in str(error), used),
+            (bound and "assign" in str(error), f"{host} is not an address of this machine"),
+        )
+        reason = next((text for holds, text in reasons if holds), error.strerror or str(error))
+        raise Unreadable(f"Cannot open {self.name}: {reason}.") from error
+
+
+class Origins:
+    """Admits the datagrams of each autopilot from one address only. ``events``: sentences to report.
+
+    The ids are those of a datagram's first frame. Other components, as ground stations, may have several.
+    """
+
+    def __init__(self) -> None:
+        self.events: list[str] = []
+        self._first: dict[tuple[int, int], tuple[Any, float]] = {}
+        self._rivals: dict[tuple[int, int], Any] = {}  # address that was refused, until that is reported
+
+    def admit(self, datagram: bytes, address: Any, now: float) -> bool:
+        """Whether a datagram from ``address``, None where there are none, is of the first of its ids; ``now`` in s."""
+        ids = _ids(datagram)
+        if address is None or ids is None or ids[1] != AUTOPILOT_COMPONENT:
+            return True
+        first, heard = self._first.get(ids, (address, now))
+        if first != address and now - heard <= HEARD_SECONDS:
+            self._rivals.setdefault(ids, address)
+            return False
+        if self._rivals.get(ids) == address:
+            del self._rivals[ids]  # it took the place of the first
+        if self._rivals.get(ids) is not None:
+            # Both send; one that restarts from another port would not send from the first again.
+            addresses = f"{_name(address)} and {_name(self._rivals[ids])}"
+            self.events.append(
+                f"Two addresses send as {ids[0]}:{ids[1]}, {addresses}: only the first is read; if they are two "
+                "vehicles, give one another system id."
+            )
+            self._rivals[ids] = None
+        if ids in self._first or len(self._first) < MAX_VEHICLES:
+            self._first[ids] = address, now
+        return True
+
+
+def _ids(datagram: bytes) -> tuple[int, int] | None:
+    if len(datagram) >= HEADER_1 and datagram[0] == MARKER_1:
+        return datagram[3], datagram[4]
+    return (datagram[5], datagram[6]) if len(datagram) >= 7 and datagram[0] == MARKER_2 else None
+
+
+def _name(address: Any) -> str:
+    return f"{address[0]}:{address[1]}"
+
+
+def _parsed(name: str) -> tuple[str, str, int]:
+    """Kind ("udpin", "udpout", "tcp", "tcpin" or "serial"), host and port of a connection string."""
+    network = _NETWORK.fullmatch(name)
+    # Without a kind, the host must look like an address: "mcast:14550" is another kind of link.
+    if network is not None and (network[1] or re.search(r"[.\]]|localhost", network[2] or "")):
+        kind, host, port = network.groups()
+        if int(port) > 65535:
+            raise Unreadable(f"{name} is not a link: ports go up to 65535.")
+        return _KINDS.get(kind, kind), (host or "").strip("[]") or LOOPBACK, int(port)
+    if os.path.isfile(name):
+        raise Unreadable(f"{name} is a file, not a link: use `mavdem learn {name}`.")
+    if not os.path.isabs(name):
+        raise Unreadable(
+            f"{name!r} is not a link: write udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, tcpin:HOST:PORT or a "
+            "serial port as /dev/ttyACM0,115200."
+        )
+    return "serial", "", 0
+
+
+def _probe(connection: socket.socket) -> None:
+    """Makes the kernel probe a silent connection: a peer that lost power does not close it."""
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in (
+        ("TCP_KEEPIDLE", SILENCE_SECONDS),
+        ("TCP_KEEPINTVL", PROBE_SECONDS),
+        ("TCP_KEEPCNT", MAX_PROBES),
+    ):
+        if hasattr(socket, option):
+            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+
+
+def _serial(name: str) -> int:
+    """Opens a serial port: raw, at its speed, without waiting for a carrier or hanging up at the end."""
+    if sys.platform == "win32":
+        raise Unreadable(f"Cannot open {name}: serial ports need a POSIX system; forward it to UDP.")
+    import termios
+    import tty
+
+    device, _, speed = name.partition(",")
+    baud = getattr(termios, f"B{speed or BAUD}", None)
+    if baud is None or not (speed or "1").isdigit():
+        raise Unreadable(f"Cannot open {name}: {speed!r} is not a speed of a serial port.")
+    port = os.open(device, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
+    try:
+        tty.setraw(port, termios.TCSANOW)
+        settings = termios.tcgetattr(port)
+        settings[2] = (settings[2] | termios.CLOCAL | termios.CREAD) & ~(termios.HUPCL | termios.CRTSCTS)
+        settings[4] = settings[5] = baud
+        termios.tcsetattr(port, termios.TCSANOW, settings)
+    except termios.error as error:
+        os.close(port)
+        raise Unreadable(f"Cannot open {name}: it is not a serial port.") from error
+    return port

@@ -1,0 +1,399 @@
+"""LiveSession: records, learns from and shows what a link receives, step by step.
+
+One thread does all of it except what takes long: batch learning runs in the learner's executor, and what is shown waits
+in the view's own queue. The thread waits only for the link, for the disk of the recording, and at the end for the
+vehicle's confirmation of its former rates.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor, Executor, Future
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from math import floor, log2
+from typing import ParamSpec, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
+from mavdem.dem.parallel import pool
+from mavdem.live.aligner import AlignedRow, Setup
+from mavdem.live.kept_model import KeptModel
+from mavdem.live.link import Link, LinkLost
+from mavdem.live.rate_request import MAX_TRIES, REPLY_SECONDS, SILENCE_SECONDS, Arrivals, RateRequest, greeting
+from mavdem.live.recording import RawRecording
+from mavdem.live.status import ACCOUNT, NO_FLIGHT, NOT_SETTLED, UNCONFIRMED, SessionStatus, ahead_of, sentence
+from mavdem.live.stream import LiveStream
+
+Array = NDArray[np.float64]
+
+STATUS_SECONDS = 1.0  # From one status to the next
+REPEAT_SECONDS = 30.0
+"""In which a sentence is reported once, whatever its numbers: a link at a limit must not fill a terminal."""
+LOW_PRIORITY = 10  # Niceness, 0 to 19, of the process that learns
+
+_NUMBERS = re.compile(r"\d+(\.\d+)?(?= (Hz|s|ms)\b)")
+
+Arguments = ParamSpec("Arguments")
+Result = TypeVar("Result")
+
+
+class LearningProcess(Executor):
+    """An executor with one process of low priority.
+
+    If the process is killed, the future of its job raises, and the next job runs in a new process.
+    """
+
+    def __init__(self) -> None:
+        self._exits = ExitStack()
+        self._start()
+
+    def submit(
+        self, job: Callable[Arguments, Result], /, *args: Arguments.args, **kwargs: Arguments.kwargs
+    ) -> Future[Result]:
+        """Runs a job; see ``concurrent.futures.Executor``."""
+        try:
+            return self._pool.submit(job, *args, **kwargs)
+        except BrokenExecutor:
+            self._start()
+            return self._pool.submit(job, *args, **kwargs)
+
+    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
+        """Ends the process and waits until it is gone."""
+        self._exits.close()
+
+    def _start(self) -> None:
+        self._exits.close()
+        self._pool = self._exits.enter_context(pool(1))
+        if hasattr(os, "nice"):
+            # Batch learning may take its time; samples may not wait for a core.
+            self._pool.submit(os.nice, LOW_PRIORITY)
+
+
+class Display(Protocol):
+    """Shows rows and sentences; returns at once."""
+
+    def put(
+        self,
+        time: float,
+        segment: int,
+        outputs: Array,
+        inputs: Array,
+        estimate: Estimate | None = None,
+        learned: Learned | None = None,
+    ) -> None:
+        """Shows a row."""
+
+    def log(self, text: str) -> None:
+        """Shows a sentence."""
+
+
+@dataclass
+class LiveSession:
+    """A link and all that is done with what it receives."""
+
+    link: Link  # open
+    stream: LiveStream  # of one vehicle
+    settings: Settings  # of the learner
+    show: Callable[[Setup], Display]  # called with the first setup and each new one; returns the display for its rows
+    report: Callable[[SessionStatus], None]  # called once a second with the status
+    say: Callable[[str], None]  # called with each sentence
+    executor: Executor | None = None  # for batch learning
+    recording: RawRecording | None = None  # of the raw stream; ``None`` for none, and after it has failed
+    rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
+    learner: OnlineLearner | None = None  # of the latest rows; ``None`` before the first
+    sentences: deque[str] = field(default_factory=lambda: deque(maxlen=200))  # the latest
+    _kept: KeptModel = field(init=False)
+    _display: Display | None = None
+    _display_failed: bool = False
+    _setup: Setup | None = None
+    _learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = field(default_factory=dict)
+    _request: RateRequest | None = None
+    _arrivals: Arrivals = field(default_factory=Arrivals)
+    _boot: int = 0
+    _greetings: int = 0
+    _greeted: float = -np.inf
+    _latencies: deque[float] = field(default_factory=lambda: deque(maxlen=10_000))
+    _learned: int = 0
+    _shown: int = 0
+    _estimate: Estimate | None = None  # the latest
+    _reported: float = 0.0
+    _came: float = 0.0
+    _heard: float = field(default_factory=time.monotonic)
+    _sampled: float = -np.inf
+    _samples: int = 0
+    _settled: bool = False  # whether the latest row was
+    _account: dict[str, float] = field(default_factory=lambda: dict.fromkeys(ACCOUNT, 0.0))
+    _accounted: tuple[float, int] = field(default_factory=lambda: (time.monotonic(), 0))
+    _lost: bool = False
+    _obstacle: str = ""
+    _last_said: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Begins without a model."""
+        self._kept = KeptModel(self.executor)
+
+    def step(self, timeout: float = 0.1) -> None:
+        """Processes what has come; waits at most ``timeout`` seconds for it."""
+        received = self._receive(timeout)
+        self._came = time.monotonic()
+        if received:
+            # All at once, since each search of garbage costs time; the first stamp, so that no latency is too short.
+            for row in self.stream.feed(received[0][0], b"".join(data for _, data in received)):
+                self._take(row)
+            landing = self.stream.taken_back()
+            if landing is not None and self.learner is not None:
+                self.learner.forget_since(landing)
+            for event in self.stream.events():
+                self._log(event.sentence)
+        for text in self.link.events():
+            self._log(text)
+        # The time that processing takes is no silence.
+        now = time.monotonic()
+        if received:
+            self._say_resumed("Messages come", now - self._heard)
+            self._heard = now
+        if self.stream.samples != self._samples:
+            self._say_resumed("Attitude and motor outputs come", now - self._sampled)
+            self._samples, self._sampled = self.stream.samples, now
+        self._request_rates(now)
+        if now - self._reported >= STATUS_SECONDS:
+            self._reported = now
+            self._report_status()
+            self.account()
+
+    def account(self) -> dict[str, float]:
+        """Seconds by the keys of ``ACCOUNT``, second by second up to now; their sum is the age of the session."""
+        now, (before, learned) = time.monotonic(), self._accounted
+        self._accounted = now, self._learned
+        stream = self.stream.status()
+        if self._lost:
+            kind = "link_lost"
+        elif self._learned > learned:
+            kind = "learned"
+        elif now - self._heard >= STATUS_SECONDS:
+            kind = "silent"
+        elif stream.vehicle is None:
+            kind = "no_vehicle"
+        elif stream.obstacle not in ("", *NO_FLIGHT) or now - self._sampled >= STATUS_SECONDS:
+            kind = "waiting"
+        elif stream.flying:
+            kind = "unsettled"
+        else:
+            kind = "on_ground"
+        self._account[kind] += now - before
+        return dict(self._account)
+
+    def final_model(self) -> Learned:
+        """The model of the last samples, or a better one from before, which is reported.
+
+        Raises:
+            ValueError: there is none.
+        """
+        if self.learner is None:
+            raise ValueError("there was no settled flight")
+        learned, reason = self._kept.choose(self.learner)
+        if reason:
+            self._log(reason)
+        return learned
+
+    def end(self) -> None:
+        """Restores the vehicle's rates, which it must confirm, and ends the recording."""
+        if self._request is not None:
+            self._restore_rates(self._request)
+        if self.recording is not None:
+            try:
+                self.recording.close()
+            except OSError as error:
+                self.recording = None
+                self._log(f"The recording could not be finished ({_reason(error)}).")
+
+    @property
+    def asked(self) -> bool:
+        """Whether the vehicle was asked for message rates, which must be restored."""
+        return self._request is not None
+
+    @property
+    def status(self) -> SessionStatus:
+        """The status as of now."""
+        status, silence = self.stream.status(), self._silence()
+        learning = self.learner.obstacle if self.learner is not None else ""
+        unsettled = NOT_SETTLED if status.flying and not self._settled else learning
+        median, late = np.percentile(self._latencies, [50, 99]).tolist() if self._latencies else (np.nan, np.nan)
+        return replace(
+            status,
+            obstacle=silence or status.obstacle or unsettled,
+            rates=dict.fromkeys(status.rates, 0.0) if silence else status.rates,
+            learned=self._learned,
+            shown=self._shown,
+            latency=(median, late),
+            ahead=ahead_of(self._estimate),
+        )
+
+    def _silence(self) -> str:
+        """The sentence about a silent link; empty if it is not silent."""
+        now = time.monotonic()
+        if self._lost:
+            return "the link is lost"
+        if now - self._heard > SILENCE_SECONDS:
+            return f"nothing was received for {_rounded(now - self._heard):.0f} s"
+        if self._samples and now - self._sampled > SILENCE_SECONDS:
+            return f"no attitude and no motor outputs were received for {_rounded(now - self._sampled):.0f} s"
+        return ""
+
+    def _say_resumed(self, what: str, after: float) -> None:
+        if SILENCE_SECONDS < after < np.inf:
+            self._log(f"{what} again after {after:.0f} s.")
+
+    def _receive(self, timeout: float) -> list[tuple[float, bytes]]:
+        """Receives and records; opens a lost link again."""
+        try:
+            if self._lost:
+                if not self.link.reopen():
+                    time.sleep(min(timeout, 0.1))
+                    return []
+                self._lost = False
+                self._log("The link is open again.")
+            received = self.link.receive(timeout)
+        except LinkLost as error:
+            self._lost = True
+            self._log(f"{error} Trying to open it again.")
+            return []
+        try:
+            for stamp, data in received:
+                if self.recording is not None:
+                    self.recording.take(stamp, data)
+        except OSError as error:
+            self.recording = None
+            self._log(f"The recording ends here ({_reason(error)}); everything else continues.")
+        return received
+
+    def _take(self, row: AlignedRow) -> None:
+        setup = self.stream.setup
+        assert setup is not None
+        names = setup.layout.names
+        learner = self._learners.get((setup.dt, names))
+        if learner is None:
+            directions = None if setup.layout.positions_assumed else setup.layout.effect(self.stream.axis)
+            learner = OnlineLearner(
+                self.settings,
+                setup.dt,
+                len(names),
+                len(row.outputs),
+                executor=self.executor,
+                effect_directions=directions,
+            )
+            self._learners[setup.dt, names] = learner
+        self.learner = learner
+        if setup is not self._setup:
+            self._setup = setup
+            self._open_display(setup)
+        estimate = None
+        self._settled = row.settled
+        if row.settled:
+            try:
+                estimate = learner.update(row.time, row.outputs, row.inputs)
+            except ValueError as error:
+                self._log(f"A sample was skipped: {_reason(error)}.")
+            self._kept.take(learner.learned, row.time)
+        self._learned += estimate is not None
+        self._estimate = self._estimate if estimate is None else estimate
+        self._shown += estimate is None
+        # Not by the wall clock, which may be set meanwhile.
+        self._latencies.append(time.monotonic() - self._came)
+        if self._display is not None:
+            self._display.put(row.time, row.segment, row.outputs, row.inputs, estimate, learner.learned)
+
+    def _open_display(self, setup: Setup) -> None:
+        """Shows the rows of a setup; a display that fails is not used again, and nothing else ends."""
+        if self._display_failed:
+            return
+        before = self._display
+        try:
+            self._display = self.show(setup)
+        except Exception as error:
+            self._display, self._display_failed = None, True
+            self._log(f"The display failed ({_reason(error)}); everything else continues.")
+        if before is None and self._display is not None:
+            for said in self.sentences:
+                self._display.log(said)
+
+    def _request_rates(self, now: float) -> None:
+        """Asks for rates if the user wants that and the vehicle is known; sends a HEARTBEAT if needed before."""
+        if self.rate is None or self._lost:
+            return
+        if self.link.speaks_first and now - max(self._heard, self._greeted) >= STATUS_SECONDS:
+            self._greeted = now
+            self._send([greeting(self._greetings)])
+            self._greetings += 1
+        vehicle = self.stream.followed
+        if vehicle is None or now - self._heard > SILENCE_SECONDS:
+            return
+        if self._request is None:
+            self._request = RateRequest(vehicle, self.rate)
+        for message in self.stream.replies():
+            self._request.take(message)
+        rates = self._arrivals.rates(now, self.stream.arrived)
+        if self._arrivals.resumed or self.stream.boot != self._boot:
+            self._boot = self.stream.boot
+            self._request.restart()
+        self._send(self._request.due(now, rates))
+        for event in self._request.events:
+            self._log(event)
+        self._request.events.clear()
+
+    def _restore_rates(self, request: RateRequest) -> None:
+        for _ in range(0 if self._lost else MAX_TRIES):
+            frames = request.restore()
+            if not frames:
+                return
+            self._send(frames)
+            until = time.monotonic() + REPLY_SECONDS
+            while request.restoring and not self._lost and (left := until - time.monotonic()) > 0:
+                for stamp, data in self._receive(left):
+                    self.stream.feed(stamp, data)
+                for message in self.stream.replies():
+                    request.take(message)
+        if request.restore():
+            self._log(UNCONFIRMED)
+
+    def _send(self, frames: list[bytes]) -> None:
+        try:
+            for frame in frames:
+                self.link.send(frame)
+        except LinkLost as error:
+            self._log(str(error))
+
+    def _report_status(self) -> None:
+        status = self.status
+        self.report(status)
+        if status.obstacle != self._obstacle:
+            self._obstacle = status.obstacle
+            self._log(sentence(status.obstacle) or "The model is being learned.")
+
+    def _log(self, text: str) -> None:
+        said = sentence(text)
+        now, kind = time.monotonic(), _NUMBERS.sub("", said)
+        if now - self._last_said.get(kind, -np.inf) < REPEAT_SECONDS:
+            return
+        self._last_said = {one: at for one, at in self._last_said.items() if now - at < REPEAT_SECONDS} | {kind: now}
+        self.say(said)
+        self.sentences.append(said)
+        if self._display is not None:
+            self._display.log(said)
+
+
+def _rounded(silence: float) -> float:
+    """The seconds of a silence, rounded down to 3, 6, 12, 24 and so on: a long one is reported less and less often."""
+    return SILENCE_SECONDS * 2.0 ** floor(log2(silence / SILENCE_SECONDS))
+
+
+def _reason(error: Exception) -> str:
+    text = error.strerror if isinstance(error, OSError) else None
+    return (text or str(error)).rstrip(".")

@@ -1,0 +1,216 @@
+"""The report of a comparison, in sentences and tables; first where DEM is worse than other methods."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import sqrt
+
+from mavdem.comparison.comparison import Comparison
+from mavdem.comparison.methods import GENERALIZED_COORDINATES
+from mavdem.comparison.summaries import Loss, MethodSummary, OverFlights, over
+from mavdem.evaluate import HORIZONS, Paired
+from mavdem.report.blocks import Sentence, Table
+from mavdem.report.names import named, readable
+
+MAX_LISTED = 5  # cases in which DEM is worse that are listed in a sentence; the table after them has all
+
+
+def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[Sentence | Table]:
+    """Where the first method is worse, then the errors over flights and of each flight, and what the columns mean."""
+    several = len(comparison.flights) > 1
+    return [
+        *_losses(comparison, from_zero),
+        *(_over_flights(comparison, from_zero) if several else []),
+        *_generalized_coordinates(comparison, from_zero),
+        *(block for flight in comparison.flights for block in _flight(comparison, flight, from_zero)),
+        _legend(comparison.methods[0], from_zero, several),
+    ]
+
+
+def _losses(comparison: Comparison, from_zero: bool) -> list[Sentence | Table]:
+    reference, losses = comparison.methods[0], comparison.losses(from_zero)
+    several, silent = len(comparison.flights) > 1, _silent(comparison)
+    if not losses:
+        horizons = "" if from_zero else ", at every horizon"
+        where = "on every flight" if several else "on this flight"
+        others = len(comparison.methods) - len(silent)
+        without = f" No forecast was made by {', '.join(silent)}." if silent else ""
+        return [
+            Sentence("", lead=f"{reference} has the lowest error of all {others} methods {where}{horizons}.{without}")
+        ]
+    longest = {window.flight: len(window.test) for window in comparison.windows}
+    whole = [loss for loss in losses if loss.steps == longest[loss.flight]]
+    if whole:
+        listed = "; ".join(_loss(loss, comparison) for loss in whole[:MAX_LISTED])
+        more = f"; and {len(whole) - MAX_LISTED} more" if len(whole) > MAX_LISTED else ""
+        on = f" on {len({loss.flight for loss in whole})} of {len(comparison.flights)} flights" if several else ""
+        lead = f"{reference} is not the best method{on} over the whole test part. Its median error is {listed}{more}."
+    else:
+        lead = f"{reference} has the lowest error over the whole test part. At shorter horizons others are better."
+    return [Sentence("", lead=lead), *([] if from_zero else [_losses_by_horizon(comparison, losses)])]
+
+
+def _silent(comparison: Comparison) -> list[str]:
+    """Methods that made no forecast at all."""
+    return [one.method for one in comparison.over_flights() if one.failed == one.windows]
+
+
+def _loss(loss: Loss, comparison: Comparison) -> str:
+    where = f" on {loss.flight}" if len(comparison.flights) > 1 else ""
+    return (
+        f"{_ratio(loss.ratio)} times that of {loss.method}{where} (paired by window "
+        f"{_ratio(loss.paired.ratio)} times, p = {_p(loss.paired.p_value)})"
+    )
+
+
+def _losses_by_horizon(comparison: Comparison, losses: Sequence[Loss]) -> Table:
+    """The ratios of one flight; of several flights, on how many the first method is worse."""
+    reference = comparison.methods[0]
+    methods = list(dict.fromkeys(loss.method for loss in losses))
+    if len(comparison.flights) == 1:
+        horizons = [at.steps for at in comparison.summaries(comparison.flights[0])[0].horizons]
+        ratio = {(loss.method, loss.steps): _ratio(loss.ratio) for loss in losses}
+        return Table(
+            [f"{reference}'s error / the method's, where above 1; steps:", *map(str, horizons)],
+            [[method, *(ratio.get((method, steps), "") for steps in horizons)] for method in methods],
+        )
+    steps_of = {flight: [at.steps for at in comparison.summaries(flight)[0].horizons] for flight in comparison.flights}
+    header, places = _shared_horizons(list(steps_of.values()))
+    counts = {(method, place): 0 for method in methods for place in places}
+    for loss in losses:
+        for place in places:
+            counts[loss.method, place] += loss.steps == steps_of[loss.flight][place]
+    return Table(
+        [f"flights of {len(comparison.flights)} with {reference} worse; steps:", *header],
+        [[method, *(str(counts[method, place] or "") for place in places)] for method in methods],
+    )
+
+
+def _shared_horizons(steps: Sequence[Sequence[int]]) -> tuple[list[str], list[int]]:
+    """What horizons that all flights have are called, as at 100 Hz, and their places; the last is the whole part."""
+    shared = min(map(len, steps))
+    whole = str(steps[0][-1]) if len({one[-1] for one in steps}) == 1 else "all"
+    return [*map(str, HORIZONS[: shared - 1]), whole], [*range(shared - 1), -1]
+
+
+def _over_flights(comparison: Comparison, from_zero: bool) -> list[Sentence | Table]:
+    reference, overall = comparison.methods[0], comparison.over_flights(from_zero)
+    steps = [[at.steps for at in comparison.summaries(flight, from_zero)[0].horizons] for flight in comparison.flights]
+    header, _ = _shared_horizons(steps)
+    return [
+        Sentence(f"{len(comparison.flights)} flights, {len(comparison.windows)} windows.", "All flights:"),
+        Table(
+            ["error ratio; steps:", *header, *_count_columns(reference)],
+            [[one.method, *map(_ratio, one.horizons), *_counts(one, one.reference)] for one in overall],
+        ),
+    ]
+
+
+def _count_columns(reference: str) -> list[str]:
+    return ["above 1", "unstable", f"{reference} / method", "p"]
+
+
+def _counts(one: MethodSummary | OverFlights, paired: Paired) -> list[str]:
+    return [str(one.worse_than_constant), str(one.unstable), _ratio(paired.ratio), _p(paired.p_value)]
+
+
+def _generalized_coordinates(comparison: Comparison, from_zero: bool) -> list[Sentence | Table]:
+    """As the paper's Table ``tab:SSE_GC``, of medians over windows."""
+    pairs = [pair for pair in GENERALIZED_COORDINATES if set(pair) <= set(comparison.methods)]
+    if not pairs:
+        return []
+    by_flight = {
+        flight: {summary.method: summary.relative for summary in comparison.summaries(flight, from_zero)}
+        for flight in comparison.flights
+    }
+    if len(by_flight) > 1:
+        by_flight["all flights"] = {one.method: one.relative for one in comparison.over_flights(from_zero)}
+    header = ["influence of generalized coordinates, error ratio"]
+    for with_them, without in pairs:
+        header += [with_them, without, "ratio"]
+    rows = []
+    for flight, error in by_flight.items():
+        row = [flight]
+        for with_them, without in pairs:
+            row += [_ratio(error[with_them]), _ratio(error[without]), _ratio(over(error[with_them], error[without]))]
+        rows.append(row)
+    return [Table(header, rows)]
+
+
+def _flight(comparison: Comparison, flight: str, from_zero: bool) -> list[Sentence | Table]:
+    part, found = comparison.of_flight(flight), comparison.summaries(flight, from_zero)
+    train, test = part.windows[0].train, part.windows[0].test
+    count = len(part.windows)
+    return [
+        Sentence(
+            f"{count} window{'s' if count > 1 else ''} of {len(train)} training and {len(test)} test samples, at "
+            f"{1 / train.dt:.0f} Hz. The paired test uses the {found[0].horizons[-1].reference.tested} that do not "
+            "overlap.",
+            f"{flight}:",
+        ),
+        _errors(part, found),
+        *([] if from_zero else [_by_horizon(found)]),
+        *(Sentence(text) for one in found if (text := _without_forecast(one))),
+    ]
+
+
+def _without_forecast(summary: MethodSummary) -> str:
+    parts = []
+    if summary.failed:
+        parts.append(f"made no forecast in {summary.failed} of {summary.windows} windows: {summary.failure}")
+    if summary.diverged:
+        parts.append(f"diverged to infinity or NaN in {summary.diverged} of {summary.windows} windows")
+    return f"{summary.method} {'; and '.join(parts)}." if parts else ""
+
+
+def _errors(part: Comparison, found: Sequence[MethodSummary]) -> Table:
+    train, test = part.windows[0].train, part.windows[0].test
+    units = [readable(unit) for unit in train.output_units]
+    columns = [named(name, unit.name) for name, unit in zip(train.output_names, units, strict=True)]
+    return Table(
+        [
+            f"RMSE, {len(test)} step{'s' if len(test) > 1 else ''} ahead",
+            *columns,
+            "error ratio",
+            "worst",
+            *_count_columns(part.methods[0]),
+        ],
+        [
+            [
+                one.method,
+                *(f"{unit.scale * sqrt(square):.3g}" for unit, square in zip(units, one.mspe, strict=True)),
+                _ratio(one.relative),
+                _ratio(one.worst),
+                *_counts(one, one.horizons[-1].reference),
+            ]
+            for one in found
+        ],
+    )
+
+
+def _by_horizon(found: Sequence[MethodSummary]) -> Table:
+    return Table(
+        ["error ratio; steps:", *(str(at.steps) for at in found[0].horizons)],
+        [[one.method, *(_ratio(at.relative) for at in one.horizons)] for one in found],
+    )
+
+
+def _legend(reference: str, from_zero: bool, several: bool) -> Sentence:
+    start = "state 0, as in the paper's figures" if from_zero else "the state at the end of training"
+    overall = " Over flights: the geometric mean of these medians; each flight is one pair." if several else ""
+    return Sentence(
+        f"Forecasts start from {start}. Error ratio: mean squared error over the baseline's (the constant mean of the "
+        "training data), with each output in units of its training variance; below 1 is better than the baseline. "
+        "The tables have the median over windows, the worst window and the number of windows above 1. “unstable” "
+        "counts models with a growing mode. At k steps, the test part is forecast in pieces of k steps, each from the "
+        f"data before it. {reference} / method: the median over windows of the ratio of their errors. p: Wilcoxon's "
+        f"signed-rank test on these ratios, two-sided, for each method by itself.{overall}"
+    )
+
+
+def _ratio(value: float) -> str:
+    return f"{value:.3g}"
+
+
+def _p(value: float) -> str:
+    return f"{value:.2g}"

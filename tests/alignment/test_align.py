@@ -1,0 +1,302 @@
+"""From Telemetry to a uniform Flight: which stretch, which step, and no lag between motors and attitude."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hover import X_QUAD, Hover, changed, columns
+
+from mavdem.alignment.align import align, sample
+from mavdem.alignment.phases import TRANSIENT_SECONDS
+from mavdem.alignment.segments import MAX_GAP_SECONDS, Segment, settled_segments
+from mavdem.alignment.signals import MINIMUM_RATE, Signals
+from mavdem.alignment.verdict import judge
+from mavdem.ingest import read_log
+
+HOVER = Hover()
+DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
+
+
+def recorded(name: str):
+    if not (DATA / name).exists():
+        pytest.skip(f"{name} is not on this machine")
+    return read_log(DATA / name)
+
+
+def eight_and_twelve(phase: int) -> np.ndarray:
+    """Stamps of a 100 Hz stream out of a loop of 4 ms."""
+    steps = np.resize([0.008, 0.012], round(HOVER.end * 100))
+    return np.round(phase * 0.004 + np.cumsum(steps), 3)
+
+
+def test_the_longest_segment_is_the_hover():
+    (segment,) = settled_segments(Signals(HOVER.telemetry()))
+    assert segment.boot == 0
+    assert segment.start == pytest.approx(HOVER.level, abs=1.0)
+    assert segment.end == pytest.approx(HOVER.sinking, abs=1.0)
+
+
+def test_without_climb_rate_the_ends_are_cut_by_the_clock():
+    (segment,) = settled_segments(Signals(HOVER.telemetry(without=("LOCAL_POSITION_NED",))))
+    assert segment.start == pytest.approx(6.0 + TRANSIENT_SECONDS, abs=1.0)
+    assert segment.end == pytest.approx(HOVER.landed - TRANSIENT_SECONDS, abs=1.0)
+
+
+def test_what_the_autopilot_says_of_take_off_and_landing_is_believed():
+    time = HOVER.stamps(2.0)
+    landed = np.where(time < 6, 1, np.where(time < 20, 3, np.where(time < 40, 2, np.where(time < 60, 4, 1))))
+    telemetry = changed(HOVER.telemetry(), "EXTENDED_SYS_STATE", **columns(time, landed_state=landed))
+    (segment,) = settled_segments(Signals(telemetry))
+    assert 20 <= segment.start <= 21 + TRANSIENT_SECONDS and 39 - TRANSIENT_SECONDS <= segment.end <= 40
+
+
+def test_a_log_cut_out_of_a_hover_is_used_whole():
+    telemetry = HOVER.telemetry()
+    for message, table in telemetry.messages.items():
+        inside = (table["time"] >= 15) & (table["time"] < 45)
+        telemetry = changed(telemetry, message, **{name: column[inside] for name, column in table.items()})
+    (segment,) = settled_segments(Signals(telemetry))
+    assert (segment.start, segment.end) == pytest.approx((15, 44.99))
+
+
+def test_gaps_and_tumbles_end_a_segment():
+    telemetry = HOVER.telemetry()
+    table = telemetry.messages["SERVO_OUTPUT_RAW"]
+    kept = (table["time"] <= 20) | (table["time"] >= 20 + 2 * MAX_GAP_SECONDS)
+    telemetry = changed(telemetry, "SERVO_OUTPUT_RAW", **{name: column[kept] for name, column in table.items()})
+    roll = telemetry.messages["ATTITUDE"]["roll"].copy()
+    roll[np.abs(telemetry.messages["ATTITUDE"]["time"] - 40) < 0.5] = 2.5
+    found = settled_segments(Signals(changed(telemetry, "ATTITUDE", roll=roll)))
+    assert [round(segment.duration) for segment in found] == sorted(
+        (round(segment.duration) for segment in found), reverse=True
+    )
+    assert sorted((round(s.start, 1), round(s.end, 1)) for s in found)[1] == (20.2, 39.5)
+
+
+def test_boots_are_never_joined():
+    telemetry = HOVER.telemetry()
+    for message, table in telemetry.messages.items():
+        twice = {name: np.concatenate([column, column]) for name, column in table.items()}
+        twice["boot"] = np.repeat([0, 1], len(table["time"]))
+        telemetry = changed(telemetry, message, **twice)
+    found = settled_segments(Signals(telemetry))
+    assert sorted(segment.boot for segment in found) == [0, 1]
+    flight = align(Signals(telemetry), found[1])
+    np.testing.assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-9)
+
+
+def test_the_signals_of_the_phases_are_worked_out_once_for_all_boots(monkeypatch):
+    """A log may hold thousands of boots, and finding it takes a pass over all messages."""
+    calls = []
+    found = Signals.armed.func
+    monkeypatch.setattr(Signals.armed, "func", lambda one: calls.append(1) or found(one))
+    telemetry = HOVER.telemetry()
+    for message, table in telemetry.messages.items():
+        boots = np.arange(len(table["time"])) * 20 // len(table["time"])
+        telemetry = changed(telemetry, message, boot=boots)
+    settled_segments(Signals(telemetry))
+    assert len(calls) == 1
+
+
+def test_a_disarmed_vehicle_has_no_segment():
+    telemetry = HOVER.telemetry()
+    assert settled_segments(Signals(changed(telemetry, "HEARTBEAT", base_mode=np.ones(len(HOVER.stamps(1.0)))))) == ()
+
+
+def test_a_uniform_source_keeps_its_samples():
+    telemetry = HOVER.telemetry(motor_time=HOVER.stamps(100.0) + 0.0004)
+    flight = align(Signals(telemetry), settled_segments(Signals(telemetry))[0])
+    assert flight.dt == 0.01
+    assert flight.provenance["resampling"] == {"attitude": "samples kept", "motors": "samples kept"}
+    np.testing.assert_allclose(flight.outputs[:, 1], HOVER.roll_rate(flight.time), atol=1e-12)
+    np.testing.assert_allclose(flight.inputs @ X_QUAD / 4, HOVER.roll_command(flight.time + 0.0004), atol=1e-9)
+
+
+def test_alternating_stamps_make_one_step_of_ten_milliseconds():
+    telemetry = HOVER.telemetry(eight_and_twelve(0), eight_and_twelve(1))
+    flight = align(Signals(telemetry), settled_segments(Signals(telemetry))[0])
+    assert flight.dt == 0.01
+    # A line errs by the second derivative times a quarter of half the step squared: (12 ms)²/8 · 25/s² of 20 µs.
+    assert np.abs(flight.inputs @ X_QUAD / 4 - HOVER.roll_command(flight.time)).max() <= 0.012**2 / 8 * 25 * 20 * 1.001
+
+
+@pytest.mark.parametrize("offset", [0.002, 0.005, 0.008])
+@pytest.mark.parametrize("stamps", [HOVER.stamps(100.0), eight_and_twelve(0)], ids=["uniform", "alternating"])
+def test_neither_motors_nor_attitude_get_a_lag(stamps, offset):
+    """The delay of the truth that best explains a column is far below half a step, wherever the stamps lie."""
+    telemetry = HOVER.telemetry(motor_time=stamps + offset)
+    flight = align(Signals(telemetry), settled_segments(Signals(telemetry))[0])
+    delays = np.linspace(-0.01, 0.01, 201)
+    for column, truth in (
+        (flight.inputs @ X_QUAD / 4, HOVER.roll_command),
+        (flight.outputs[:, 0], HOVER.roll),
+        (flight.outputs[:, 1], HOVER.roll_rate),
+    ):
+        errors = [np.var(column - truth(flight.time - delay)) for delay in delays]
+        assert abs(delays[np.argmin(errors)]) <= 0.0002
+
+
+def test_motors_between_attitude_samples_are_not_the_ones_moved():
+    telemetry = HOVER.telemetry(motor_time=HOVER.stamps(100.0) + 0.005)
+    flight = align(Signals(telemetry), settled_segments(Signals(telemetry))[0])
+    assert flight.provenance["resampling"] == {"attitude": "linear", "motors": "samples kept"}
+    np.testing.assert_allclose(flight.inputs @ X_QUAD / 4, HOVER.roll_command(flight.time), atol=1e-9)
+
+
+def test_the_slower_stream_sets_the_step():
+    telemetry = HOVER.telemetry(attitude_time=200.0, motor_time=50.0)
+    flight = align(Signals(telemetry), settled_segments(Signals(telemetry))[0])
+    assert flight.dt == 0.02
+    # The filter is flat where the dynamics are.
+    np.testing.assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-4 * HOVER.sway)
+
+
+def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
+    """49 Hz, seen well at 400 Hz, would be 1 Hz on the 50 Hz of the motors; at the ends of the segment too."""
+    telemetry = HOVER.telemetry(attitude_time=400.0, motor_time=50.0)
+    table = telemetry.messages["ATTITUDE"]
+    shaking = table["rollspeed"] + 0.2 * np.sin(2 * np.pi * 49 * table["time"])
+    shaken = Signals(changed(telemetry, "ATTITUDE", rollspeed=shaking))
+    flight = align(shaken, settled_segments(shaken)[0])
+    assert flight.dt == 0.02
+    errors = np.abs(flight.outputs[:, 1] - HOVER.roll_rate(flight.time))
+    assert errors.max() < 0.01 * 0.2
+    assert flight.provenance["resampling"]["attitude"].startswith("low-passed at 20 Hz")
+
+
+def slow_until(change: float, fast: float, hover: Hover) -> np.ndarray:
+    """Stamps at 15 Hz, and from ``change`` on at ``fast``."""
+    return np.concatenate([np.arange(0, change, 1 / 15), np.arange(change, hover.end, 1 / fast)])
+
+
+def test_a_change_of_rates_in_flight_parts_the_fast_stretch_to_the_step():
+    hover = Hover(hovering=150)
+    stamps = slow_until(100.0, 100.0, hover)
+    telemetry = hover.telemetry(stamps, stamps)
+    (segment,) = settled_segments(Signals(telemetry))
+    assert (segment.start, segment.end) == pytest.approx((100.0, hover.sinking), abs=0.2)
+    flight = align(Signals(telemetry), segment)
+    assert flight.dt == 0.01
+    assert flight.provenance["resampling"] == {"attitude": "samples kept", "motors": "samples kept"}
+
+
+def test_lost_messages_and_jitter_part_nothing():
+    random = np.random.default_rng(5)
+    lossy = np.sort(random.permutation(HOVER.stamps(50.0))[: round(HOVER.end * 40)])
+    shaky = HOVER.stamps(MINIMUM_RATE) + random.uniform(-0.004, 0.004, round(HOVER.end * MINIMUM_RATE))
+    for stamps in (lossy, shaky):
+        found = settled_segments(Signals(HOVER.telemetry(stamps, HOVER.stamps(50.0))))
+        assert sum(segment.duration for segment in found) > 39
+        assert len(found) <= 1 + np.count_nonzero(np.diff(stamps) > MAX_GAP_SECONDS)
+
+
+def test_a_stream_that_is_slow_throughout_keeps_its_stretch():
+    (segment,) = settled_segments(Signals(HOVER.telemetry(15.0, 15.0)))
+    assert segment.duration == pytest.approx(40, abs=1)
+
+
+def test_names_units_and_provenance_say_what_was_done():
+    telemetry = HOVER.telemetry()
+    flight = align(Signals(telemetry, axis="pitch"), settled_segments(Signals(telemetry))[0])
+    assert flight.output_names == ("pitch", "pitch rate") and flight.output_units == ("rad", "rad/s")
+    assert flight.input_names[0] == "motor 1 (front right)" and set(flight.input_units) == {"µs"}
+    assert json.loads(json.dumps(flight.provenance, allow_nan=False)) == flight.provenance
+    assert flight.provenance["motors"]["channels_assumed"] is True
+
+
+def test_a_segment_of_another_flight_is_refused():
+    with pytest.raises(ValueError, match="segment"):
+        align(Signals(HOVER.telemetry()), Segment(boot=3, start=0.0, end=9.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "dt", "kept"),
+    [
+        ("sitl_ardupilot/ardupilot_inertia_wind5_steps.tlog", 0.01, "samples kept"),
+        ("sitl_ardupilot/ardupilot_wind5_mav1_50hz.tlog", 0.02, "samples kept"),
+        ("sitl_px4/px4_wind5_gust.tlog", 0.01, "linear"),
+    ],
+)
+def test_a_recorded_flight_gives_its_hover(name, dt, kept):
+    (telemetry,) = recorded(name).vehicles
+    segment = settled_segments(Signals(telemetry))[0]
+    flight = align(Signals(telemetry), segment)
+    assert flight.dt == dt
+    assert flight.provenance["resampling"]["motors"] == kept
+    assert flight.provenance["motors"]["positions_assumed"] is False
+    assert 60 < flight.duration < 110
+    height = -telemetry.messages["LOCAL_POSITION_NED"]["z"]
+    when = telemetry.messages["LOCAL_POSITION_NED"]["time"]
+    inside = (when > segment.start) & (when < segment.end)
+    assert np.ptp(height[inside]) < 1.0 < np.ptp(height)
+
+
+def with_roll_demand(motor_rate, demand_rate):
+    telemetry = Hover().telemetry(motor_time=motor_rate)
+    time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 1 / demand_rate)
+    controls = np.zeros((len(time), 8))
+    controls[:, 0], controls[:, 3] = 0.1 * np.sin(3 * time), 0.5
+    return changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=0 * time))
+
+
+@pytest.mark.parametrize(("motor_rate", "demand_rate", "taken"), [(100.0, 100.0, "motors"), (10.0, 100.0, "demand")])
+def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, demand_rate, taken):
+    demanded = with_roll_demand(motor_rate, demand_rate)
+    verdict = judge(Signals(demanded))
+    assert verdict.learnable
+    flight = align(Signals(demanded), verdict.segment)
+    said = any("(10.0 Hz), so the input is the controller's roll demand" in caution for caution in verdict.cautions)
+    if taken == "motors":
+        assert len(flight.input_names) == 4 and not said
+    else:
+        assert flight.input_names == ("roll demand",) and said
+        assert "roll demand at 100.0 Hz" in verdict.reason
+        np.testing.assert_allclose(flight.inputs[:, 0], 0.1 * np.sin(3 * flight.time), atol=2e-3)
+
+
+def test_the_inputs_that_are_asked_for_are_taken():
+    both = with_roll_demand(100.0, 50.0)
+    verdict = judge(Signals(both, inputs="demand"))
+    assert verdict.learnable and any(
+        caution.startswith("The input is the controller's roll demand, and the model includes the mixer")
+        for caution in verdict.cautions
+    )
+    flight = align(Signals(both, inputs="demand"), verdict.segment)
+    assert flight.input_names == ("roll demand",) and flight.dt == pytest.approx(0.02)
+    slow_motors = judge(Signals(with_roll_demand(10.0, 100.0), inputs="motors"))
+    assert not slow_motors.learnable and slow_motors.reason.startswith("SERVO_OUTPUT_RAW comes at 10.0 Hz")
+    assert slow_motors.remedy.startswith("Leave out `--inputs motors`: the roll demand comes at 100.0 Hz")
+    neither = judge(Signals(with_roll_demand(10.0, 10.0), inputs="motors"))
+    assert "--inputs" not in neither.remedy and "RC_CHAN" in neither.remedy
+    without = judge(Signals(Hover().telemetry(), inputs="demand"))
+    assert not without.learnable and "demand is not in it" in without.reason and "motors" in without.remedy
+    assert "ACTUATOR_CONTROL_TARGET" in without.reason and "ATTITUDE_TARGET" in without.reason
+    with pytest.raises(ValueError, match="'torque'"):
+        judge(Signals(both, inputs="torque"))
+
+
+def test_a_demand_as_slow_as_the_motors_does_not_replace_them():
+    telemetry = Hover().telemetry(motor_time=10.0)
+    time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 0.1)
+    controls = np.tile(np.sin(time)[:, None], (1, 8))
+    slow = changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=0 * time))
+    verdict = judge(Signals(slow))
+    assert not verdict.learnable and "SERVO_OUTPUT_RAW" in verdict.reason
+
+
+def test_a_stream_beside_one_a_million_times_slower_is_sampled_without_a_fault():
+    time = np.arange(5.0) / 100
+    values, way = sample(np.array([0.0, 0.02]), 1e6, time, np.sin(time)[:, None])
+    assert np.isfinite(values).all() and way.startswith("low-passed")
+
+
+def test_the_mixer_geometry_of_the_parameters_comes_with_the_flight():
+    parameters = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)} | {"FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0}
+    known, unknown = Signals(HOVER.telemetry(parameters=parameters)), Signals(HOVER.telemetry())
+    roll = align(known, settled_segments(known)[0]).effect_directions
+    np.testing.assert_allclose(roll, np.array([-1, 1, 1, -1]) / 4)
+    assert align(unknown, settled_segments(unknown)[0]).effect_directions is None

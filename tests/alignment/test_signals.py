@@ -1,0 +1,305 @@
+"""Which message means what: attitude, motors, their order and scale, armed and airborne."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover, changed, columns
+
+from mavdem.alignment import drive, signals
+from mavdem.alignment.phases import airborne_collective
+from mavdem.alignment.signals import Signals
+from mavdem.ingest.motors import motor_geometry, output_scale
+from mavdem.ingest.telemetry import Telemetry
+
+HOVER = Hover()
+
+
+def quaternion(roll, pitch, yaw):
+    """(N, 4) w x y z of the Z-Y-X rotation, by composing three axis rotations."""
+
+    def about(axis, angle):
+        q = np.zeros((len(angle), 4))
+        q[:, 0], q[:, axis] = np.cos(angle / 2), np.sin(angle / 2)
+        return q
+
+    def times(a, b):
+        w = a[:, 0] * b[:, 0] - (a[:, 1:] * b[:, 1:]).sum(1)
+        return np.column_stack([w, a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])])
+
+    return times(times(about(3, yaw), about(2, pitch)), about(1, roll))
+
+
+def with_quaternion(rate: float) -> Telemetry:
+    time = HOVER.stamps(rate)
+    roll, pitch, yaw = HOVER.roll(time), 0.2 * np.sin(time), 0.3 * time
+    q = quaternion(roll, pitch, yaw)
+    body = {name: np.full(len(time), value) for name, value in (("pitchspeed", 0.2), ("yawspeed", 0.3))}
+    fields = {f"q{i + 1}": q[:, i] for i in range(4)} | body | {"rollspeed": HOVER.roll_rate(time)}
+    return changed(HOVER.telemetry(10.0), "ATTITUDE_QUATERNION", **columns(time, **fields))
+
+
+def test_a_faster_quaternion_gives_the_euler_angles_it_was_made_of():
+    telemetry = with_quaternion(100.0)
+    roll, pitch = signals.attitude(telemetry, "roll"), signals.attitude(telemetry, "pitch")
+    assert roll.message == pitch.message == "ATTITUDE_QUATERNION"
+    np.testing.assert_allclose(roll.angle, HOVER.roll(roll.time), atol=1e-12)
+    np.testing.assert_allclose(roll.rate, HOVER.roll_rate(roll.time), atol=1e-12)
+    np.testing.assert_allclose(pitch.angle, 0.2 * np.sin(pitch.time), atol=1e-12)
+
+
+def test_attitude_is_preferred_when_it_is_as_fast():
+    assert signals.attitude(with_quaternion(10.0), "roll").message == "ATTITUDE"
+
+
+def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
+    time = np.arange(0, 10, 1e-3)
+    roll, pitch, yaw_rate = 0.4 * np.sin(time), 0.5 + 0.1 * np.cos(2 * time), 0.8
+    roll_rate, pitch_rate = 0.4 * np.cos(time), -0.2 * np.sin(2 * time)
+    fields = {
+        "roll": roll,
+        "pitch": pitch,
+        "rollspeed": roll_rate - yaw_rate * np.sin(pitch),
+        "pitchspeed": pitch_rate * np.cos(roll) + yaw_rate * np.cos(pitch) * np.sin(roll),
+        "yawspeed": -pitch_rate * np.sin(roll) + yaw_rate * np.cos(pitch) * np.cos(roll),
+    }
+    telemetry = changed(HOVER.telemetry(), "ATTITUDE", **columns(time, **fields))
+    for axis, derivative in (("roll", roll_rate), ("pitch", pitch_rate)):
+        np.testing.assert_allclose(signals.attitude(telemetry, axis).slope, derivative, atol=1e-12)
+
+
+def test_an_unknown_axis_is_named():
+    with pytest.raises(ValueError, match="'yaw'"):
+        Signals(HOVER.telemetry(), "yaw")
+
+
+def test_disordered_repeated_and_broken_samples_leave_clean_columns():
+    telemetry = HOVER.telemetry()
+    table = telemetry.messages["ATTITUDE"]
+    order = np.random.default_rng(0).permutation(len(table["time"]))
+    order = np.concatenate([order, order[:500]])
+    shuffled = {name: column[order].copy() for name, column in table.items()}
+    lost = shuffled["time"][7]
+    for row in np.flatnonzero(shuffled["time"] == lost):
+        shuffled["roll"][row] = np.nan
+    got = signals.attitude(changed(telemetry, "ATTITUDE", **shuffled), "roll")
+    whole = signals.attitude(telemetry, "roll")
+    np.testing.assert_array_equal(got.time, whole.time[whole.time != lost])
+    np.testing.assert_array_equal(got.angle, whole.angle[whole.time != lost])
+
+
+def test_ardupilot_motors_by_servo_function_and_frame():
+    parameters = {"FRAME_CLASS": 1, "FRAME_TYPE": 0, "SERVO1_FUNCTION": 36, "SERVO2_FUNCTION": 33}
+    parameters |= {"SERVO3_FUNCTION": 34, "SERVO4_FUNCTION": 35, "SERVO5_FUNCTION": 70}
+    motors = drive.motors(HOVER.telemetry(parameters=parameters))
+    assert motors.layout.channels == (2, 3, 4, 1)
+    assert motors.layout.names == ("motor 1 (right)", "motor 2 (left)", "motor 3 (front)", "motor 4 (rear)")
+    assert not motors.layout.channels_assumed and not motors.layout.positions_assumed
+    np.testing.assert_allclose(motors.layout.effect("roll"), [-0.5, 0.5, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(motors.layout.effect("pitch"), [0, 0, 0.5, -0.5], atol=1e-12)
+    expected = HOVER.motors(motors.time)[:, [1, 2, 3, 0]]
+    np.testing.assert_array_equal(motors.outputs, expected)
+
+
+def test_px4_motors_by_function_and_rotor_places():
+    parameters = {"CA_ROTOR_COUNT": 4} | {f"PWM_MAIN_FUNC{n}": 105 - n for n in (1, 2, 3, 4)}
+    for n, (forward, right) in enumerate([(0.1, 0.2), (-0.1, -0.2), (0.1, -0.2), (-0.1, 0.2)]):
+        parameters |= {f"CA_ROTOR{n}_PX": forward, f"CA_ROTOR{n}_PY": right}
+    motors = drive.motors(HOVER.telemetry(autopilot="PX4", parameters=parameters)).layout
+    assert motors.channels == (4, 3, 2, 1)
+    np.testing.assert_allclose(motors.effect("roll"), [-0.25, 0.25, 0.25, -0.25])
+    np.testing.assert_allclose(motors.effect("pitch"), [0.25, -0.25, 0.25, -0.25])
+
+
+def test_px4_motors_over_two_drivers():
+    """An octo: motors 1 to 4 on the second half of the first driver's outputs, 5 to 8 on the second driver."""
+    parameters = {f"PWM_MAIN_FUNC{n}": 96.0 + n for n in (5, 6, 7, 8)}
+    parameters |= {f"PWM_AUX_FUNC{n}": 104.0 + n for n in (1, 2, 3, 4)}
+    on_both = motor_geometry("OCTOROTOR", "PX4", parameters, moving=[5, 6, 7, 8, 17, 18, 19, 20], bank=16)
+    assert on_both.motors == tuple(range(1, 9)) and on_both.channels == (5, 6, 7, 8, 17, 18, 19, 20)
+    on_one = motor_geometry("QUADROTOR", "PX4", parameters, moving=[5, 6, 7, 8], bank=16)
+    assert on_one.motors == (1, 2, 3, 4) and on_one.channels == (5, 6, 7, 8)
+    spare = parameters | {f"UAVCAN_EC_FUNC{n}": 100.0 + n for n in (1, 2, 3, 4)}
+    assert (
+        motor_geometry("OCTOROTOR", "PX4", spare, moving=[*range(1, 9), *range(17, 21)], bank=16).channels
+        == on_both.channels
+    )
+
+
+def test_without_parameters_the_moving_channels_are_assumed_and_said():
+    motors = drive.motors(HOVER.telemetry()).layout
+    assert motors.channels == (1, 2, 3, 4)
+    assert motors.channels_assumed and motors.positions_assumed
+    assert "X quad" in motors.basis and "channels that move" in motors.basis
+
+
+def test_the_tilt_servo_of_a_tricopter_is_no_motor():
+    parameters = {"FRAME_CLASS": 7.0} | {f"SERVO{n}_FUNCTION": 32.0 + n for n in (1, 2, 4, 7)}
+    found = motor_geometry("TRICOPTER", "ARDUPILOTMEGA", parameters, moving=[1, 2, 4, 7], bank=8)
+    assert found.motors == (1, 2, 4) and not found.positions_assumed
+
+
+def test_a_hexarotor_of_unknown_frame_has_no_places():
+    motors = motor_geometry("HEXAROTOR", "ARDUPILOTMEGA", {}, moving=range(1, 9), bank=8)
+    assert motors.channels == (1, 2, 3, 4, 5, 6)
+    assert motors.names[0] == "motor 1" and motors.effect("roll") is None
+
+
+@pytest.mark.parametrize(
+    ("frame_class", "frame_type", "count"),
+    [(1, t, 4) for t in (0, 1, 2, 3, 6, 12, 13, 14, 16, 17, 18)]
+    + [(2, t, 6) for t in (0, 1, 13, 14)]
+    + [(3, t, 8) for t in (0, 1, 13, 14)]
+    + [(4, t, 8) for t in (0, 1, 2, 3, 12, 14, 18)]
+    + [(5, t, 6) for t in (0, 1, 10, 11)],
+)
+def test_every_frame_balances(frame_class, frame_type, count):
+    """Equal thrust on every motor turns nothing, and both axes can be turned."""
+    functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, count + 1)}
+    frame = functions | {"FRAME_CLASS": frame_class, "FRAME_TYPE": frame_type}
+    found = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", frame, moving=range(1, count + 1), bank=8)
+    assert len(found.motors) == count and not found.positions_assumed
+    for axis in ("roll", "pitch"):
+        assert found.effect(axis).sum() == pytest.approx(0, abs=1e-6)
+        assert np.abs(found.effect(axis)).sum() == pytest.approx(1)
+
+
+def test_two_banks_that_interleave_are_sixteen_channels():
+    telemetry = HOVER.telemetry(parameters={f"SERVO{8 + n}_FUNCTION": 32.0 + n for n in (1, 2, 3, 4)})
+    table = telemetry.messages["SERVO_OUTPUT_RAW"]
+    rows = np.repeat(np.arange(len(table["time"])), 2)
+    both = {name: column[rows].copy() for name, column in table.items()}
+    second = np.arange(len(rows)) % 2 == 1
+    both["port"] = second.astype(float)
+    for n in range(1, 9):
+        both[f"servo{n}_raw"][~second] = 1500.0
+    motors = drive.motors(changed(telemetry, "SERVO_OUTPUT_RAW", **both))
+    assert motors.layout.channels == (9, 10, 11, 12)
+    np.testing.assert_array_equal(motors.outputs, HOVER.motors(motors.time))
+
+
+def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
+    """Six motors over two banks, whole µs, the second bank's messages 3 ms after the first's."""
+    parameters = {f"SERVO{4 + n}_FUNCTION": 32.0 + n for n in range(1, 7)} | {"FRAME_CLASS": 2, "FRAME_TYPE": 1}
+    telemetry = HOVER.telemetry(vehicle="HEXAROTOR", parameters=parameters)
+    time = HOVER.stamps(100.0)
+    outputs = np.round(1500 + 100 * np.sin(np.outer(time, 1 + 0.1 * np.arange(16))))
+    second = np.arange(2 * len(time)) % 2 == 1
+    both = {"time": np.repeat(time, 2) + 0.003 * second, "boot": np.zeros(len(second), dtype=int), "port": second * 1.0}
+    for n in range(8):
+        both[f"servo{n + 1}_raw"] = np.where(second, np.repeat(outputs[:, 8 + n], 2), np.repeat(outputs[:, n], 2))
+    motors = drive.motors(changed(telemetry, "SERVO_OUTPUT_RAW", **both))
+    assert motors.layout.channels == (5, 6, 7, 8, 9, 10)
+    assert np.any(motors.outputs % 1), "the second bank falls between the stamps"
+    assert motors.scale.step == 1.0
+
+
+def test_actuator_arrays_serve_where_servo_output_raw_is_slow():
+    telemetry = HOVER.telemetry(motor_time=1.0, autopilot="PX4")
+    time = HOVER.stamps(50.0)
+    actuator = np.zeros((len(time), 32))
+    actuator[:, :4] = HOVER.motors(time)
+    motors = drive.motors(changed(telemetry, "ACTUATOR_OUTPUT_STATUS", **columns(time, actuator=actuator)))
+    assert motors.message == "ACTUATOR_OUTPUT_STATUS"
+    np.testing.assert_array_equal(motors.outputs, HOVER.motors(time))
+
+
+def test_a_message_without_motors_that_move_leaves_the_next() -> None:
+    """The more frequent message stands still, and the one with the motors has a channel that never has a number."""
+    time = HOVER.stamps(50.0)
+    actuator = np.full((len(time), 32), np.nan)
+    actuator[:, :4] = HOVER.motors(time)
+    telemetry = changed(HOVER.telemetry(), "ACTUATOR_OUTPUT_STATUS", **columns(time, actuator=actuator))
+    still = {f"servo{n}_raw": np.full(len(HOVER.stamps(100.0)), 1000.0) for n in range(1, 9)}
+    motors = drive.motors(changed(telemetry, "SERVO_OUTPUT_RAW", **still))
+    assert motors is not None and motors.message == "ACTUATOR_OUTPUT_STATUS"
+    np.testing.assert_array_equal(motors.outputs, HOVER.motors(time))
+
+
+def test_a_channel_without_any_number_costs_no_other() -> None:
+    telemetry = HOVER.telemetry()
+    unused = {"servo6_raw": np.full(len(HOVER.stamps(100.0)), np.nan)}
+    motors = drive.motors(changed(telemetry, "SERVO_OUTPUT_RAW", **unused))
+    assert motors is not None and len(motors.time) == len(HOVER.stamps(100.0))
+
+
+def test_parameters_of_some_motors_only_are_incomplete() -> None:
+    motors = drive.motors(HOVER.telemetry(parameters={"SERVO7_FUNCTION": 35.0, "SERVO2_FUNCTION": 34.0}))
+    assert motors is not None and motors.layout.channels == (1, 2, 3, 4) and motors.layout.channels_assumed
+
+
+def test_motors_that_never_move_are_no_motors():
+    telemetry = HOVER.telemetry()
+    still = {f"servo{n}_raw": np.full(len(HOVER.stamps(100.0)), 1000.0) for n in range(1, 9)}
+    assert drive.motors(changed(telemetry, "SERVO_OUTPUT_RAW", **still)) is None
+
+
+@pytest.mark.parametrize(
+    ("values", "name", "unit", "step"),
+    [
+        (1000 + np.arange(900.0), "PWM", "µs", 1.0),
+        (np.concatenate([[0.0, 900.0], 1400 + np.arange(50.0)]), "PWM", "µs", 1.0),
+        (np.arange(101) / 100, "normalised", "", 0.01),
+        (np.concatenate([[0.0], 150 + np.arange(700.0)]), "0-1000", "", 1.0),
+        (np.concatenate([[0.0], 120 + np.arange(1500.0)]), "DShot", "", 1.0),
+    ],
+)
+def test_scales_are_distinguished(values, name, unit, step):
+    scale = output_scale(values[:, None], {})
+    assert (scale.name, scale.unit) == (name, unit)
+    assert scale.step == pytest.approx(step)
+
+
+def test_the_range_of_pulse_widths_is_the_autopilots_when_it_says():
+    scale = output_scale(np.array([[1100.0], [1500.0]]), {"MOT_PWM_MIN": 1100.0, "MOT_PWM_MAX": 1900.0})
+    np.testing.assert_allclose(scale.fraction(np.array([1100.0, 1500.0, 1900.0])), [0, 0.5, 1])
+    throttle = {"RCMAP_THROTTLE": 3.0, "RC3_MIN": 1150.0, "RC3_MAX": 1900.0}
+    idle = output_scale(np.array([[1220.0], [1500.0]]), throttle).fraction(np.array([1220.0]))
+    assert idle[0] < airborne_collective(throttle), "armed on the ground, 70 µs above the range's lower end"
+    assert output_scale(np.array([[1100.0], [1500.0]]), {"MOT_PWM_MIN": 0.0, "MOT_PWM_MAX": 0.0}).high == 2000
+
+
+def test_armed_outvotes_strays_and_foreign_heartbeats():
+    telemetry = HOVER.telemetry()
+    table = {name: column.copy() for name, column in telemetry.messages["HEARTBEAT"].items()}
+    table["base_mode"][30] = 0
+    table["base_mode"][2] = ARMED
+    table["type"][33:36], table["autopilot"][33:36] = MAV_TYPES["GCS"], MAV_AUTOPILOTS["INVALID"]
+    table["base_mode"][33:36] = 0
+    state = Signals(changed(telemetry, "HEARTBEAT", **table)).armed
+    expected = (state.time >= 5) & (state.time < HOVER.landed + 1)
+    np.testing.assert_array_equal(state.values > 0, expected)
+    assert len(state.time) == len(table["time"]) - 3
+
+
+def with_demand(telemetry, rate=100.0, group=0.0, thrust=0.5):
+    """The telemetry with a controller's demand beside it: roll a sine, pitch nothing."""
+    time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 1 / rate)
+    controls = np.zeros((len(time), 8))
+    controls[:, 0], controls[:, 3] = 0.1 * np.sin(time), thrust
+    return changed(
+        telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=np.full(len(time), group))
+    )
+
+
+def test_the_demand_on_an_axis_is_one_input_that_turns_it():
+    demand = drive.demand(with_demand(HOVER.telemetry()), "roll")
+    np.testing.assert_allclose(demand.outputs[:, 0], 0.1 * np.sin(demand.time))
+    assert demand.layout.names == ("roll demand",)
+    np.testing.assert_array_equal(demand.layout.effect("roll"), [1.0])
+    assert (demand.scale.low, demand.scale.high) == (-1.0, 1.0)
+    # A demand that never moves, one of another group, and none at all are no input.
+    assert drive.demand(with_demand(HOVER.telemetry()), "pitch") is None
+    assert drive.demand(with_demand(HOVER.telemetry(), group=1.0), "roll") is None
+    assert drive.demand(HOVER.telemetry(), "roll") is None
+
+
+def test_the_collective_is_the_motors_mean_or_else_the_thrust_asked_for():
+    telemetry = with_demand(HOVER.telemetry())
+    motors = drive.motors(telemetry)
+    expected = motors.scale.fraction(motors.outputs).mean(axis=1)
+    np.testing.assert_array_equal(Signals(telemetry).collective.values, expected)
+    without = replace(telemetry, messages={k: v for k, v in telemetry.messages.items() if k != "SERVO_OUTPUT_RAW"})
+    np.testing.assert_array_equal(np.unique(Signals(without).collective.values), [0.5])

@@ -1,0 +1,413 @@
+"""The verdict: what can be learnt from is let through with its doubts, what cannot is refused with its figures."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+from hover import X_QUAD, Hover, changed, columns
+
+from mavdem.alignment import align as aligning
+from mavdem.alignment import quality
+from mavdem.alignment.align import align
+from mavdem.alignment.segments import Segment, settled_segments
+from mavdem.alignment.signals import Signals
+from mavdem.alignment.verdict import judge, too_slow
+from mavdem.cli.commands import mavdem
+from mavdem.ingest import Component
+from mavdem.ingest.telemetry import Telemetry
+from mavdem.live.phase import LivePhase
+
+HOVER = Hover()
+
+
+def test_a_hover_at_100_hz_is_learnable():
+    verdict = judge(Signals(HOVER.telemetry()))
+    assert verdict.learnable and verdict.remedy == ""
+    assert "100.0 Hz" in verdict.reason
+    figures = verdict.figures
+    assert figures.attitude_rate == pytest.approx(100) and figures.motor_rate == pytest.approx(100)
+    assert figures.input_sd == pytest.approx(HOVER.command / np.sqrt(2), rel=0.02)
+    assert figures.consistency == pytest.approx(1, abs=1e-3)
+    assert figures.armed == pytest.approx(HOVER.landed + 1 - 5, abs=1.0)
+    assert figures.airborne == pytest.approx(HOVER.landed - 6, abs=2.0)
+
+
+def test_a_verdict_is_plain_json():
+    for telemetry in (HOVER.telemetry(), HOVER.telemetry(4.0, 4.0), HOVER.telemetry(vehicle="GROUND_ROVER")):
+        verdict = judge(Signals(telemetry))
+        assert json.loads(json.dumps(verdict.as_dict(), allow_nan=False))["reason"] == verdict.reason
+
+
+@pytest.mark.parametrize(
+    ("attitude", "motors", "named"),
+    [(4.0, 4.0, "4.0 Hz"), (100.0, 10.0, "SERVO_OUTPUT_RAW"), (15.0, 100.0, "ATTITUDE")],
+)
+def test_slow_telemetry_is_refused_with_its_rate_and_the_command(attitude, motors, named):
+    verdict = judge(Signals(HOVER.telemetry(attitude, motors)))
+    assert not verdict.learnable
+    assert named in verdict.reason and "need 40 Hz" in verdict.reason and "better 100" in verdict.reason
+    assert "EXTRA1" in verdict.remedy and "RC_CHAN" in verdict.remedy
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "named"),
+    [
+        (
+            "PX4",
+            ("mavlink stream -d DEVICE -s ATTITUDE -r 100", "mavlink stream -d DEVICE -s SERVO_OUTPUT_RAW_0 -r 100"),
+        ),
+        ("ARDUPILOTMEGA", ("long SET_MESSAGE_INTERVAL 30 10000", "long SET_MESSAGE_INTERVAL 36 10000")),
+        ("INVALID", ("30 (ATTITUDE)", "36 (SERVO_OUTPUT_RAW)", "10000 µs")),
+    ],
+)
+def test_the_remedy_names_the_autopilots_parameters(autopilot, named):
+    remedy = judge(Signals(HOVER.telemetry(4.0, 4.0, autopilot=autopilot))).remedy
+    assert all(words in remedy for words in named)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "outputs", "reason"),
+    [
+        ({}, 1000.0, "The motors did not run: no output in SERVO_OUTPUT_RAW ever changes."),
+        (
+            {f"SERVO{4 + n}_FUNCTION": 32.0 + n for n in range(1, 5)},
+            None,
+            "By the SERVOn_FUNCTION parameters the motors are on channels 5, 6, 7, 8, which never change in "
+            "SERVO_OUTPUT_RAW; 1, 2, 3, 4 do.",
+        ),
+        (
+            {f"SERVO{2 * n}_FUNCTION": 32.0 + n for n in range(1, 7)},
+            None,
+            "By the SERVOn_FUNCTION parameters the motors are on channels 2, 4, 6, 8, 10, 12, but SERVO_OUTPUT_RAW has "
+            "no channel 10, 12.",
+        ),
+    ],
+)
+def test_why_there_are_no_motors_is_what_the_outputs_show(parameters, outputs, reason):
+    telemetry = Hover().telemetry(parameters=parameters)
+    if outputs is not None:
+        count = len(telemetry.messages["SERVO_OUTPUT_RAW"]["time"])
+        still = {f"servo{n}_raw": np.full(count, outputs) for n in range(1, 9)}
+        telemetry = changed(telemetry, "SERVO_OUTPUT_RAW", **still)
+    assert judge(Signals(telemetry)).reason == reason
+
+
+def test_sentences_call_messages_by_their_names_in_the_log():
+    hover = Hover().telemetry(4.0, 4.0)
+    names = {"ATTITUDE": "ATT", "SERVO_OUTPUT_RAW": "RCOU", "ACTUATOR_CONTROL_TARGET": "RATE"}
+    logged = dataclasses.replace(hover, translated_from="DataFlash", names=names)
+    assert judge(Signals(logged)).reason.startswith("ATT comes at 4.0 Hz and RCOU at 4.0 Hz;")
+    silent = dataclasses.replace(logged, messages={"HEARTBEAT": hover.messages["HEARTBEAT"]})
+    without_motors = {name: table for name, table in hover.messages.items() if name != "SERVO_OUTPUT_RAW"}
+    for telemetry, inputs in (
+        (silent, None),
+        (logged, "demand"),
+        (dataclasses.replace(logged, messages=without_motors), None),
+    ):
+        verdict = judge(Signals(telemetry, inputs=inputs))
+        said = f"{verdict.reason} {verdict.remedy}"
+        assert not any(name in said for name in ("ATTITUDE", *names)), said
+
+
+def test_a_remedy_names_no_command_that_is_not_there():
+    for autopilot in ("PX4", "ARDUPILOTMEGA", "INVALID"):
+        remedy = judge(Signals(HOVER.telemetry(4.0, 4.0, autopilot=autopilot))).remedy
+        assert remedy and set(re.findall(r"`mavdem (\w+)", remedy)) <= set(mavdem.commands)
+
+
+def test_fifty_hz_with_a_tenth_lost_is_enough():
+    lossy = np.sort(np.random.default_rng(1).permutation(HOVER.stamps(50.0))[: round(HOVER.end * 45)])
+    assert judge(Signals(HOVER.telemetry(lossy, HOVER.stamps(50.0)))).figures.attitude_rate == pytest.approx(45, abs=2)
+    assert judge(Signals(HOVER.telemetry(lossy, HOVER.stamps(50.0)))).learnable
+
+
+LONG = Hover(hovering=150.0)
+
+
+def slow_then_fast(change: float, fast_from: float, fast_until: float = LONG.end) -> Telemetry:
+    """Attitude and motors at 15 Hz before ``change``, at 100 Hz from ``fast_from``."""
+    stamps = np.concatenate([np.arange(0, change, 1 / 15), np.arange(fast_from, fast_until, 0.01)])
+    return LONG.telemetry(stamps, stamps)
+
+
+@pytest.mark.parametrize("fast_from", [100.0, 100.5], ids=["at once", "after a gap"])
+def test_the_fast_part_of_a_flight_is_learnt_from_and_the_slow_part_is_not(fast_from):
+    verdict = judge(Signals(slow_then_fast(100.0, fast_from)))
+    assert verdict.learnable
+    assert verdict.segment.start == pytest.approx(fast_from, abs=0.1)
+    assert verdict.figures.attitude_rate == pytest.approx(100, rel=1e-3)
+    assert verdict.figures.attitude_gap == pytest.approx(0.01)
+
+
+def test_a_fast_part_too_short_to_learn_from_is_refused_for_the_rate_of_the_rest():
+    stamps = np.concatenate([np.arange(0, 100, 1 / 15), np.arange(100, 103, 0.01), np.arange(103, LONG.end, 1 / 15)])
+    reason = refused_for(LONG.telemetry(stamps, stamps))
+    assert re.search(r"comes at 1\d\.\d Hz", reason)
+
+
+def test_both_messages_are_blamed_where_both_are_slow_whichever_is_slower():
+    for attitude, motors in ((9.76983, 9.76985), (9.76985, 9.76983)):
+        reason = too_slow({"ATTITUDE": attitude, "SERVO_OUTPUT_RAW": motors}, "roll")
+        assert reason.startswith("ATTITUDE comes at 9.8 Hz and SERVO_OUTPUT_RAW at 9.8 Hz; roll motion has")
+    assert too_slow({"ATTITUDE": 100.0, "SERVO_OUTPUT_RAW": 39.99}, "roll").startswith(
+        "SERVO_OUTPUT_RAW comes at 39.99 Hz;"
+    )
+    assert too_slow({"ATTITUDE": 40.0, "SERVO_OUTPUT_RAW": 40.0}, "roll") is None
+
+
+def slowed(change: float, rate: float = 4.0) -> Telemetry:
+    """100 Hz until ``change``, ``rate`` Hz from then on."""
+    stamps = np.concatenate([np.arange(0, change, 0.01), np.arange(change, LONG.end, 1 / rate)])
+    return LONG.telemetry(stamps, stamps)
+
+
+STATION = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60, "REQUEST_DATA_STREAM": 4}, 0)
+
+
+@pytest.mark.parametrize("change", [8.0, 15.0])
+def test_rates_that_drop_in_the_air_are_no_link_that_drops_out(change):
+    verdict = judge(Signals(slowed(change)), speakers=(STATION,))
+    assert not verdict.learnable
+    assert re.search(
+        rf"In the air ATTITUDE comes at [34]\.\d Hz from {change:.0f}\.\d s after boot on",
+        verdict.reason,
+    )
+    assert "need 40 Hz" in verdict.reason and "drop out" not in verdict.remedy
+    assert verdict.remedy.startswith("A ground station (255:190) sets rates with REQUEST_DATA_STREAM: ")
+    assert verdict.remedy.count("streamrate -1") == 1 and "SRn_EXTRA1" in verdict.remedy
+
+
+def test_who_asks_for_rates_is_named_only_where_somebody_does():
+    telemetry = slowed(15.0)
+    own = Component(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {"REQUEST_DATA_STREAM": 1}, 0)
+    unasked = judge(Signals(telemetry), speakers=(own,)).remedy
+    assert unasked.startswith("Set the telemetry port's") and unasked.count("streamrate -1") == 1
+    answered = changed(telemetry, "COMMAND_ACK", **columns(np.array([14.0]), command=np.array([511])))
+    assert "SET_MESSAGE_INTERVAL, which the vehicle acknowledged" in judge(Signals(answered)).remedy
+
+
+def test_a_link_that_drops_out_is_still_reported_as_that():
+    stamps = HOVER.stamps(100.0)
+    stamps = stamps[stamps % 3.0 < 2.5]
+    assert "without gaps lasts 2.5 s" in refused_for(HOVER.telemetry(stamps, stamps))
+
+
+def with_contradiction(telemetry: Telemetry, start: float, end: float) -> Telemetry:
+    """The rate has nothing to do with the angle from ``start`` to ``end``, after which 0.5 s are missing."""
+    for message in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
+        table = telemetry.messages[message]
+        kept = (table["time"] <= end) | (table["time"] > end + 0.5)
+        telemetry = changed(telemetry, message, **{name: column[kept] for name, column in table.items()})
+    time, rate = (telemetry.messages["ATTITUDE"][name] for name in ("time", "rollspeed"))
+    wrong = np.where((time >= start) & (time <= end), np.sin(2 * np.pi * 0.7 * time), rate)
+    return changed(telemetry, "ATTITUDE", rollspeed=wrong)
+
+
+def test_the_longest_segment_that_can_be_learnt_from_is_taken_or_the_longest_explains():
+    telemetry = with_contradiction(LONG.telemetry(), 0.0, 100.0)
+    longest, second = settled_segments(Signals(telemetry))
+    verdict = judge(Signals(telemetry))
+    assert verdict.learnable and verdict.segment == second
+    assert verdict.figures.duration == pytest.approx(second.duration, abs=0.1)
+    refused = judge(Signals(with_contradiction(telemetry, 0.0, LONG.end)))
+    assert not refused.learnable and refused.segment == longest
+    assert "contradict" in refused.reason
+
+
+def test_an_alias_that_only_the_grid_makes_is_seen(monkeypatch):
+    """49 Hz is no alias at 400 Hz and one of 1 Hz at 50; the filter that keeps it out is what is taken away here."""
+    telemetry = HOVER.telemetry(400.0, 50.0)
+    time, rate = (telemetry.messages["ATTITUDE"][name] for name in ("time", "rollspeed"))
+    shaken = changed(telemetry, "ATTITUDE", rollspeed=rate + 0.5 * np.sin(2 * np.pi * 49 * time))
+    assert judge(Signals(shaken)).figures.consistency > 0.99
+    monkeypatch.setattr(aligning, "LOW_PASS_RATIO", np.inf)
+    assert "contradict" in refused_for(shaken)
+
+
+def test_figures_are_of_the_samples_of_the_flight():
+    """A sample half a millisecond before the segment, the resolution of stamps, belongs to it, for both."""
+    stamps = HOVER.stamps(100.0)
+    signals = Signals(HOVER.telemetry(stamps[(stamps <= 20.001) | (stamps >= 20.049)]))
+    segment = Segment(0, 20.0005, 30.0)
+    flight = align(signals, segment)
+    figures = quality.of_segment(signals, segment, flight, quality.QualityFigures())
+    assert figures.attitude_gap == pytest.approx(0.05)
+    assert figures.attitude_rate == pytest.approx(flight.provenance["rates"]["attitude"], abs=5e-4)
+
+
+def refused_for(telemetry: Telemetry) -> str:
+    verdict = judge(Signals(telemetry))
+    assert not verdict.learnable and verdict.remedy
+    return verdict.reason
+
+
+def test_a_disarmed_log_is_refused():
+    telemetry = HOVER.telemetry()
+    disarmed = changed(telemetry, "HEARTBEAT", base_mode=np.ones(len(HOVER.stamps(1.0))))
+    assert "never armed" in refused_for(disarmed)
+
+
+def test_a_vehicle_that_stays_on_the_ground_is_refused():
+    telemetry = HOVER.telemetry()
+    table = telemetry.messages["SERVO_OUTPUT_RAW"]
+    idle = {f"servo{n}_raw": np.where(table[f"servo{n}_raw"] > 1000, 1100 + n, 1000) for n in (1, 2, 3, 4)}
+    said = refused_for(changed(telemetry, "SERVO_OUTPUT_RAW", **idle))
+    assert "never left the ground: its motors ran at 1" in said and "flight takes 20%" in said
+
+
+def test_where_nothing_shows_flight_nothing_is_claimed_about_it():
+    time = HOVER.stamps(100.0)
+    controls = np.full((len(time), 8), np.nan)
+    controls[:, :3] = np.sin(time)[:, None]
+    demand = {"time": time, "boot": np.zeros(len(time), dtype=np.int64), "controls": controls}
+    telemetry = HOVER.telemetry(without=("SERVO_OUTPUT_RAW", "EXTENDED_SYS_STATE"))
+    said = refused_for(changed(telemetry, "ACTUATOR_CONTROL_TARGET", **demand))
+    assert said == "Nothing shows when the vehicle flew: no EXTENDED_SYS_STATE, motor outputs or thrust."
+
+
+def test_a_hover_on_little_of_the_motors_range_is_a_flight_where_the_autopilot_idles_lower():
+    telemetry = HOVER.telemetry()
+    table = telemetry.messages["SERVO_OUTPUT_RAW"]
+    low = {f"servo{n}_raw": 1000 + (table[f"servo{n}_raw"] - 1000) // 3 for n in (1, 2, 3, 4)}
+    strong = changed(telemetry, "SERVO_OUTPUT_RAW", **low)
+    assert "flight takes 20%" in refused_for(strong)
+    strong = dataclasses.replace(strong, parameters={**strong.parameters, "MOT_SPIN_MIN": 0.06})
+    assert judge(Signals(strong)).learnable
+    phase = LivePhase()
+    for least, flies in ((0.2, False), (0.11, True)):
+        phase.least_collective = least
+        for row in range(500):
+            phase.take_collective(1000 * flies + 0.01 * row, 0.17)
+        assert phase.flying == flies
+
+
+@pytest.mark.parametrize("missing", ["ATTITUDE", "SERVO_OUTPUT_RAW"])
+def test_a_missing_message_is_refused(missing):
+    reason = refused_for(HOVER.telemetry(without=(missing,)))
+    assert ("ATTITUDE" if missing == "ATTITUDE" else "motor outputs") in reason
+
+
+def test_a_short_flight_is_refused():
+    short = Hover(hovering=4.0)
+    assert "of the 5 s needed" in refused_for(short.telemetry())
+    assert judge(Signals(Hover(hovering=15.0).telemetry())).learnable
+
+
+def test_a_vehicle_never_armed_is_refused_for_that_and_not_for_motors_that_stand_still():
+    telemetry = Hover().telemetry()
+    still = {f"servo{n}_raw": np.full(len(Hover().stamps(100.0)), 1000.0) for n in range(1, 5)}
+    disarmed = changed(
+        changed(telemetry, "SERVO_OUTPUT_RAW", **still), "HEARTBEAT", base_mode=np.zeros(len(Hover().stamps(1.0)), int)
+    )
+    verdict = judge(Signals(disarmed))
+    assert verdict.reason == "The vehicle was never armed." and verdict.remedy.startswith("Record a flight")
+
+
+def test_what_drops_out_is_a_logger_or_a_link():
+    short = Hover(hovering=2.0).telemetry()
+    assert "with a link that does not drop out" in judge(Signals(short)).remedy
+    logged = dataclasses.replace(short, translated_from="DataFlash")
+    assert "with a logger that does not drop out" in judge(Signals(logged)).remedy
+
+
+@pytest.mark.parametrize("vehicle", ["GROUND_ROVER", "SUBMARINE", "FIXED_WING"])
+def test_other_vehicles_are_refused_by_name(vehicle):
+    assert f"HEARTBEAT reports the type {vehicle}; " in refused_for(HOVER.telemetry(vehicle=vehicle))
+
+
+def test_an_aliased_vibration_is_refused():
+    """97 Hz sampled at 100 Hz looks like a slow oscillation of the rate that the angle does not follow."""
+    telemetry = HOVER.telemetry()
+    time = telemetry.messages["ATTITUDE"]["time"]
+    shaking = telemetry.messages["ATTITUDE"]["rollspeed"] + 1.0 * np.sin(2 * np.pi * 97 * time)
+    reason = refused_for(changed(telemetry, "ATTITUDE", rollspeed=shaking))
+    assert "contradict" in reason
+
+
+def rounded(hover: Hover) -> Telemetry:
+    telemetry = hover.telemetry()
+    table = telemetry.messages["SERVO_OUTPUT_RAW"]
+    noise = np.random.default_rng(2).normal(0, 3, len(table["time"]))
+    whole = {f"servo{n + 1}_raw": np.round(table[f"servo{n + 1}_raw"] + noise) for n in range(4)}
+    return changed(telemetry, "SERVO_OUTPUT_RAW", **whole)
+
+
+def test_a_command_near_the_floor_of_the_stream_is_doubted_and_at_the_floor_refused():
+    doubted = judge(Signals(rounded(Hover(command=0.5))))
+    assert doubted.learnable
+    assert any("resolution of the stream" in caution for caution in doubted.cautions)
+    truth = (0.5**2 / 2) / (1 / 12 * np.sum(X_QUAD**2) / 16)
+    assert doubted.figures.input_snr == pytest.approx(truth, rel=0.3)
+    assert "rounding" in refused_for(rounded(Hover(command=0.1)))
+    assert not any("resolution" in caution for caution in judge(Signals(rounded(HOVER))).cautions)
+
+
+def test_assumptions_and_limits_are_cautions():
+    telemetry = HOVER.telemetry()
+    assert any("assumed" in caution for caution in judge(Signals(telemetry)).cautions)
+    table = telemetry.messages["SERVO_OUTPUT_RAW"]
+    full = {"servo1_raw": np.where(np.sin(table["time"]) > 0, 2000.0, table["servo1_raw"])}
+    verdict = judge(Signals(changed(telemetry, "SERVO_OUTPUT_RAW", **full)))
+    assert verdict.figures.saturation == pytest.approx(0.5, abs=0.1)
+    assert any("limit" in caution for caution in verdict.cautions)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_mutilated_telemetry_is_judged_and_its_segments_align(seed):
+    """Whatever is missing, shuffled, repeated or not a number, there is a verdict, and every segment makes a Flight."""
+    random = np.random.default_rng(seed)
+    telemetry = Hover(hovering=random.uniform(0, 20)).telemetry(*random.choice([1.0, 4.0, 50.0, 100.0], 2))
+    for message, table in telemetry.messages.items():
+        rows = len(table["time"])
+        kept = random.permutation(rows)[: random.choice([0, 1, 2, rows // 3, rows, rows, rows])]
+        columns = {name: column[kept].copy() for name, column in table.items()}
+        if message != "HEARTBEAT" and len(kept):
+            hit = random.choice([name for name in columns if name not in ("boot", "port")])
+            columns[hit][: rows // 20] = random.choice([np.nan, np.inf, 0.0, -1e6])
+            columns["boot"] = np.int64(np.nan_to_num(columns["time"]) > random.uniform(0, 60))
+        telemetry = changed(telemetry, message, **columns)
+    verdict = judge(Signals(telemetry))
+    assert verdict.learnable == (verdict.remedy == "")
+    for segment in settled_segments(Signals(telemetry)):
+        assert len(align(Signals(telemetry), segment)) >= 1
+
+
+def random_stamps(random: np.random.Generator, end: float) -> np.ndarray:
+    """A stream that changes its pace a few times, regular or not, rounded or not."""
+    paces = random.choice([0.001, 0.0025, 0.01, 0.02, 0.066, 0.25, 1.0, 3.0], size=random.integers(1, 5))
+    counts = random.integers(1, 300, size=len(paces))
+    regular = random.random(len(paces)) < 0.5
+    steps = [
+        np.full(count, pace) if even else random.exponential(pace, count)
+        for pace, count, even in zip(paces, counts, regular, strict=True)
+    ]
+    stamps = np.round(np.cumsum(np.concatenate(steps)), random.choice([3, 6]))
+    return stamps[stamps < end]
+
+
+@pytest.mark.slow
+def test_streams_of_any_pace_are_judged_and_their_segments_align():
+    aligned = 0
+    for seed in range(600):
+        random = np.random.default_rng(seed)
+        hover = Hover(hovering=random.uniform(0, 20))
+        telemetry = hover.telemetry(random_stamps(random, hover.end), random_stamps(random, hover.end))
+        telemetry = changed(telemetry, "HEARTBEAT", base_mode=np.full(len(hover.stamps(1.0)), 129))
+        judge(Signals(telemetry))
+        for segment in settled_segments(Signals(telemetry)):
+            assert len(align(Signals(telemetry), segment)) >= 1
+            aligned += 1
+    assert aligned > 50
+
+
+@pytest.mark.parametrize(
+    ("translated_from", "advice"),
+    [("", "SRn_EXTRA1"), ("DataFlash", "LOG_BITMASK"), ("ULog", "SDLOG_PROFILE")],
+)
+def test_the_remedy_is_for_what_recorded_the_log(translated_from, advice):
+    slow = dataclasses.replace(Hover().telemetry(4.0, 4.0), translated_from=translated_from)
+    assert advice in judge(Signals(slow)).remedy

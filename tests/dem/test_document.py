@@ -1,0 +1,60 @@
+"""The document of a learnt model, against one that version 0.1 wrote."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mavdem import Learned
+
+TEXT = (Path(__file__).parent / "data" / "model_0_1.json").read_text()
+AHEAD = np.tile(1500 + 10 * np.arange(4.0), (5, 1))
+
+
+def test_a_document_of_version_0_1_is_loaded_and_forecasts_what_it_did():
+    learned = Learned.from_json(TEXT)
+    np.testing.assert_allclose(learned.forecast(AHEAD)[-1], [0.352296151981, -0.037690559101], rtol=1e-7)
+    np.testing.assert_allclose(learned.forecast_band(AHEAD)[1][-1], [0.35472474063, 0.019346287752], rtol=1e-7)
+    np.testing.assert_allclose(learned.one_step()[-1], [0.352533860746, 0.034202405081], rtol=1e-7)
+
+
+def test_nothing_of_it_is_lost():
+    before, now = json.loads(TEXT), json.loads(Learned.from_json(TEXT).to_json())
+    # Since then there is one choice, in the settings, and the forecasts it was tried on have a name of their own.
+    before["training_forecasts"] = before.pop("unseen")
+    del before["candidates"]
+    # Since then its numbers are those of the innovation form.
+    assert {**before, "predictor": None} == {**now, "predictor": None}
+    again = Learned.from_json(TEXT).to_json()
+    assert Learned.from_json(again).to_json() == again
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "message"),
+    [
+        (("model", "A"), [[1.0]], r"^model.B must be of shape \(1, 4\), not \(2, 4\)"),
+        (("model", "offset"), ["one", 2.0], r"^model.offset must be numbers of shape \(n\)"),
+        (("settled",), "yes", "^settled must be a valid boolean, not 'yes'"),
+        (("settings", "window"), None, "^window must be a whole number"),
+        (("scaling", "output_scale"), [1.0, 0.0], "^scaling.output_scale must be positive"),
+        (("segments",), [100, 61], "must have T = 161, not 160"),
+    ],
+)
+def test_what_does_not_fit_is_named(path, value, message):
+    values = json.loads(TEXT)
+    inner = values
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = value
+    with pytest.raises(ValueError, match=message):
+        Learned.from_json(json.dumps(values))
+
+
+def test_earlier_names_of_attributes_work_with_a_warning():
+    learned = Learned.from_json(TEXT)
+    for old, new in (("trajectory", "simulation_fit"), ("settled", "converged"), ("unseen", "training_forecasts")):
+        with pytest.warns(DeprecationWarning, match=f"Learned.{old} is now Learned.{new}"):
+            assert getattr(learned, old) is getattr(learned, new)
+    with pytest.raises(AttributeError, match="no attribute 'place'"):
+        learned.place  # noqa: B018

@@ -1,0 +1,284 @@
+"""Along trajectories: the climb is of the function it says it is, and its posterior holds the truth."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import GAIN, simulated
+from textbook_filter import TextbookFilter
+
+from mavdem import Flight, Learned, Settings, learn
+from mavdem.dem.engine.model import unpack
+from mavdem.dem.engine.resumable import run_to_end
+from mavdem.dem.engine.state_space import filter_gain
+from mavdem.dem.fitting import fit, predictor_of
+from mavdem.dem.forecast.mixer import mixer_priors
+from mavdem.dem.forecast.simulation_error import (
+    MAX_SEGMENTS,
+    WEAK_PRECISION,
+    SimulationError,
+    SimulationSegments,
+    models_of,
+    resumable_fit_with_prior,
+    resumable_simulation,
+    resumable_simulation_fit,
+)
+from mavdem.dem.record import Record
+
+COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)
+FLIGHT = simulated(wind=1.0, lag=0.05)
+ROTORS = FLIGHT.inputs.shape[1]
+
+
+def climb_of(flight: Flight) -> tuple[SimulationError, np.ndarray]:
+    """A climb of random free parameters about those of a fit, and where it stands."""
+    record = Record.of(flight)
+    fitted = fit(record, COMPLETE)
+    scaling, model = fitted.scaling, fitted.model
+    segments = [(scaling.scale_inputs(u), scaling.scale_outputs(y)) for u, y in record.segments]
+    stretches = SimulationSegments.of(segments, 30)
+    assert stretches is not None
+    places = np.array([3, 4, 8, 14, 15, 19])
+    mean, precision = model.prior.theta_mean[places], np.diag(np.linspace(0.1, 1.0, len(places)))
+    climb = SimulationError(
+        fitted.ascent.belief.theta, places, mean, precision, model.sizes, fitted.gain, record.dt, stretches
+    )
+    return climb, fitted.ascent.belief.theta[places]
+
+
+def test_errors_are_those_of_forecasts_that_begin_at_every_middle():
+    climb, free = climb_of(FLIGHT[:300])
+    errors = run_to_end(climb.resumable_errors(free[None]))[0]
+    inputs, outputs, settle, _ = climb.segments
+    n, r, m = climb.sizes
+    A, B, C = unpack(climb.theta, n, r, m)
+    textbook = TextbookFilter.of(A, B, C, climb.dt, climb.gain)
+    for stretch in (0, errors.shape[0] - 1):
+        states, _ = textbook.corrected(inputs[: settle + 1, stretch], outputs[: settle + 1, stretch])
+        ahead = textbook.forecast(states[-1], inputs[settle:, stretch])
+        np.testing.assert_allclose(errors[stretch], outputs[settle + 1 :, stretch] - ahead, atol=1e-9)
+
+
+def test_of_fast_samples_every_so_many_count():
+    rng = np.random.default_rng(0)
+    theta = np.concatenate([[0.0, 1.0, -9.0, -4.0], [0.0, 3.0], np.eye(2).ravel()])
+    models = models_of(theta[None], (2, 1, 2), np.full((2, 2), 0.5), 0.0025)
+    inputs, outputs = rng.standard_normal((241, 3, 1)), rng.standard_normal((121, 3, 2))
+    np.testing.assert_array_equal(
+        run_to_end(resumable_simulation(models, inputs, outputs, every=4)),
+        run_to_end(resumable_simulation(models, inputs, outputs))[:, :, 3::4],
+    )
+
+
+def test_slopes_and_curvature_are_those_of_the_height():
+    climb, free = climb_of(FLIGHT[:400])
+
+    def height(at: np.ndarray) -> float:
+        return run_to_end(climb.resumable_value(at))[0]
+
+    here = run_to_end(climb.resumable_quadratic(free, run_to_end(climb.resumable_errors(free[None]))[0]))
+    steps = 1e-4 * np.maximum(1.0, np.abs(free))
+    by_differences = [(height(free + step) - height(free - step)) / (2 * step.max()) for step in np.diag(steps)]
+    np.testing.assert_allclose(here.slope, by_differences, rtol=1e-3, atol=1e-4 * np.abs(here.slope).max())
+    assert np.linalg.eigvalsh(here.curvature).min() > 0
+
+
+@pytest.mark.parametrize("wind", [0.3, 2.0])
+def test_the_climb_never_falls_and_settles(wind):
+    learned = learn(simulated(wind=wind, lag=0.05)[:700], COMPLETE)
+    trajectory = learned.simulation_fit
+    assert trajectory is not None and trajectory.settled
+    log_joint = sum(term for name, term in trajectory.terms.items() if name != "parameter entropy")
+    assert (np.diff(log_joint) > 0).all()
+    assert set(trajectory.terms) <= set(learned.free_energy.terms)
+
+
+def test_a_model_without_noise_is_found_as_it_is():
+    """Samples that a third-order model makes, whatever moved its motors: nothing is left at any horizon."""
+    rng = np.random.default_rng(3)
+    n, r, m, dt, T = 3, 4, 2, 0.01, 700
+    A = np.array([[0.0, 1.0, 0.0], [-4.0, -3.0, 20.0], [0.0, 0.0, -20.0]])
+    B = np.array([[0.0] * r, [0.0] * r, [3.0, -3.0, -2.0, 2.5]])
+    inputs = np.cumsum(rng.standard_normal((T, r)), axis=0)
+    inputs -= np.convolve(inputs.mean(axis=1), np.ones(50) / 50, "same")[:, None]
+    gain = filter_gain(A, np.eye(m, n), dt, np.full(m, 1e-6), np.eye(n), dt)
+    textbook = TextbookFilter.of(A, B, np.eye(m, n), dt, gain)
+    outputs = np.vstack([np.zeros((1, m)), textbook.forecast(np.zeros(n), inputs)])
+    stretches = SimulationSegments.of([(inputs, outputs)], 30)
+    assert stretches is not None
+    truth = np.concatenate([A.ravel(), B.ravel(), np.eye(m, n).ravel()])
+    precision = np.full(len(truth), 1e8)
+    free = np.array([3, 4, 8, *range(13, 21)])
+    precision[free] = WEAK_PRECISION
+    start = truth.copy()
+    start[free] *= 1 + 0.3 * rng.uniform(-1, 1, len(free))
+    climbed = run_to_end(
+        resumable_fit_with_prior(start, (start, np.diag(precision)), (n, r, m), gain, dt, stretches, iterations=50)
+    )
+    assert climbed is not None
+    found, _ = climbed
+    np.testing.assert_array_equal(found.places, free)
+    np.testing.assert_allclose(found.theta[free], truth[free], rtol=1e-3, atol=1e-3)
+
+
+@pytest.mark.slow
+def test_the_posterior_holds_the_truth_as_often_as_it_says():
+    """Of a simulated axis in wind that forgets within the horizon, by the binomial spread of what is counted."""
+    inside = []
+    for seed in range(40):
+        flight = simulated(wind=1.0, seed=seed)
+        learned = learn(flight[:700], Settings(order=2, window=9, parameter_precision=0.01))
+        half = learned.model_interval(0.9).B[1]
+        inside.append(np.abs(learned.model.B[1] - GAIN) <= half)
+    share = np.mean(inside)
+    # The four motors of one flight err together, so the flights are what is counted.
+    assert share > 0.9 - 3 * np.sqrt(0.9 * 0.1 / len(inside))
+
+
+def test_inputs_beyond_what_was_learnt_from_are_not_believed():
+    learned = learn(FLIGHT[:700], COMPLETE)
+    trim, ahead = learned.model.output_trim, FLIGHT.inputs[700:850]
+    calm = np.broadcast_to(learned.model.input_trim, ahead.shape)
+    wild = learned.model.input_trim + 100 * (ahead - learned.model.input_trim)
+    alone = learn(FLIGHT[:700], replace(COMPLETE, shrink_forecasts=False))
+    np.testing.assert_array_equal(alone.model.A, learned.model.A)
+    for inputs in (calm, ahead, wild):
+        weight = (learned.forecast(inputs) - trim) / (alone.forecast(inputs) - trim)
+        assert (weight >= 0).all() and (weight <= 1 + 1e-9).all()
+    variance = [learned.forecast_variance(inputs).mean(axis=0) for inputs in (calm, ahead, wild)]
+    assert (variance[0] < variance[2]).all() and (variance[1] < variance[2]).all()
+    lower, upper = learned.forecast_band(ahead)
+    half = learned.simulation_fit.quantile(0.9) * np.sqrt(learned.forecast_variance(ahead))
+    np.testing.assert_allclose(upper - lower, 2 * half)
+
+
+def test_too_little_leaves_theta_where_generalized_coordinates_led_it():
+    settings = Settings(order=3, window=9, parameter_precision=1.0)
+    learned = learn(FLIGHT[:200], settings)
+    assert learned.simulation_fit is None
+    short = learn(FLIGHT[:200], replace(settings, horizon=None))
+    np.testing.assert_array_equal(learned.model.A, short.model.A)
+    np.testing.assert_array_equal(learned.forecast(FLIGHT.inputs[200:250]), short.forecast(FLIGHT.inputs[200:250]))
+    assert SimulationSegments.of([(FLIGHT.inputs[:60], FLIGHT.outputs[:60])], 30) is None
+
+
+def test_nothing_runs_across_a_gap_and_long_flights_are_thinned():
+    flight = simulated(samples=400, wind=1.0)
+    parts = [(flight.inputs[:150], flight.outputs[:150]), (flight.inputs[200:], flight.outputs[200:])]
+    both = SimulationSegments.of(parts, 30)
+    alone = [SimulationSegments.of([part], 30) for part in parts]
+    assert both is not None and all(alone)
+    np.testing.assert_array_equal(both.outputs, np.concatenate([each.outputs for each in alone], axis=1))
+    assert both.number == pytest.approx((150 + 200) / 30)
+    many = SimulationSegments.of([(np.zeros((MAX_SEGMENTS * 20, 1)), np.zeros((MAX_SEGMENTS * 20, 1)))], 30)
+    assert many is not None and many.outputs.shape[1] == MAX_SEGMENTS
+    assert many.number == pytest.approx(MAX_SEGMENTS * 20 / 30)
+
+
+def test_an_order_or_a_prior_without_known_inputs_stays():
+    flight = FLIGHT[:300]
+    unknown = Settings.paper()
+    assert learn(flight, replace(unknown, horizon=0.3)).simulation_fit is None
+    record = Record.of(flight)
+    fitted = fit(record, COMPLETE)
+    none = resumable_simulation_fit(
+        fitted.model,
+        replace(COMPLETE, horizon=None),
+        fitted.scaling,
+        fitted.ascent.belief.theta,
+        fitted.gain,
+        record,
+    )
+    assert run_to_end(none) is None
+
+
+def test_a_filter_that_overflows_leaves_theta_as_the_ascent_ended(monkeypatch):
+    """Over short segments a growing filter may stay finite; over the whole record it does not."""
+
+    def unstable(theta, sizes, gain, dt):
+        predictor = predictor_of(theta, sizes, gain, dt)
+        return predictor._replace(A=10 * predictor.A)
+
+    monkeypatch.setattr("mavdem.dem.learning.predictor_of", unstable)
+    learned = learn(FLIGHT[:700], COMPLETE)
+    assert learned.simulation_fit is None
+    short = learn(FLIGHT[:700], replace(COMPLETE, horizon=None))
+    np.testing.assert_array_equal(learned.model.A, short.model.A)
+
+
+def test_a_climb_that_breaks_off_is_cautioned_against(monkeypatch):
+    monkeypatch.setattr("mavdem.dem.forecast.simulation_error.CONVERGED_NATS", -1.0)
+    learned = learn(FLIGHT[:700], COMPLETE)
+    assert not learned.converged
+    assert any("simulation-error fit had not converged after" in caution for caution in learned.cautions)
+
+
+@pytest.mark.parametrize("ways", [slice(None), slice(1)])
+def test_it_survives_the_document(monkeypatch, ways):
+    monkeypatch.setattr(
+        "mavdem.dem.forecast.simulation_error.mixer_priors", lambda rotors, _: mixer_priors(rotors)[ways]
+    )
+    learned = learn(FLIGHT[:700], COMPLETE)
+    again = Learned.from_json(learned.to_json())
+    ahead = FLIGHT.inputs[700:850]
+    np.testing.assert_array_equal(again.forecast(ahead), learned.forecast(ahead))
+    np.testing.assert_array_equal(again.forecast_variance(ahead), learned.forecast_variance(ahead))
+
+
+@pytest.fixture(scope="module")
+def document():
+    return learn(FLIGHT[:700], COMPLETE).to_json()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("covariance", lambda rows: (-np.array(rows)).tolist()),
+        ("mse", lambda rows: (-np.array(rows)).tolist()),
+        ("numbers", float("inf")),
+        ("horizon", 701),
+        ("terms", {}),
+        ("terms", {"noise entropy": 1.0}),
+        ("terms", {"noise entropy": [1.0, 2.0], "parameter entropy": [1.0]}),
+        ("layout", {"quiet": [[1.0] * (ROTORS + 1)], "log_odds": 0.0}),
+        ("layout", {"quiet": [[1.0] * ROTORS], "log_odds": float("nan")}),
+    ],
+)
+def test_a_document_with_another_trajectory_is_refused(document, name, value):
+    values = json.loads(document)
+    there = values["trajectory"]
+    there[name] = value(there[name]) if callable(value) else value
+    with pytest.raises(ValueError, match="^trajectory"):
+        Learned.from_json(json.dumps(values))
+
+
+@pytest.mark.parametrize("name", ["inputs", "outputs"])
+def test_a_document_of_what_could_not_be_learnt_from_is_refused(document, name):
+    values = json.loads(document)
+    values[name][0][0] = 1e300
+    with pytest.raises(ValueError, match=f"^{name} must not be larger"):
+        Learned.from_json(json.dumps(values))
+    for dt in (1e-300, 1e300):
+        with pytest.raises(ValueError, match="^dt must be positive"):
+            Learned.from_json(json.dumps({**json.loads(document), "dt": dt}))
+
+
+@pytest.mark.parametrize("size", [1e150, 1e300])
+def test_inputs_without_measure_are_forecast_without_a_word(document, size):
+    learned = Learned.from_json(document)
+    ahead = np.full((150, ROTORS), size)
+    with np.errstate(all="raise", under="ignore"):
+        assert learned.forecast(ahead).shape == learned.forecast(ahead, from_zero=True).shape == (150, 2)
+        assert learned.forecast_variance(ahead).shape == learned.forecast_band(ahead)[0].shape == (150, 2)
+        assert learned.forecast_every(5, ahead, np.full((150, 2), 1e308)).shape == (150, 2)
+
+
+def test_a_bundle_runs_beyond_all_numbers_without_a_word():
+    theta = np.array([5000.0, 0.0, 0.0, 5000.0, 1.0, 1.0, 1.0, 0.0, 0.0, 1.0])
+    models = models_of(theta[None], (2, 1, 2), np.zeros((2, 2)), 0.1)
+    with np.errstate(all="raise"):
+        ahead = run_to_end(resumable_simulation(models, np.ones((40, 1, 1)), np.ones((3, 1, 2))))
+    assert not np.isfinite(ahead).all()

@@ -1,0 +1,185 @@
+"""How far estimates scatter, and what the data did not determine."""
+
+import calibration
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import settings as hypothesis_settings
+from hypothesis import strategies as st
+from random_models import models, random_belief
+from simulated import simulated
+
+from mavdem import Flight, Learned, Settings, learn
+from mavdem.dem.engine.ascent import ascend
+from mavdem.dem.engine.free_energy import free_energy
+from mavdem.dem.engine.generative import SufficientStatistics
+from mavdem.dem.uncertainty import (
+    Direction,
+    _lagged,
+    long_run_covariance,
+    marginal_information,
+    sample_slopes,
+    uncertainty_of,
+    undetermined_directions,
+)
+
+seeds = st.integers(0, 10**6)
+
+
+@given(model=models, seed=seeds)
+@hypothesis_settings(max_examples=15)
+def test_slopes_of_samples_are_those_of_their_free_energy(model, seed):
+    rng = np.random.default_rng(seed)
+    data = rng.standard_normal((4, model.hidden.start))
+    state_map, belief = random_belief(seed, model, SufficientStatistics.of(data))
+    states = data @ state_map.T
+    slopes = sample_slopes(model, data, states, belief)
+    numeric = np.empty_like(slopes)
+    for i in range(slopes.shape[1]):
+        step = np.zeros(slopes.shape[1])
+        step[i] = 1e-4
+        ahead, behind = (
+            free_energy(model, data, states, belief._replace(theta=belief.theta + by)) for by in (step, -step)
+        )
+        numeric[:, i] = (ahead - behind) / 2e-4
+    # What is the same in all samples, W of the states and the prior, is not in them.
+    numeric -= numeric.mean(axis=0)
+    slopes = slopes - slopes.mean(axis=0)
+    np.testing.assert_allclose(slopes, numeric, atol=1e-6 * (np.abs(numeric).max() + 1))
+
+
+def test_the_sum_of_an_autoregression_scatters_as_it_must():
+    """Var Σ x = T σ²/(1 − ρ)² for innovations of variance σ²; estimated within what the kernel's width allows."""
+    rho, number, runs = 0.8, 4000, 30
+    rng = np.random.default_rng(0)
+    estimates, freedoms = [], []
+    for _ in range(runs):
+        rows = np.zeros((number, 2))
+        shocks = rng.standard_normal((number, 2))
+        for t in range(1, number):
+            rows[t] = rho * rows[t - 1] + shocks[t]
+        covariance, freedom = long_run_covariance([rows])
+        estimates.append(covariance / number * (1 - rho) ** 2)
+        freedoms.append(freedom)
+    # The kernel's width trades its bias, some percent, for a variance of 2/freedom.
+    standard_error = np.sqrt(2 / np.mean(freedoms) / runs)
+    np.testing.assert_allclose(np.mean(estimates, axis=0), np.eye(2), atol=0.1 + 4 * standard_error)
+
+
+def test_lags_are_summed_as_their_definition_has_them():
+    rng = np.random.default_rng(1)
+    rows, kernel = rng.standard_normal((30, 2)), rng.standard_normal(40)
+    summed = sum(kernel[abs(i - j) - 1] * np.outer(rows[i], rows[j]) for i in range(30) for j in range(30) if i != j)
+    np.testing.assert_allclose(_lagged(rows, kernel), summed, atol=1e-9)
+
+
+def test_independent_samples_scatter_as_the_posterior_says():
+    """Where every assumption holds and the sensor is good, the corrected covariance is DEM's own."""
+    model = calibration.generative_model(
+        18.0, 2.0, *(calibration.temporal_precision(order, 0.1) for order in (calibration.P, calibration.Q))
+    )
+    rng = np.random.default_rng(0)
+    truth = calibration.theta_of(calibration.VEHICLE)
+    data = calibration.independent_samples(model, truth, 3000, 0.1, rng)
+    climb = ascend(model, SufficientStatistics.of(data), 100)
+    found = uncertainty_of(model, [data], climb).scatter
+    free = np.ix_(calibration.FREE, calibration.FREE)
+    own = climb.belief.theta_covariance[free]
+    # A variance of N samples is known to √(2/N); five of those.
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(found.covariance[free])), np.sqrt(np.diag(own)), rtol=5 * np.sqrt(2 / 3000)
+    )
+    assert found.freedom > 500
+
+
+@pytest.mark.slow
+def test_intervals_hold_parameters_where_the_assumptions_hold():
+    coverage = calibration.as_assumed(18.0, 2.0, 150, 0.1)
+    assert 0.85 <= coverage.own <= 0.95
+    assert 0.85 <= coverage.corrected <= 0.95
+
+
+@pytest.mark.slow
+def test_the_corrected_interval_holds_them_where_dem_is_overconfident():
+    """Samples of a flight are not independent, and DEM says it knows two to four times as much as it does."""
+    coverage = calibration.sampled(3, 0.3)
+    assert coverage.own < 0.6
+    assert 0.8 <= coverage.corrected <= 0.95
+
+
+def test_intervals_of_a_learnt_flight_are_wider_than_its_posterior_and_survive_the_document():
+    settings = Settings(order=2, window=3, parameter_precision=0.01, horizon=None)
+    learned = learn(simulated(wind=0.5)[:700], settings)
+    wider = learned.model_interval(0.68).B[1] / learned.model_sd.B[1]
+    assert (wider > 1.5).all()
+    again = Learned.from_json(learned.to_json())
+    np.testing.assert_array_equal(again.model_interval().A, learned.model_interval().A)
+    assert np.isnan(learned.model_interval().offset).all()
+    assert (learned.model_interval(0.99).B > learned.model_interval(0.9).B).all()
+
+
+def test_two_motors_that_always_agree_leave_their_difference_undetermined():
+    flight = simulated(wind=0.5)
+    inputs = flight.inputs.copy()
+    inputs[:, 1] = inputs[:, 0]
+    settings = Settings(order=2, window=5, parameter_precision=1.0, horizon=None)
+    learned = learn(Flight(flight.time, inputs, flight.outputs)[:700], settings)
+    (direction,) = learned.undetermined
+    assert direction.share < 1e-6
+    named = np.zeros(len(direction.weights))
+    named[[8, 9]] = 1, -1  # B: the rate from motors 1 and 2, in θ = [A (4); B (8); C (4)]
+    np.testing.assert_allclose(np.abs(direction.weights @ named) / np.sqrt(2), 1, atol=1e-6)
+    # What they do together is learnt as ever: half of it each, as the prior has no preference.
+    assert learned.model.B[1, 0] == pytest.approx(learned.model.B[1, 1], abs=1e-6)
+    assert not learn(flight[:700], settings).undetermined
+
+
+def test_where_there_is_no_maximum_no_interval_is_reported():
+    """The paper's settings leave C free, and twenty iterations short of any maximum."""
+    learned = learn(simulated(wind=0.5)[:700], Settings.paper())
+    assert learned.scatter is None
+    assert np.isnan(learned.model_interval().A).all()
+    assert any("no maximum" in caution for caution in learned.cautions)
+    again = Learned.from_json(learned.to_json())
+    assert again.scatter is None and np.isnan(again.model_interval().B).all()
+    assert again.to_json() == learned.to_json()
+
+
+def test_what_is_undetermined_is_the_vehicle_s_and_of_unit_length():
+    flight = simulated(wind=0.5)
+    for settings in (None, Settings(order=2, window=9, parameter_precision=100.0)):
+        learned = learn(flight[:700], settings)
+        for direction in learned.undetermined:
+            assert np.linalg.norm(direction.weights) == pytest.approx(1.0)
+            assert not direction.weights[learned.known].any()
+            assert 0 <= direction.share < 1
+
+
+def test_much_information_on_one_parameter_hides_no_other():
+    directions = undetermined_directions(np.diag([1e13, 500.0, 0.5]), np.eye(3), np.ones(3, bool), (1, 1, 1))
+    (one,) = directions
+    np.testing.assert_allclose(np.abs(one.weights), [0, 0, 1], atol=1e-6)
+    assert one.share == pytest.approx(0.5)
+
+
+def test_information_without_a_nuisance_is_that_of_its_best_value():
+    """Schur's complement: minimizing over the second parameter, which its own prior holds somewhat."""
+    information, precision = np.array([[4.0, 3.0], [3.0, 5.0]]), np.diag([1.0, 2.0])
+    np.testing.assert_allclose(marginal_information(information, precision, np.array([0])), [[4.0 - 9.0 / 7.0]])
+
+
+@pytest.mark.parametrize("level", [0, 1, -1, 2, np.nan, "x", None])
+def test_a_level_that_is_no_probability_is_named(level):
+    learned = learn(simulated()[:200], Settings(order=2, window=3, parameter_precision=1.0))
+    for interval in (learned.model_interval, lambda level: learned.forecast_band(np.full((3, 4), 1500.0), level)):
+        with pytest.raises(ValueError, match="^level must"):
+            interval(level)
+
+
+def test_a_direction_is_shown_by_its_heaviest_entries():
+    direction = Direction(np.array([0, 0.6, 0, 0, -0.8, 0, 0, 0]), 0.25, (2, 1, 1))
+    assert repr(direction) == "<Direction: -0.8 B[0,0] +0.6 A[0,1], 0.25 of the prior's information from data>"
+    many = Direction(np.full(8, 8**-0.5), 0.1, (2, 1, 1))
+    assert repr(many) == (
+        "<Direction: +0.35 A[0,0] +0.35 A[0,1] +0.35 A[1,0] +0.35 A[1,1] …, 0.1 of the prior's information from data>"
+    )

@@ -1,0 +1,81 @@
+"""A flight and its model as MCAP channels: every number is there, at its time, under a name that a viewer can plot."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+import mavdem
+from mavdem.export.channels import write_channels
+from mavdem.flight import Flight
+
+LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
+
+
+def read(path: Path) -> dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]:
+    """Times, s, and columns by topic."""
+    rows: dict[str, list[tuple[int, dict]]] = {}
+    with path.open("rb") as file:
+        for schema, channel, message in make_reader(file).iter_messages():
+            body = json.loads(message.data)
+            assert schema.encoding == "jsonschema" and channel.message_encoding == "json"
+            described = json.loads(schema.data)
+            assert described["type"] == "object" and set(described["properties"]) == set(body)
+            rows.setdefault(channel.topic, []).append((message.log_time, body))
+    return {
+        topic: (
+            np.array([time for time, _ in each]) / 1e9,
+            {name: np.array([body[name] for _, body in each], dtype=np.float64) for name in each[0][1]},
+        )
+        for topic, each in rows.items()
+    }
+
+
+def test_a_flight_reads_back(tmp_path):
+    flight = mavdem.read_flight(LOG)[:200]
+    write_channels(tmp_path / "flight.mcap", flight)
+    series = read(tmp_path / "flight.mcap")
+    assert set(series) == {"flight/outputs", "flight/inputs"}
+    time, outputs = series["flight/outputs"]
+    assert np.allclose(time, flight.time, atol=1e-9)
+    assert list(outputs) == ["roll", "roll_rate"]
+    assert np.array_equal(np.column_stack(list(outputs.values())), flight.outputs)
+    _, inputs = series["flight/inputs"]
+    assert list(inputs) == ["motor_1", "motor_2", "motor_3", "motor_4"]
+    assert np.array_equal(np.column_stack(list(inputs.values())), flight.inputs)
+
+
+def test_what_was_learnt_stands_beside_it(tmp_path):
+    flight = mavdem.read_flight(LOG)
+    train, test = flight[:300], flight[300:350]
+    learned = mavdem.learn(train, mavdem.Settings.paper())
+    write_channels(tmp_path / "flight.mcap", train, learned, test)
+    series = read(tmp_path / "flight.mcap")
+    assert len(series["flight/outputs"][0]) == 350
+    places, noise = learned.process_noise()
+    expected = {
+        "learned/one_step": (train.time, learned.one_step()),
+        "learned/forecast": (test.time, learned.forecast(test.inputs)),
+        "learned/process_noise": (train.time[places], noise),
+        "learned/free_energy": (train.time[places], learned.free_energy_of_samples[:, None]),
+    }
+    for topic, (time, values) in expected.items():
+        assert np.allclose(series[topic][0], time, atol=1e-9), topic
+        assert np.array_equal(np.column_stack(list(series[topic][1].values())), values), topic
+    with pytest.raises(ValueError, match="300 samples"):
+        write_channels(tmp_path / "other.mcap", flight[:299], learned)
+    assert [path.name for path in tmp_path.iterdir()] == ["flight.mcap"]
+
+
+def test_names_are_kept_apart_and_no_time_is_before_0(tmp_path):
+    time = np.arange(10) * 0.1
+    values = np.arange(20.0).reshape(10, 2)
+    flight = Flight(time, values, values, input_names=("u (left)", "u (right)"))
+    write_channels(tmp_path / "named.mcap", flight)
+    assert list(read(tmp_path / "named.mcap")["flight/inputs"][1]) == ["u_1", "u_2"]
+    with pytest.raises(ValueError, match="negative"):
+        write_channels(tmp_path / "early.mcap", Flight(time - 1, values, values))

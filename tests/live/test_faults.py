@@ -1,0 +1,32 @@
+"""A live session with a vehicle that ArduPilot's habits and faults befall: what comes of it, on a clock of its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from live_faults import error_ratios, run_session, undisturbed
+
+import mavdem
+from sitl_scenarios.files import load, scenario_of
+
+SHORT = {"duration": 40.0, "flights": 2, "height": 5.0}
+FAULTS = {"reboot": 14.0, "outage": 25.0, "outage_seconds": 4.0, "clock_jump": 32.0}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mavproxy_rate", [0.0, 4.0])
+def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_accounted_for(mavproxy_rate):
+    long = load("ardupilot_faults").model_dump(mode="json")
+    weak = {**long["vehicle"], "weak_from": 43.0}  # all of the second flight
+    scenario = scenario_of({**long, **SHORT, "faults": {**FAULTS, "mavproxy_rate": mavproxy_rate}, "vehicle": weak})
+    session, account = run_session(scenario)
+    said = " ".join(session.sentences)
+    for each in ("rebooted", "again after", "is on the ground", "of the vehicle's clock"):
+        assert each in said
+    assert ("set back again and again" in said) == (mavproxy_rate > 0)
+    assert sum(account.values()) == pytest.approx(86.0, abs=0.5)
+    assert account["learned"] > 35.0 and account["silent"] > 2.5 and account["waiting"] < 25.0, account
+    kept = session.final_model()
+    test, train = (undisturbed(scenario, seed, weak=True) for seed in (1001, 1002))
+    ratios, offline = error_ratios(kept, test), error_ratios(mavdem.learn(train), test)
+    assert np.all(ratios < 1.5 * offline) and ratios[0] < 0.1, (ratios, offline)

@@ -1,0 +1,366 @@
+"""The link on loopback: what it hears, what it says when it cannot be opened or is lost, and that it keeps silent."""
+
+from __future__ import annotations
+
+import os
+import pty
+import socket
+import time
+
+import numpy as np
+import pytest
+from mavlink_streams import message
+
+from mavdem.errors import Unreadable
+from mavdem.live.link import (
+    BUFFER_BYTES,
+    FIRST_PAUSE_SECONDS,
+    MAX_PIECES,
+    SILENCE_SECONDS,
+    STABLE_SECONDS,
+    Link,
+    LinkLost,
+)
+
+
+def udp() -> socket.socket:
+    one = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    one.bind(("127.0.0.1", 0))
+    one.settimeout(0.2)
+    return one
+
+
+def free_port() -> int:
+    with udp() as one:
+        return one.getsockname()[1]
+
+
+def everything(link: Link, pieces: int = 1, patience: float = 60.0) -> bytes:
+    received = b""
+    until = time.perf_counter() + patience
+    while pieces > 0 and time.perf_counter() < until:
+        came = link.receive(0.05)
+        pieces -= len(came)
+        received += b"".join(data for _, data in came)
+    return received
+
+
+def test_datagrams_come_whole_stamped_and_in_order():
+    port = free_port()
+    link = Link(f"udpin:127.0.0.1:{port}")
+    with udp() as vehicle:
+        for number in range(5):
+            vehicle.sendto(bytes([number]) * 10, ("127.0.0.1", port))
+        before = time.time()
+        received = link.receive(1.0)
+        assert [data for _, data in received] == [bytes([number]) * 10 for number in range(5)]
+        assert all(before - 1 < stamp <= time.time() for stamp, _ in received)
+        assert link.receive(0.0) == []
+    link.close()
+
+
+HEARTBEAT = message("HEARTBEAT", system=1, component=1, type=2, autopilot=3)
+
+
+def test_of_two_autopilots_with_the_same_ids_the_first_is_received_and_that_is_said_once(clock):
+    port = free_port()
+    link = Link(f"udpin:127.0.0.1:{port}")
+    others = message("HEARTBEAT", system=255, component=190, type=6, autopilot=8)
+    with udp() as first, udp() as second:
+
+        def received(*senders: socket.socket, frame: bytes = HEARTBEAT) -> int:
+            clock[0] += 0.5
+            for sender in senders:
+                sender.sendto(frame, ("127.0.0.1", port))
+            return len(link.receive(1.0))
+
+        assert [received(first, second) for _ in range(6)] == [1] * 6
+        (said,) = link.events()
+        assert "if they are two vehicles" in said, "it may be one, over two links"
+        assert f"127.0.0.1:{first.getsockname()[1]}" in said and f"127.0.0.1:{second.getsockname()[1]}" in said
+        link.send(HEARTBEAT)
+        second.setblocking(False)
+        assert first.recv(100) == HEARTBEAT
+        with pytest.raises(BlockingIOError):
+            second.recv(100)
+        assert received(first, second, frame=others) == 2, "ground stations may share ids"
+        clock[0] += 4.0
+        assert received(second) == 1, "the first has gone: the second is the vehicle, restarted perhaps"
+        assert received(second) == 1 and link.events() == []
+    link.close()
+
+
+def test_one_call_takes_a_bounded_number():
+    port = free_port()
+    link = Link(f"udp:127.0.0.1:{port}")
+    with udp() as vehicle:
+        for _ in range(MAX_PIECES + 10):
+            vehicle.sendto(b"x", ("127.0.0.1", port))
+        assert len(link.receive(1.0)) == MAX_PIECES
+        assert len(link.receive(1.0)) == 10
+    link.close()
+
+
+def test_the_kernel_is_asked_for_room_and_what_it_grants_is_reported():
+    link = Link(f"udpin:{free_port()}")
+    assert 0 < link.buffer <= 2 * BUFFER_BYTES
+    assert link.datagrams
+    link.close()
+
+
+@pytest.mark.parametrize("form", ["udpin:{}", "udpin::{}", "udp:{}", "127.0.0.1:{}"])
+def test_without_a_host_only_this_machine_is_listened_to(form):
+    port = free_port()
+    link = Link(form.format(port))
+    # All of 127.0.0.0/8 is this machine: what is bound to 127.0.0.1 alone does not hear the rest of it.
+    with udp() as vehicle:
+        vehicle.sendto(b"to another address", ("127.0.0.2", port))
+        vehicle.sendto(b"here", ("127.0.0.1", port))
+        assert everything(link) == b"here"
+    link.close()
+
+
+def test_nothing_is_sent_by_opening_and_receiving():
+    with udp() as peer:
+        out = Link(f"udpout:127.0.0.1:{peer.getsockname()[1]}")
+        out.receive(0.05)
+        with pytest.raises(TimeoutError):
+            peer.recv(100)
+        out.close()
+    port = free_port()
+    link = Link(f"udpin:{port}")
+    with udp() as vehicle:
+        vehicle.sendto(b"hello", ("127.0.0.1", port))
+        assert everything(link) == b"hello"
+        with pytest.raises(TimeoutError):
+            vehicle.recv(100)
+        link.send(b"now")
+        assert vehicle.recv(100) == b"now"
+    link.close()
+
+
+def test_nothing_is_sent_over_a_stream_either():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = Link(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        peer, _ = server.accept()
+        with peer:
+            peer.settimeout(0.2)
+            peer.sendall(b"hello")
+            assert everything(link) == b"hello"
+            with pytest.raises(TimeoutError):
+                peer.recv(100)
+            link.send(b"now")
+            assert peer.recv(100) == b"now"
+        link.close()
+
+
+def test_a_server_that_goes_away_is_reported_and_comes_back():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+        link = Link(f"tcp:127.0.0.1:{port}")
+        peer, _ = server.accept()
+        peer.sendall(b"last words")
+        peer.close()
+        assert everything(link) == b"last words"
+        with pytest.raises(LinkLost, match="closed by the other side"):
+            link.receive(1.0)
+        with pytest.raises(LinkLost, match="not open"):
+            link.receive(0.0)
+        assert not link.reopen(), "a pause comes first"
+        until = time.monotonic() + 60
+        while not link.reopen() and time.monotonic() < until:
+            time.sleep(0.02)
+        again, _ = server.accept()
+        with again:
+            again.sendall(b"hello again")
+            assert everything(link) == b"hello again"
+        link.close()
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """The clock that pauses and silences are measured with: it stands still until it is moved."""
+    now = [100.0]
+    monkeypatch.setattr("mavdem.live.link.time.monotonic", lambda: now[0])
+    return now
+
+
+def test_pauses_between_tries_become_longer(clock):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link = Link(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+        server.accept()[0].close()
+    with pytest.raises(LinkLost):
+        link.receive(60.0)
+    pauses = []
+    for _ in range(4):
+        pauses.append(link._not_before - clock[0])
+        assert not link.reopen()
+        assert link._not_before - clock[0] == pauses[-1], "it was not tried before its time"
+        clock[0] = link._not_before
+        assert not link.reopen()
+    assert pauses == [0.25, 0.5, 1.0, 2.0]
+
+
+def test_a_client_connects_leaves_and_another_one_connects():
+    port = free_port()
+    link = Link(f"tcpin:{port}")
+    assert link.receive(0.0) == []
+    with socket.create_connection(("127.0.0.1", port)) as client:
+        client.sendall(b"one")
+        assert everything(link) == b"one"
+    with pytest.raises(LinkLost):
+        link.receive(1.0)
+    assert link.reopen()
+    with socket.create_connection(("127.0.0.1", port)) as client:
+        client.sendall(b"two")
+        assert everything(link) == b"two"
+    link.close()
+
+
+def test_a_client_that_is_silent_gives_way_to_another_and_one_that_talks_does_not(clock):
+    port = free_port()
+    link = Link(f"tcpin:127.0.0.1:{port}")
+    with socket.create_connection(("127.0.0.1", port)) as first:
+        first.sendall(b"one")
+        assert everything(link) == b"one"
+        with socket.create_connection(("127.0.0.1", port)) as second:
+            second.sendall(b"two")
+            for _ in range(5):
+                clock[0] += SILENCE_SECONDS - 1
+                first.sendall(b"more")
+                assert everything(link) == b"more"
+            clock[0] += SILENCE_SECONDS + 1
+            with pytest.raises(LinkLost, match="was silent, and another client waits"):
+                link.receive(60.0)
+            assert link.reopen()
+            assert everything(link) == b"two"
+    link.close()
+
+
+def test_the_kernel_finds_out_when_the_other_side_is_gone():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        out = Link(f"tcp:127.0.0.1:{server.getsockname()[1]}")
+    port = free_port()
+    into = Link(f"tcpin:127.0.0.1:{port}")
+    with socket.create_connection(("127.0.0.1", port)) as client:
+        client.sendall(b"hello")
+        assert everything(into) == b"hello"
+    for link in (out, into):
+        assert link._socket.getsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE)
+        assert link._socket.getsockopt(socket.IPPROTO_TCP, socket.TCP_KEEPIDLE) <= 10
+        link.close()
+
+
+def test_who_hangs_up_over_and_over_is_called_ever_less_often(clock):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        link, called = Link(f"tcp:127.0.0.1:{server.getsockname()[1]}"), []
+        for _ in range(5):
+            server.accept()[0].close()
+            called.append(clock[0])
+            with pytest.raises(LinkLost):
+                link.receive(60.0)
+            assert not link.reopen()
+            clock[0] = link._not_before
+            assert link.reopen()
+        # One that lasts is called again as soon as the first time.
+        server.accept()[0].close()
+        clock[0] += STABLE_SECONDS
+        with pytest.raises(LinkLost):
+            link.receive(60.0)
+        assert link._not_before - clock[0] == FIRST_PAUSE_SECONDS
+    assert np.diff(called).tolist() == [0.25, 0.5, 1.0, 2.0]
+    link.close()
+
+
+def test_a_serial_port_is_read_raw_silent_and_its_loss_is_reported():
+    controller, port = pty.openpty()
+    link = Link(f"{os.ttyname(port)},57600")
+    os.write(controller, bytes(range(256)))
+    received = b""
+    while len(received) < 256:
+        received += everything(link)
+    assert received == bytes(range(256))
+    os.set_blocking(controller, False)
+    with pytest.raises(BlockingIOError):
+        os.read(controller, 100)
+    link.send(b"\n\x03\x11")
+    os.set_blocking(controller, True)
+    assert os.read(controller, 100) == b"\n\x03\x11"
+    os.close(port)
+    os.close(controller)
+    with pytest.raises(LinkLost):
+        link.receive(1.0)
+    assert not link.reopen()
+    link.close()
+
+
+def test_a_port_that_is_taken_is_named():
+    with udp() as taken, pytest.raises(Unreadable, match=r"Cannot open udpin:127.0.0.1:\d+: the port is in use"):
+        Link(f"udpin:127.0.0.1:{taken.getsockname()[1]}")
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("udpin:127.0.0.1", "is not a link"),
+        ("udpin:127.0.0.1:99999", "ports go up to 65535"),
+        ("tcp:", "is not a link"),
+        ("", "is not a link"),
+        ("mcast:14550", "is not a link"),
+        ("127.0.0.1", "is not a link"),
+        ("localhost", "is not a link"),
+        ("COM3", "is not a link"),
+        ("flight.tlog", "is not a link"),
+        (__file__, "is a file, not a link"),
+        ("udpin:a:b:c", "is not a link"),
+        ("tcp:no.such.host.invalid:5760", "there is no host no.such.host.invalid"),
+        ("udpin:192.0.2.1:14550", "not an address of this machine"),
+        ("udpin:a..b:14550", "there is no host a..b"),
+        (f"tcp:{'a' * 70}:5760", "there is no host aaa"),
+        ("tcp:\udcff:5760", "there is no host"),
+        ("/dev/no_such_port", "there is no such serial port"),
+        ("/dev/null", "it is not a serial port"),
+        ("/dev/null,fast", "is not a speed of a serial port"),
+        ("/dev/ttyACM0,-1", "is not a speed of a serial port"),
+    ],
+)
+def test_what_cannot_be_opened_is_said_in_one_sentence(name, reason):
+    with pytest.raises(Unreadable, match=reason) as refusal:
+        Link(name)
+    assert str(refusal.value).count("\n") == 0
+
+
+def test_nothing_that_listens_is_said():
+    with pytest.raises(Unreadable, match="nothing listens there"):
+        Link(f"tcp:127.0.0.1:{free_port()}")
+
+
+def test_what_is_not_permitted_is_said(monkeypatch):
+    def refuse(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(socket.socket, "bind", refuse)
+    with pytest.raises(Unreadable, match="not permitted; ports below 1024"):
+        Link("udpin:80")
+    monkeypatch.setattr(os, "open", refuse)
+    with pytest.raises(Unreadable, match="dialout"):
+        Link("/dev/ttyACM0")
+
+
+def test_what_nobody_takes_is_dropped():
+    with udp() as gone:
+        port = gone.getsockname()[1]
+    link = Link(f"udpout:127.0.0.1:{port}")
+    for _ in range(3):
+        link.send(b"into the void")
+        assert link.receive(0.01) == []
+    link.close()
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/net/if_inet6"), reason="needs IPv6")
+def test_an_address_of_version_6_will_do():
+    six = Link(f"udpin:[::1]:{free_port()}")
+    assert six.receive(0.0) == []
+    six.close()
+    with pytest.raises(LinkLost):
+        six.receive(0.0)

@@ -1,0 +1,104 @@
+"""What a link received is in the file, frame by frame with its stamp, also when the recording ends without warning."""
+
+from __future__ import annotations
+
+import random
+import shutil
+import struct
+from pathlib import Path
+
+import pytest
+from mavlink_streams import flight, frame, heartbeat
+
+from mavdem.errors import Unreadable
+from mavdem.ingest import read_log
+from mavdem.ingest.formats import read_stream
+from mavdem.live.recording import RawRecording
+
+FRAMES = [heartbeat(), *flight([20 + 0.01 * row for row in range(400)])]
+NOW = 1.7e9
+
+
+def recorded(path: Path) -> list[tuple[int, bytes]]:
+    return list(read_stream(path).stamped_frames())
+
+
+@pytest.mark.parametrize("form", [".tlog", ".mcap"])
+def test_datagrams_are_kept_with_their_stamps(tmp_path: Path, form: str) -> None:
+    recording = RawRecording(tmp_path / f"flight{form}")
+    for row, each in enumerate(FRAMES):
+        recording.take(NOW + 0.005 * row, each)
+    recording.close()
+    assert recording.frames == len(FRAMES) and recording.bytes_skipped == 0
+    expected = [(round((NOW + 0.005 * row) * 1e6), each) for row, each in enumerate(FRAMES)]
+    assert recorded(tmp_path / f"flight{form}") == expected
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_bytes_in_any_pieces_among_garbage_are_kept(tmp_path: Path, seed: int) -> None:
+    chance = random.Random(seed)
+    garbage = 0
+    content = b""
+    for each in FRAMES:
+        if chance.random() < 0.05:
+            noise = bytes(chance.randrange(0xFC) for _ in range(chance.randrange(1, 400)))
+            content, garbage = content + noise, garbage + len(noise)
+        content += each
+    recording = RawRecording(tmp_path / "flight.tlog")
+    place, now = 0, NOW
+    while place < len(content):
+        step = chance.randrange(1, 90)
+        recording.take(now, content[place : place + step])
+        place, now = place + step, now + 0.004
+    recording.close()
+    assert [each for _, each in recorded(tmp_path / "flight.tlog")] == FRAMES
+    assert recording.bytes_skipped == garbage
+    stamps = [stamp for stamp, _ in recorded(tmp_path / "flight.tlog")]
+    assert stamps == sorted(stamps)
+
+
+@pytest.mark.parametrize("form", [".tlog", ".mcap"])
+def test_what_was_received_is_there_before_the_end(tmp_path: Path, form: str) -> None:
+    path = tmp_path / f"flight{form}"
+    recording = RawRecording(path)
+    for row, each in enumerate(FRAMES):
+        recording.take(NOW + 0.01 * row, each)
+    shutil.copy(path, tmp_path / f"copy{form}")  # as a process that is killed leaves it
+    (vehicle,) = read_log(tmp_path / f"copy{form}").vehicles
+    kept = sum(len(columns["time"]) for columns in vehicle.messages.values())
+    assert kept >= len(FRAMES) - (60 if form == ".tlog" else 600)
+    recording.close()
+    recording.close()
+
+
+def test_frames_of_another_dialect_and_damaged_ones_are_kept(tmp_path: Path) -> None:
+    others = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)]
+    recording = RawRecording(tmp_path / "flight.tlog")
+    for each in [FRAMES[0], *others, FRAMES[0]]:
+        recording.take(NOW, each)
+    recording.close()
+    assert [each for _, each in recorded(tmp_path / "flight.tlog")] == [FRAMES[0], *others, FRAMES[0]]
+
+
+def test_a_clock_that_is_set_back_or_noise_without_end_hold_nothing_up(tmp_path: Path) -> None:
+    recording = RawRecording(tmp_path / "flight.tlog")
+    recording.take(NOW, FRAMES[0])
+    recording.take(NOW - 5000.0, FRAMES[1])
+    noise = random.Random(0).randbytes(3000)
+    for row in range(2000):
+        recording.take(NOW + 0.01 * row, noise)
+        assert sum(len(data) for _, data in recording._pieces) < 60 * len(noise)
+    recording.close()
+    assert [each for _, each in recorded(tmp_path / "flight.tlog")][:2] == FRAMES[:2]
+    assert struct.unpack(">Q", (tmp_path / "flight.tlog").read_bytes()[:8])[0] == round(NOW * 1e6)
+
+
+def test_it_replaces_nothing(tmp_path: Path) -> None:
+    (tmp_path / "flight.tlog").write_bytes(b"dear")
+    with pytest.raises(Unreadable, match="there already"):
+        RawRecording(tmp_path / "flight.tlog")
+    assert (tmp_path / "flight.tlog").read_bytes() == b"dear"
+    with pytest.raises(Unreadable, match="cannot be written"):
+        RawRecording(tmp_path / "none" / "flight.tlog")
+    with pytest.raises(ValueError, match="must end in"):
+        RawRecording(tmp_path / "flight.bin")

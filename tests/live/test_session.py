@@ -1,0 +1,435 @@
+"""A link, what learns from it and who is shown it, put together: with recorded flights and whatever may go wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import groupby
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mavlink_streams import SHARED
+from pymavlink.dialects.v20 import all as dialect
+
+import mavdem
+from mavdem.cli.live import _status_line
+from mavdem.dem import Estimate, Settings
+from mavdem.dem.record import Record
+from mavdem.ingest.formats import read_stream
+from mavdem.live import AlignedRow, LiveStream, SessionStatus, Setup
+from mavdem.live.kept_model import forecast_error
+from mavdem.live.link import LinkLost
+from mavdem.live.recording import RawRecording
+from mavdem.live.session import REPEAT_SECONDS, SILENCE_SECONDS, LiveSession
+from mavdem.live.status import UNCONFIRMED
+
+LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
+COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=10.0)
+FRAMES = [(stamp / 1e6, frame) for stamp, frame in read_stream(LOG).stamped_frames()]
+FIRST = next(stamp for stamp, frame in FRAMES if frame[7:10] == bytes([30, 0, 0]))
+"""Of ATTITUDE; the parameters come before."""
+
+
+class ScriptedLink:
+    """Gives out what it is told, in place of a socket; an exception in the script is raised."""
+
+    datagrams = True
+    speaks_first = False
+
+    def __init__(self, script: list[Any]) -> None:
+        self.script, self.sent, self.reopened = script, b"", 0
+
+    def receive(self, timeout: float) -> list[tuple[float, bytes]]:
+        if not self.script:
+            return []
+        now = self.script.pop(0)
+        if isinstance(now, Exception):
+            raise now
+        return now
+
+    def events(self) -> list[str]:
+        return []
+
+    def send(self, frame: bytes) -> None:
+        self.sent += frame
+
+    def reopen(self) -> bool:
+        self.reopened += 1
+        return self.reopened > 1
+
+
+class Screen:
+    """Keeps what it is shown."""
+
+    def __init__(self) -> None:
+        self.rows: list[tuple[float, int, Estimate | None]] = []
+        self.sentences: list[str] = []
+        self.statuses: list[SessionStatus] = []
+        self.setup: Setup | None = None
+        self.setups: list[Setup] = []
+
+    def open(self, setup: Setup) -> Screen:
+        self.setup = setup
+        self.setups.append(setup)
+        return self
+
+    def put(self, time, segment, outputs, inputs, estimate=None, learned=None) -> None:
+        self.rows.append((time, segment, estimate))
+
+    def log(self, text: str) -> None:
+        self.sentences.append(text)
+
+
+def batches(seconds: float, start: float = 0.0) -> list[list[tuple[float, bytes]]]:
+    """The recorded frames of so many seconds, those of each twentieth of a second together; all before them first."""
+    found: dict[int, list[tuple[float, bytes]]] = {}
+    if not start:
+        found[-1] = [(stamp, frame) for stamp, frame in FRAMES if stamp < FIRST]
+    for stamp, frame in FRAMES:
+        if start <= stamp - FIRST < start + seconds:
+            found.setdefault(int(20 * (stamp - FIRST)), []).append((stamp, frame))
+    return list(found.values())
+
+
+def session_of(script: list[Any], **options: Any) -> tuple[LiveSession, Screen, list[str]]:
+    screen, said = Screen(), []
+    link = ScriptedLink(script)
+    shown = screen.open, screen.statuses.append
+    made = LiveSession(link, LiveStream(), COMPLETE, *shown, said.append, **options)  # type: ignore[arg-type]
+    return made, screen, said
+
+
+def run(one: LiveSession) -> None:
+    while one.link.script:  # type: ignore[attr-defined]
+        one.step(0.0)
+    one.end()
+
+
+@pytest.mark.slow
+def test_what_is_learnt_from_is_the_flight_that_offline_reads():
+    one, screen, _ = session_of(batches(12.0))
+    run(one)
+    flight = mavdem.read_flight(LOG)
+    learnt = one.learner._memory.record()
+    (row,) = np.flatnonzero(np.all(flight.outputs == learnt.outputs[0], axis=1))
+    same = slice(row, row + len(learnt.outputs))
+    np.testing.assert_array_equal(learnt.outputs, flight.outputs[same])
+    np.testing.assert_allclose(learnt.inputs, flight.inputs[same], atol=0.01)
+    assert len(learnt.outputs) > 700
+    live, offline = one.learner.learn_now(), mavdem.learn(flight[same], COMPLETE)
+    np.testing.assert_allclose(live.model.A, offline.model.A, rtol=1e-3, atol=1e-3)
+    assert one.status.learned == len([1 for *_, estimate in screen.rows if estimate is not None])
+    assert screen.setup.layout.names == flight.input_names
+    assert screen.rows[-1][2].model is not None
+
+
+def test_nothing_is_sent_unless_asked_for():
+    one, _, _ = session_of(batches(8.0))
+    run(one)
+    assert one.link.sent == b""
+
+
+@pytest.mark.slow
+def test_rates_are_asked_for_and_given_back(monkeypatch):
+    script = batches(8.0)
+    one, _, _ = session_of(script, rate=200.0)
+    answers = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+    now = [0.0]
+    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
+    for number in range(len(script)):
+        now[0] += 0.05
+        if number == 100:
+            for each in (30, 36):
+                interval = answers.message_interval_encode(each, 250_000).pack(answers)
+                one.link.script[0].append((one.link.script[0][-1][0], interval))
+        one.step(0.0)
+    monkeypatch.undo()
+    one.end()
+    sent = dialect.MAVLink(None).parse_buffer(bytearray(one.link.sent))
+    asked = [(each.command, int(each.param1), each.param2) for each in sent]
+    assert asked[:2] == [(510, 30, 0), (510, 36, 0)] and (511, 30, 5_000) in asked
+    # Nobody confirms it: it is sent again, and said.
+    assert asked[-3:] == 3 * [(511, 30, 250_000)]
+    assert one.sentences[-1] == UNCONFIRMED
+    assert all((each.target_system, each.target_component) == (1, 1) for each in sent)
+
+
+def test_who_waits_to_be_spoken_to_is_greeted_once_a_second_while_it_is_silent(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
+    one, _, _ = session_of([], rate=100.0)
+    one.link.speaks_first = True
+    one._heard = now[0]
+    greeted = []
+    for number in range(100):
+        if 40 <= number < 80:
+            one.link.script = batches(0.05)[:1]
+        one.step(0.0)
+        kinds = [each.get_type() for each in dialect.MAVLink(None).parse_buffer(bytearray(one.link.sent)) or []]
+        greeted.append("HEARTBEAT" in kinds)
+        one.link.sent = b""
+        now[0] += 0.1
+    assert sum(greeted[:40]) == 3 and not any(greeted[41:80]) and sum(greeted[80:]) in (1, 2)
+
+
+@pytest.mark.slow
+def test_after_a_reboot_to_heartbeats_alone_rates_are_asked_for_again(monkeypatch):
+    path = SHARED / "sitl_events/ap_reboot_rates_never_asked_again.tlog"
+    if not path.exists():
+        pytest.skip("needs the recorded flights")
+    now = [0.0]
+    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
+    one, _, _ = session_of([], rate=100.0)
+    frames = [(stamp / 1e6, frame) for stamp, frame in read_stream(path).stamped_frames()]
+    start, asked = frames[0][0], []
+    for _, batch in groupby(frames, key=lambda entry: int(10 * (entry[0] - start))):
+        one.link.script, one.link.sent = [list(batch)], b""
+        now[0] = one.link.script[0][-1][0] - start
+        one.step(0.0)
+        if one.link.sent:
+            sent = dialect.MAVLink(None).parse_buffer(bytearray(one.link.sent))
+            asked += [(now[0], int(each.param1)) for each in sent if each.command == 511]
+    again = [(at, kind) for at, kind in asked if 71.0 < at < 90.0]
+    assert {kind for _, kind in again} >= {30, 36}, "it rebooted between 71 and 78 s"
+
+
+@pytest.mark.slow
+def test_after_a_landing_without_vertical_speed_the_model_is_one_of_the_flight():
+    path = SHARED / "sitl_events/ap_motor.tlog"
+    if not path.exists():
+        pytest.skip("needs the recorded flights")
+    frames = [(stamp / 1e6, frame) for stamp, frame in read_stream(path).stamped_frames()]
+    start = frames[0][0] + 135.0
+    one, screen, _ = session_of(
+        [list(batch) for _, batch in groupby(frames, key=lambda entry: int(10 * (entry[0] - start))) if _ >= 0]
+    )
+    flown: list[AlignedRow] = []
+    take = one._take
+    one._take = lambda row: (flown.append(row), take(row))[1]  # type: ignore[method-assign]
+    run(one)
+    flown = [row for row in flown if 140.0 < row.time < 155.0]
+    before = Record(
+        np.array([row.inputs for row in flown]), np.array([row.outputs for row in flown]), 0.01, (len(flown),)
+    )
+    assert forecast_error(one.final_model(), before) < 0.05, "0.6 with the touch-down in the memory"
+    assert not any(estimate for time, _, estimate in screen.rows if time > 169.0)
+
+
+@pytest.mark.slow
+def test_a_link_that_is_lost_comes_back_and_what_was_learnt_stays():
+    one, screen, said = session_of([*batches(9.0), LinkLost("The link x was lost."), *batches(3.0, start=10.0)])
+    run(one)
+    assert any("was lost" in sentence for sentence in said) and "The link is open again." in said
+    assert len({segment for _, segment, _ in screen.rows}) == 2
+    first_after = next(row for row in screen.rows if row[1] != screen.rows[0][1])
+    assert first_after[2] is None or first_after[2].model is not None
+    assert screen.rows[-1][2].model is not None
+
+
+def test_silence_is_reported(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
+    one, _, said = session_of([*batches(1.0)])
+    run(one)
+    now[0] += SILENCE_SECONDS + 1
+    one.step(0.0)
+    one.step(0.0)
+    assert sum("Nothing was received" in sentence for sentence in said) == 1
+
+
+def test_what_came_before_a_silence_does_not_pass_for_what_comes(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
+    one, screen, said = session_of([*batches(9.0)])
+    run(one)
+    assert one.status.rates["ATTITUDE"] == pytest.approx(100, rel=0.1) and not one.status.obstacle
+    now[0] += SILENCE_SECONDS + 1
+    one.step(0.0)
+    assert set(screen.statuses[-1].rates.values()) == {0.0}
+    assert screen.statuses[-1].obstacle == f"nothing was received for {SILENCE_SECONDS:.0f} s"
+    # A vehicle that sends nothing else says only that it is there.
+    heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
+    for stamp, batch in enumerate(batches(2.0, start=9.0)):
+        one.link.script = [[(FIRST + 9.0 + stamp / 20, heartbeat)] if stamp else batch]
+        now[0] += 0.25
+        one.step(0.0)
+    assert set(one.status.rates.values()) == {0.0} and "no attitude" in one.status.obstacle
+    one.link.script = batches(2.0, start=11.0)
+    run(one)
+    assert one.status.rates["ATTITUDE"] > 50 and not one.status.obstacle
+    assert said.count(f"Nothing was received for {SILENCE_SECONDS:.0f} s.") == 1
+
+
+def test_a_long_silence_is_said_less_and_less_often_and_its_end_once(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
+    one, _, said = session_of([*batches(9.0)])
+    run(one)
+    said.clear()
+    for _ in range(4 * 1200):
+        now[0] += 0.25
+        one.step(0.0)
+    times = [sentence for sentence in said if "Nothing was received" in sentence]
+    assert 4 <= len(times) <= 8 and len(said) <= len(times) + 1
+    assert times[-1] == "Nothing was received for 768 s."
+    one.link.script = batches(2.0, start=9.0)
+    now[0] += 0.25
+    run(one)
+    assert said.count("Messages come again after 1200 s.") == 1
+
+
+def test_a_climb_is_not_said_to_be_learned_from():
+    one, screen, said = session_of(batches(9.0))
+    take = one._take
+    one._take = lambda row: take(row._replace(settled=False))  # type: ignore[method-assign]
+    run(one)
+    assert "The model is being learned." not in said
+    assert one.status.flying and "climb, landing or strong tilt" in one.status.obstacle
+
+
+def test_a_clock_that_is_set_is_no_latency(monkeypatch):
+    one, _, _ = session_of([*batches(9.0)])
+    now = [FIRST]
+
+    def jumping() -> float:
+        now[0] += 100.0
+        return now[0]
+
+    monkeypatch.setattr("mavdem.live.session.time.time", jumping)
+    run(one)
+    assert one.status.learned + one.status.shown > 300
+    assert 0 <= one.status.latency[0] <= one.status.latency[1] < 10.0
+
+
+def test_a_sentence_has_one_full_stop(monkeypatch):
+    one, _, said = session_of(batches(7.0))
+
+    def fails(*_: Any) -> None:
+        raise ValueError("A process was terminated abruptly.")
+
+    monkeypatch.setattr(mavdem.OnlineLearner, "update", fails)
+    run(one)
+    assert "A sample was skipped: A process was terminated abruptly." in said
+    status = SessionStatus(obstacle="There are two of them. Choose one.")
+    said = _status_line(replace(status, vehicle="1:1", ahead=(0.25, 0.0052)), "roll")
+    assert said.startswith(
+        "1:1: no attitude; 0 samples learned; roll predicted 0.25 s ahead with constant inputs within ±0.3° (90 %)"
+    )
+    assert _status_line(status, "roll") == "", "without a vehicle the session has said why"
+
+
+def test_every_second_is_accounted_for(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
+    one, _, _ = session_of([[], *batches(12.0), LinkLost("The link x was lost.")])
+    one._heard = 100.0
+    while one.link.script:
+        one.step(0.0)
+        now[0] += 0.05
+    one.link.reopened = -100
+    for _ in range(100):
+        now[0] += 0.1
+        one.step(0.0)
+    account = one.account()
+    assert sum(account.values()) == pytest.approx(now[0] - 100.0)
+    assert account["learned"] == pytest.approx(one.status.learned / 100, abs=1.5)
+    assert account["link_lost"] == pytest.approx(10.0, abs=1.1)
+    assert account["no_vehicle"] < 3.0 and not account["silent"] and not account["on_ground"]
+
+
+def test_what_takes_long_to_understand_is_no_silence(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
+    one, screen, _ = session_of([*batches(9.0)])
+    run(one)
+    one.link.script = batches(0.2, start=9.0)
+    feed = one.stream.feed
+
+    def slowly(*pieces):
+        now[0] += SILENCE_SECONDS + 1
+        return feed(*pieces)
+
+    monkeypatch.setattr(one.stream, "feed", slowly)
+    run(one)
+    assert not screen.statuses[-1].obstacle and not one.status.obstacle
+
+
+def test_the_same_sentence_is_said_once_a_while_whatever_it_measured(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
+    one, screen, said = session_of([])
+    for number in range(300):
+        now[0] += 0.25
+        one._log(f"ATTITUDE comes at {39 + number / 300:.2f} Hz; more is needed.")
+        one._log("The link is open again.")
+        one._log("The vehicle does not answer of message 30.")
+        one._log("The vehicle does not answer of message 36.")
+    assert len(said) == 4 * round(300 * 0.25 / REPEAT_SECONDS + 0.5)
+
+
+def test_who_is_shown_it_hears_that_the_rows_are_others():
+    one, screen, _ = session_of(batches(8.0))
+    run(one)
+    (first,) = screen.setups
+    one.stream.setup = other = replace(first, scale=replace(first.scale, unit="%"))
+    one.link.script = batches(1.0, start=8.0)
+    run(one)
+    assert screen.setups == [first, other]
+    assert len(set(screen.sentences)) == len(screen.sentences)
+
+
+def test_every_frame_is_recorded_whatever_happens_to_the_rest(tmp_path, monkeypatch):
+    recording = RawRecording(tmp_path / "flight.tlog")
+    one, _, said = session_of(batches(7.0), recording=recording)
+
+    def fails(*_: Any) -> None:
+        raise ValueError("numbers beyond all bounds")
+
+    monkeypatch.setattr(mavdem.OnlineLearner, "update", fails)
+    run(one)
+    kept = [frame for _, frame in read_stream(tmp_path / "flight.tlog").stamped_frames()]
+    assert kept == [frame for stamp, frame in FRAMES if stamp - FIRST < 7.0]
+    assert any("was skipped" in sentence for sentence in said)
+
+
+def test_a_recording_that_fails_ends_alone(tmp_path, monkeypatch):
+    recording = RawRecording(tmp_path / "flight.tlog")
+    one, screen, said = session_of(batches(9.0), recording=recording)
+
+    def full(*_: Any) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(recording, "take", full)
+    run(one)
+    assert [sentence for sentence in said if "recording ends here (No space left" in sentence]
+    assert screen.rows[-1][2].model is not None
+
+
+@pytest.mark.slow
+def test_hostile_bytes_change_nothing_that_is_learnt():
+    rng = np.random.default_rng(0)
+    script = batches(9.0)
+    hostile = [[*batch, (batch[-1][0], rng.bytes(300))] for batch in script]
+    plain, disturbed = session_of(script)[0], session_of(hostile)[0]
+    run(plain)
+    run(disturbed)
+    ours, theirs = (one.learner._memory.record() for one in (disturbed, plain))
+    np.testing.assert_array_equal(ours.outputs, theirs.outputs)
+    np.testing.assert_array_equal(ours.inputs, theirs.inputs)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), RuntimeError("a mistake of the view's")])
+def test_pictures_that_cannot_be_opened_end_nothing_else(failure, tmp_path):
+    one, _, said = session_of(batches(9.0), recording=RawRecording(tmp_path / "flight.tlog"))
+
+    def fails(setup: Setup) -> Screen:
+        raise failure
+
+    one.show = fails
+    run(one)
+    assert sum("display failed" in sentence and "continues" in sentence for sentence in said) == 1
+    assert one.learner.learn_now().model is not None
+    kept = [frame for _, frame in read_stream(tmp_path / "flight.tlog").stamped_frames()]
+    assert kept == [frame for stamp, frame in FRAMES if stamp - FIRST < 9.0]

@@ -1,0 +1,262 @@
+"""The report on the paper's experiments: verdicts follow from their rules, either way, and the report is whole."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.ndimage import gaussian_filter1d
+
+import mavdem
+from mavdem.cli.commands import main
+from mavdem.cli.reproduce import reproduce_command, write_report
+from mavdem.evaluate import analyse_noise
+from mavdem.paper import benchmark, coordinates, noise, oracle, order, prediction
+from mavdem.paper.checks import Check, ClaimStatus, claim_status, sentence
+from mavdem.paper.claims import CLAIMS, MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
+from mavdem.paper.coordinates import PairedErrors
+from mavdem.paper.item import ItemResult
+from mavdem.paper.report import FIGURES, ITEMS, NUMBERS, PAGE, RECORDING, ItemReport
+from mavdem.paper.runner import PAPER, PEERS, WITH, Extent, Runner
+from mavdem.paper.words import listed, number, percent
+
+MAVDEM = Path(sys.executable).with_name("mavdem")
+
+SMALL = Extent(experiments=(2,), duration=30, recorded=False, priors=2)
+
+HELD, FAILED = Check("a rule", True, "this is so"), Check("a rule", False, "that is not")
+
+
+@pytest.mark.parametrize(
+    ("checks", "expected"),
+    [
+        ((HELD, HELD), ClaimStatus.REPRODUCED),
+        ((HELD, FAILED), ClaimStatus.PARTLY),
+        ((FAILED, FAILED), ClaimStatus.NOT),
+        ((), ClaimStatus.UNTRIED),
+    ],
+)
+def test_all_checks_make_a_verdict(checks, expected):
+    assert claim_status(checks) is expected
+
+
+def test_what_fails_is_said_first():
+    assert sentence([HELD, FAILED]) == "Partly: that is not; but this is so."
+    assert sentence([HELD]) == "Reproduced: this is so."
+    assert sentence([FAILED]) == "Not reproduced: that is not."
+
+
+def test_what_is_asked_beyond_the_paper_decides_nothing():
+    one = ItemReport(ITEMS[0], ItemResult(checks=(HELD,), beyond=(FAILED,)))
+    assert one.status is ClaimStatus.REPRODUCED
+    assert one.sentence == "Reproduced: this is so." and one.beyond == "Beyond the paper: that is not."
+    assert ItemReport(ITEMS[0], ItemResult(remarks=("Nothing is there.",))).sentence == "Not tried: Nothing is there."
+
+
+def test_numbers_are_reported_shortly():
+    assert [number(value) for value in (0.0, 0.01234, -12.3456, 1234.5, 1.2e-7, float("inf"))] == [
+        *("0", "0.0123", "−12.3", "1,234", "1.2·10⁻⁷", "∞")
+    ]
+    assert [percent(share) for share in (0.9, 0.9986, 1.0, 0.001)] == ["90 %", "99.9 %", "100 %", "0.1 %"]
+    assert [listed(names) for names in (["a"], ["a", "b"], "abc")] == ["a", "a and b", "a, b and c"]
+
+
+def holds(checks):
+    return [check.holds for check in checks]
+
+
+def noises(draw, colour):
+    """Five series of 1000 values, white where ``colour`` is 0, else of that kernel width in samples."""
+    series = [draw(np.random.default_rng(seed)) for seed in range(5)]
+    return [analyse_noise(gaussian_filter1d(one, colour) if colour else one, 0.01, overlap=3) for one in series]
+
+
+@pytest.mark.parametrize(
+    ("draw", "colour", "expected"),
+    [
+        (lambda random: random.normal(size=1000), 6, [True, True]),
+        (lambda random: random.normal(size=1000), 0, [True, False]),
+        (lambda random: random.laplace(size=1000), 0, [False, False]),
+    ],
+    ids=["coloured Gaussian", "white Gaussian", "white and not Gaussian"],
+)
+def test_noise_is_judged_by_its_shape_and_its_colour(draw, colour, expected):
+    assert holds(noise.checks(noises(draw, colour), "w", "flights")) == expected
+
+
+def test_generalized_coordinates_must_win_in_total_and_mostly():
+    without, with_ = (np.array([own]).T for own in (MSPE_WITHOUT_COORDINATES, MSPE_WITH_COORDINATES))
+    assert holds(coordinates.checks(PairedErrors(with_, without), "the paper's own")) == [True]
+    assert holds(coordinates.checks(PairedErrors(without, with_), "swapped")) == [False]
+    one_wins = np.array([[1.1, 1.1, 1.1, 1.1, 0.1]]).T
+    assert holds(coordinates.checks(PairedErrors(one_wins, np.ones((5, 1))), "one flight makes the total")) == [False]
+
+
+def test_a_method_must_win_on_every_flight():
+    errors = {WITH: np.array([1.0, 2.0]), **{name: np.array([3.0, 3.0]) for name in PEERS}}
+    peers = tuple(PEERS)
+    won = benchmark.least(benchmark.MethodErrors(("a", "b"), errors), WITH, peers, "from the data")
+    lost = benchmark.least(
+        benchmark.MethodErrors(("a", "b"), errors | {peers[0]: np.array([3.0, 1.5])}), WITH, peers, "from the data"
+    )
+    assert (won.holds, lost.holds) == (True, False)
+    assert "on 2 of 2" in won.finding and "on 1 of 2" in lost.finding
+
+
+def test_the_authors_result_must_lie_among_ours():
+    ours = np.linspace(1, 2, 101)
+    assert oracle.within_ours(ours, np.array([1.5])) and not oracle.within_ours(ours, np.array([1.01]))
+    assert oracle.within_theirs(ours, np.array([1.4, 1.6])) and not oracle.within_theirs(ours, np.array([1.6, 1.9]))
+
+
+@pytest.mark.parametrize(
+    ("free_energy", "expected"),
+    [([-1e9, -1e6, -1e6, -1e6], 2), ([-1e9, -5e8, -1e6, -2e6], 3), ([-1.0, np.nan, -2.0], 1), ([-9, -6, -3, 0], 4)],
+)
+def test_free_energy_saturates_where_higher_orders_gain_nothing(free_energy, expected):
+    assert order.saturates_at(np.array(free_energy, float)) == expected
+
+
+def test_every_inputs_must_lead_to_the_order_of_the_system():
+    found = order.checks({"unknown": [1, 2, 3, 4], "known": [1, 3, 3, 4]})
+    assert holds(found) == [True, False, True, True]
+    assert found[0].finding == "F̄ of system 1 saturates at order 1"
+    assert found[1].finding == "F̄ of system 2 saturates at order 2 with unknown inputs and 3 with known inputs"
+
+
+def test_parameters_have_converged_where_they_no_longer_move():
+    assert prediction.converged_at(np.array([[0.0, 0.0], [1.0, 0.5], [1.0, 1.0], [1.0, 1.0]])) == 2
+    assert prediction.converged_at(np.zeros((4, 2))) == 0
+
+
+@pytest.fixture(scope="module")
+def runner():
+    return Runner(SMALL)
+
+
+def test_a_prediction_is_judged_by_what_it_shows(runner):
+    window = runner.sample
+    learned = mavdem.learn(window.train, PAPER)
+    found = prediction.checks(window, learned, [1.0, 1.1])
+    # F̄ rises in every iteration by what the steps are.
+    assert found[4].holds and found[5].holds
+    assert not prediction.checks(window, learned, [1.0, 9.0])[5].holds
+    still = SimpleNamespace(
+        one_step=lambda: np.vstack([window.train.outputs[:1], window.train.outputs[:-1]]),
+        forecast=lambda inputs: np.full_like(window.test.outputs, 9.0),
+        learning=SimpleNamespace(theta=np.arange(20.0)[:, None]),
+        free_energy=SimpleNamespace(total=np.array([0.0, -1.0])),
+    )
+    assert not any(holds(prediction.checks(window, still, [1.0, 9.0])[1:]))
+
+
+def check_report(folder, names):
+    """That the page shows what is there and asks for nothing else, and that the numbers are as they should be."""
+    page = (folder / PAGE).read_text()
+    named = set(re.findall(r'(?:src|srcset|href)="([^"#]+)"', page))
+    assert named and not [name for name in named if "//" in name or not (folder / name).is_file()]
+    assert {path.name for path in (folder / FIGURES).iterdir()} <= {name.rsplit("/")[-1] for name in named}
+    assert (folder / RECORDING).read_bytes()[:4] == b"RRF2"
+    document = json.loads((folder / NUMBERS).read_text(), parse_constant=lambda text: pytest.fail(f"{text} is no JSON"))
+    assert [one["name"] for one in document["items"]] == names
+    for one in document["items"]:
+        assert one["verdict"] in set(ClaimStatus) and one["sentence"].endswith(".")
+        assert set(one["paper"]) == {"section", "labels", "claim"}
+        for check in (*one["checks"], *one["beyond"]["checks"]):
+            assert set(check) == {"rule", "holds", "finding"} and isinstance(check["holds"], bool)
+        assert bool(one["beyond"]["sentence"]) == bool(one["beyond"]["checks"])
+        assert one["checks"] or one["remarks"]
+        assert isinstance(one["numbers"], dict)
+    return document
+
+
+def test_one_item_makes_a_whole_report(runner, tmp_path):
+    (item,) = (item for item in ITEMS if item.claim.name == "noise")
+    write_report(tmp_path, [ItemReport(item, item.run(runner))], runner, 1.0)
+    (told,) = check_report(tmp_path, ["noise"])["items"]
+    assert set(told["numbers"]["learnt"]) == {"experiment 2"}
+
+
+@pytest.mark.slow
+def test_all_items_make_one_report(runner, tmp_path):
+    # Pictures of the demonstrations take ten seconds, and have tests of their own.
+    chosen = [item for item in ITEMS if item.claim.name != "demonstrations"]
+    write_report(tmp_path, [ItemReport(item, item.run(runner)) for item in chosen], runner, 1.0)
+    told = {one["name"]: one for one in check_report(tmp_path, [item.claim.name for item in chosen])["items"]}
+    assert told["oracle"]["verdict"] == "not tried" and not told["oracle"]["checks"]
+    assert all(told[name]["checks"] for name in ("noise", "prediction", "coordinates", "benchmark", "order"))
+
+
+def test_other_items_than_those_listed_are_refused():
+    assert [item.claim for item in ITEMS] == list(CLAIMS)
+    refused = CliRunner().invoke(reproduce_command, ["everything"])
+    assert refused.exit_code == 2 and "everything" in refused.output
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [(["everything"], "everything"), (["noise", "--out", "FILE"], "--out"), (["noise", "--out", "FOLDER"], "figures")],
+)
+def test_what_cannot_be_done_is_one_document_and_no_work(words, named, tmp_path, capsys):
+    (tmp_path / "file").write_text("mine")
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "figures").write_text("mine")
+    places = {"FILE": tmp_path / "file", "FOLDER": tmp_path / "folder"}
+    assert main(["reproduce", *(str(places.get(word, word)) for word in words), "--json"]) == 2
+    out, _ = capsys.readouterr()
+    assert named in json.loads(out)["error"]["reason"]
+
+
+@pytest.mark.parametrize("package", ["jinja2", "matplotlib"])
+def test_a_missing_extra_is_one_sentence_with_the_command_that_installs_it(package, monkeypatch, tmp_path, capsys):
+    monkeypatch.setitem(sys.modules, package, None)
+    assert main(["reproduce", "noise", "--out", str(tmp_path / "out")]) == 2
+    out, said = capsys.readouterr()
+    assert not out and said == f"mavdem: `mavdem reproduce` needs {package}: pip install 'mavdem[paper]'.\n"
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_list_and_the_help_need_no_extra(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    assert main(["reproduce", "--list"]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [claim.name for claim in CLAIMS]
+    assert main(["reproduce", "--help"]) == 0
+
+
+@pytest.mark.slow
+def test_a_report_that_cannot_be_written_is_one_sentence(monkeypatch, tmp_path, capsys):
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device", "page")
+
+    monkeypatch.setattr("mavdem.paper.report.write", full)
+    monkeypatch.setattr("mavdem.paper.report.ITEMS", ())
+    assert main(["reproduce", "--out", str(tmp_path), "--json"]) == 2
+    out, said = capsys.readouterr()
+    assert "No space left" in json.loads(out)["error"]["reason"]
+    assert "should not have happened" not in said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_ended_early_it_says_so_as_other_commands_do(sent, code, tmp_path):
+    words = [str(MAVDEM), "reproduce", "noise", "--out", str(tmp_path / "out")]
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+    time.sleep(5)
+    assert process.poll() is None, process.communicate()
+    # As a terminal and `timeout` do: the workers get it too.
+    os.killpg(process.pid, sent)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == code
+    assert b"Traceback" not in said and b"Warning" not in said
+    assert not (tmp_path / "out").exists()

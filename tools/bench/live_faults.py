@@ -1,0 +1,159 @@
+#!/usr/bin/env python
+"""A live session with a simulated ArduPilot with every fault, on a clock of its own: as fast as the machine is.
+
+The scenario `ardupilot_faults` is flown, ten minutes, and learnt from with `--request-rate 100`: streams that are
+silent until asked, MAVProxy's resets to 4 Hz every 15 s, a reboot, an outage, a jump of the clock, a landing and
+another take-off, a motor that weakens. Printed: what every second is accounted for as, and the kept model's forecast
+errors 0.25 s ahead on other flights of the same vehicle, beside those of a model learnt offline without faults.
+
+Usage: tools/bench/live_faults.py [SCENARIO] [--record FILE.tlog]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from unittest.mock import patch
+
+import click
+import numpy as np
+from live_latency import NullView
+from numpy.typing import NDArray
+
+import mavdem
+from mavdem.dem import Learned, Settings
+from mavdem.flight import Flight
+from mavdem.live import LiveStream
+from mavdem.live.link import Link
+from mavdem.live.recording import RawRecording
+from mavdem.live.session import LiveSession
+from mavdem.live.status import ACCOUNT
+from mavdem.paper.flights import logged
+from sitl_scenarios.files import load
+from sitl_scenarios.mavlink.live import Ground, fly_live
+from sitl_scenarios.scenario import Faults, Scenario
+from sitl_scenarios.simulation import Simulation
+
+RATE = 100.0  # Hz that are asked for
+TICK = 0.02  # s from one look at the link to the next
+AHEAD_SECONDS = 0.25  # From the last known sample to the one that is forecast
+SETTLING_SECONDS = 2.0  # For which the filter of a forecast has run before errors count
+
+
+@dataclass
+class Wire:
+    """Frames under way in both directions, and the time at the session's end, s."""
+
+    now: float = 0.0
+    towards: list[tuple[float, bytes]] = field(default_factory=list)
+    back: list[bytes] = field(default_factory=list)
+
+
+class SessionEnd(Link):
+    """The end of a wire that the session listens to."""
+
+    def __init__(self, wire: Wire) -> None:
+        self._wire, self.name, self.speaks_first = wire, "simulation", False
+
+    def receive(self, timeout: float) -> list[tuple[float, bytes]]:
+        """What has come; time passes where it would be waited for."""
+        self._wire.now += timeout
+        came, self._wire.towards = self._wire.towards, []
+        return came
+
+    def send(self, frame: bytes) -> None:
+        """Sends a frame to the vehicle."""
+        self._wire.back.append(frame)
+
+    def events(self) -> list[str]:
+        """Nothing happens to a wire."""
+        return []
+
+
+class VehicleEnd(Ground):
+    """The end of a wire that the vehicle sends to: runs the session, whose clock is that of the flight."""
+
+    speed = TICK / 0.004  # of the vehicle, so that a tick of its flight is TICK
+
+    def __init__(self, wire: Wire, session: LiveSession) -> None:
+        self._wire, self._session = wire, session
+
+    def send(self, frame: bytes) -> bool:
+        """Sends a frame to the session."""
+        self._wire.towards.append((self._wire.now, frame))
+        return True
+
+    def received(self, until: float) -> Iterator[bytes]:
+        """Runs the session up to a time, which is divided by the speed; what it has sent."""
+        self._wire.now = until * self.speed
+        self._session.step(0.0)
+        answers, self._wire.back = self._wire.back, []
+        yield from answers
+
+
+def run_session(scenario: Scenario, record: Path | None = None) -> tuple[LiveSession, dict[str, float]]:
+    """Flies a scenario and learns from it live; returns the session, which has not been ended, and its account."""
+    wire = Wire()
+    with ExitStack() as clocks:
+        for clock in ("time.monotonic", "sitl_scenarios.mavlink.live.monotonic"):
+            clocks.enter_context(patch(clock, lambda: wire.now))
+        recording = None if record is None else RawRecording(record)
+        session = LiveSession(
+            SessionEnd(wire),
+            LiveStream(asked=True),
+            Settings(),
+            show=lambda _: NullView(),
+            report=lambda _: None,
+            say=lambda _: None,
+            recording=recording,
+            rate=RATE,
+        )
+        ground = VehicleEnd(wire, session)
+        fly_live(scenario, Simulation(scenario), ground, ground.speed, lambda _: None)
+        if recording is not None:
+            recording.close()
+        return session, session.account()
+
+
+def undisturbed(scenario: Scenario, seed: int, weak: bool) -> Flight:
+    """Another flight of the same vehicle in such wind, sent at 100 Hz without faults; its weak motor weak or not."""
+    stream = scenario.stream.model_copy(update={"only_when_asked": False, "rates": {}, "rate": RATE})
+    vehicle = scenario.vehicle.model_copy(update={"weak_from": 0.0} if weak else {"weak_motor": 0})
+    changes = {"duration": 90.0, "flights": 1, "seed": seed, "faults": Faults(), "stream": stream, "vehicle": vehicle}
+    return logged(scenario.model_copy(update=changes))
+
+
+def error_ratios(learned: Learned, flight: Flight) -> NDArray[np.float64]:
+    """(m,): squared errors ``AHEAD_SECONDS`` ahead on a flight, each over the variance of that output."""
+    steps = round(AHEAD_SECONDS / flight.dt)
+    errors = learned.forecast_every(steps, flight.inputs, flight.outputs) - flight.outputs
+    ends = errors[steps - 1 :: steps][round(SETTLING_SECONDS / AHEAD_SECONDS) :]
+    return np.asarray(np.mean(ends**2, axis=0) / np.var(flight.outputs, axis=0))
+
+
+@click.command(help=__doc__)
+@click.argument("scenario", default="ardupilot_faults")
+@click.option("--record", type=click.Path(path_type=Path), help="Telemetry log to write: what the session received.")
+def main(scenario: str, record: Path | None) -> None:
+    """Prints the account of a session and the errors of the model it keeps."""
+    chosen = load(scenario)
+    session, account = run_session(chosen, record)
+    for sentence in session.sentences:
+        print(sentence)
+    print("\n| s | |\n|---|---|")
+    for kind, seconds in account.items():
+        print(f"| {seconds:.1f} | {ACCOUNT[kind]} |")
+    print(f"| {sum(account.values()):.1f} | in all; {session.status.learned} samples were learned |")
+    kept = session.final_model()
+    print("\n| error ratio 0.25 s ahead (roll, roll rate) | kept | learnt offline |\n|---|---|---|")
+    for weak in (False, True)[: 1 + bool(chosen.vehicle.weak_motor)]:
+        test, train = (undisturbed(chosen, seed, weak) for seed in (1001, 1002))
+        ratios = [error_ratios(one, test) for one in (kept, mavdem.learn(train))]
+        cells = " | ".join(", ".join(f"{value:.3f}" for value in ratio) for ratio in ratios)
+        print(f"| motor {chosen.vehicle.weak_motor} weak | {cells} |" if weak else f"| all motors sound | {cells} |")
+
+
+if __name__ == "__main__":
+    main()

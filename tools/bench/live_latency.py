@@ -1,0 +1,126 @@
+#!/usr/bin/env python
+"""The cost of `mavdem live`: CPU time of a datagram, and latency from a datagram to its estimate.
+
+Input is a simulated hover. CPU time: attitude and motor outputs at 400 Hz, decoded and aligned without learning.
+Latency: 100, 400 and 1000 Hz over UDP on this machine for half a minute, sent by another process, default settings.
+
+Usage: tools/bench/live_latency.py
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import multiprocessing
+import socket
+import time
+from collections.abc import Iterator
+from multiprocessing.process import BaseProcess
+
+import click
+import numpy as np
+from pymavlink.dialects.v20 import all as dialect
+
+from mavdem.dem import Settings
+from mavdem.live import LiveStream, Setup
+from mavdem.live.link import Link
+from mavdem.live.session import LearningProcess, LiveSession
+
+SECONDS = 30.0
+PORT = 14598
+
+
+def hover(rate: float, seconds: float) -> Iterator[tuple[float, bytes]]:
+    """Datagrams with the second at which each is sent: attitude and motor outputs at ``rate`` Hz each, in the air."""
+    vehicle, rng = dialect.MAVLink(None, srcSystem=1, srcComponent=1), np.random.default_rng(0)
+    roll = speed = wind = 0.0
+    for tick in range(round(seconds * rate)):
+        now = tick / rate
+        if tick % round(rate) == 0:
+            yield now, vehicle.heartbeat_encode(2, 3, 128, 0, 4).pack(vehicle)
+        push = round(20 * math.sin(5 * now) + 10 * math.sin(11.3 * now))
+        wind += (-wind / 0.2) / rate + 2.0 * math.sqrt(2 / 0.2 / rate) * rng.standard_normal()
+        speed += (0.3 * push + wind - 4.0 * speed - 9.0 * roll) / rate
+        roll += speed / rate
+        stamp = 10_000 + now * 1e3
+        yield now, vehicle.attitude_encode(round(stamp), roll, 0.01, 0.2, speed, 0.0, 0.0).pack(vehicle)
+        outputs = (1600 - push, 1600 + push, 1600 + push, 1600 - push, 0, 0, 0, 0)
+        yield now, vehicle.servo_output_raw_encode(round(stamp * 1e3) % 2**32, 0, *outputs).pack(vehicle)
+
+
+def sender(rate: float, seconds: float, port: int) -> BaseProcess:
+    """A process, not yet started, that sends the hover to ``port`` of this machine at its own pace."""
+    return multiprocessing.get_context("spawn").Process(target=_send, args=(rate, seconds, port))
+
+
+def _send(rate: float, seconds: float, port: int) -> None:
+    datagrams = list(hover(rate, seconds))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as outlet:
+        begin = time.monotonic()
+        for at, datagram in datagrams:
+            time.sleep(max(begin + at - time.monotonic(), 0.0))
+            outlet.sendto(datagram, ("127.0.0.1", port))
+
+
+def of_a_datagram() -> str:
+    """CPU time of decoding and aligning a datagram, without learning."""
+    datagrams = list(hover(400.0, SECONDS))
+    gc.freeze()
+    stream, costs = LiveStream(), []
+    for at, datagram in datagrams:
+        began = time.thread_time()
+        stream.feed(at, datagram)
+        costs.append(1e3 * (time.thread_time() - began))
+    median, late = np.percentile(costs, [50, 99])
+    return (
+        f"CPU time of a datagram: mean {np.mean(costs):.3f} ms, median {median:.3f} ms, 99th percentile {late:.3f} ms; "
+        f"{1e3 / np.mean(costs):.0f} datagrams/s"
+    )
+
+
+class NullView:
+    """A view that shows nothing."""
+
+    def put(self, *_: object) -> None: ...
+
+    def log(self, text: str) -> None: ...
+
+
+def null_view(setup: Setup) -> NullView:
+    return NullView()
+
+
+def silence(_: object) -> None: ...
+
+
+def over_udp(rate: float) -> str:
+    link = Link(f"udpin:127.0.0.1:{PORT}")
+    vehicle = sender(rate, SECONDS, PORT)
+    with LearningProcess() as executor:
+        session = LiveSession(link, LiveStream(), Settings(), null_view, silence, silence, executor)
+        vehicle.start()
+        while session.status.vehicle is None:
+            session.step()
+        used, began = time.process_time(), time.monotonic()
+        while vehicle.is_alive():
+            session.step()
+        share = (time.process_time() - used) / (time.monotonic() - began)
+    link.close()
+    status = session.status
+    median, late = (1e3 * each for each in status.latency)
+    rows = status.learned + status.shown
+    return f"| {rate:.0f} | {rows} | {status.lost} | {median:.2f} | {late:.2f} | {share:.0%} |"
+
+
+@click.command(help=__doc__)
+def main() -> None:
+    print(of_a_datagram())
+    print()
+    print("| Hz | rows | lost | median, ms | 99th percentile, ms | share of a core |")
+    print("|---|---|---|---|---|---|")
+    for rate in (100.0, 400.0, 1000.0):
+        print(over_udp(rate), flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,89 @@
+"""DEM of a series from a known system: its states with the parameters known, and its parameters."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from joint_gaussian import ParameterPrior, System
+from numpy.typing import NDArray
+
+from mavdem.dem.engine.ascent import ascend
+from mavdem.dem.engine.coordinates import embed, sampled_output_precision, sampled_state_precision, temporal_precision
+from mavdem.dem.engine.free_energy import state_curvature
+from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
+from mavdem.dem.engine.linalg import inverse
+from mavdem.dem.engine.steps import d_step
+from mavdem.dem.priors import KNOWN
+
+Array = NDArray[np.float64]
+
+ITERATIONS = 200  # of the ascent, which converges long before
+
+
+class Embedding(NamedTuple):
+    """How DEM embeds a series."""
+
+    p: int  # order of the generalized outputs and states
+    q: int  # order of w̃; p includes the last derivative's equation, 0 = A x⁽ᵖ⁾ + … + w⁽ᵖ⁾, p − 1 leaves it out
+    as_read: bool = False  # S is that of derivatives estimated from samples, which requires q < p; else the kernel's
+
+    @property
+    def centre(self) -> int:
+        """Index in the window of p + 1 samples at which the derivatives are estimated."""
+        return (self.p + 1) // 2
+
+
+def states_of(system: System, outputs: Array, embedding: Embedding, prior: ParameterPrior) -> tuple[Array, Array]:
+    """DEM's states (T − p, n) and their standard deviations (n,), with θ and λ known."""
+    model = generative_model(system, embedding, prior)
+    n, lambda_ = model.n, model.prior.lambda_mean
+    certain = np.zeros_like(model.prior.theta_precision)
+    state_map = d_step(model, system.theta, certain, lambda_, np.zeros((len(lambda_), len(lambda_))))
+    covariance = inverse(-state_curvature(model, system.theta, np.exp(lambda_)))
+    data = generalized(system, outputs, embedding)
+    return data @ state_map[:n].T, np.sqrt(np.diag(covariance)[:n])
+
+
+def parameters_of(system: System, outputs: Array, embedding: Embedding, prior: ParameterPrior) -> tuple[Array, Array]:
+    """DEM's free parameters (k,) and their covariance (k, k), with λ known."""
+    model = generative_model(system, embedding, prior)
+    belief = ascend(model, SufficientStatistics.of(generalized(system, outputs, embedding)), ITERATIONS).belief
+    return belief.theta[system.free], belief.theta_covariance[np.ix_(system.free, system.free)]
+
+
+def generalized(system: System, outputs: Array, embedding: Embedding) -> Array:
+    """Generalized data [ỹ; η̃] (T − p, ·), of outputs and inputs about the same instants."""
+    p, centre = embedding.p, embedding.centre
+    signals = outputs, system.inputs(system.times)
+    return np.hstack([embed(signal, p, system.dt, p + 1, centre) for signal in signals])
+
+
+def generative_model(system: System, embedding: Embedding, prior: ParameterPrior) -> GenerativeModel:
+    """DEM's model of the system: everything known but the free parameters."""
+    p, q = embedding.p, embedding.q
+    (n, r), m = system.B.shape, len(system.C)
+    theta_mean, theta_precision = system.theta, KNOWN * np.eye(len(system.theta))
+    theta_mean[system.free] = prior.mean
+    theta_precision[np.ix_(system.free, system.free)] = prior.precision
+    lambda_mean = -2 * np.log(np.concatenate([system.output_noise, system.state_noise]))
+    if embedding.as_read:
+        output_correlation = sampled_output_precision(p, system.smoothness, system.dt, p + 1)
+        state_correlation = sampled_state_precision(q, system.smoothness, system.dt, p + 1)
+    else:
+        output_correlation = temporal_precision(p, system.smoothness)
+        state_correlation = temporal_precision(q, system.smoothness)
+    return GenerativeModel(
+        n,
+        r,
+        m,
+        p,
+        p,
+        q,
+        output_correlation,
+        state_correlation,
+        np.arange(m),
+        m + np.arange(n),
+        KNOWN * np.eye(r * (p + 1)),
+        Prior(theta_mean, theta_precision, lambda_mean, KNOWN * np.eye(m + n)),
+    )
