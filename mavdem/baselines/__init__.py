@@ -3,6 +3,7 @@
 from mavdem.baselines.autoregression import arx
 from mavdem.baselines.expectation_maximization import em
 from mavdem.baselines.identified import Identified
+from mavdem.baselines.joint_autoregression import JointAutoregression, var
 from mavdem.baselines.prediction_error_method import pem
 from mavdem.baselines.subspace_identification import subspace
 from mavdem.baselines.trivial import constant_mean, hold, zero
@@ -10,6 +11,7 @@ from mavdem.dem.engine.state_space import StateSpace
 
 __all__ = [
     "Identified",
+    "JointAutoregression",
     "StateSpace",
     "arx",
     "constant_mean",
@@ -17,5 +19,6 @@ __all__ = [
     "hold",
     "pem",
     "subspace",
+    "var",
     "zero",
 ]

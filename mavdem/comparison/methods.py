@@ -29,6 +29,7 @@ PEERS = (
     *(Method(f"PEM({order})", partial(baselines.pem, order=order)) for order in (2, 4)),
     Method("EM(2)", partial(baselines.em, order=2)),
     *(Method(f"ARX({order})", partial(baselines.arx, order=order)) for order in (1, 2, 4)),
+    *(Method(f"joint VAR({order})", partial(baselines.var, order=order)) for order in (4, 10)),
 )
 """Other methods that learn a model."""
 

@@ -124,8 +124,7 @@ class Record:
 
     def following(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> tuple[Array, Array]:
         """The inputs (H, r) and outputs (H, m) that follow the record, checked, as is the number of ``steps``."""
-        if not (is_whole(steps) and steps >= 1):
-            raise ValueError(f"steps must be a whole number of at least 1, not {steps!r}")
+        required_steps(steps)
         ahead, measured = self.following_inputs(inputs), _table(outputs, "outputs", self.outputs.shape[1])
         if len(ahead) != len(measured):
             raise ValueError(f"inputs and outputs must be of the same samples, not {len(ahead)} and {len(measured)}")
@@ -144,6 +143,13 @@ class Record:
         inside = np.diff(np.clip(np.append(self.starts, len(self)), start, stop))
         lengths = tuple(int(length) for length in inside if length)
         return Record(self.inputs[start:stop], self.outputs[start:stop], self.dt, lengths, self.effect_directions)
+
+
+def required_steps(steps: int) -> int:
+    """``steps`` as an ``int``; ``ValueError`` for what is no positive whole number."""
+    if not (is_whole(steps) and steps >= 1):
+        raise ValueError(f"steps must be a whole number of at least 1, not {steps!r}")
+    return int(steps)
 
 
 def _table(values: ArrayLike, name: str, columns: int) -> Array:

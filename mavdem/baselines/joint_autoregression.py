@@ -1,0 +1,116 @@
+"""Joint VAR: outputs and inputs as one vector autoregression, the inputs as measurements that answer the outputs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from numpy.typing import ArrayLike
+
+from mavdem.baselines.identified import required_order
+from mavdem.dem.closed_loop.autoregression import RIDGE
+from mavdem.dem.closed_loop.joint_model import JointModel
+from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.engine.model import STABILITY_TOLERANCE
+from mavdem.dem.record import Record, UniformRecord, required_steps
+from mavdem.dem.validation import is_number
+
+
+def var(train: UniformRecord | Sequence[UniformRecord], order: int = 10, ridge: float = RIDGE) -> JointAutoregression:
+    """Outputs and inputs as one autoregression of ``order`` lags, with a prior towards a random walk.
+
+    Least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.closed_loop`). Unlike the
+    other methods it can predict without the inputs; given them, it infers the outputs from what they show of the
+    motion, by a Kalman filter.
+
+    Args:
+        train: a ``Flight``, or a list of them, segments with gaps between: no lag reaches across a gap.
+        order: number of lags.
+        ridge: precision of the prior at lag 1, times i² at lag i, of channels of deviation 1.
+
+    Raises:
+        ValueError: too few samples, values that are not finite, an order that is no positive number, or a ridge that is
+            not positive.
+    """
+    order = required_order(order)
+    if not (is_number(ridge) and 0 < ridge < float("inf")):
+        raise ValueError(f"ridge must be a positive number, not {ridge!r}")
+    record = Record.of(train)
+    with one_thread():
+        return JointAutoregression(f"joint VAR({order})", JointModel.of(record, order, ridge), record)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class JointAutoregression:
+    """A joint autoregression with its forecasts and predictions, in physical units; a :class:`mavdem.Forecaster`.
+
+    Attributes:
+        method: its name, such as ``joint VAR(10)``.
+        joint: the model.
+        record: the training data.
+    """
+
+    method: str
+    joint: JointModel
+    record: Record
+
+    def __repr__(self) -> str:
+        (r, m), length = (table.shape[1] for table in (self.record.inputs, self.record.outputs)), len(self.record)
+        return (
+            f"<JointAutoregression: {self.method}, {r} inputs, {m} outputs from {length} samples at "
+            f"{1 / self.record.dt:.6g} Hz, spectral radius {self.spectral_radius:.4g}>"
+        )
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """One sentence where the model grows."""
+        if self.stable:
+            return ()
+        return (
+            f"The model is unstable: a mode grows by {self.spectral_radius - 1:.2g} of itself at each sample, and so "
+            f"may predictions.",
+        )
+
+    @cached_property
+    def spectral_radius(self) -> float:
+        """The largest magnitude among the eigenvalues of the step from sample to sample, autopilot included."""
+        return self.joint.model.spectral_radius
+
+    @property
+    def stable(self) -> bool:
+        """Whether no mode of vehicle and autopilot together grows, but for rounding."""
+        return self.spectral_radius <= 1 + STABILITY_TOLERANCE
+
+    def one_step(self) -> Array:
+        """(T, m): each training sample from those before it in its segment, and the inputs up to the sample itself."""
+        return self.joint.one_step(self.record)
+
+    def predict(self, steps: int) -> Array:
+        """(steps, m): the outputs after the training data, inputs unknown; row 0 is the first sample after it.
+
+        Raises:
+            ValueError: no positive whole number of steps.
+        """
+        return self.joint.predicted(required_steps(steps)).mean
+
+    def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
+        """(H, m): the outputs after the training data given the recorded ``inputs`` (H, r), as measurements.
+
+        Each is given the inputs up to its own sample, or all of them with ``smooth``. ``from_zero`` begins with all
+        channels at their mean, and not with the last samples of training.
+
+        Raises:
+            ValueError: inputs of another width, or not finite.
+        """
+        return self.joint.inferred(self.record.following_inputs(inputs), smooth, from_zero).mean
+
+    def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
+        """(H, m): the samples after the training data, by a new forecast from every ``steps``-th of them on.
+
+        ``inputs`` (H, r) and ``outputs`` (H, m) are in the units of the training data.
+
+        Raises:
+            ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
+        """
+        return self.joint.inferred_every(steps, *self.record.following(steps, inputs, outputs))

@@ -1,0 +1,123 @@
+"""The joint VAR as a forecaster; its model and its paths are tested in tests/dem/test_closed_loop.py."""
+
+import numpy as np
+import pytest
+from peculiar_flights import NOTHING_NEW, TEST, TRAIN, back_from_other_units, in_other_units, with_inputs
+
+from mavdem import Flight, Forecaster, baselines, evaluate
+from mavdem.dem.closed_loop.autoregression import LagStatistics
+from mavdem.dem.record import Record
+
+SEGMENTS = [TRAIN[:300], TRAIN[400:]]
+
+
+@pytest.fixture(scope="module")
+def model():
+    return baselines.var(TRAIN)
+
+
+def test_it_is_a_forecaster(model):
+    assert isinstance(model, Forecaster)
+    assert model.method == "joint VAR(10)" and repr(model).startswith("<JointAutoregression: joint VAR(10), 4 inputs")
+    assert model.stable and not model.cautions
+    assert model.forecast(TEST.inputs[:0]).shape == (0, 2)
+    assert model.forecast_every(1, TEST.inputs[:0], TEST.outputs[:0]).shape == (0, 2)
+
+
+def in_closed_loop(samples: int = 1000) -> Flight:
+    """A roll axis in turbulence whose autopilot answers roll and rate, 0.03 s late, through four motors."""
+    rng, dt, signs = np.random.default_rng(0), 0.01, np.array([1.0, -1.0, -1.0, 1.0])
+    roll = rate = torque = wind = 0.0
+    motors, outputs = np.empty((samples, 4)), np.empty((samples, 2))
+    for t in range(samples):
+        wind += dt * (-2.0 * wind) + 0.6 * rng.standard_normal()
+        outputs[t] = roll, rate
+        command = -(60 * roll + 12 * rate)
+        motors[t] = 1500 + signs * command + 0.2 * rng.standard_normal(4)
+        torque += dt / 0.03 * (command - torque)
+        rate += dt * (torque - rate + 10 * wind)
+        roll += dt * rate
+    return Flight(dt * np.arange(samples), motors, outputs)
+
+
+def test_motors_show_the_motion_and_later_ones_show_more():
+    """In closed loop motors are the autopilot's measurement of the motion, so that they help even as measurements."""
+    flight = in_closed_loop()
+    train, test = flight[:700], flight[700:]
+    model = baselines.var(train)
+    forecasts = (model.forecast(test.inputs, smooth=True), model.forecast(test.inputs), model.predict(len(test)))
+    smooth, causal, unknown = (evaluate.relative_mspe(train, test, each) for each in forecasts)
+    assert smooth < causal < 0.3 < unknown < 1.2
+
+
+def test_forecasts_begin_anew_at_every_so_many_samples(model):
+    every = model.forecast_every(20, TEST.inputs, TEST.outputs)
+    np.testing.assert_allclose(every[:20], model.forecast(TEST.inputs)[:20], rtol=1e-9)
+    later = baselines.var(TRAIN)
+    units, lags = later.joint.units, later.joint.model.lags
+    both = np.hstack([TEST.outputs, TEST.inputs])[20 - lags : 20]
+    moved = later.joint._replace(past=units.scaled(both))
+    np.testing.assert_allclose(every[20:40], moved.inferred(TEST.inputs[20:40]).mean, rtol=1e-9)
+    np.testing.assert_allclose(model.forecast_every(999, TEST.inputs, TEST.outputs), model.forecast(TEST.inputs))
+
+
+def test_one_step_is_the_forecast_of_each_sample_from_those_before(model):
+    one = model.one_step()
+    assert one.shape == TRAIN.outputs.shape
+    shorter = baselines.var(TRAIN)
+    past = shorter.joint.units.scaled(np.hstack([TRAIN.outputs, TRAIN.inputs])[490:500])
+    ahead = shorter.joint._replace(past=past).inferred(TRAIN.inputs[500:501])
+    np.testing.assert_allclose(one[500], ahead.mean[0], rtol=1e-9)
+
+
+def test_no_lag_reaches_across_a_gap():
+    found = baselines.var(SEGMENTS, order=4)
+    record = Record.of(SEGMENTS)
+    units = found.joint.units
+    alone = [LagStatistics.of([units.segments(record)[number]], 4) for number in (0, 1)]
+    np.testing.assert_allclose(found.joint.model.precision[:-1, :-1], (alone[0] + alone[1]).gram[:24, :24], rtol=0.01)
+    assert found.one_step().shape == (600, 2)
+    # Each segment begins with what is known without a past.
+    jumped = [SEGMENTS[0], SEGMENTS[1], SEGMENTS[0]]
+    again = baselines.var(jumped, order=4)
+    np.testing.assert_allclose(again.one_step()[:300], again.one_step()[600:], rtol=1e-12)
+
+
+def test_from_zero_begins_at_the_trim_of_all_channels(model):
+    at_trim = np.tile(TRAIN.inputs.mean(axis=0), (3, 1))
+    first = model.forecast(at_trim, from_zero=True)
+    np.testing.assert_allclose(first, np.tile(TRAIN.outputs.mean(axis=0), (3, 1)), atol=0.1 * TRAIN.outputs.std())
+    assert np.abs(first - model.forecast(at_trim)).max() > 1e-6
+
+
+def test_units_do_not_matter(model):
+    other = baselines.var(in_other_units(TRAIN))
+    moved = in_other_units(TEST)
+    for smooth in (False, True):
+        found = back_from_other_units(other.forecast(moved.inputs, smooth=smooth))
+        np.testing.assert_allclose(found, model.forecast(TEST.inputs, smooth=smooth), atol=1e-6 * TRAIN.outputs.std())
+    np.testing.assert_allclose(back_from_other_units(other.predict(50)), model.predict(50), atol=1e-9)
+
+
+@pytest.mark.parametrize("change", NOTHING_NEW.values(), ids=NOTHING_NEW)
+def test_inputs_that_add_nothing_change_little(model, change):
+    train, test = (with_inputs(flight, change(flight.inputs)) for flight in (TRAIN, TEST))
+    other = baselines.var(train)
+    for smooth in (False, True):
+        apart = other.forecast(test.inputs, smooth=smooth) - model.forecast(TEST.inputs, smooth=smooth)
+        assert (apart.std(axis=0) < 0.1 * TRAIN.outputs.std(axis=0)).all()
+
+
+@pytest.mark.parametrize(("order", "ridge", "said"), [(0, 0.01, "order must"), (4, 0.0, "ridge must")])
+def test_wrong_settings_are_named(order, ridge, said):
+    with pytest.raises(ValueError, match=said):
+        baselines.var(TRAIN, order, ridge)
+
+
+def test_too_few_samples_and_wrong_steps_are_named(model):
+    with pytest.raises(ValueError, match="more than 10 samples"):
+        baselines.var(TRAIN[:10])
+    with pytest.raises(ValueError, match="steps must be a whole number"):
+        model.predict(0)
+    with pytest.raises(ValueError, match="inputs must"):
+        model.forecast(TEST.inputs[:, :3])

@@ -1,0 +1,211 @@
+"""The joint autoregression against least squares, and its paths against conditioning of the whole Gaussian at once."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mavdem.dem.closed_loop.autoregression import Autoregression, ChannelUnits, LagStatistics, autoregression
+from mavdem.dem.closed_loop.gaussian_path import filtered, past_of, predicted, smoothed
+from mavdem.dem.record import Record
+
+OUTPUTS, INPUTS, LAGS, STEPS = 2, 3, 3, 12
+CHANNELS = OUTPUTS + INPUTS
+
+
+def model(scale: float = 0.12, seed: int = 0) -> Autoregression:
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((CHANNELS, CHANNELS))
+    return Autoregression(
+        coefficients=scale * rng.standard_normal((LAGS, CHANNELS, CHANNELS)),
+        offset=rng.standard_normal(CHANNELS),
+        covariance=root @ root.T,
+        precision=np.eye(LAGS * CHANNELS + 1),
+    )
+
+
+def run(true: Autoregression, samples: int, seed: int = 1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    root = np.linalg.cholesky(true.covariance)
+    channels = np.zeros((samples, true.channels))
+    for t in range(true.lags, samples):
+        lagged = sum(A @ channels[t - 1 - lag] for lag, A in enumerate(true.coefficients))
+        channels[t] = lagged + true.offset + root @ rng.standard_normal(true.channels)
+    return channels
+
+
+def joint(true: Autoregression, past: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (H k,) and covariance (H k, H k) of all channels after the past, by the map of all innovations."""
+    k, unrolled = true.channels, np.eye(steps * true.channels)
+    drive = np.tile(true.offset, steps)
+    for t in range(steps):
+        for lag, A in enumerate(true.coefficients, 1):
+            rows = slice(t * k, (t + 1) * k)
+            if t >= lag:
+                unrolled[rows, (t - lag) * k : (t - lag + 1) * k] -= A
+            else:
+                drive[rows] += A @ past[len(past) + t - lag]
+    back = np.linalg.inv(unrolled)
+    return back @ drive, back @ np.kron(np.eye(steps), true.covariance) @ back.T
+
+
+def given(mean: np.ndarray, covariance: np.ndarray, known: np.ndarray, values: np.ndarray, asked: np.ndarray):
+    gain = covariance[np.ix_(asked, known)] @ np.linalg.inv(covariance[np.ix_(known, known)])
+    spread = covariance[np.ix_(asked, asked)] - gain @ covariance[np.ix_(known, asked)]
+    return mean[asked] + gain @ (values - mean[known]), spread.diagonal()
+
+
+@pytest.fixture
+def path():
+    true = model()
+    samples = run(true, LAGS + STEPS)
+    mean, covariance = joint(true, samples[:LAGS], STEPS)
+    of_inputs = np.arange(STEPS * CHANNELS).reshape(STEPS, CHANNELS)[:, OUTPUTS:]
+    return true, samples[:LAGS], samples[LAGS:, OUTPUTS:], mean, covariance, of_inputs
+
+
+def test_predictions_are_the_mean_and_variance_of_the_joint_gaussian(path):
+    true, past, _, mean, covariance, _ = path
+    found = predicted(true, past, STEPS)
+    np.testing.assert_allclose(found.mean.ravel(), mean, rtol=1e-9)
+    np.testing.assert_allclose(found.variance.ravel(), covariance.diagonal(), rtol=1e-9)
+
+
+def test_filtered_outputs_are_conditioned_on_the_inputs_up_to_their_own_sample(path):
+    true, past, inputs, mean, covariance, of_inputs = path
+    found = filtered(true, past, inputs)
+    for step in range(STEPS):
+        known, asked = of_inputs[: step + 1], step * CHANNELS + np.arange(OUTPUTS)
+        expected = given(mean, covariance, known.ravel(), inputs[: step + 1].ravel(), asked)
+        np.testing.assert_allclose(found.mean[step], expected[0], rtol=1e-6)
+        np.testing.assert_allclose(found.variance[step], expected[1], rtol=1e-6)
+
+
+def test_smoothed_outputs_are_conditioned_on_all_inputs(path):
+    true, past, inputs, mean, covariance, of_inputs = path
+    found = smoothed(true, past, inputs)
+    asked = (np.arange(STEPS)[:, None] * CHANNELS + np.arange(OUTPUTS)).ravel()
+    expected = given(mean, covariance, of_inputs.ravel(), inputs.ravel(), asked)
+    np.testing.assert_allclose(found.mean.ravel(), expected[0], rtol=1e-6)
+    np.testing.assert_allclose(found.variance.ravel(), expected[1], rtol=1e-6)
+
+
+@pytest.mark.parametrize("answer", [filtered, smoothed])
+def test_several_pasts_are_answered_as_each_by_itself(answer):
+    true = model()
+    samples = np.stack([run(true, LAGS + STEPS, seed) for seed in (1, 2)])
+    together = answer(true, samples[:, :LAGS], samples[:, LAGS:, OUTPUTS:])
+    for number, each in enumerate(samples):
+        alone = answer(true, each[:LAGS], each[LAGS:, OUTPUTS:])
+        np.testing.assert_allclose(together.mean[number], alone.mean, rtol=1e-12)
+        np.testing.assert_allclose(together.variance[number], alone.variance, rtol=1e-12)
+    np.testing.assert_allclose(
+        predicted(true, samples[:, :LAGS], STEPS).mean[1], predicted(true, samples[1, :LAGS], STEPS).mean, rtol=1e-12
+    )
+
+
+def test_coefficients_and_covariance_are_those_of_least_squares_without_a_prior():
+    segments = [run(model(), 300, seed) for seed in (1, 2)]
+    found = autoregression(LagStatistics.of(segments, LAGS), LAGS, ridge=1e-12)
+    rows = [np.hstack([*(each[LAGS - i : 300 - i] for i in (1, 2, 3)), np.ones((297, 1))]) for each in segments]
+    regressors, targets = np.vstack(rows), np.vstack([each[LAGS:] for each in segments])
+    expected, squares, *_ = np.linalg.lstsq(regressors, targets)
+    np.testing.assert_allclose(np.hstack([found.across, found.offset[:, None]]).T, expected, rtol=1e-6, atol=1e-9)
+    freedom = len(targets) - len(expected)
+    np.testing.assert_allclose(found.covariance.diagonal(), squares / freedom, rtol=1e-6)
+    np.testing.assert_allclose(found.precision, regressors.T @ regressors, rtol=1e-6, atol=1e-6)
+
+
+def test_the_ridge_is_the_posterior_mean_of_a_random_walk():
+    samples, ridge = run(model(), 60), 3.0
+    found = autoregression(LagStatistics.of([samples], LAGS), LAGS, ridge)
+    regressors = np.hstack([*(samples[LAGS - i : 60 - i] for i in (1, 2, 3)), np.ones((57, 1))])
+    weights = np.diag([*np.repeat(ridge * np.array([1.0, 4.0, 9.0]), CHANNELS), 1e-8])
+    walk = np.eye(len(weights), CHANNELS)
+    expected = np.linalg.solve(regressors.T @ regressors + weights, regressors.T @ samples[LAGS:] + weights @ walk)
+    np.testing.assert_allclose(found.across.T, expected[:-1], rtol=1e-8)
+    # A strong prior leaves the random walk.
+    strong = autoregression(LagStatistics.of([samples], LAGS), LAGS, 1e12)
+    np.testing.assert_allclose(strong.across, walk[:-1].T, atol=1e-6)
+
+
+def test_intervals_of_coefficients_hold_as_often_as_they_say():
+    true, inside = model(), []
+    for seed in range(200):
+        found = autoregression(LagStatistics.of([run(true, 150, seed)], LAGS), LAGS, 1e-6)
+        sd = np.sqrt(np.outer(found.covariance.diagonal(), np.linalg.inv(found.precision).diagonal()))
+        inside.append(np.abs(found.across - true.across) < 1.645 * sd[:, :-1])
+    assert 0.88 < np.mean(inside) < 0.92
+
+
+def test_statistics_add_up_over_segments_and_come_off_again():
+    one, two = run(model(), 50, 1), run(model(), 70, 2)
+    first, both = LagStatistics.of([one], LAGS), LagStatistics.of([one, two], LAGS)
+    together = first + LagStatistics.of([two], LAGS)
+    assert together.rows == both.rows == 50 + 70 - 2 * LAGS
+    np.testing.assert_allclose(together.gram, both.gram, rtol=1e-12)
+    np.testing.assert_allclose((both - first).gram, LagStatistics.of([two], LAGS).gram, rtol=1e-9)
+    assert LagStatistics.of([one, two[:LAGS]], LAGS).rows == first.rows
+
+
+def test_what_no_regression_can_be_made_of_is_refused():
+    with pytest.raises(ValueError, match="more than 3 samples"):
+        autoregression(LagStatistics.of([run(model(), LAGS)], LAGS), LAGS)
+    with pytest.raises(ValueError, match="must be of 2 lags"):
+        autoregression(LagStatistics.of([run(model(), 50)], LAGS), 2)
+    with pytest.raises(ValueError, match="at least one segment"):
+        LagStatistics.of([], LAGS)
+
+
+def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_later():
+    samples = run(model(), 400)
+    plain = autoregression(LagStatistics.of([samples], LAGS), LAGS)
+    constant, copy, mixed = np.zeros((400, 1)), samples[:, 2:3], samples[:, 2:4] @ [[1.0], [-1.0]]
+    more = np.hstack([samples, constant, copy, mixed])
+    found = autoregression(LagStatistics.of([more], LAGS), LAGS)
+    ahead = np.random.default_rng(3).standard_normal((40, INPUTS))
+    wider = np.hstack([ahead, np.ones((40, 1)), ahead[:, :1], ahead[:, :2] @ [[1.0], [-1.0]]])
+    for answer in (filtered, smoothed):
+        expected, got = answer(plain, samples[-LAGS:], ahead), answer(found, more[-LAGS:], wider)
+        assert np.isfinite(got.mean).all()
+        # The prior is of other coefficients, so that the posterior is not quite the same.
+        np.testing.assert_allclose(got.mean, expected.mean, atol=0.02 * expected.mean.std())
+        np.testing.assert_allclose(got.variance, expected.variance, rtol=0.02)
+    # Motors that contradict what they always did.
+    odd = wider + np.random.default_rng(4).standard_normal(wider.shape)
+    for answer in (filtered, smoothed):
+        assert np.isfinite(answer(found, more[-LAGS:], odd).mean).all()
+
+
+def test_what_overflows_is_the_training_mean_with_infinite_variance():
+    growing = model()._replace(coefficients=1e30 * model().coefficients)
+    samples = run(model(), LAGS + 40)
+    for found in (
+        predicted(growing, samples[:LAGS], 40),
+        filtered(growing, samples[:LAGS], samples[LAGS:, OUTPUTS:]),
+        smoothed(growing, samples[:LAGS], samples[LAGS:, OUTPUTS:]),
+    ):
+        assert np.isfinite(found.mean).all()
+        assert not np.isnan(found.variance).any()
+        assert (found.mean[np.isinf(found.variance)] == 0).any()
+
+
+def test_a_past_shorter_than_the_lags_begins_with_its_first_sample():
+    samples = run(model(), 5)
+    np.testing.assert_array_equal(past_of(samples, 3), samples[2:])
+    np.testing.assert_array_equal(past_of(samples[:2], 4), samples[[0, 0, 0, 1]])
+    np.testing.assert_array_equal(past_of(samples[:0], 2), np.zeros((2, CHANNELS)))
+
+
+def test_units_make_channels_of_deviation_one_and_keep_constants():
+    rng = np.random.default_rng(0)
+    inputs = np.hstack([1500 + 20 * rng.standard_normal((90, 2)), np.full((90, 1), 1200.0)])
+    record = Record(inputs, 0.1 * rng.standard_normal((90, 2)) + 3, 0.01, (40, 50))
+    units = ChannelUnits.of(record)
+    segments = units.segments(record)
+    assert [len(each) for each in segments] == [40, 50]
+    together = np.concatenate(segments)
+    np.testing.assert_allclose(together.mean(axis=0), 0, atol=1e-9)
+    np.testing.assert_allclose(together.std(axis=0), [1, 1, 1, 1, 0], atol=1e-9)
+    np.testing.assert_allclose(units.scaled_inputs(inputs), together[:, 2:])
+    np.testing.assert_allclose(units.scaled(record.outputs), together[:, :2])
