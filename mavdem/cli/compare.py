@@ -18,7 +18,7 @@ from mavdem.cli.sources import end_report, names_of, nothing_left, of_each
 from mavdem.comparison import METHODS, Comparison, outcomes
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
-from mavdem.evaluate.flight_windows import TEST, TRAIN, Window, fewer_samples, usual_samples, windows
+from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, Window, fewer_samples, samples_in, windows
 from mavdem.flight import Flight
 from mavdem.report.comparison import comparison_report
 
@@ -107,7 +107,8 @@ def _windows(name: str, flight: Flight, train: int | None, test: int | None, hop
     cut = windows(name, flight, train, test, hop)
     if cut:
         return cut
-    given, ahead = train or usual_samples(TRAIN, flight.dt), test or usual_samples(TEST, flight.dt)
+    given = train or samples_in(TRAIN_SECONDS, flight.dt)
+    ahead = test or samples_in(TEST_SECONDS, flight.dt)
     fewer_train, fewer_test = fewer_samples(len(flight), given, ahead)
     fits = fewer_train >= FEWEST_SAMPLES
     raise NotLearnable(

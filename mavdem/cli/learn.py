@@ -21,7 +21,7 @@ from mavdem.dem import Learned, Settings
 from mavdem.dem import learn as learn_model
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
-from mavdem.evaluate.flight_windows import TEST, TRAIN, fewer_samples, usual_samples
+from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, fewer_samples, samples_in
 from mavdem.flight import Flight
 from mavdem.report.learned import learned_report
 
@@ -82,7 +82,8 @@ def learn_command(
     check_folder(out)
     began = perf_counter()
     flight, verdict = learnable_flight(read_source(source), axis, vehicle, inputs)
-    samples = (given or usual_samples(usual, flight.dt) for given, usual in ((train, TRAIN), (test, TEST)))
+    usual = ((train, TRAIN_SECONDS), (test, TEST_SECONDS))
+    samples = (given or samples_in(seconds, flight.dt) for given, seconds in usual)
     training, following = _cut(flight, start, *samples)
     learned = _learn(training, settings)
     learned = replace(learned, cautions=(*verdict.cautions, *learned.cautions))

@@ -12,7 +12,7 @@ import click
 
 from mavdem.dem import Settings
 from mavdem.dem.learning import FEWEST_SAMPLES
-from mavdem.evaluate.flight_windows import FAST, TEST, TRAIN, USUAL_RATE
+from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -114,10 +114,10 @@ def chosen_settings(preset: str, order: int | None) -> Settings:
 
 def window_options(command: Command) -> Command:
     """Adds --train and --test, numbers of samples, to a command."""
-    for option, usual, fewest, what in (
-        ("--test", TEST, 1, "Held-out test samples after them."),
-        ("--train", TRAIN, FEWEST_SAMPLES, "Training samples."),
+    for option, seconds, fewest, what in (
+        ("--test", TEST_SECONDS, 1, "Held-out test samples after them."),
+        ("--train", TRAIN_SECONDS, FEWEST_SAMPLES, "Training samples."),
     ):
-        default = f"[default: {usual}; above {FAST:.0f} Hz {usual / USUAL_RATE:g} s]"
-        command = click.option(option, type=click.IntRange(fewest), help=f"{what} {default}")(command)
+        text = f"{what} [default: those of {seconds:g} s]"
+        command = click.option(option, type=click.IntRange(fewest), help=text)(command)
     return command

@@ -15,7 +15,7 @@ from mavdem.dem.engine.linalg import Array, one_thread, raise_on_overflow
 from mavdem.dem.engine.resumable import run_to_end
 from mavdem.dem.fitting import Fit, fit, generalized, predictor_of
 from mavdem.dem.forecast.noise_model import resumable_noise_model
-from mavdem.dem.forecast.simulation_error import resumable_simulation_fit
+from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, horizon_of, resumable_simulation_fit
 from mavdem.dem.forecasts import TrainingForecasts, training_forecasts
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
@@ -199,6 +199,8 @@ def _cautions(
             "F̄ has no maximum at these parameters: their uncertainty is not known. More iterations, or a larger "
             "prior precision, may find one."
         )
+    if fitted.simulation_fit is None:
+        found += _no_simulation_fit(fitted, record)
     if not fitted.converged:
         found.append(_not_converged(fitted))
     if smoothness is not None and not np.isfinite(smoothness.log_sd):
@@ -213,6 +215,21 @@ def _cautions(
             "decreased F̄, and its exact limit was used instead."
         )
     return tuple(found)
+
+
+def _no_simulation_fit(fitted: Fit, record: Record) -> list[str]:
+    """Why there is no simulation-error fit, unless the settings ask for none."""
+    horizon = horizon_of(fitted.model, fitted.settings, fitted.scaling, record)
+    if horizon is None:
+        return []
+    if horizon:
+        reason = "its simulations, or forecasts by its parameters, overflow. Learn from another part of the flight"
+    else:
+        reason = (
+            f"{len(record) * record.dt:.2g} s of samples are too few for its parameters even over {SHORTEST_HORIZON:g} "
+            "s. Learn from more, or ask for fewer states"
+        )
+    return [f"There is no simulation-error fit: {reason}. Forecasts are worse without it."]
 
 
 def _not_converged(fitted: Fit) -> str:

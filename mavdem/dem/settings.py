@@ -131,7 +131,8 @@ class Settings:
         state_rate, parameter_rate, hyperparameter_rate: learning rates k^X, k^θ and k^λ of Eq. ``GA_basic``, in the
             engine's units; ``None``: the exact limit, in which each step goes to its maximum.
         horizon: seconds of the simulation-error fit that refines θ after DEM, where inputs are known and the prior is
-            not "uniform" (``mavdem.dem.forecast.simulation_error``); ``None``: no such fit.
+            not "uniform" (``mavdem.dem.forecast.simulation_error``), less where the training data are too short;
+            ``None``: no such fit.
         shrink_forecasts: whether forecasts are shrunk towards the trim as far as the posterior of θ is uncertain; or,
             where θ was not refined, by the weight that forecasts of the training data give.
         iterations: the most rounds of D, E and M steps; fewer when F̄ has converged.

@@ -6,16 +6,13 @@ from dataclasses import dataclass
 
 from mavdem.flight import Flight
 
-TRAIN, TEST = 700, 150
-"""Default numbers of training and test samples, those of the paper: a few periods of a vehicle's motion."""
-
-USUAL_RATE, FAST = 100.0, 125.0
-"""Hz: the rate of these numbers, and the rate above which they last as long as at ``USUAL_RATE``."""
+TRAIN_SECONDS, TEST_SECONDS = 7.0, 1.5
+"""Default lengths of a training and a test part: a few periods of a vehicle's motion, as in the paper at 100 Hz."""
 
 
-def usual_samples(usual: int, dt: float) -> int:
-    """The default number of samples ``dt`` s apart: ``usual`` up to ``FAST`` Hz, above it of the same duration."""
-    return usual if dt >= 1 / FAST else round(usual / USUAL_RATE / dt)
+def samples_in(seconds: float, dt: float) -> int:
+    """The number of samples ``dt`` s apart that last so many ``seconds``, at least 1."""
+    return max(1, round(seconds / dt))
 
 
 def fewer_samples(available: int, train: int, test: int) -> tuple[int, int]:
@@ -47,16 +44,15 @@ def windows(
     Args:
         name: of the flight.
         flight: what is cut.
-        train, test: numbers of training and test samples; 700 and 150 unless given; above 125 Hz, as many as
-            last as long as those at 100 Hz.
+        train, test: numbers of training and test samples; those of 7 s and 1.5 s unless given.
         hop: samples from the start of one window to the next; half a window unless given, so that neighbours share a
             half.
 
     Raises:
         ValueError: a number of samples that is not positive.
     """
-    train = usual_samples(TRAIN, flight.dt) if train is None else train
-    test = usual_samples(TEST, flight.dt) if test is None else test
+    train = samples_in(TRAIN_SECONDS, flight.dt) if train is None else train
+    test = samples_in(TEST_SECONDS, flight.dt) if test is None else test
     hop = max(1, (train + test) // 2) if hop is None else hop
     if min(train, test, hop) < 1:
         raise ValueError(f"train, test and hop must be at least 1, not {train}, {test} and {hop}")

@@ -19,12 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mavdem.dem.engine.linalg import Array
-from mavdem.evaluate.flight_windows import usual_samples
 from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster
 
 HORIZONS = (1, 5, 10, 25, 50, 150)
 """Steps; the last is the paper's."""
+
+USUAL_RATE, FAST = 100.0, 125.0
+"""Hz: the rate of these steps, and the rate above which they last as long as at ``USUAL_RATE``."""
 
 
 class Mspe(NamedTuple):
@@ -66,8 +68,12 @@ def horizons(samples: int, dt: float) -> tuple[int, ...]:
 
     Above 125 Hz, by the sampling step ``dt`` in s, they last as long as at 100 Hz.
     """
-    shorter = [steps for steps in (usual_samples(usual, dt) for usual in HORIZONS) if steps < samples]
+    shorter = [steps for steps in (_usual_steps(usual, dt) for usual in HORIZONS) if steps < samples]
     return (*shorter, samples)
+
+
+def _usual_steps(usual: int, dt: float) -> int:
+    return usual if dt >= 1 / FAST else round(usual / USUAL_RATE / dt)
 
 
 class Skill(NamedTuple):

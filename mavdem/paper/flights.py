@@ -12,7 +12,6 @@ from scipy.io import loadmat
 
 from mavdem.alignment import read_flight
 from mavdem.errors import NotLearnable
-from mavdem.evaluate.flight_windows import TEST, TRAIN
 from mavdem.export.conversion import STREAMS
 from mavdem.flight import Flight
 from mavdem.ingest import read_log
@@ -30,8 +29,9 @@ SAMPLE = 2  # the experiment that the paper's figures of one flight show
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data"))
 """The folder of the recorded flights, which are no part of the repository."""
 
-REAL = "ardrone_tudelft"  # the name of TU Delft's recorded flight: the paper's vehicle in the paper's laboratory
+TRAIN, TEST = 700, 150  # samples of a window, as in the paper, at every rate
 HOP = (TRAIN + TEST) // 2  # samples from one window to the next
+REAL = "ardrone_tudelft"  # the name of TU Delft's recorded flight: the paper's vehicle in the paper's laboratory
 LANDED_STATE_IN_AIR = 2  # MAV_LANDED_STATE_IN_AIR of the MAVLink common message set
 SKIPPED_HOVER_SECONDS = 3.0  # left out at the start of the hover, while the motion of the take-off decays
 

@@ -15,12 +15,12 @@ from mavdem import baselines
 from mavdem.comparison import Method, dem
 from mavdem.comparison.comparison import judge_job
 from mavdem.comparison.methods import PAPER_SETTINGS_WITHOUT
-from mavdem.evaluate.flight_windows import TRAIN, Window
+from mavdem.evaluate.flight_windows import Window
 from mavdem.flight import Flight
 from mavdem.paper.checks import Check
 from mavdem.paper.claims import ORACLE
 from mavdem.paper.drawing import DEM, DEM_WITHOUT, EM, ink
-from mavdem.paper.flights import SHARED
+from mavdem.paper.flights import SHARED, TRAIN
 from mavdem.paper.item import Cell, Item, ItemResult, PageTable, Picture
 from mavdem.paper.runner import PAPER, STARTS, Runner, total_mspe
 from mavdem.paper.words import number, percent

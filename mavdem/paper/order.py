@@ -13,11 +13,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mavdem.dem import learn
-from mavdem.evaluate.flight_windows import TRAIN
 from mavdem.flight import Flight
 from mavdem.paper.checks import Check
 from mavdem.paper.claims import ORDER
-from mavdem.paper.flights import hover, paper_scenario
+from mavdem.paper.flights import TRAIN, hover, paper_scenario
 from mavdem.paper.item import Cell, Item, ItemResult, PageTable, Picture
 from mavdem.paper.runner import PAPER, Runner
 from mavdem.paper.words import listed, number, percent

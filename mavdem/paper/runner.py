@@ -16,9 +16,18 @@ from mavdem.comparison.comparison import judge_job
 from mavdem.comparison.methods import PAPER_SETTINGS_WITHOUT
 from mavdem.dem import Settings
 from mavdem.dem.parallel import parallel_map
-from mavdem.evaluate.flight_windows import TEST, TRAIN, Window, windows
+from mavdem.evaluate.flight_windows import Window, windows
 from mavdem.flight import Flight
-from mavdem.paper.flights import EXPERIMENTS, HOP, REAL, SAMPLE, recorded_flights, simulated_experiment
+from mavdem.paper.flights import (
+    EXPERIMENTS,
+    HOP,
+    REAL,
+    SAMPLE,
+    TEST,
+    TRAIN,
+    recorded_flights,
+    simulated_experiment,
+)
 
 Job = TypeVar("Job")
 JobResult = TypeVar("JobResult")

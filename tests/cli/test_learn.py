@@ -15,7 +15,7 @@ from mavdem.alignment.read import read_flight
 from mavdem.cli import output_files
 from mavdem.cli.commands import main
 from mavdem.cli.output import json_text
-from mavdem.evaluate.flight_windows import TEST, TRAIN, usual_samples
+from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, samples_in
 
 LOGS = Path(__file__).parents[2] / "logs"
 FLIGHT = str(LOGS / "ardupilot_wind5_steps.tlog")
@@ -81,10 +81,10 @@ def test_a_flight_too_short_names_the_command_that_fits(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("rate", "train", "test"), [(50, 700, 150), (100, 700, 150), (120, 700, 150), (250, 1750, 375), (400, 2800, 600)]
+    ("rate", "train", "test"), [(50, 350, 75), (100, 700, 150), (120, 840, 180), (250, 1750, 375), (400, 2800, 600)]
 )
-def test_a_fast_log_is_learnt_from_for_as_long_as_a_usual_one(rate, train, test):
-    assert (usual_samples(TRAIN, 1 / rate), usual_samples(TEST, 1 / rate)) == (train, test)
+def test_a_default_window_lasts_as_long_at_every_rate(rate, train, test):
+    assert (samples_in(TRAIN_SECONDS, 1 / rate), samples_in(TEST_SECONDS, 1 / rate)) == (train, test)
 
 
 @pytest.mark.slow

@@ -18,15 +18,18 @@ from mavdem.dem.fitting import fit, predictor_of
 from mavdem.dem.forecast.mixer import mixer_priors
 from mavdem.dem.forecast.simulation_error import (
     MAX_SEGMENTS,
+    SAMPLES_PER_PARAMETER,
     WEAK_PRECISION,
     SimulationError,
     SimulationSegments,
+    horizon_of,
     models_of,
     resumable_fit_with_prior,
     resumable_simulation,
     resumable_simulation_fit,
 )
 from mavdem.dem.record import Record
+from mavdem.evaluate import relative_mspe
 
 COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)
 FLIGHT = simulated(wind=1.0, lag=0.05)
@@ -155,11 +158,54 @@ def test_inputs_beyond_what_was_learnt_from_are_not_believed():
     np.testing.assert_allclose(upper - lower, 2 * half)
 
 
-def test_too_little_leaves_theta_where_generalized_coordinates_led_it():
-    settings = Settings(order=3, window=9, parameter_precision=1.0)
-    learned = learn(FLIGHT[:200], settings)
+@pytest.mark.parametrize(("samples", "seconds"), [(700, 0.3), (420, 0.3), (280, 0.2), (175, 0.12)])
+def test_the_horizon_is_as_long_as_the_samples_suffice_for(samples, seconds):
+    found = learn(FLIGHT[:samples], COMPLETE).simulation_fit
+    assert found is not None
+    assert found.horizon == round(seconds / FLIGHT.dt)
+    assert found.numbers >= SAMPLES_PER_PARAMETER * len(found.places)
+
+
+@pytest.mark.parametrize("rate", [50, 100, 200, 400])
+def test_the_horizon_lasts_as_long_at_every_rate(rate):
+    record = Record.of(Flight(np.arange(7 * rate) / rate, *resampled(FLIGHT, 7 * rate)))
+    settings = replace(COMPLETE, window=5)
+    fitted = fit(record, settings)
+    assert horizon_of(fitted.model, settings, fitted.scaling, record) == 0.3 * rate
+
+
+def resampled(flight: Flight, samples: int) -> tuple[np.ndarray, np.ndarray]:
+    """Inputs and outputs of the first 7 s at another rate."""
+    places = np.linspace(0, 700, samples)
+    return tuple(
+        np.stack([np.interp(places, np.arange(len(table)), column) for column in table.T], axis=1)
+        for table in (flight.inputs, flight.outputs)
+    )
+
+
+def test_a_shorter_horizon_is_better_than_none():
+    """Of models of 2 s, forecasts of the next half second: the mean error over flights."""
+    errors = []
+    for seed in range(8):
+        flight = simulated(wind=0.5, lag=0.05, seed=seed, samples=250)
+        with_fit = learn(flight[:200], COMPLETE)
+        without = learn(flight[:200], replace(COMPLETE, horizon=None))
+        errors.append(
+            [
+                relative_mspe(flight[:200], flight[200:], one.forecast(flight.inputs[200:]))
+                for one in (with_fit, without)
+            ]
+        )
+    shorter, none = np.exp(np.log(errors).mean(axis=0))
+    assert shorter < none
+
+
+def test_too_little_leaves_theta_where_generalized_coordinates_led_it_and_says_so():
+    learned = learn(FLIGHT[:60], COMPLETE)
     assert learned.simulation_fit is None
-    short = learn(FLIGHT[:200], replace(settings, horizon=None))
+    assert any(caution.startswith("There is no simulation-error fit: 0.6 s") for caution in learned.cautions)
+    short = learn(FLIGHT[:60], replace(COMPLETE, horizon=None))
+    assert not any("simulation-error" in caution for caution in short.cautions)
     np.testing.assert_array_equal(learned.model.A, short.model.A)
     np.testing.assert_array_equal(learned.forecast(FLIGHT.inputs[200:250]), short.forecast(FLIGHT.inputs[200:250]))
     assert SimulationSegments.of([(FLIGHT.inputs[:60], FLIGHT.outputs[:60])], 30) is None
@@ -205,6 +251,7 @@ def test_a_filter_that_overflows_leaves_theta_as_the_ascent_ended(monkeypatch):
     monkeypatch.setattr("mavdem.dem.learning.predictor_of", unstable)
     learned = learn(FLIGHT[:700], COMPLETE)
     assert learned.simulation_fit is None
+    assert any("overflow" in caution for caution in learned.cautions)
     short = learn(FLIGHT[:700], replace(COMPLETE, horizon=None))
     np.testing.assert_array_equal(learned.model.A, short.model.A)
 

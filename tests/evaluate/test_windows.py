@@ -30,9 +30,10 @@ def test_a_flight_that_is_too_short_has_none():
     assert len(windows("a", flight(850))) == 1
 
 
-def test_windows_of_a_fast_flight_last_as_long():
-    (one, *_) = windows("a", flight(6000, rate=400))
-    assert (len(one.train), len(one.test)) == (2800, 600)
+@pytest.mark.parametrize(("rate", "train", "test"), [(20, 140, 30), (50, 350, 75), (120, 840, 180), (400, 2800, 600)])
+def test_windows_last_as_long_at_every_rate(rate, train, test):
+    (one, *_) = windows("a", flight(6000, rate=rate))
+    assert (len(one.train), len(one.test)) == (train, test)
 
 
 @pytest.mark.parametrize("samples", [{"train": 0}, {"test": 0}, {"hop": 0}])

@@ -18,8 +18,8 @@ from rich.progress import track
 from mavdem import Settings
 from mavdem.cli.output import json_text, print_blocks
 from mavdem.comparison import GENERALIZED_COORDINATES, METHODS, PEERS, Comparison, Method, Outcome, dem, outcomes
-from mavdem.evaluate.flight_windows import TEST, TRAIN, Window, windows
-from mavdem.paper.flights import HOP, SHARED, recorded_flights
+from mavdem.evaluate.flight_windows import Window, windows
+from mavdem.paper.flights import HOP, SHARED, TEST, TRAIN, recorded_flights
 from mavdem.report.blocks import Table
 from mavdem.report.comparison import comparison_report
 

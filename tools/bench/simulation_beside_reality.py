@@ -19,8 +19,8 @@ from forecasts import error_ratio, spread
 from scipy.signal import welch
 
 import mavdem
-from mavdem.evaluate.flight_windows import TEST, TRAIN, windows
-from mavdem.paper.flights import HOP, REAL, SHARED, hover, recorded_flights
+from mavdem.evaluate.flight_windows import windows
+from mavdem.paper.flights import HOP, REAL, SHARED, TEST, TRAIN, hover, recorded_flights
 from sitl_scenarios.files import load, names
 from sitl_scenarios.mixer import PAPER_ORDER
 from sitl_scenarios.scenario import Scenario

@@ -8,7 +8,7 @@ parameters and λ at its maximum, which is known. It has many maxima; the ascent
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import NamedTuple
@@ -32,7 +32,12 @@ from mavdem.dem.settings import CompleteSettings
 WEAK_PRECISION = 1e-5
 """Prior precision of a free parameter, in the engine's units: it determines what the segments do not."""
 
-SAMPLES_PER_PARAMETER = 2.0  # least effective sample size for each free parameter; with less there is no such fit
+SAMPLES_PER_PARAMETER = 2.0
+"""Least effective sample size for each free parameter. A short record has it over a shorter horizon only."""
+
+SHORTEST_HORIZON = 0.05
+"""Seconds; below, a simulation says no more than the derivatives of the ascent, and there is no such fit."""
+
 STARTS_PER_HORIZON = 4  # segments begin so many times a horizon
 MAX_SEGMENTS = 2000  # spread over the whole record, however long it is
 MAX_ITERATIONS = 40  # Gauss-Newton steps at most
@@ -95,11 +100,7 @@ class SimulationSegments(NamedTuple):
     def of(cls, segments: list[tuple[Array, Array]], horizon: int) -> SimulationSegments | None:
         """Pieces of ``horizon`` samples before and ahead, all over segments; ``None`` where none is long enough."""
         whole = 2 * horizon
-        starts = [
-            (inputs, outputs, start)
-            for inputs, outputs in segments
-            for start in range(0, len(outputs) - whole, max(1, horizon // STARTS_PER_HORIZON))
-        ]
+        starts = [(inputs, outputs, start) for inputs, outputs in segments for start in _starts(len(outputs), horizon)]
         if not starts:
             return None
         kept = np.unique(np.linspace(0, len(starts) - 1, MAX_SEGMENTS).astype(int))
@@ -107,8 +108,37 @@ class SimulationSegments(NamedTuple):
             (u[start : start + whole + 1], y[start : start + whole + 1]) for u, y, start in (starts[i] for i in kept)
         ]
         inputs, outputs = (np.stack(tables, axis=1) for tables in zip(*pieces, strict=True))
-        samples = sum(len(outputs) for _, outputs in segments if len(outputs) > whole)
-        return cls(inputs, outputs, horizon, min(samples / horizon, float(len(kept))))
+        return cls(inputs, outputs, horizon, effective_number([len(outputs) for _, outputs in segments], horizon))
+
+
+def _starts(length: int, horizon: int) -> range:
+    """The samples of a segment of that ``length`` at which its pieces begin."""
+    return range(0, length - 2 * horizon, max(1, horizon // STARTS_PER_HORIZON))
+
+
+def effective_number(lengths: Sequence[int], horizon: int) -> float:
+    """Of pieces of segments of these ``lengths``: as many as follow each other, and at most as many as are used."""
+    samples = sum(length for length in lengths if length > 2 * horizon)
+    return min(samples / horizon, float(MAX_SEGMENTS), float(sum(len(_starts(each, horizon)) for each in lengths)))
+
+
+def horizon_of(model: GenerativeModel, settings: CompleteSettings, scaling: Scaling, record: Record) -> int | None:
+    """Samples of each simulation: ``settings.horizon``, or less where the effective sample size would be too small.
+
+    0 where even ``SHORTEST_HORIZON`` is too long for the record. ``None`` where there is to be no fit: the settings ask
+    for none, inputs are unknown, the prior is the paper's, or it leaves no parameter free.
+    """
+    n, r, m = model.sizes
+    free = np.count_nonzero(np.diag(model.prior.theta_precision)[: n * n + n * r] < KINEMATIC)
+    if settings.horizon is None or settings.prior == "uniform" or not scaling.known.all() or not free:
+        return None
+    longest = max(1, round(settings.horizon / record.dt))
+    shortest = min(longest, max(1, round(SHORTEST_HORIZON / record.dt)))
+    least = SAMPLES_PER_PARAMETER * free
+    enough = (
+        steps for steps in range(longest, shortest - 1, -1) if effective_number(record.lengths, steps) * m >= least
+    )
+    return next(enough, 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +295,7 @@ def resumable_fit_with_prior(
     """The fit from θ (k,) by damped Gauss-Newton steps, each of which increases F̄, and the log likelihood about it.
 
     The ``prior`` has mean (k,) and precision (k, k); parameters of A and B with a precision below ``KINEMATIC`` are
-    free. ``None`` where the segments are too few for so many parameters, or errors overflow. Resumable.
+    free. ``None`` where there are none, or errors overflow. Resumable.
     """
     n, r, _ = sizes
     mean, precision = prior
@@ -274,7 +304,7 @@ def resumable_fit_with_prior(
         theta, places, mean[places], precision[np.ix_(places, places)], sizes, gain, dt, segments
     )
     numbers = objective.numbers
-    if numbers < SAMPLES_PER_PARAMETER * len(places) or not len(places):
+    if not len(places):
         return None
     _, errors = yield from objective.resumable_value(theta[places])
     if not np.isfinite(_mean_square(errors)):
@@ -315,14 +345,15 @@ def resumable_simulation_fit(
     the fit is made with the ``geometry`` found before, or with none in particular, and once more where another turns
     out to be likelier.
 
-    ``None`` where the settings ask for none, inputs are unknown, the prior is the paper's or the record is too short.
+    A record that is short for so many parameters is simulated over a shorter horizon. ``None`` where there is none
+    (:func:`horizon_of`), or errors overflow.
     """
-    if settings.horizon is None or settings.prior == "uniform" or not scaling.known.all():
+    horizon = horizon_of(model, settings, scaling, record)
+    if not horizon:
         return None
-    segments = SimulationSegments.of(scaling.scale_segments(record), max(1, round(settings.horizon / record.dt)))
+    segments = SimulationSegments.of(scaling.scale_segments(record), horizon)
     yield
-    if segments is None:
-        return None
+    assert segments is not None
     (n, r, _), mean, precision = model.sizes, model.prior.theta_mean, model.prior.theta_precision
     free = np.diag(precision) < KINEMATIC
     geometries: tuple[MixerPrior, ...] = ()
