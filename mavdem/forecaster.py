@@ -55,5 +55,5 @@ class ProbabilisticForecaster(Forecaster, Protocol):
     def forecast_variance(self, inputs: ArrayLike) -> NDArray[np.float64]:
         """(H, m) expected squared error of the forecast of ``inputs`` (H, r), in the squares of the outputs' units."""
 
-    def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Bounds, (H, m) each, of a sample of the forecast of ``inputs`` (H, r), met with probability ``level``."""
+    def forecast_band(self, inputs: ArrayLike, level: float = 0.9) -> NDArray[np.float64]:
+        """(H, m) half width of the band in which a sample of the forecast lies with probability ``level``."""

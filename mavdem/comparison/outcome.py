@@ -43,7 +43,7 @@ class Outcome:
         seconds: processor time of the training.
         forecast, forecast_from_zero: (H, m); ``None`` without a forecast.
         expected: (H, m) squared error that the model expects of ``forecast``; ``None`` if it has no variance.
-        band: lower and upper edge, (H, m) each, of the 90 % band; or ``None``.
+        band: (H, m) half width of the 90 % band about ``forecast``; or ``None``.
     """
 
     method: str
@@ -60,7 +60,7 @@ class Outcome:
     forecast: Array | None = None
     forecast_from_zero: Array | None = None
     expected: Array | None = None
-    band: tuple[Array, Array] | None = None
+    band: Array | None = None
 
     @property
     def diverged(self) -> bool:

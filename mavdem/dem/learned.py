@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mavdem.dem.document import parts_of, values_of
-from mavdem.dem.engine.linalg import Array, inverse
+from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.engine.trace import FreeEnergy, Learning
-from mavdem.dem.fitting import Fit, generalized, held_by_prior, of_vehicle
+from mavdem.dem.fitting import generalized
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecasts import Forecasts, TrainingForecasts
 from mavdem.dem.graybox import Physical, physical
@@ -25,13 +25,7 @@ from mavdem.dem.scaling import Scaling
 from mavdem.dem.selection import Candidate
 from mavdem.dem.settings import CompleteSettings
 from mavdem.dem.smoothness import SmoothnessEstimate
-from mavdem.dem.uncertainty import (
-    Direction,
-    ParameterUncertainty,
-    SandwichCovariance,
-    marginal_information,
-    undetermined_directions,
-)
+from mavdem.dem.uncertainty import Direction, SandwichCovariance
 from mavdem.dem.validation import LEVEL, json_values, require_probability
 
 may_overflow = np.errstate(over="ignore", invalid="ignore")
@@ -97,67 +91,6 @@ class Learned:
     state_map: Array
     theta: Array
     simulation_fit: SimulationFit | None
-
-    @classmethod
-    def of(
-        cls,
-        fit: Fit,
-        record: Record,
-        uncertainty: ParameterUncertainty,
-        free_energy_of_samples: Array,
-        training_forecasts: TrainingForecasts,
-        smoothness_estimate: SmoothnessEstimate | None,
-        cautions: tuple[str, ...],
-    ) -> Learned:
-        """The result of a finished ``fit``, in the engine's units, to the training data ``record`` it was made from.
-
-        ``uncertainty`` is of the fit's θ, ``free_energy_of_samples`` of its generalized samples;
-        ``training_forecasts``, ``smoothness_estimate`` and ``cautions`` were found outside the fit.
-        """
-        order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
-        scale = scaling.parameter_scale(order)
-        motors = of_vehicle(order, record.inputs.shape[1], fit.model.m, scaling.constant)
-        of_motors = np.ix_(motors, motors)
-        precision = fit.model.prior.theta_precision
-        prior_covariance = inverse(precision) * np.outer(scale, scale)
-        covariance, scatter = ascent.belief.theta_covariance, uncertainty.scatter
-        if fit.simulation_fit is not None:
-            covariance = fit.simulation_fit.theta_covariance(inverse(precision))
-            scatter = SandwichCovariance(covariance, fit.simulation_fit.freedom)
-        covariance = covariance * np.outer(scale, scale)
-        held = held_by_prior(np.diag(precision)[motors], scale[motors], fit.settings, record)
-        information = marginal_information(uncertainty.information, precision, motors)
-        return cls(
-            settings=fit.settings,
-            model=scaling.physical_model(ascent.belief.theta, order),
-            theta_covariance=covariance[of_motors],
-            scatter=scatter and scatter._replace(covariance=(scatter.covariance * np.outer(scale, scale))[of_motors]),
-            undetermined=undetermined_directions(
-                information, precision[of_motors], ~held, (order, record.inputs.shape[1], fit.model.m)
-            ),
-            prior_sd=np.sqrt(np.diag(prior_covariance))[motors],
-            known=held,
-            free_energy=FreeEnergy(dict(ascent.terms)),
-            free_energy_of_samples=free_energy_of_samples,
-            learning=Learning(
-                (ascent.theta * scale)[:, motors].copy(),
-                (ascent.theta_sd * scale)[:, motors].copy(),
-                ascent.lambda_,
-                ascent.lambda_sd,
-            ),
-            converged=fit.converged,
-            dt=record.dt,
-            smoothness=fit.smoothness,
-            smoothness_estimate=smoothness_estimate,
-            record=record,
-            training_forecasts=training_forecasts,
-            cautions=cautions,
-            scaling=scaling,
-            predictor=fit.predictor,
-            state_map=np.ascontiguousarray(ascent.state_map),
-            theta=ascent.belief.theta,
-            simulation_fit=fit.simulation_fit,
-        )
 
     def __repr__(self) -> str:
         (n, r), m, number = self.model.B.shape, len(self.model.C), len(self.cautions)
@@ -242,7 +175,7 @@ class Learned:
         return self.spectral_radius <= 1 + STABILITY_TOLERANCE
 
     @may_overflow
-    def forecast(self, inputs: ArrayLike, from_zero: bool = False) -> Array:
+    def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.
 
         It continues from the state at the end of training. With ``shrink_forecasts`` each deviation from the trim is
@@ -251,7 +184,8 @@ class Learned:
         that is best for forecasts of that length inside the training data.
 
         ``inputs`` (H, r) are the motor outputs over the forecast, in the unit of the training inputs; the result is
-        (H, m). ``from_zero`` begins with state 0 at row 0 (the outputs at their trim), as the paper's figures do.
+        (H, m). ``from_zero`` begins with state 0 at row 0 (the outputs at their trim), as the paper's figures do. The
+        inputs are causes in this model, so that later ones change nothing: ``smooth`` returns the same.
 
         Raises:
             ValueError: inputs of another width, or not finite.
@@ -277,23 +211,18 @@ class Learned:
         return self._forecasts.mean_and_variance(self.record.following_inputs(inputs))[1]
 
     @may_overflow
-    def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> tuple[Array, Array]:
-        """The interval in which each sample of the forecast lies with probability ``level``.
+    def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
+        """(H, m) half width, about the forecast, of the band in which each sample lies with probability ``level``.
 
         Its variance is that of forecasts of the same length inside the training data, and of θ, which the inputs scale;
         or, without a simulation-error fit, the former, corrected for the number of parameters. Beyond the longest such
         forecast it stays the same. ``inputs`` (H, r) are as for :meth:`forecast`.
 
-        Returns:
-            lower and upper bounds, (H, m) each.
-
         Raises:
             ValueError: as :meth:`forecast`, or a level that is no probability between 0 and 1.
         """
         require_probability(level)
-        mean, variance = self._forecasts.mean_and_variance(self.record.following_inputs(inputs))
-        half = self._forecasts.quantile(level) * np.sqrt(variance)
-        return mean - half, mean + half
+        return np.asarray(self._forecasts.quantile(level) * np.sqrt(self.forecast_variance(inputs)))
 
     @cached_property
     def _forecasts(self) -> Forecasts:

@@ -20,6 +20,7 @@ from mavdem.dem.forecasts import TrainingForecasts, training_forecasts
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.record import Record, UniformRecord
+from mavdem.dem.result import learned_of
 from mavdem.dem.scaling import known_inputs
 from mavdem.dem.selection import choices
 from mavdem.dem.settings import CompleteSettings, Settings
@@ -80,7 +81,7 @@ def _learn(record: Record, settings: Settings) -> Learned:
     found = _cautions(record, best.fit, best.uncertainty, best.forecasts, smoothness)
     data, ascent = np.concatenate(best.segments), best.fit.ascent
     energies = free_energy(best.fit.model, data, data @ ascent.state_map.T, ascent.belief)
-    learned = Learned.of(best.fit, record, best.uncertainty, energies, best.forecasts, smoothness, found)
+    learned = learned_of(best.fit, record, best.uncertainty, energies, best.forecasts, smoothness, found)
     return replace(learned, cautions=(*_doubt(learned), *found))
 
 

@@ -35,8 +35,7 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
         "hold last": train.outputs[:-1],
         "constant mean": np.broadcast_to(train.outputs.mean(axis=0), train.outputs[1:].shape),
     }
-    lower, upper = learned.forecast_band(test.inputs)
-    inside = (lower <= test.outputs) & (test.outputs <= upper)
+    inside = np.abs(test.outputs - forecasts["DEM"]) <= learned.forecast_band(test.inputs)
     model, sd, half_width = learned.model, learned.model_sd, learned.model_interval(LEVEL)
     forecast_errors = _ranked(train, test, forecasts)
     expected = learned.forecast_variance(test.inputs).mean(axis=0) / train.outputs.var(axis=0)

@@ -56,7 +56,8 @@ def output_series(train: Flight, test: Flight, learned: Learned) -> list[OutputS
     time = np.append(train.time, test.time) - train.time[0]
     measured = np.vstack([train.outputs, test.outputs])
     one_step, forecast = learned.one_step(), learned.forecast(test.inputs)
-    band = np.stack(learned.forecast_band(test.inputs, LEVEL), axis=-1)
+    half = learned.forecast_band(test.inputs, LEVEL)
+    band = np.stack([forecast - half, forecast + half], axis=-1)
     constant = evaluate.trivial_forecasts(train, len(test))["constant mean"]
     arrays = (measured, one_step, forecast, band, constant)
     return [

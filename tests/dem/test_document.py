@@ -15,7 +15,7 @@ AHEAD = np.tile(1500 + 10 * np.arange(4.0), (5, 1))
 def test_a_document_of_version_0_1_is_loaded_and_forecasts_what_it_did():
     learned = Learned.from_json(TEXT)
     np.testing.assert_allclose(learned.forecast(AHEAD)[-1], [0.352296151981, -0.037690559101], rtol=1e-7)
-    np.testing.assert_allclose(learned.forecast_band(AHEAD)[1][-1], [0.35472474063, 0.019346287752], rtol=1e-7)
+    np.testing.assert_allclose(learned.forecast_band(AHEAD)[-1], [0.002428588649, 0.057036846853], rtol=1e-7)
     np.testing.assert_allclose(learned.one_step()[-1], [0.352533860746, 0.034202405081], rtol=1e-7)
 
 

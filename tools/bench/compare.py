@@ -86,10 +86,9 @@ def _flagged(window: Window, outcome: Outcome, steps: list[int]) -> NDArray[np.b
 def _inside(window: Window, outcome: Outcome) -> Array:
     """(H,) share of outputs in the 90 % band, by sample; NaN without a band."""
     measured = window.test.outputs
-    if outcome.band is None:
+    if outcome.band is None or outcome.forecast is None:
         return np.full(len(measured), np.nan)
-    lower, upper = outcome.band
-    return np.asarray(((lower <= measured) & (measured <= upper)).mean(axis=1))
+    return np.asarray((np.abs(measured - outcome.forecast) <= outcome.band).mean(axis=1))
 
 
 def of_settings(_context: click.Context, _option: click.Parameter, texts: tuple[str, ...]) -> tuple[Method, ...]:

@@ -113,9 +113,9 @@ def figures(window: Window, learned: mavdem.Learned | ValueError) -> dict[str, A
     if isinstance(learned, ValueError):
         return found | {"inside": np.nan, "cautioned": True, "doubted": False}
     test, variance = window.test, window.train.outputs.var(axis=0)
-    lower, upper = learned.forecast_band(test.inputs)
+    inside = np.abs(test.outputs - learned.forecast(test.inputs)) <= learned.forecast_band(test.inputs)
     return found | {
-        "inside": float(np.mean((lower <= test.outputs) & (test.outputs <= upper))),
+        "inside": float(np.mean(inside)),
         "cautioned": bool(learned.cautions),
         "doubted": bool(np.mean(learned.forecast_variance(test.inputs) / variance) > LARGE_VARIANCE),
         "order": learned.settings.order,
