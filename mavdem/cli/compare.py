@@ -28,7 +28,7 @@ COMPARISON_FILES = ("comparison.json", "windows.csv")
 @click.command("compare")
 @motion_options
 @click.argument("sources", metavar="SOURCE...", type=click.Path(), nargs=-1, required=True)
-@window_options
+@window_options(f"those of {TRAIN_SECONDS:g} s")
 @click.option(
     "--hop", type=click.IntRange(1), help="Samples from one window to the next. [default: half of --train and --test]"
 )

@@ -21,6 +21,7 @@ from mavdem.dem import Learned, Settings
 from mavdem.dem import learn as learn_model
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
+from mavdem.evaluate import training_length
 from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, fewer_samples, samples_in
 from mavdem.flight import Flight
 from mavdem.report.learned import learned_report
@@ -30,13 +31,13 @@ from mavdem.report.learned import learned_report
 @source_options
 @click.option("--out", type=click.Path(), required=True, callback=folder_named, help="Folder for the results.")
 @model_options
-@window_options
+@window_options("as many before the test samples as help")
 @click.option(
     "--start",
     type=click.FloatRange(0),
     default=0.0,
     show_default=True,
-    help="Start of training: seconds into the settled flight.",
+    help="Nothing before it is used: seconds into the settled flight.",
 )
 def learn_command(
     source: str,
@@ -53,8 +54,10 @@ def learn_command(
 ) -> None:
     """Learns a linear model and tests it on held-out data.
 
-    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. In its longest settled flight the
-    model is trained on --train samples. It then forecasts the --test samples after them, which it has not seen.
+    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. Of its longest settled flight the
+    last --test samples are held out: the model forecasts them. It is trained on as much of the flight before them as
+    helps: 7, 14, 35 or 70 s, or all of it, by forecasts of parts that a model has not seen. With --train it is trained
+    on so many samples from --start on, and forecasts those after them.
 
     \b
     The report has, in this order:
@@ -82,13 +85,13 @@ def learn_command(
     check_folder(out)
     began = perf_counter()
     flight, verdict = learnable_flight(read_source(source), axis, vehicle, inputs)
-    usual = ((train, TRAIN_SECONDS), (test, TEST_SECONDS))
-    samples = (given or samples_in(seconds, flight.dt) for given, seconds in usual)
-    training, following = _cut(flight, start, *samples)
+    available, following = _cut(flight, start, train, test or samples_in(TEST_SECONDS, flight.dt))
+    training = available if train else _latest(available, settings)
     learned = _learn(training, settings)
     learned = replace(learned, cautions=(*verdict.cautions, *learned.cautions))
     report = {
         **evaluate.report(training, following, learned),
+        "available_samples": len(available),
         "settings": asdict(learned.settings),
         "verdict": verdict.as_dict(),
         "seconds": round(perf_counter() - began, 3),
@@ -103,19 +106,21 @@ def learn_command(
         say(f"Open the plots with `{shlex.join(['rerun', printable(out / 'flight.rrd')])}`.")
 
 
-def _cut(flight: Flight, start: float, train: int, test: int) -> tuple[Flight, Flight]:
-    """The training samples and the test samples."""
+def _cut(flight: Flight, start: float, train: int | None, test: int) -> tuple[Flight, Flight]:
+    """What may be learnt from, and the test samples after it: at the end of the flight, unless ``train`` is given."""
     if not math.isfinite(start):
         raise click.BadParameter("it must be a number of seconds.", param_hint="--start")
     first = round(min(start / flight.dt, len(flight)))
     left = len(flight) - first
-    if left >= train + test:
-        return flight[first : first + train], flight[first + train : first + train + test]
+    least = train or samples_in(TRAIN_SECONDS, flight.dt)
+    if left >= least + test:
+        end = first + train if train else len(flight) - test
+        return flight[first:end], flight[end : end + test]
     reason = (
         f"The settled flight has {len(flight)} samples ({flight.duration:.1f} s), {left} of them from {start:g} s on, "
-        f"but {train} training and {test} test samples were asked for."
+        f"but {least} training and {test} test samples were asked for."
     )
-    fewer_train, fewer_test = fewer_samples(left, train, test)
+    fewer_train, fewer_test = fewer_samples(left, least, test)
     if fewer_train < FEWEST_SAMPLES:
         raise NotLearnable(reason, "Start earlier, with a smaller --start.")
     raise NotLearnable(reason, f"Ask for fewer: `{_again(fewer_train, fewer_test)}`.")
@@ -131,6 +136,14 @@ def _again(train: int, test: int) -> str:
         for word in (f"--{name}", str(context.params[name]))
     ]
     return shlex.join(["mavdem", "learn", context.params["source"], *kept, "--train", str(train), "--test", str(test)])
+
+
+def _latest(available: Flight, settings: Settings) -> Flight:
+    """As much of the end of the flight as helps; with the paper's settings, which have no noise model, always 7 s."""
+    if settings.prior == "uniform":
+        return available[-samples_in(TRAIN_SECONDS, available.dt) :]
+    with progress("Choosing the length of the training data") as done:
+        return available[-training_length(available, settings, done) :]
 
 
 def _learn(training: Flight, settings: Settings) -> Learned:

@@ -12,7 +12,7 @@ import click
 
 from mavdem.dem import Settings
 from mavdem.dem.learning import FEWEST_SAMPLES
-from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS
+from mavdem.evaluate.flight_windows import TEST_SECONDS
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -112,12 +112,16 @@ def chosen_settings(preset: str, order: int | None) -> Settings:
     return settings if order is None else replace(settings, order=order)
 
 
-def window_options(command: Command) -> Command:
+def window_options(train_default: str) -> Callable[[Command], Command]:
     """Adds --train and --test, numbers of samples, to a command."""
-    for option, seconds, fewest, what in (
-        ("--test", TEST_SECONDS, 1, "Held-out test samples after them."),
-        ("--train", TRAIN_SECONDS, FEWEST_SAMPLES, "Training samples."),
-    ):
-        text = f"{what} [default: those of {seconds:g} s]"
-        command = click.option(option, type=click.IntRange(fewest), help=text)(command)
-    return command
+
+    def decorate(command: Command) -> Command:
+        for option, default, fewest, what in (
+            ("--test", f"those of {TEST_SECONDS:g} s", 1, "Held-out test samples after them."),
+            ("--train", train_default, FEWEST_SAMPLES, "Training samples."),
+        ):
+            text = f"{what} [default: {default}]"
+            command = click.option(option, type=click.IntRange(fewest), help=text)(command)
+        return command
+
+    return decorate

@@ -1,11 +1,13 @@
 """Evaluation: the error of forecasts beside a baseline, paired tests, and tests of the noise.
 
 ``mspe`` is the error, ``skill`` the error ratio by horizon, ``paired`` the comparison of two methods, ``analyse_noise``
-tests whether noise is Gaussian or white, ``report`` has the figures of one learnt flight.
+tests whether noise is Gaussian or white, ``report`` has the figures of one learnt flight, ``training_length`` says how
+much of a flight to learn from.
 """
 
 from mavdem.evaluate.flight_report import report, trivial_forecasts
 from mavdem.evaluate.flight_windows import Window, windows
+from mavdem.evaluate.hold_out import training_length
 from mavdem.evaluate.noise import Noise, Significance, analyse_noise, process_noise
 from mavdem.evaluate.paired_test import Paired, Span, paired
 from mavdem.evaluate.squared_error import (
@@ -39,6 +41,7 @@ __all__ = [
     "skill",
     "skill_by_horizon",
     "squared_errors",
+    "training_length",
     "trivial_forecasts",
     "windows",
 ]

@@ -38,7 +38,8 @@ def learned_report(report: dict[str, Any], train: Flight, test: Flight, learned:
         Sentence("", lead=_verdict(report["forecast_mspe"], train, test)),
         *(Sentence(caution, "Caution:") for caution in learned.cautions),
         Sentence(
-            f"{source}, {len(train)} samples ({train.duration:.2f} s at {1 / train.dt:.0f} Hz). "
+            f"{source}, {_which(report.get('available_samples', len(train)), train)}{len(train)} samples "
+            f"({train.duration:.2f} s at {1 / train.dt:.0f} Hz). "
             f"Held-out test set: the {len(test)} samples after them ({test.duration:.2f} s).",
             "Trained on:",
         ),
@@ -63,6 +64,13 @@ def learned_report(report: dict[str, Any], train: Flight, test: Flight, learned:
         ),
         *_simulation_fit(train, learned),
     ]
+
+
+def _which(available: int, train: Flight) -> str:
+    """Which part of the samples that were available was chosen, if not all of them."""
+    if len(train) == available:
+        return ""
+    return f"the last {train.duration:.0f} s of {available * train.dt:.0f} s: "
 
 
 HOW_TO_READ_PLOTS = (

@@ -52,7 +52,7 @@ def test_the_document_is_the_report_of_the_library(preset, tmp_path, capsys):
 
 
 def test_people_see_model_errors_and_files(tmp_path, capsys):
-    assert main(["learn", FLIGHT, "--out", str(tmp_path), "--axis", "pitch", "--order", "2"]) == 0
+    assert main(["learn", FLIGHT, "--out", str(tmp_path), "--axis", "pitch", "--order", "2", "--train", "700"]) == 0
     said = capsys.readouterr()
     for fact in (
         "150 steps ahead",
@@ -100,6 +100,21 @@ def test_defaults_are_of_the_flights_rate(tmp_path, monkeypatch, capsys):
     assert main([*words, "--train", "700"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert (report["training_samples"], report["forecast_samples"]) == (700, 600)
+
+
+@pytest.mark.slow
+def test_without_train_it_is_as_much_of_the_flight_as_helps(tmp_path, capsys):
+    assert main(["learn", FLIGHT, "--out", str(tmp_path), "--start", "20"]) == 0
+    said = capsys.readouterr().out
+    report = json.loads((tmp_path / "report.json").read_text())
+    available = read_flight(FLIGHT)[2000:-150]
+    assert report["available_samples"] == len(available)
+    assert report["training_samples"] == evaluate.training_length(available)
+    train = available[-report["training_samples"] :]
+    if len(train) < len(available):
+        assert f"the last {train.duration:.0f} s of {len(available) * train.dt:.0f} s: " in said
+    kept = Learned.from_json((tmp_path / "model.json").read_text())
+    np.testing.assert_array_equal(kept.record.outputs, train.outputs)
 
 
 @pytest.mark.parametrize("start", ["1e9", "1e307"])
