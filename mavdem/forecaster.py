@@ -10,7 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 @runtime_checkable
 class Forecaster(Protocol):
-    """A model of a flight that predicts: ``mavdem.Learned`` and the results of ``mavdem.baselines``.
+    """A model of a flight: ``mavdem.Learned`` and the results of ``mavdem.baselines``.
+
+    It answers three questions about the time after the training data, and refuses those it has no answer to with a
+    ``ValueError`` of one sentence: what comes next, the inputs unknown (:meth:`predict`); what happened to the outputs,
+    given the recorded inputs (:meth:`forecast`); what if these inputs were commanded (:meth:`simulate`).
 
     Rows of inputs and outputs with the same number are of the same instant, as in a ``Flight``. The state at the end of
     training is that of the method's own filter after all samples of the last segment. Row 0 of a forecast is one
@@ -32,11 +36,21 @@ class Forecaster(Protocol):
     def one_step(self) -> NDArray[np.float64]:
         """(T, m): each training sample predicted from those before it in its segment, and the inputs."""
 
-    def forecast(self, inputs: ArrayLike, from_zero: bool = False) -> NDArray[np.float64]:
-        """(H, m): outputs after the training data; row 0 is the first sample after it.
+    def predict(self, steps: int) -> NDArray[np.float64]:
+        """(steps, m): outputs after the training data, inputs unknown; row 0 is the first sample after it."""
+
+    def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> NDArray[np.float64]:
+        """(H, m): the samples after the training data, by a new prediction from every ``steps``-th of them on.
+
+        Each is of the same model and uses the ``inputs`` (H, r) and ``outputs`` (H, m) before it, and none after.
+        """
+
+    def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> NDArray[np.float64]:
+        """(H, m): outputs after the training data, given the inputs; row 0 is the first sample after it.
 
         ``inputs`` (H, r) are of the same instants, in the unit of the training inputs. ``from_zero`` begins with state
-        0 at row 0, as the paper's figures do, and not with the state at the end of training.
+        0 at row 0, as the paper's figures do, and not with the state at the end of training. Each sample is given the
+        inputs up to its own instant; with ``smooth`` all of them, which matters where inputs are measurements.
         """
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> NDArray[np.float64]:
@@ -47,10 +61,16 @@ class Forecaster(Protocol):
         ``inputs`` (H, r) and ``outputs`` (H, m) are in the units of the training data.
         """
 
+    def simulate(self, inputs: ArrayLike) -> NDArray[np.float64]:
+        """(H, m): outputs after the training data if these ``inputs`` (H, r) were commanded, by the plant alone."""
+
 
 @runtime_checkable
 class ProbabilisticForecaster(Forecaster, Protocol):
-    """A forecaster that also gives the variance of its forecast errors, before the samples are known."""
+    """A forecaster that also gives the size of its errors, before the samples are known."""
+
+    def predict_band(self, steps: int, level: float = 0.9) -> NDArray[np.float64]:
+        """(steps, m) half width of the band in which a sample of the prediction lies with probability ``level``."""
 
     def forecast_variance(self, inputs: ArrayLike) -> NDArray[np.float64]:
         """(H, m) expected squared error of the forecast of ``inputs`` (H, r), in the squares of the outputs' units."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import Record
+from mavdem.dem.record import Record, required_steps
 from mavdem.dem.validation import is_whole
 
 
@@ -56,14 +56,42 @@ class Identified:
         segments = zip(self.starts, self.record.segments, strict=True)
         return np.concatenate([self.model.predicted(start, *segment) for start, segment in segments])
 
-    def forecast(self, inputs: ArrayLike, from_zero: bool = False) -> Array:
+    def predict(self, steps: int) -> Array:
+        """(steps, m): the outputs after the training data, of a model on which inputs have no effect.
+
+        Raises:
+            ValueError: inputs have an effect; or no positive whole number of steps.
+        """
+        self._require_no_effect()
+        return self.forecast(np.broadcast_to(self.model.input_trim, (required_steps(steps), self.model.B.shape[1])))
+
+    def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
+        """(H, m): as :meth:`forecast_every`, of a model on which ``inputs`` (H, r) have no effect.
+
+        ``outputs`` (H, m) are those after the training data, and a prediction begins at every ``steps``-th.
+
+        Raises:
+            ValueError: inputs have an effect; or as :meth:`forecast_every`.
+        """
+        self._require_no_effect()
+        return self.forecast_every(steps, inputs, outputs)
+
+    def _require_no_effect(self) -> None:
+        if self.model.B.any() or self.model.D.any():
+            raise ValueError(
+                f"{self.method} needs the inputs of the time it forecasts: use forecast(inputs), or "
+                "mavdem.baselines.var for predictions without them"
+            )
+
+    def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
         """Outputs after the training data: row 0 is the first sample after it, the state predicted from all before.
 
         Row h of the inputs is of the same instant as row h of the forecast, which without feedthrough depends on the
         rows before it only; row 0 on the last training input.
         The ``inputs`` (H, r) are in the unit of the training inputs, the result is (H, m); that of an unstable model
         may overflow to infinity or NaN. ``from_zero`` begins with state 0 at row 0 (the outputs at their trim), as the
-        paper's figures do.
+        paper's figures do. The inputs are causes in these models, so that later ones change nothing: ``smooth`` returns
+        the same.
 
         Raises:
             ValueError: inputs of another width, or not finite.
@@ -82,6 +110,16 @@ class Identified:
             ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
         """
         return self.model.simulated_every(steps, self._last_state, *self.record.following(steps, inputs, outputs))
+
+    def simulate(self, inputs: ArrayLike) -> Array:
+        """(H, m): the outputs if ``inputs`` (H, r) were commanded: what :meth:`forecast` returns.
+
+        It is the plant's answer as far as the model is that of the plant: a model learnt in closed loop may not be.
+
+        Raises:
+            ValueError: inputs of another width, or not finite.
+        """
+        return self.forecast(inputs)
 
     @cached_property
     def _last_state(self) -> Array:

@@ -6,7 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 from numpy.typing import ArrayLike
+from scipy.stats import norm
 
 from mavdem.baselines.identified import required_order
 from mavdem.dem.closed_loop.autoregression import RIDGE
@@ -14,7 +16,7 @@ from mavdem.dem.closed_loop.joint_model import JointModel
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.engine.model import STABILITY_TOLERANCE
 from mavdem.dem.record import Record, UniformRecord, required_steps
-from mavdem.dem.validation import is_number
+from mavdem.dem.validation import LEVEL, is_number, require_probability
 
 
 def var(train: UniformRecord | Sequence[UniformRecord], order: int = 10, ridge: float = RIDGE) -> JointAutoregression:
@@ -94,6 +96,27 @@ class JointAutoregression:
         """
         return self.joint.predicted(required_steps(steps)).mean
 
+    def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
+        """(H, m): the samples after the training data, by a new prediction from every ``steps``-th of them on.
+
+        Each uses the ``inputs`` (H, r) and ``outputs`` (H, m) before it, and none after.
+
+        Raises:
+            ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
+        """
+        return self.joint.predicted_every(steps, *self.record.following(steps, inputs, outputs))
+
+    def predict_band(self, steps: int, level: float = LEVEL) -> Array:
+        """(steps, m) half width, about :meth:`predict`, of the band that holds a sample with probability ``level``.
+
+        It is that of the model as if its parameters were exact, and too narrow by their uncertainty.
+
+        Raises:
+            ValueError: no positive whole number of steps, or a level that is no probability between 0 and 1.
+        """
+        require_probability(level)
+        return _half_width(self.joint.predicted(required_steps(steps)).variance, level)
+
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
         """(H, m): the outputs after the training data given the recorded ``inputs`` (H, r), as measurements.
 
@@ -105,6 +128,21 @@ class JointAutoregression:
         """
         return self.joint.inferred(self.record.following_inputs(inputs), smooth, from_zero).mean
 
+    def forecast_variance(self, inputs: ArrayLike) -> Array:
+        """(H, m) expected squared error of :meth:`forecast` with ``inputs`` (H, r), as if parameters were exact."""
+        return self.joint.inferred(self.record.following_inputs(inputs)).variance
+
+    def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
+        """(H, m) half width, about :meth:`forecast`, of the band that holds a sample with probability ``level``.
+
+        It is that of the model as if its parameters were exact. ``inputs`` (H, r) are as for :meth:`forecast`.
+
+        Raises:
+            ValueError: inputs of another width or not finite, or a level that is no probability between 0 and 1.
+        """
+        require_probability(level)
+        return _half_width(self.forecast_variance(inputs), level)
+
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """(H, m): the samples after the training data, by a new forecast from every ``steps``-th of them on.
 
@@ -114,3 +152,18 @@ class JointAutoregression:
             ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
         """
         return self.joint.inferred_every(steps, *self.record.following(steps, inputs, outputs))
+
+    def simulate(self, inputs: ArrayLike) -> Array:
+        """Refused: this model has no plant whose ``inputs`` could be commanded.
+
+        Raises:
+            ValueError: always.
+        """
+        raise ValueError(
+            f"{self.method} takes the inputs for the autopilot's answer to the motion, and has no plant to command: "
+            "use Learned.simulate"
+        )
+
+
+def _half_width(variance: Array, level: float) -> Array:
+    return np.asarray(norm.ppf(0.5 + level / 2) * np.sqrt(variance))

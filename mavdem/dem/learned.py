@@ -10,7 +10,9 @@ from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm
 
+from mavdem.dem.closed_loop.prediction import Prediction
 from mavdem.dem.document import parts_of, values_of
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
@@ -20,7 +22,8 @@ from mavdem.dem.fitting import generalized
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecasts import Forecasts, TrainingForecasts
 from mavdem.dem.graybox import Physical, physical
-from mavdem.dem.record import Record
+from mavdem.dem.graybox.simulation import simulated
+from mavdem.dem.record import Record, required_steps
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.selection import Candidate
 from mavdem.dem.settings import CompleteSettings
@@ -174,6 +177,43 @@ class Learned:
         """Whether no mode of the model grows, but for rounding."""
         return self.spectral_radius <= 1 + STABILITY_TOLERANCE
 
+    def predict(self, steps: int) -> Array:
+        """(steps, m): what comes next, inputs unknown; row 0 is the first sample after the training data.
+
+        By joint autoregressions of outputs and inputs, shrunk towards the training mean at each horizon by what such
+        predictions are worth inside the training data (``mavdem.dem.closed_loop.prediction``).
+
+        Raises:
+            ValueError: no positive whole number of steps.
+        """
+        return self.prediction.after(self.prediction.past, required_steps(steps))
+
+    def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
+        """(H, m): the samples after the training data, by a new prediction from every ``steps``-th of them on.
+
+        Each uses the ``inputs`` (H, r) and ``outputs`` (H, m) before it, and none after; nothing is fitted again.
+
+        Raises:
+            ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
+        """
+        return self.prediction.every(steps, *self.record.following(steps, inputs, outputs))
+
+    def predict_band(self, steps: int, level: float = LEVEL) -> Array:
+        """(steps, m) half width, about :meth:`predict`, of the band that holds each sample with probability ``level``.
+
+        From the errors of such predictions inside the training data, by models that were fitted without that part.
+
+        Raises:
+            ValueError: no positive whole number of steps, or a level that is no probability between 0 and 1.
+        """
+        require_probability(level)
+        return self.prediction.half_width(required_steps(steps), level)
+
+    @cached_property
+    def prediction(self) -> Prediction:
+        """What :meth:`predict` computes with, learnt from :attr:`record` when it is first asked for."""
+        return Prediction.of(self.record)
+
     @may_overflow
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.
@@ -228,6 +268,42 @@ class Learned:
     def _forecasts(self) -> Forecasts:
         shrink, fit = self.settings.shrink_forecasts, self.simulation_fit
         return Forecasts(self.record, self.scaling, self.predictor, fit, self.training_forecasts, shrink)
+
+    def simulate(self, inputs: ArrayLike) -> Array:
+        """(H, m): what if these ``inputs`` (H, r) were commanded: the plant alone, from :attr:`physical`.
+
+        From the last sample on, with the steady disturbance of the training data and no other; no autopilot answers.
+        A ``UserWarning`` says so where the physical parameters are not identifiable.
+
+        Raises:
+            ValueError: no physical parameters can be fitted, outputs other than an angle and its rate, or inputs of
+                another width, or not finite.
+        """
+        read = self._plant()
+        if read.caution is not None:
+            warn(f"This simulation may be far off. {read.caution}", stacklevel=2)
+        return simulated(read, self.record, self.record.following_inputs(inputs)).mean
+
+    def simulate_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
+        """(H, m) half width, about :meth:`simulate`, of the band that holds each sample with probability ``level``.
+
+        From the wind, whose effect nothing counteracts, and the uncertainty of the physical parameters. ``inputs``
+        (H, r) are as for :meth:`simulate`.
+
+        Raises:
+            ValueError: the physical parameters are not identifiable; as :meth:`simulate`; or a level that is no
+                probability between 0 and 1.
+        """
+        require_probability(level)
+        read = self._plant()
+        if read.caution is not None:
+            raise ValueError(f"there is no band of this simulation: {read.caution}")
+        variance = simulated(read, self.record, self.record.following_inputs(inputs)).variance
+        return np.asarray(norm.ppf(0.5 + level / 2) * np.sqrt(variance))
+
+    def _plant(self) -> Physical:
+        """The physical parameters, or the ``ValueError`` that says why there are none."""
+        return self.physical or physical(self.record)
 
     @property
     def places(self) -> NDArray[np.intp]:

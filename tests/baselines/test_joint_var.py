@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from closed_loop_flight import in_closed_loop
 from peculiar_flights import NOTHING_NEW, TEST, TRAIN, back_from_other_units, in_other_units, with_inputs
 
-from mavdem import Flight, Forecaster, baselines, evaluate
+from mavdem import Forecaster, baselines, evaluate
 from mavdem.dem.closed_loop.autoregression import LagStatistics
 from mavdem.dem.record import Record
 
@@ -24,25 +25,9 @@ def test_it_is_a_forecaster(model):
     assert model.forecast_every(1, TEST.inputs[:0], TEST.outputs[:0]).shape == (0, 2)
 
 
-def in_closed_loop(samples: int = 1000) -> Flight:
-    """A roll axis in turbulence whose autopilot answers roll and rate, 0.03 s late, through four motors."""
-    rng, dt, signs = np.random.default_rng(0), 0.01, np.array([1.0, -1.0, -1.0, 1.0])
-    roll = rate = torque = wind = 0.0
-    motors, outputs = np.empty((samples, 4)), np.empty((samples, 2))
-    for t in range(samples):
-        wind += dt * (-2.0 * wind) + 0.6 * rng.standard_normal()
-        outputs[t] = roll, rate
-        command = -(60 * roll + 12 * rate)
-        motors[t] = 1500 + signs * command + 0.2 * rng.standard_normal(4)
-        torque += dt / 0.03 * (command - torque)
-        rate += dt * (torque - rate + 10 * wind)
-        roll += dt * rate
-    return Flight(dt * np.arange(samples), motors, outputs)
-
-
 def test_motors_show_the_motion_and_later_ones_show_more():
     """In closed loop motors are the autopilot's measurement of the motion, so that they help even as measurements."""
-    flight = in_closed_loop()
+    flight = in_closed_loop(1000)
     train, test = flight[:700], flight[700:]
     model = baselines.var(train)
     forecasts = (model.forecast(test.inputs, smooth=True), model.forecast(test.inputs), model.predict(len(test)))
@@ -121,3 +106,24 @@ def test_too_few_samples_and_wrong_steps_are_named(model):
         model.predict(0)
     with pytest.raises(ValueError, match="inputs must"):
         model.forecast(TEST.inputs[:, :3])
+
+
+def test_bands_are_those_of_the_gaussian_path(model):
+    np.testing.assert_allclose(model.predict_band(30), 1.6449 * np.sqrt(model.joint.predicted(30).variance), rtol=1e-4)
+    variance = model.forecast_variance(TEST.inputs)
+    np.testing.assert_allclose(model.forecast_band(TEST.inputs, 0.5), 0.67449 * np.sqrt(variance), rtol=1e-4)
+    assert (model.predict_band(30)[-1] > model.predict_band(30)[0]).all()
+    with pytest.raises(ValueError, match="level must"):
+        model.predict_band(3, 1)
+
+
+def test_it_does_not_simulate_and_says_what_does(model):
+    with pytest.raises(ValueError, match=r"use Learned\.simulate"):
+        model.simulate(TEST.inputs)
+
+
+def test_predictions_begin_anew_at_every_so_many_samples(model):
+    every = model.predict_every(20, TEST.inputs, TEST.outputs)
+    np.testing.assert_allclose(every[:20], model.predict(20), rtol=1e-9)
+    past = model.joint.units.scaled(np.hstack([TEST.outputs, TEST.inputs])[10:20])
+    np.testing.assert_allclose(every[20:40], model.joint._replace(past=past).predicted(20).mean, rtol=1e-9)

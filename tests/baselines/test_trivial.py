@@ -49,3 +49,23 @@ def test_outputs_that_stand_still_and_a_single_sample_are_no_trouble():
 def test_wrong_forecast_inputs_are_named(inputs):
     with pytest.raises(ValueError, match="^inputs must"):
         baselines.zero(FLIGHT).forecast(inputs)
+
+
+def test_without_a_model_of_the_inputs_predictions_are_the_forecasts():
+    for method in (baselines.hold, baselines.constant_mean, baselines.zero):
+        forecaster, test = method(FLIGHT[:700]), FLIGHT[700:]
+        np.testing.assert_array_equal(forecaster.predict(150), forecaster.forecast(test.inputs))
+        pieces = forecaster.forecast_every(20, test.inputs, test.outputs)
+        np.testing.assert_array_equal(forecaster.predict_every(20, test.inputs, test.outputs), pieces)
+        with pytest.raises(ValueError, match="steps must"):
+            forecaster.predict(0)
+
+
+def test_models_that_need_the_inputs_say_so_and_what_to_use():
+    arx = baselines.arx(FLIGHT[:700], 2)
+    for answer in (lambda: arx.predict(3), lambda: arx.predict_every(3, FLIGHT.inputs[700:], FLIGHT.outputs[700:])):
+        with pytest.raises(ValueError, match=r"^ARX\(2\) needs the inputs of the time it forecasts: use forecast"):
+            answer()
+    ahead = FLIGHT.inputs[700:]
+    np.testing.assert_array_equal(arx.simulate(ahead), arx.forecast(ahead))
+    np.testing.assert_array_equal(arx.forecast(ahead, smooth=True), arx.forecast(ahead))

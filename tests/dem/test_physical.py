@@ -13,10 +13,10 @@ from mavdem.dem.graybox.parameters import (
     MAX_WIND_SHARE,
     WINDS,
     _Data,
-    _delayed,
     _fitted,
     _Parameters,
     _steady_covariance,
+    delayed,
 )
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load
@@ -28,8 +28,13 @@ MOTORS = np.array([-0.06, 0.06, 0.06, -0.06])
 FINE = 10
 
 
-def flown(seed: int, steering: float, samples: int = 700, wind: float = 1.0) -> Flight:
-    """An axis whose controller answers the rate it measures, with turbulence (rad/s²) and with steering (rad/s)."""
+def flown(
+    seed: int, steering: float, samples: int = 700, wind: float = 1.0, commanded: np.ndarray | None = None
+) -> Flight:
+    """An axis whose controller answers the rate it measures, with turbulence (rad/s²) and with steering (rad/s).
+
+    The last samples have motors that are ``commanded`` (H, 4), whatever the vehicle does.
+    """
     rng = np.random.default_rng(seed)
     keeps = np.exp(-DT / FINE / 0.5)
     reference = steering * np.sign(np.sin(2 * np.pi * np.arange(samples) * DT / 1.3))
@@ -40,6 +45,8 @@ def flown(seed: int, steering: float, samples: int = 700, wind: float = 1.0) -> 
         outputs[k] = angle, measured
         wanted = 12 * (reference[k] - 3 * angle - measured)
         commands[k] = wanted * MOTORS / (MOTORS @ MOTORS) + rng.standard_normal(4)
+        if commanded is not None and k >= samples - len(commanded):
+            commands[k] = commanded[k - samples]
         for step in range(FINE):
             command = commands[k] if step >= 5 else commands[max(k - 1, 0)]
             torque += DT / FINE / LAG * (MOTORS @ command - torque)
@@ -103,7 +110,7 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
     # The symmetric root: the signs of single eigenvectors differ between processors, and the noise with them.
     root = vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
     inputs = rng.standard_normal((samples, 1))
-    before, after = _delayed(inputs, theta[3] / DT)
+    before, after = delayed(inputs, theta[3] / DT)
     state, rates = np.zeros(n), np.zeros(samples)
     for k in range(samples - 1):
         known = transition.input_now[0] @ before[k] + transition.input_next[0] @ after[k]
@@ -120,7 +127,7 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
 @pytest.mark.parametrize("steps", [-0.4, 0.0, 0.3, 1.0, 1.7, 3.2])
 def test_no_command_helps_to_predict_the_sample_that_it_answers(steps):
     inputs = np.arange(20.0)[:, None]
-    before, after = _delayed(inputs, steps)
+    before, after = delayed(inputs, steps)
     now = np.arange(19)
     assert np.all(before[:, 0] <= now)
     assert np.all(after[:, 0] <= now)

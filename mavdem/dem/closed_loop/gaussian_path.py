@@ -52,21 +52,27 @@ def predicted(model: Autoregression, past: Array, steps: int) -> GaussianPath:
     The ``past`` ends with the latest sample; leading axes are separate pasts, all answered at once.
     """
     k, across = model.channels, model.across
-    lagged = _latest_first(past)
     # Rows of Ψ, the response of a sample to each innovation before it.
-    response = np.zeros((len(lagged.T), k))
-    response[:k] = np.eye(k)
-    variance, grown = np.empty((steps, k)), np.zeros(k)
-    mean = np.empty((*past.shape[:-2], steps, k))
+    response = np.eye(model.lags * k, k)
+    variance = np.empty((steps, k))
     with np.errstate(over="ignore", invalid="ignore"):
         for step in range(steps):
-            mean[..., step, :] = lagged @ across.T + model.offset
-            lagged = np.concatenate([mean[..., step, :], lagged[..., :-k]], axis=-1)
             own = response[:k]
-            grown = grown + np.einsum("ij,jl,il->i", own, model.covariance, own)
-            variance[step] = grown
+            variance[step] = np.einsum("ij,jl,il->i", own, model.covariance, own)
             response = np.concatenate([across @ response, response[:-k]])
-    return _path(mean, variance)
+        return _path(predicted_mean(model, past, steps), variance.cumsum(axis=0))
+
+
+def predicted_mean(model: Autoregression, past: Array, steps: int) -> Array:
+    """The mean of :func:`predicted` (…, steps, k), which may overflow to infinity or NaN."""
+    k, lags, across = model.channels, model.lags, model.across.T.copy()
+    # All samples in one array, the latest first, so that the lags of each step are a slice of it.
+    samples = np.empty((*past.shape[:-2], (steps + lags) * k))
+    samples[..., steps * k :] = _latest_first(past)
+    with np.errstate(over="ignore", invalid="ignore"):
+        for start in range((steps - 1) * k, -1, -k):
+            samples[..., start : start + k] = samples[..., start + k : start + (lags + 1) * k] @ across + model.offset
+    return samples[..., : steps * k].reshape(*past.shape[:-2], steps, k)[..., ::-1, :]
 
 
 def filtered(model: Autoregression, past: Array, inputs: Array) -> GaussianPath:

@@ -45,6 +45,14 @@ RELATIVE_STEP = 1e-4  # of a parameter, or of 0.01 if that is more: for slopes b
 MAX_DOUBLINGS = 40  # of the steps over which the filter becomes steady
 
 
+class WindComponent(NamedTuple):
+    """One component of the wind: noise of this ``colour`` with standard deviation ``size``, rad/s², and ``time``, s."""
+
+    colour: Coloured
+    size: float
+    time: float
+
+
 class Physical(NamedTuple):
     """Physical parameters of one axis.
 
@@ -56,6 +64,7 @@ class Physical(NamedTuple):
         covariance: (r + 2, r + 2) of motors, damping and lag, nonlinear effects included.
         wind: standard deviation of the angular acceleration that is not by the motors, rad/s².
         wind_share: of its variance in the sum with that of the motors' torque.
+        components: of the wind.
     """
 
     motors: Array
@@ -65,6 +74,7 @@ class Physical(NamedTuple):
     covariance: Array
     wind: float
     wind_share: float
+    components: tuple[WindComponent, ...]
 
     @property
     def identifiable(self) -> bool:
@@ -193,7 +203,7 @@ class _Parameters(NamedTuple):
         for inputs, measured in data.segments:
             off = measured - trim
             before, after = zip(
-                *(_delayed(inputs, delay / data.dt) for delay in thetas[:, self.motors + 2]), strict=True
+                *(delayed(inputs, delay / data.dt) for delay in thetas[:, self.motors + 2]), strict=True
             )
             drive = np.array(before) @ now + np.array(after) @ later + off[:, :-1, None] * gain[:, None]
             rows = np.ascontiguousarray(np.swapaxes(drive, 0, 1))[:, :, None]
@@ -207,7 +217,7 @@ class _Parameters(NamedTuple):
         return np.concatenate(found, axis=1), variance
 
 
-def _delayed(inputs: Array, steps: float) -> tuple[Array, Array]:
+def delayed(inputs: Array, steps: float) -> tuple[Array, Array]:
     """Commands (T − 1, r) as they act at the beginning and the end of each step, interpolated.
 
     A command that reacts to a sample must not help to predict it: within a step the last command before it holds.
@@ -355,4 +365,9 @@ def _physical(parameters: _Parameters, best: Quadratic, data: _Data, unit: Array
     torque = np.concatenate([lfilter([1 - keeps], [1, -keeps], inputs @ motors) for inputs, _ in data.segments])
     wind = float(np.sum(parameters.sizes(theta) ** 2))
     share = wind / (wind + float(torque.var()))
-    return Physical(motors / unit, damping, lag, delay, covariance, float(np.sqrt(wind)), share)
+    times = np.exp(theta[r + 4 : -2 : 2])
+    components = tuple(
+        WindComponent(colour, float(size), float(time))
+        for colour, size, time in zip(parameters.wind, parameters.sizes(theta), times, strict=True)
+    )
+    return Physical(motors / unit, damping, lag, delay, covariance, float(np.sqrt(wind)), share, components)

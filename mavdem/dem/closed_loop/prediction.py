@@ -1,0 +1,161 @@
+"""Prediction of what comes next, inputs unknown: the mean of joint autoregressions, shrunk by what it is worth.
+
+Models of few and of many lags err differently, and their mean has a lower error than each. Its deviation from the
+training mean gets a weight at each horizon, from predictions inside the training data: the mean of two weights of least
+squares, of the models themselves, for which it is too large, and of models fitted without the part that they predict,
+for which it is too small. The errors of the latter are those to expect of other data.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import t as student
+
+from mavdem.dem.closed_loop.autoregression import Autoregression, ChannelUnits, LagStatistics, autoregression
+from mavdem.dem.closed_loop.gaussian_path import past_of, predicted_mean
+from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.record import Record
+
+LAGS = (4, 10, 20)
+FOLDS = 4  # parts of the training data, each predicted by models of the others
+MAX_STARTS = 80  # of predictions inside the training data
+LONGEST_SECONDS = 1.5  # of these predictions; beyond, weight and error stay as they are
+LARGEST_DEVIATION = 1e3  # of a prediction, in deviations of the training data: a model that grows may overflow
+
+Block = tuple[Array, int, int]
+"""Channels (T, k) of a segment, and the first and the last sample but one of a part of it."""
+
+
+class Prediction(NamedTuple):
+    """What follows a record of m outputs.
+
+    Attributes:
+        models: one for each number of lags.
+        units: of the models.
+        past: (lags, k) the last samples of the record, in these units.
+        weight: (L, m) between 0 and 1, of the models' deviation from the training mean, by horizon.
+        mse: (L, m) squared error to expect, in these units.
+        samples: number of samples it was learnt from.
+    """
+
+    models: tuple[Autoregression, ...]
+    units: ChannelUnits
+    past: Array
+    weight: Array
+    mse: Array
+    samples: int
+
+    @classmethod
+    def of(cls, record: Record) -> Prediction:
+        """Learnt from the training data; ``ValueError`` where no segment has two samples."""
+        units, outputs = ChannelUnits.of(record), record.outputs.shape[1]
+        segments = units.segments(record)
+        lags = [each for each in LAGS if 2 * each < record.longest] or [1]
+        longest = max(1, min(round(LONGEST_SECONDS / record.dt), record.longest // FOLDS))
+        stride = -(-len(record) // MAX_STARTS)
+        with one_thread():
+            statistics = [LagStatistics.of(segments, each) for each in lags]
+            models = _models(statistics, lags)
+            whole = [(channels, 0, len(channels)) for channels in segments]
+            inside = _trials(models, whole, longest, outputs, stride)
+            others = [(fold, _without(statistics, lags, fold)) for fold in _folds(segments)]
+            apart = [
+                _trials(_models(without, lags), fold, longest, outputs, stride)
+                for fold, without in others
+                if all(each.rows > 0 for each in without)
+            ]
+        measured, predicted = (np.concatenate(tables) for tables in zip(*(apart or [inside]), strict=True))
+        weight = (_weight(*inside) + np.minimum.accumulate(_weight(measured, predicted))) / 2
+        known = np.isfinite(measured)
+        squares = np.where(known, measured - weight * predicted, 0.0) ** 2
+        mse = np.where(known.any(axis=0), squares.sum(axis=0) / np.maximum(known.sum(axis=0), 1), 1.0)
+        return cls(models, units, past_of(segments[-1], max(lags)), weight, np.maximum.accumulate(mse), len(record))
+
+    def after(self, past: Array, steps: int) -> Array:
+        """(…, steps, m) predictions after each ``past`` (…, lags, k) in the models' units, physical."""
+        m = self.weight.shape[1]
+        weighted = _by_horizon(self.weight, steps) * _deviation(self.models, past, steps, m)
+        return np.asarray(self.units.center[:m] + self.units.scale[:m] * weighted)
+
+    def every(self, steps: int, inputs: Array, outputs: Array) -> Array:
+        """(H, m): the samples that follow, by a new prediction from every ``steps``-th on, of all samples before it."""
+        channels = np.concatenate([self.past, self.units.scaled(np.hstack([outputs, inputs]))])
+        begins = np.arange(0, len(inputs), steps)
+        pasts = channels[begins[:, None] + np.arange(len(self.past))]
+        found = self.after(pasts, max(1, min(steps, len(inputs))))
+        return found.reshape(-1, outputs.shape[1])[: len(inputs)]
+
+    def half_width(self, steps: int, level: float) -> Array:
+        """(steps, m) of the band about a prediction in which a sample lies with probability ``level``, physical.
+
+        The expected error of a horizon is an estimate of as many numbers as such horizons follow each other.
+        """
+        m = self.weight.shape[1]
+        horizons = np.minimum(np.arange(steps), len(self.mse) - 1)
+        quantile = student.ppf(0.5 + level / 2, np.maximum(1.0, m * self.samples / (horizons + 1)))
+        return np.asarray(quantile[:, None] * self.units.scale[:m] * np.sqrt(self.mse[horizons]))
+
+    def useful_steps(self, share: float) -> NDArray[np.intp]:
+        """(m,) the longest horizon up to which the squared error to expect is below ``share`` of each variance."""
+        return np.asarray((self.mse < share).sum(axis=0))
+
+
+def _models(statistics: list[LagStatistics], lags: list[int]) -> tuple[Autoregression, ...]:
+    return tuple(autoregression(*pair) for pair in zip(statistics, lags, strict=True))
+
+
+def _deviation(models: tuple[Autoregression, ...], past: Array, steps: int, outputs: int) -> Array:
+    """(…, steps, m) of the outputs from the training mean, the mean of all models."""
+    each = [predicted_mean(model, past[..., -model.lags :, :], steps)[..., :outputs] for model in models]
+    bounded = np.clip(np.nan_to_num(each, nan=0.0), -LARGEST_DEVIATION, LARGEST_DEVIATION)
+    return np.asarray(np.mean(bounded, axis=0))
+
+
+def _folds(segments: list[Array]) -> list[list[Block]]:
+    """The samples of all segments in parts of about equal length, each in blocks of one segment."""
+    ends = np.cumsum([len(channels) for channels in segments])
+    cuts = np.linspace(0, ends[-1], FOLDS + 1).astype(int)
+    folds = []
+    for first, last in zip(cuts[:-1], cuts[1:], strict=True):
+        begins = ends - [len(channels) for channels in segments]
+        blocks = zip(segments, np.maximum(first - begins, 0), np.minimum(last, ends) - begins, strict=True)
+        folds.append([(channels, int(start), int(stop)) for channels, start, stop in blocks if start < stop])
+    return [fold for fold in folds if fold]
+
+
+def _without(statistics: list[LagStatistics], lags: list[int], fold: list[Block]) -> list[LagStatistics]:
+    """Those of all samples but the fold's."""
+    return [
+        whole - LagStatistics.of([channels[max(0, start - each) : stop] for channels, start, stop in fold], each)
+        for whole, each in zip(statistics, lags, strict=True)
+    ]
+
+
+def _trials(
+    models: tuple[Autoregression, ...], blocks: list[Block], steps: int, outputs: int, stride: int
+) -> tuple[Array, Array]:
+    """Samples (S, steps, m), NaN beyond the end of their block, and their predictions from every ``stride``-th on."""
+    lags = max(model.lags for model in models)
+    pasts, measured = [np.empty((0, lags, models[0].channels))], [np.empty((0, steps, outputs))]
+    for channels, first, stop in blocks:
+        begins = np.arange(max(first, lags), stop, stride)
+        following = np.concatenate([channels[:stop, :outputs], np.full((steps, outputs), np.nan)])
+        pasts.append(channels[begins[:, None] + np.arange(-lags, 0)])
+        measured.append(following[begins[:, None] + np.arange(steps)])
+    return np.concatenate(measured), _deviation(models, np.concatenate(pasts), steps, outputs)
+
+
+def _weight(measured: Array, predicted: Array) -> Array:
+    """(steps, m) between 0 and 1: by least squares, 0 where nothing was predicted."""
+    products = np.where(np.isfinite(measured), measured * predicted, 0.0).sum(axis=0)
+    squares = np.where(np.isfinite(measured), predicted**2, 0.0).sum(axis=0)
+    best = np.divide(products, squares, out=np.zeros_like(products), where=squares > 0)
+    return np.asarray(np.clip(best, 0.0, 1.0))
+
+
+def _by_horizon(values: Array, steps: int) -> Array:
+    """The first ``steps`` rows; beyond the longest prediction of the training data, its row again."""
+    return np.asarray(values[np.minimum(np.arange(steps), len(values) - 1)])

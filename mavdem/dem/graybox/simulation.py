@@ -1,0 +1,95 @@
+"""Simulation: what the vehicle does under commanded inputs, by its physical parameters alone."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
+
+from mavdem.dem.closed_loop.gaussian_path import GaussianPath
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.model import discretize, recursion
+from mavdem.dem.graybox.parameters import Physical, delayed
+from mavdem.dem.priors import derivative_pairs
+from mavdem.dem.record import Record
+
+RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
+
+
+def simulated(physical: Physical, record: Record, inputs: Array) -> GaussianPath:
+    """Mean and variance (H, m) of an angle and its rate under commanded ``inputs`` (H, r), after the training data.
+
+    It begins with the last measured sample, and with the torque that the last commands left in the motors. The steady
+    disturbance of the training data stays: it balances the mean inputs. The variance is that of the wind, of which
+    nothing else is known, and of motors' effect, damping and lag, to first order.
+
+    Raises:
+        ValueError: the outputs are not an angle and its rate.
+    """
+    pairs = derivative_pairs(record)
+    if record.outputs.shape[1] != 2 or not pairs:
+        raise ValueError("a simulation needs two outputs, an angle and its rate: the plant has no others")
+    order, theta = list(pairs[0]), np.array([*physical.motors, physical.damping, physical.lag])
+    mean = _mean(theta, physical.delay, record, order, inputs)
+    nudges = RELATIVE_STEP * np.maximum(np.abs(theta), RELATIVE_STEP)
+    slopes = [
+        (_mean(theta + nudge, physical.delay, record, order, inputs) - mean) / nudge.sum() for nudge in np.diag(nudges)
+    ]
+    variance = np.einsum("iht,ij,jht->ht", slopes, physical.covariance, slopes)
+    variance += _of_wind(physical, record.dt, len(inputs))
+    back = np.argsort(order)
+    return GaussianPath(mean[:, back], variance[:, back])
+
+
+def _mean(theta: Array, delay: float, record: Record, order: list[int], inputs: Array) -> Array:
+    """(H, 2) angle and rate of the plant with motors, damping and lag ``theta`` (r + 2,), without wind."""
+    motors, damping, lag = theta[:-2], theta[-2], theta[-1]
+    trim, steps = record.inputs.mean(axis=0), delay / record.dt
+    A = np.array([[0.0, 1.0, 0.0], [0.0, -damping, 1.0], [0.0, 0.0, -1 / lag]])
+    state, now, later = discretize(A, np.array([[0.0], [0.0], [1 / lag]]), record.dt)
+
+    def pushes(commands: Array) -> Array:
+        """(T − 1, 3) what commands (T, r) add to angle, rate and torque in each step."""
+        early, late = delayed(commands - trim, steps)
+        return np.asarray(np.outer(early @ motors, now[:, 0]) + np.outer(late @ motors, later[:, 0]))
+
+    # The disturbance is what the mean of rate' = torque − damping · rate + disturbance leaves.
+    turned, torques = 0.0, []
+    for before, outputs in record.segments:
+        start = (before[0] - trim) @ motors
+        driven = recursion(state[2:, 2:], pushes(before)[:, 2:], np.array([start]))
+        torques.append(np.append(start, driven))
+        turned += outputs[-1, order[1]] - outputs[0, order[1]]
+    rate, torque = record.outputs[:, order[1]].mean(), np.concatenate(torques)
+    steady = turned / (len(record) * record.dt) + damping * rate - torque.mean()
+    before, outputs = record.segments[-1]
+    ahead = pushes(np.vstack([before, inputs]))[len(before) - 1 :]
+    # A steady disturbance acts like a steady command.
+    ahead += steady * (now + later)[:, 0]
+    x, path = np.array([*outputs[-1, order], torques[-1][-1] + steady]), np.empty((len(inputs), 2))
+    for step, push in enumerate(ahead):
+        x = state @ x + push
+        path[step] = x[:2]
+    return path
+
+
+def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
+    """(H, 2) variance that the wind gives angle and rate from a known beginning."""
+    colours = [(each.colour.A / each.time, each.colour.drive / each.time) for each in physical.components]
+    places = np.cumsum([2, *(len(own) for own, _ in colours)])
+    A = block_diag(np.array([[0.0, 1.0], [0.0, -physical.damping]]), *(own for own, _ in colours))
+    drive, P = np.zeros_like(A), np.zeros_like(A)
+    for each, (own, noise), (start, stop) in zip(physical.components, colours, pairwise(places), strict=True):
+        A[1, start:stop] = each.size * each.colour.C
+        drive[start:stop, start:stop] = noise
+        P[start:stop, start:stop] = solve_continuous_lyapunov(own, -noise)
+    n = len(A)
+    # Van Loan, "Computing integrals involving the matrix exponential", 1978.
+    flow = expm(np.block([[-A, drive], [np.zeros_like(A), A.T]]) * dt)
+    state = flow[n:, n:].T
+    process, variance = state @ flow[:n, n:], np.empty((steps, 2))
+    for step in range(steps):
+        P = state @ P @ state.T + process
+        variance[step] = P.diagonal()[:2]
+    return variance
