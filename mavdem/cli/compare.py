@@ -60,9 +60,11 @@ def compare_command(
     of a constant forecast) at horizons from one step to the whole test part, and a paired test of DEM against each
     method.
 
+    The same without the inputs of the time ahead: what comes next, by the methods that can predict it.
+
     The methods: DEM; DEM without generalized coordinates (p=1); both with the paper's settings; subspace
-    identification; prediction error minimisation (PEM); expectation maximisation (EM); ARX; and three forecasts without
-    a model.
+    identification; prediction error minimisation (PEM); expectation maximisation (EM); ARX; joint VAR; and three
+    forecasts without a model.
 
     --out receives comparison.json (the document of --json) and windows.csv (a line for each window, method and
     horizon). In --json an error that is infinite, or of a missing forecast, is null.

@@ -64,6 +64,7 @@ def learn_command(
       RMSE and error ratio on the held-out test set, beside forecasts
         without a model (an error ratio below 1 is better than a constant)
       cautions: read them before you use the model
+      how far ahead predictions are worth something without the motors
       the model dx/dt = A x + B u with 90 % intervals, and its poles
       the physical parameters (motor effect, damping, lag), or why they
         are not identifiable

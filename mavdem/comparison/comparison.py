@@ -98,6 +98,15 @@ class Comparison:
             tuple(self.windows[place] for place in own), self.methods, tuple(self.outcomes[place] for place in own)
         )
 
+    @cached_property
+    def predictions(self) -> Comparison | None:
+        """The comparison of predictions without the inputs, of the methods that make them; ``None`` if none does."""
+        asked = [place for place, one in enumerate(self.outcomes[0]) if one.predicted is not None]
+        if not asked:
+            return None
+        rows = tuple(tuple(row[place].of_prediction for place in asked) for row in self.outcomes)
+        return Comparison(self.windows, tuple(self.methods[place] for place in asked), rows)
+
     def summaries(self, flight: str, from_zero: bool = False) -> tuple[MethodSummary, ...]:
         """Each method's summary on the ``flight`` of that name, the lowest error first.
 
@@ -138,16 +147,25 @@ class Comparison:
             "losses": [loss._asdict() | {"paired": loss.paired._asdict()} for loss in self.losses(from_zero)],
             "over_flights": [one.to_dict() for one in self.over_flights(from_zero)],
             "flights": [self._flight(flight, from_zero) for flight in self.flights],
+            "predictions": None if self.predictions is None else self.predictions.to_dict(),
         }
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row for each window, method and horizon, and one for the whole test part forecast from state 0."""
+        """A row for each window, method and horizon, and one for the whole test part forecast from state 0.
+
+        Then those of predictions without the inputs.
+        """
+        known = self._rows("known", from_zero=True)
+        return known if self.predictions is None else known + self.predictions._rows("unknown", from_zero=False)
+
+    def _rows(self, inputs: str, from_zero: bool) -> list[dict[str, Any]]:
         return [
             {
                 "flight": window.flight,
                 "start": window.start,
                 "time": float(window.train.time[0]),
                 "method": one.method,
+                "inputs": inputs,
                 "begun": begun,
                 "steps": skill.steps,
                 "relative": skill.relative,
@@ -158,7 +176,10 @@ class Comparison:
             }
             for window, row in zip(self.windows, self.outcomes, strict=True)
             for one in row
-            for begun, skill in [*(("data", skill) for skill in one.skill), ("zero", one.skill_from_zero)]
+            for begun, skill in [
+                *(("data", skill) for skill in one.skill),
+                *([("zero", one.skill_from_zero)] if from_zero else []),
+            ]
         ]
 
     def _flight(self, flight: str, from_zero: bool) -> dict[str, Any]:

@@ -7,7 +7,7 @@ flights it is the geometric mean of these medians, so that each flight counts on
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
@@ -29,6 +29,7 @@ class AtHorizon(NamedTuple):
         relative_per_output: likewise of each output.
         per_output: median MSPE of each output over its training variance.
         reference: the first method's error over this one's.
+        inside: mean share of samples up to this horizon in the 90 % band; ``None`` without one.
     """
 
     steps: int
@@ -36,6 +37,7 @@ class AtHorizon(NamedTuple):
     relative_per_output: tuple[float, ...]
     per_output: tuple[float, ...]
     reference: Paired
+    inside: float | None
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,7 @@ class OverFlights:
         flights: number of flights.
         relative: geometric mean of the flights' median error ratios.
         horizons: likewise by horizon, for the horizons that all flights have.
+        inside: mean over flights of their shares of samples in the 90 % band, by the same horizons.
         windows: number of windows of all flights.
         failed, diverged, unstable, worse_than_constant: numbers of windows, as in :class:`MethodSummary`.
         mspe_total: sum over flights of the total MSPE, as in the paper's table.
@@ -115,6 +118,7 @@ class OverFlights:
     flights: int
     relative: float
     horizons: tuple[float, ...]
+    inside: tuple[float | None, ...]
     windows: int
     failed: int
     diverged: int
@@ -158,8 +162,14 @@ def _summary(
             tuple(np.median([one.relative_per_output for one in own], axis=0).tolist()),
             tuple(np.median([one.per_output for one in own], axis=0).tolist()),
             paired([one.relative for one in ours], [one.relative for one in own], spans),
+            None if from_zero else _mean(inside),
         )
-        for own, ours in zip(_by_horizon(outcomes, from_zero), reference, strict=True)
+        for own, ours, inside in zip(
+            _by_horizon(outcomes, from_zero),
+            reference,
+            zip(*(one.inside for one in outcomes), strict=True),
+            strict=False,
+        )
     ]
     relative = [(one.skill_from_zero if from_zero else one.skill[-1]).relative for one in outcomes]
     errors = np.array([one.mspe_from_zero if from_zero else one.mspe for one in outcomes])
@@ -219,10 +229,17 @@ def _over_flights(method: str, of_flights: Sequence[MethodSummary]) -> OverFligh
         flights=len(of_flights),
         relative=_geometric([summary.relative for summary in of_flights]),
         horizons=tuple(_geometric([summary.horizons[place].relative for summary in of_flights]) for place in places),
+        inside=tuple(_mean([summary.horizons[place].inside for summary in of_flights]) for place in places),
         **{name: sum(getattr(summary, name) for summary in of_flights) for name in COUNTS},
         mspe_total=float(np.sum([summary.mspe_total for summary in of_flights])),
         reference=paired(ratios, np.ones(len(ratios))),
     )
+
+
+def _mean(shares: Iterable[float | None]) -> float | None:
+    """Of those that there are."""
+    known = [share for share in shares if share is not None]
+    return float(np.mean(known)) if known else None
 
 
 def _geometric(values: Sequence[float]) -> float:

@@ -13,6 +13,8 @@ from mavdem.dem.validation import LEVEL
 from mavdem.evaluate.squared_error import mspe, relative_mspe
 from mavdem.flight import Flight
 
+HALF = 0.5  # of an output's variance: up to the horizon at which the expected squared error reaches it
+
 
 def trivial_forecasts(train: Flight, horizon: int) -> dict[str, Array]:
     """Forecasts (horizon, m) without a model: the mean of ``train``, its last sample held, and zero."""
@@ -65,6 +67,10 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
         "forecast_over_constant_mean": forecast_errors["DEM"]["relative"],
         "expected_error": float(expected.mean()),
         "inside_90_percent_band": float(inside.mean()),
+        "prediction": {
+            "half_explained_seconds": (learned.prediction.useful_steps(HALF) * train.dt).tolist(),
+            "error_ratio": relative_mspe(train, test, learned.predict(len(test))),
+        },
         "trajectories": _simulation_fit(learned.simulation_fit),
         "physical": _physical(learned.physical),
         "candidates": [

@@ -134,6 +134,21 @@ def skill_by_horizon(
     )
 
 
+def prediction_skill_by_horizon(
+    forecaster: Forecaster, train: Flight, test: Flight, horizons: Sequence[int] = HORIZONS
+) -> tuple[Skill, ...]:
+    """As :func:`skill_by_horizon`, of predictions that do not know the inputs of the time that they predict.
+
+    Arguments are the same: ``forecaster``, ``train``, ``test`` and ``horizons``.
+
+    Raises:
+        ValueError: the model needs the inputs; or as :func:`skill_by_horizon`.
+    """
+    return tuple(
+        skill(train, test, forecaster.predict_every(steps, test.inputs, test.outputs), steps) for steps in horizons
+    )
+
+
 def relative_mspe(train: Flight, test: Flight, forecast: ArrayLike) -> float:
     """The error ratio: MSPE in units of each output's training variance, summed, over that of the training mean.
 

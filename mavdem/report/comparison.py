@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from math import sqrt
 
 from mavdem.comparison.comparison import Comparison
@@ -12,18 +12,21 @@ from mavdem.evaluate import HORIZONS, Paired
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.names import named, readable
 
+GIVEN, PREDICTED = "What happened, given the inputs:", "What comes next, inputs unknown:"
 MAX_LISTED = 5  # cases in which DEM is worse that are listed in a sentence; the table after them has all
 
 
 def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[Sentence | Table]:
     """Where the first method is worse, then the errors over flights and of each flight, and what the columns mean."""
     several = len(comparison.flights) > 1
+    predictions = None if from_zero else comparison.predictions
     return [
         *_losses(comparison, from_zero),
+        *([] if predictions is None else [_predicted_losses(predictions)]),
         *(_over_flights(comparison, from_zero) if several else []),
         *_generalized_coordinates(comparison, from_zero),
         *(block for flight in comparison.flights for block in _flight(comparison, flight, from_zero)),
-        _legend(comparison.methods[0], from_zero, several),
+        _legend(comparison.methods[0], from_zero, several, predictions is not None),
     ]
 
 
@@ -48,6 +51,22 @@ def _losses(comparison: Comparison, from_zero: bool) -> list[Sentence | Table]:
     else:
         lead = f"{reference} has the lowest error over the whole test part. At shorter horizons others are better."
     return [Sentence("", lead=lead), *([] if from_zero else [_losses_by_horizon(comparison, losses)])]
+
+
+def _predicted_losses(predictions: Comparison) -> Sentence:
+    """Where the first method predicts worse than another, without the inputs."""
+    reference, losses = predictions.methods[0], predictions.losses()
+    if not losses:
+        others = len(predictions.methods)
+        return Sentence(f"{reference} has the lowest error of {others} methods at every horizon.", PREDICTED)
+    cases = sum(len(predictions.summaries(flight)[0].horizons) for flight in predictions.flights)
+    lost, worst = len({(loss.flight, loss.steps) for loss in losses}), losses[0]
+    where = f" on {worst.flight}" if len(predictions.flights) > 1 else ""
+    return Sentence(
+        f"{reference} is not the best method in {lost} of {cases} cases, a flight at a horizon; its error is at most "
+        f"{_ratio(worst.ratio)} times another's ({worst.method} at {worst.steps} steps{where}).",
+        PREDICTED,
+    )
 
 
 def _silent(comparison: Comparison) -> list[str]:
@@ -94,15 +113,40 @@ def _shared_horizons(steps: Sequence[Sequence[int]]) -> tuple[list[str], list[in
 
 
 def _over_flights(comparison: Comparison, from_zero: bool) -> list[Sentence | Table]:
-    reference, overall = comparison.methods[0], comparison.over_flights(from_zero)
+    reference = comparison.methods[0]
     steps = [[at.steps for at in comparison.summaries(flight, from_zero)[0].horizons] for flight in comparison.flights]
     header, _ = _shared_horizons(steps)
+    shown = _with_shown_bands(comparison)
+    asked = [(GIVEN, comparison.over_flights(from_zero))]
+    if comparison.predictions is not None and not from_zero:
+        asked.append((PREDICTED, comparison.predictions.over_flights()))
     return [
         Sentence(f"{len(comparison.flights)} flights, {len(comparison.windows)} windows.", "All flights:"),
-        Table(
-            ["error ratio; steps:", *header, *_count_columns(reference)],
-            [[one.method, *map(_ratio, one.horizons), *_counts(one, one.reference)] for one in overall],
+        *(
+            Table(
+                [f"{question} error ratio; steps:", *header, *_count_columns(reference)],
+                [
+                    *([one.method, *map(_ratio, one.horizons), *_counts(one, one.reference)] for one in overall),
+                    *([*row, "", "", "", ""] for row in _inside([(one.method, one.inside) for one in overall], shown)),
+                ],
+            )
+            for question, overall in asked
         ),
+    ]
+
+
+def _with_shown_bands(comparison: Comparison) -> Collection[str]:
+    """Methods whose share in the band is shown: those that answer both questions, and the first."""
+    predictions = comparison.predictions
+    return {comparison.methods[0], *(() if predictions is None else predictions.methods)}
+
+
+def _inside(methods: Sequence[tuple[str, Sequence[float | None]]], shown: Collection[str]) -> list[list[str]]:
+    """Rows of the share of samples in the 90 % band up to each horizon, of the ``shown`` methods that have one."""
+    return [
+        [f"{method}: in its 90 % band", *("" if share is None else f"{share:.0%}" for share in shares)]
+        for method, shares in methods
+        if method in shown and any(share is not None for share in shares)
     ]
 
 
@@ -138,8 +182,12 @@ def _generalized_coordinates(comparison: Comparison, from_zero: bool) -> list[Se
 
 
 def _flight(comparison: Comparison, flight: str, from_zero: bool) -> list[Sentence | Table]:
-    part, found = comparison.of_flight(flight), comparison.summaries(flight, from_zero)
-    train, test = part.windows[0].train, part.windows[0].test
+    part, found, predictions = (
+        comparison.of_flight(flight),
+        comparison.summaries(flight, from_zero),
+        comparison.predictions,
+    )
+    train, test, shown = part.windows[0].train, part.windows[0].test, _with_shown_bands(comparison)
     count = len(part.windows)
     return [
         Sentence(
@@ -149,7 +197,8 @@ def _flight(comparison: Comparison, flight: str, from_zero: bool) -> list[Senten
             f"{flight}:",
         ),
         _errors(part, found),
-        *([] if from_zero else [_by_horizon(found)]),
+        *([] if from_zero else [_by_horizon(GIVEN, found, shown)]),
+        *([] if from_zero or predictions is None else [_by_horizon(PREDICTED, predictions.summaries(flight), shown)]),
         *(Sentence(text) for one in found if (text := _without_forecast(one))),
     ]
 
@@ -188,23 +237,28 @@ def _errors(part: Comparison, found: Sequence[MethodSummary]) -> Table:
     )
 
 
-def _by_horizon(found: Sequence[MethodSummary]) -> Table:
+def _by_horizon(question: str, found: Sequence[MethodSummary], shown: Collection[str]) -> Table:
     return Table(
-        ["error ratio; steps:", *(str(at.steps) for at in found[0].horizons)],
-        [[one.method, *(_ratio(at.relative) for at in one.horizons)] for one in found],
+        [f"{question} error ratio; steps:", *(str(at.steps) for at in found[0].horizons)],
+        [
+            *([one.method, *(_ratio(at.relative) for at in one.horizons)] for one in found),
+            *_inside([(one.method, [at.inside for at in one.horizons]) for one in found], shown),
+        ],
     )
 
 
-def _legend(reference: str, from_zero: bool, several: bool) -> Sentence:
+def _legend(reference: str, from_zero: bool, several: bool, predicted: bool) -> Sentence:
     start = "state 0, as in the paper's figures" if from_zero else "the state at the end of training"
     overall = " Over flights: the geometric mean of these medians; each flight is one pair." if several else ""
+    unknown = " Inputs unknown: only what came before each prediction is used." if predicted else ""
     return Sentence(
         f"Forecasts start from {start}. Error ratio: mean squared error over the baseline's (the constant mean of the "
         "training data), with each output in units of its training variance; below 1 is better than the baseline. "
         "The tables have the median over windows, the worst window and the number of windows above 1. “unstable” "
         "counts models with a growing mode. At k steps, the test part is forecast in pieces of k steps, each from the "
         f"data before it. {reference} / method: the median over windows of the ratio of their errors. p: Wilcoxon's "
-        f"signed-rank test on these ratios, two-sided, for each method by itself.{overall}"
+        f"signed-rank test on these ratios, two-sided, for each method by itself.{overall}{unknown} In its 90 % "
+        "band: the share of the first k samples after training, mean over windows."
     )
 
 

@@ -55,6 +55,7 @@ def learned_report(report: dict[str, Any], train: Flight, test: Flight, learned:
             f"error: {_ratio(report['expected_error'])} training variances.",
             "90 % band of the forecast:",
         ),
+        _prediction(report["prediction"], train),
         *_model(train, learned),
         *_physical(train, learned),
         Sentence(
@@ -147,6 +148,18 @@ def _verdict(errors: dict[str, Any], train: Flight, test: Flight) -> str:
     if best != "DEM":
         return f"{figures} “{best}”, a forecast without a model, has a lower one ({_ratio(errors[best]['relative'])})."
     return figures
+
+
+def _prediction(found: dict[str, Any], train: Flight) -> Sentence:
+    """How far ahead predictions are worth something without the inputs."""
+    each = ", ".join(
+        f"{name} up to {seconds:.2g} s ahead" if seconds else f"{name} at no horizon"
+        for name, seconds in zip(train.output_names, found["half_explained_seconds"], strict=True)
+    )
+    return Sentence(
+        f"they explain at least half of the variance of {each}, by predictions inside the training data.",
+        "Predictions without the inputs:",
+    )
 
 
 def _with_unit(value: float, unit: Readable) -> str:

@@ -69,17 +69,17 @@ def test_the_document_is_the_comparison_of_the_library(quick, capsys):
 
 
 SCHEMA = {
-    "": "axis files flights losses methods over_flights reference refused seconds sources start",
+    "": "axis files flights losses methods over_flights predictions reference refused seconds sources start",
     "losses.0": "flight method paired ratio steps",
-    "over_flights.0": "diverged failed flights horizons method mspe_total reference relative unstable windows "
+    "over_flights.0": "diverged failed flights horizons inside method mspe_total reference relative unstable windows "
     "worse_than_constant",
     "flights.0": "dt flight forecast_samples output_units outputs standings training_samples windows",
     "flights.0.standings.0": "diverged failed failure horizons method mspe mspe_total relative seconds unstable "
     "windows worse_than_constant worst",
-    "flights.0.standings.0.horizons.0": "per_output reference relative relative_per_output steps",
+    "flights.0.standings.0.horizons.0": "inside per_output reference relative relative_per_output steps",
     "flights.0.standings.0.horizons.0.reference": "less p_value ratio tested windows",
     "flights.0.windows.0": "methods start time",
-    "flights.0.windows.0.methods.ARX(2)": "cautions failure from_zero mspe seconds skill stable",
+    "flights.0.windows.0.methods.ARX(2)": "cautions failure from_zero inside_90_percent_band mspe seconds skill stable",
     "flights.0.windows.0.methods.ARX(2).mspe": "per_output total",
     "flights.0.windows.0.methods.ARX(2).skill.0": "per_output relative relative_per_output steps total",
     "flights.0.windows.0.methods.ARX(2).from_zero": "mspe skill",
@@ -118,7 +118,9 @@ def test_all_methods_on_all_cores_are_reported_with_their_losses_first(tmp_path,
     assert not [one for one in kept["flights"][0]["standings"] if one["failed"]]
     with (out / "windows.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == len(kept["flights"][0]["windows"]) * len(METHODS) * 7
+    assert len(rows) == len(kept["flights"][0]["windows"]) * (
+        7 * len(METHODS) + 6 * sum(method.predicts for method in METHODS)
+    )
     assert not multiprocessing.active_children()
 
 

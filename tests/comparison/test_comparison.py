@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -20,8 +21,8 @@ from mavdem.report.comparison import comparison_report
 FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enumerate("ab")}
 WINDOWS = [window for name, flight in FLIGHTS.items() for window in windows(name, flight)]
 MEAN, HOLD, ARX = (
-    Method("constant mean", baselines.constant_mean),
-    Method("hold", baselines.hold),
+    Method("constant mean", baselines.constant_mean, predicts=True),
+    Method("hold", baselines.hold, predicts=True),
     Method("ARX", baselines.arx),
 )
 
@@ -189,13 +190,14 @@ def test_from_zero_the_whole_test_part_is_judged(compared):
 
 def test_the_document_is_plain_json_and_rows_a_table(compared):
     told = json.loads(json.dumps(compared.to_dict()))
-    assert list(told) == ["reference", "methods", "start", "losses", "over_flights", "flights"]
+    assert list(told) == ["reference", "methods", "start", "losses", "over_flights", "flights", "predictions"]
     assert [len(flight["windows"]) for flight in told["flights"]] == [3, 3]
     of_window = told["flights"][1]["windows"][2]
     assert (of_window["start"], of_window["time"]) == (850, pytest.approx(8.5))
     assert of_window["methods"]["ARX"] == compared.outcomes[5][2].to_dict()
     rows = compared.rows()
-    assert len(rows) == 6 * 5 * (len(HORIZONS) + 1)
+    known, unknown = ([row for row in rows if row["inputs"] == word] for word in ("known", "unknown"))
+    assert (len(known), len(unknown)) == (6 * 5 * (len(HORIZONS) + 1), 6 * 2 * len(HORIZONS))
     assert len({tuple(row) for row in rows}) == 1
 
 
@@ -233,3 +235,69 @@ def test_the_influence_of_generalized_coordinates_is_a_table_of_its_own():
     one, other = ({s.method: s.relative for s in compare(WINDOWS, pair).summaries(flight)} for flight in ("a", "b"))
     assert table.rows[0][1:] == [f"{one['DEM']:.3g}", "1", f"{one['DEM']:.3g}"]
     assert table.rows[2][1:] == [f"{np.sqrt(one['DEM'] * other['DEM']):.3g}", "1", table.rows[2][1]]
+
+
+VAR = Method("joint VAR(4)", partial(baselines.var, order=4), predicts=True)
+
+
+@pytest.fixture(scope="module")
+def predicted():
+    return compare(WINDOWS, [VAR, HOLD, MEAN, ARX])
+
+
+def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
+    found = predicted.predictions
+    assert found.methods == ("joint VAR(4)", "hold", "constant mean")
+    assert found.predictions is None
+    window, outcome = WINDOWS[1], found.outcomes[1][0]
+    model = baselines.var(window.train, 4)
+    np.testing.assert_array_equal(outcome.forecast, model.predict(150))
+    np.testing.assert_array_equal(outcome.band, model.predict_band(150))
+    inside = np.abs(model.predict(150) - window.test.outputs) <= model.predict_band(150)
+    assert outcome.inside == pytest.approx([inside[:steps].mean() for steps in HORIZONS])
+    in_pieces = model.predict_every(25, window.test.inputs, window.test.outputs)
+    relative = relative_mspe(window.train, window.test, in_pieces)
+    assert outcome.skill[HORIZONS.index(25)].relative == pytest.approx(relative)
+    # Hold and mean need no inputs: they are the same with and without.
+    for name in ("hold", "constant mean"):
+        one, other = (next(each for each in of.summaries("a") if each.method == name) for of in (predicted, found))
+        assert [at.relative for at in one.horizons] == [at.relative for at in other.horizons]
+    assert compare(WINDOWS[:1], [ARX]).predictions is None
+    assert compare(WINDOWS[:1], [ARX]).to_dict()["predictions"] is None
+
+
+def test_a_method_that_fails_has_no_prediction_either():
+    found = compare(WINDOWS[:1], [HOLD, REFUSES._replace(predicts=True)]).predictions
+    assert found.outcomes[0][1].failure and found.outcomes[0][1].mspe[0] == np.inf
+
+
+def test_a_method_that_cannot_predict_says_so():
+    assert "needs the inputs" in judge(ARX._replace(predicts=True), WINDOWS[0]).failure
+
+
+def test_the_share_in_the_band_is_a_mean_over_windows_and_flights(predicted):
+    own = next(one for one in predicted.predictions.summaries("a") if one.method == "joint VAR(4)")
+    rows = [row[0] for row in predicted.predictions.outcomes if row[0].flight == "a"]
+    assert own.horizons[2].inside == pytest.approx(np.mean([row.inside[2] for row in rows]))
+    overall = next(one for one in predicted.predictions.over_flights() if one.method == "joint VAR(4)")
+    of_flights = [predicted.predictions.summaries(flight) for flight in ("a", "b")]
+    shares = [next(one for one in each if one.method == "joint VAR(4)").horizons[2].inside for each in of_flights]
+    assert overall.inside[2] == pytest.approx(np.mean(shares))
+    assert next(one for one in predicted.over_flights() if one.method == "hold").inside == (None,) * len(HORIZONS)
+
+
+@pytest.mark.parametrize("flights", ["a", "ab"])
+def test_the_report_has_a_table_for_each_question(predicted, flights):
+    blocks = comparison_report(predicted if flights == "ab" else predicted.of_flight("a"))
+    tables = [block for block in blocks if isinstance(block, Table)]
+    given = [table for table in tables if table.header[0].startswith("What happened, given the inputs")]
+    unknown = [table for table in tables if table.header[0].startswith("What comes next, inputs unknown")]
+    assert len(given) == len(unknown) == (3 if flights == "ab" else 1)
+    for table in unknown:
+        assert [row[0] for row in table.rows[:3]] != ["ARX"] and "ARX" not in [row[0] for row in table.rows]
+        assert table.rows[-1][0] == "joint VAR(4): in its 90 % band" and table.rows[-1][1].endswith("%")
+    said = [block for block in blocks if isinstance(block, Sentence)]
+    assert said[1].lead == "What comes next, inputs unknown:" and "joint VAR(4)" in said[1].text
+    # From state 0 there is no such question.
+    zero = [block for block in comparison_report(predicted, from_zero=True) if isinstance(block, Table)]
+    assert not [table for table in zero if table.header[0].startswith("What comes next")]

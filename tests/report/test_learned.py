@@ -162,3 +162,14 @@ def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():
     assert _poles(np.diag([0.5, 0.0, -1.0])) == (
         "0.5: grows with time constant 2 s; 0: integrator; -1: time constant 1 s. The model is unstable."
     )
+
+
+def test_it_says_how_far_ahead_predictions_without_the_inputs_are_worth_something(learned):
+    steps = learned.prediction.useful_steps(0.5)
+    assert (steps > 0).all()
+    expected = f"roll up to {steps[0] * DT:.2g} s ahead, roll rate up to {steps[1] * DT:.2g} s ahead"
+    assert f"they explain at least half of the variance of {expected}, by predictions inside" in words(told(learned))
+    report = evaluate.report(TRAIN, TEST, learned)
+    report["prediction"]["half_explained_seconds"] = [0.2, 0.0]
+    said = words(learned_report(report, TRAIN, TEST, learned))
+    assert "of roll up to 0.2 s ahead, roll rate at no horizon, by predictions" in said
