@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mavdem.dem.closed_loop.inputs import input_cautions
 from mavdem.dem.engine.ascent import CoordinateAscent
 from mavdem.dem.engine.free_energy import free_energy
 from mavdem.dem.engine.generative import SufficientStatistics
@@ -130,7 +131,11 @@ def _require_moving(record: Record, settings: Settings) -> None:
         for name, constant in (("inputs", ~inputs.moving & known), ("outputs", ~outputs.moving)):
             still = np.flatnonzero(constant)
             if len(still):
-                raise ValueError(f"{name} column {still[0]} must vary{where}: constant samples determine no model")
+                of_one = name == "inputs" and len(still) < np.count_nonzero(known)
+                missing = ". Leave out a motor that is missing or not recorded" if of_one else ""
+                raise ValueError(
+                    f"{name} column {still[0]} must vary{where}: constant samples determine no model{missing}"
+                )
 
 
 def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics) -> Fit:
@@ -185,7 +190,7 @@ def _cautions(
 ) -> tuple[str, ...]:
     """The cautions of a fit, with what was found of it; ``smoothness`` where it was estimated."""
     model = fitted.scaling.physical_model(fitted.ascent.belief.theta, fitted.model.n)
-    found = []
+    found = list(input_cautions(record)) if fitted.settings.prior == "regulated" else []
     if fitted.scaling.known.any() and not forecasts.motors_share > MIN_MOTORS_SHARE:
         name = "motor outputs" if record.inputs.shape[1] > 1 else "".join(record.input_names) or "input"
         found.append(
