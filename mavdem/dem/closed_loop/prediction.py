@@ -3,7 +3,8 @@
 Models of few and of many lags err differently, and their mean has a lower error than each. Its deviation from the
 training mean gets a weight at each horizon, from predictions inside the training data: the mean of two weights of least
 squares, of the models themselves, for which it is too large, and of models fitted without the part that they predict,
-for which it is too small. The errors of the latter are those to expect of other data.
+for which it is too small. The errors of the latter are those to expect of other data; the smaller they are at a
+horizon, the less is shrunk.
 """
 
 from __future__ import annotations
@@ -68,11 +69,11 @@ class Prediction(NamedTuple):
                 if all(each.rows > 0 for each in without)
             ]
         measured, predicted = (np.concatenate(tables) for tables in zip(*(apart or [inside]), strict=True))
-        weight = (_weight(*inside) + np.minimum.accumulate(_weight(measured, predicted))) / 2
-        known = np.isfinite(measured)
-        squares = np.where(known, measured - weight * predicted, 0.0) ** 2
-        mse = np.where(known.any(axis=0), squares.sum(axis=0) / np.maximum(known.sum(axis=0), 1), 1.0)
-        return cls(models, units, past_of(segments[-1], max(lags)), weight, np.maximum.accumulate(mse), len(record))
+        best = (_weight(*inside) + np.minimum.accumulate(_weight(measured, predicted))) / 2
+        # Where errors are small, what little the weight of least squares removes would be most of them.
+        weight = 1 - (1 - best) * np.minimum(1.0, _mse(measured, best * predicted))
+        mse = _mse(measured, weight * predicted)
+        return cls(models, units, past_of(segments[-1], max(lags)), weight, mse, len(record))
 
     def after(self, past: Array, steps: int) -> Array:
         """(…, steps, m) predictions after each ``past`` (…, lags, k) in the models' units, physical."""
@@ -154,6 +155,14 @@ def _weight(measured: Array, predicted: Array) -> Array:
     squares = np.where(np.isfinite(measured), predicted**2, 0.0).sum(axis=0)
     best = np.divide(products, squares, out=np.zeros_like(products), where=squares > 0)
     return np.asarray(np.clip(best, 0.0, 1.0))
+
+
+def _mse(measured: Array, predicted: Array) -> Array:
+    """(steps, m) mean squared error, not smaller than at shorter horizons; 1 where nothing was predicted."""
+    known = np.isfinite(measured)
+    squares = np.where(known, measured - predicted, 0.0) ** 2
+    mse = np.where(known.any(axis=0), squares.sum(axis=0) / np.maximum(known.sum(axis=0), 1), 1.0)
+    return np.asarray(np.maximum.accumulate(mse))
 
 
 def _by_horizon(values: Array, steps: int) -> Array:
