@@ -201,6 +201,8 @@ DOCUMENT = TypeAdapter(
         free_energy_of_samples="windows",
         state_map="X data",
         theta="K",
+        given=_part(dict, inputs=_shape("G r", most=LARGEST), outputs=_shape("G m", most=LARGEST), segments=list[Whole])
+        | None,
     )
 )
 """The document by its keys. Sizes: T samples, r inputs, m outputs, n states, k parameters of the vehicle, K of the
@@ -209,8 +211,8 @@ engine, which may have a constant input more."""
 
 def values_of(parts: Mapping[str, Any]) -> dict[str, Any]:
     """Plain JSON values of the fields of a learnt model, ``parts`` by name."""
-    record: Record = parts["record"]
-    values = {name: _plain(value) for name, value in parts.items() if name != "record"}
+    record, given = parts["record"], parts["given"]
+    values = {name: _plain(value) for name, value in parts.items() if name not in ("record", "given")}
     # A direction's sizes are those of the model.
     directions = [{"weights": one["weights"], "share": one["share"]} for one in values["undetermined"]]
     values |= {key: values.pop(name) for name, key in KEYS.items()}
@@ -218,6 +220,13 @@ def values_of(parts: Mapping[str, Any]) -> dict[str, Any]:
         **values,
         "free_energy": _plain(parts["free_energy"].terms),
         "undetermined": directions,
+        **_samples_of(record),
+        "given": given and _samples_of(given),
+    }
+
+
+def _samples_of(record: Record) -> dict[str, Any]:
+    return {
         "inputs": record.inputs.tolist(),
         "outputs": record.outputs.tolist(),
         "segments": list(record.lengths),
@@ -235,8 +244,8 @@ def parts_of(values: Any) -> dict[str, Any]:
         raise ValueError(f"not the document of a learnt model: {problem}" if missing else problem) from None
     parts |= {name: parts.pop(key) for name, key in KEYS.items()}
     parts["settings"] = CompleteSettings.from_dict(parts["settings"])
-    inputs, outputs, segments = (parts.pop(name) for name in ("inputs", "outputs", "segments"))
-    parts["record"] = Record(inputs, outputs, parts["dt"], tuple(segments))
+    parts["record"] = _record({name: parts.pop(name) for name in ("inputs", "outputs", "segments")}, parts["dt"])
+    parts["given"] = parts["given"] and _record(parts["given"], parts["dt"])
     _check(parts, sizes)
     model_sizes = sizes["n"], sizes["r"], sizes["m"]
     parts["undetermined"] = tuple(Direction(**one, sizes=model_sizes) for one in parts["undetermined"])
@@ -247,8 +256,17 @@ def parts_of(values: Any) -> dict[str, Any]:
     }
 
 
+def _record(samples: Mapping[str, Any], dt: float) -> Record:
+    return Record(samples["inputs"], samples["outputs"], dt, tuple(samples["segments"]))
+
+
 def _current(values: Any) -> Any:
-    """A document with the keys of today: version 0.1 wrote every candidate, and "unseen" for the training forecasts."""
+    """A document with the keys of today: version 0.1 wrote every candidate, and "unseen" for the training forecasts.
+
+    Before ``given`` all samples that were given were the training data.
+    """
+    if isinstance(values, dict):
+        values = {"given": None, **values}
     if not (isinstance(values, dict) and "unseen" in values):
         return values
     kept = {name: value for name, value in values.items() if name not in ("unseen", "candidates")}
@@ -272,6 +290,8 @@ def _check(parts: Mapping[str, Any], sizes: Mapping[str, int]) -> None:
     for name, size in expected.items():
         if sizes[name] != size:
             raise ValueError(f"the document's arrays must have {name} = {size}, not {sizes[name]}")
+    if parts["given"] is not None and len(parts["given"]) != sum(parts["given"].lengths):
+        raise ValueError(f"given must have segments of {len(parts['given'])} samples in all")
     if not (min(n, r, m, T, sizes["H"], sizes.get("iterations", 0)) and sizes["carried"] >= n):
         raise ValueError("the document's arrays must not be empty")
     if simulation_fit is not None:

@@ -68,6 +68,7 @@ class Learned:
         training_forecasts: forecasts of the training data, and the error to expect of others.
         cautions: limits of the model, one sentence each.
         simulation_fit: the simulation-error fit of θ, in the engine's units; ``None`` where there was none.
+        given: all samples that were given, where only the last of them are the training data; else ``None``.
         scaling, predictor, state_map, theta: what :meth:`one_step`, :meth:`forecast` and :meth:`process_noise` compute
             with, in the engine's units.
     """
@@ -94,6 +95,7 @@ class Learned:
     state_map: Array
     theta: Array
     simulation_fit: SimulationFit | None
+    given: Record | None = None
 
     def __repr__(self) -> str:
         (n, r), m, number = self.model.B.shape, len(self.model.C), len(self.cautions)
@@ -149,12 +151,12 @@ class Learned:
 
     @cached_property
     def physical(self) -> Physical | None:
-        """The gray-box model of motors, damping and lag, of all the training data; ``None`` where none can be fitted.
+        """The gray-box model of motors, damping and lag, of all that was given; ``None`` where none can be fitted.
 
         See :func:`mavdem.dem.physical`.
         """
         try:
-            return physical(self.record)
+            return physical(self.record if self.given is None else self.given)
         except ValueError:
             return None
 

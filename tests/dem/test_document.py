@@ -1,14 +1,19 @@
 """The document of a learnt model, against one that version 0.1 wrote."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from simulated import simulated
 
-from mavdem import Learned
+from mavdem import Learned, Settings, learn
+from mavdem.dem import physical
+from mavdem.dem.record import Record
 
 TEXT = (Path(__file__).parent / "data" / "model_0_1.json").read_text()
+FLIGHT = simulated(wind=0.5, lag=0.05)
 AHEAD = np.tile(1500 + 10 * np.arange(4.0), (5, 1))
 
 
@@ -24,6 +29,8 @@ def test_nothing_of_it_is_lost():
     # Since then there is one choice, in the settings, and the forecasts it was tried on have a name of their own.
     before["training_forecasts"] = before.pop("unseen")
     del before["candidates"]
+    # Since then a part of what was given may be learnt from.
+    assert now.pop("given") is None
     # Since then its numbers are those of the innovation form.
     assert {**before, "predictor": None} == {**now, "predictor": None}
     again = Learned.from_json(TEXT).to_json()
@@ -39,6 +46,7 @@ def test_nothing_of_it_is_lost():
         (("settings", "window"), None, "^window must be a whole number"),
         (("scaling", "output_scale"), [1.0, 0.0], "^scaling.output_scale must be positive"),
         (("segments",), [100, 61], "must have T = 161, not 160"),
+        (("given",), {"inputs": [[1.0] * 4] * 3, "outputs": [[0.1, 0.2]] * 3, "segments": [2]}, "^given must have"),
     ],
 )
 def test_what_does_not_fit_is_named(path, value, message):
@@ -49,6 +57,18 @@ def test_what_does_not_fit_is_named(path, value, message):
     inner[path[-1]] = value
     with pytest.raises(ValueError, match=message):
         Learned.from_json(json.dumps(values))
+
+
+def test_physical_parameters_are_of_all_that_was_given():
+    learned = learn(FLIGHT[400:], Settings(order=3, d=2, window=9, parameter_precision=1.0))
+    whole = replace(learned, given=Record.of(FLIGHT))
+    again = Learned.from_json(whole.to_json())
+    expected = physical(FLIGHT)
+    for one in (whole, again):
+        assert one.physical is not None
+        np.testing.assert_array_equal(one.physical.motors, expected.motors)
+        np.testing.assert_array_equal(one.forecast(FLIGHT.inputs[:9]), learned.forecast(FLIGHT.inputs[:9]))
+    assert learned.physical is not None and not np.array_equal(learned.physical.motors, expected.motors)
 
 
 def test_earlier_names_of_attributes_work_with_a_warning():
