@@ -17,7 +17,6 @@ from mavdem.cli.options import chosen_settings, file_option, model_options, moti
 from mavdem.cli.output import print_json, printable, say_aside
 from mavdem.cli.output_files import check_file, writing
 from mavdem.cli.signals import asked_to_end, ending_at_once
-from mavdem.dem.online.learner import HORIZONS
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
 from mavdem.files import atomic_write
@@ -25,7 +24,7 @@ from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.link import Link
 from mavdem.live.recording import RawRecording
 from mavdem.live.session import LearningProcess, LiveSession
-from mavdem.live.status import ACCOUNT, sentence
+from mavdem.live.status import ACCOUNT, horizons, sentence
 
 if TYPE_CHECKING:
     from mavdem.view.live import LiveView, RecordingFile
@@ -89,7 +88,7 @@ class Dashboard:
         channels = Channels(
             self._link,
             setup.dt,
-            HORIZONS,
+            horizons(setup.dt),
             names,
             (self._axis, f"{self._axis} rate"),
             (setup.scale.unit,) * len(names),
@@ -237,6 +236,7 @@ def live_command(
                     "lost": status.lost,
                     "latency": dict(zip(("median", "p99"), status.latency, strict=True)),
                     "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
+                    "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
                     "obstacle": status.obstacle,
                     "events": list(session.sentences),
                     "rrd": str(rrd) if dashboard.recorded else None,
@@ -303,7 +303,7 @@ def _account_line(account: Mapping[str, float]) -> str:
 def _ahead(status: SessionStatus, axis: str) -> str:
     """How well the model predicts; empty before it has."""
     seconds, half = status.ahead
-    said = f"{axis} predicted {seconds:.2g} s ahead with constant inputs within ±{math.degrees(half):.2g}° (90 %)"
+    said = f"{axis} predicted {seconds:.2g} s ahead within ±{math.degrees(half):.2g}° (90 %)"
     return said if math.isfinite(half) else ""
 
 

@@ -28,7 +28,7 @@ from mavdem.live.kept_model import KeptModel
 from mavdem.live.link import Link, LinkLost
 from mavdem.live.rate_request import MAX_TRIES, REPLY_SECONDS, SILENCE_SECONDS, Arrivals, RateRequest, greeting
 from mavdem.live.recording import RawRecording
-from mavdem.live.status import ACCOUNT, NO_FLIGHT, NOT_SETTLED, UNCONFIRMED, SessionStatus, ahead_of, sentence
+from mavdem.live.status import ACCOUNT, NO_FLIGHT, NOT_SETTLED, UNCONFIRMED, SessionStatus, horizons, sentence
 from mavdem.live.stream import LiveStream
 
 Array = NDArray[np.float64]
@@ -233,8 +233,7 @@ class LiveSession:
             learned=self._learned,
             shown=self._shown,
             latency=(median, late),
-            ahead=ahead_of(self._estimate),
-        )
+        ).predicting(self._estimate)
 
     def _silence(self) -> str:
         """The sentence about a silent link; empty if it is not silent."""
@@ -286,6 +285,7 @@ class LiveSession:
                 setup.dt,
                 len(names),
                 len(row.outputs),
+                horizons=horizons(setup.dt),
                 executor=self.executor,
                 effect_directions=directions,
             )

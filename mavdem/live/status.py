@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import nan
 from typing import Any, NamedTuple
 
@@ -44,15 +44,13 @@ ACCOUNT = {
 
 
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
+HORIZONS = 0.05, 0.1, AHEAD, 0.5
+"""Seconds ahead of a live session's predictions, besides one step."""
 
 
-def ahead_of(estimate: Estimate | None) -> tuple[float, float]:
-    """``SessionStatus.ahead`` of an estimate; NaN without one."""
-    if estimate is None:
-        return nan, nan
-    seconds = estimate.ahead_times - estimate.time
-    nearest = int(abs(seconds - AHEAD).argmin())
-    return float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])
+def horizons(dt: float) -> tuple[int, ...]:
+    """The horizons of a live session in steps of ``dt``, s."""
+    return tuple(sorted({1, *(max(1, round(seconds / dt)) for seconds in HORIZONS)}))
 
 
 @dataclass(frozen=True)
@@ -70,6 +68,8 @@ class SessionStatus:
         learned, shown: rows that the learner used, and rows that were only shown.
         latency: median and 99th percentile, s, from the link to the estimate.
         ahead: about ``AHEAD`` seconds ahead, and the half width, rad, of the 90 % band of the angle predicted there.
+        useful: seconds of the longest useful horizon (``Estimate.useful``), and the squared error of predictions there
+            over that of the better of the last sample and the mean so far; NaN where there is none.
         lost: messages of the vehicle missing by its sequence numbers.
         late: samples that came too late for their row.
         outlier_stamps: messages with outlier time stamps.
@@ -87,6 +87,7 @@ class SessionStatus:
     shown: int = 0
     latency: tuple[float, float] = (nan, nan)
     ahead: tuple[float, float] = (nan, nan)
+    useful: tuple[float, float] = (nan, nan)
     lost: int = 0
     late: int = 0
     outlier_stamps: int = 0
@@ -95,3 +96,14 @@ class SessionStatus:
     garbage: int = 0
     senders: tuple[dict[str, Any], ...] = ()
     others: int = 0
+
+    def predicting(self, estimate: Estimate | None) -> SessionStatus:
+        """The same with ``ahead`` and ``useful`` of an estimate."""
+        if estimate is None:
+            return self
+        seconds, place = estimate.ahead_times - estimate.time, estimate.useful
+        nearest = int(abs(seconds - AHEAD).argmin())
+        ratio = nan, nan
+        if place is not None:
+            ratio = float(seconds[place]), float(estimate.ahead_ratio[place].mean())
+        return replace(self, ahead=(float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])), useful=ratio)

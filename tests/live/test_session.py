@@ -313,9 +313,7 @@ def test_a_sentence_has_one_full_stop(monkeypatch):
     assert "A sample was skipped: A process was terminated abruptly." in said
     status = SessionStatus(obstacle="There are two of them. Choose one.")
     said = _status_line(replace(status, vehicle="1:1", ahead=(0.25, 0.0052)), "roll")
-    assert said.startswith(
-        "1:1: no attitude; 0 samples learned; roll predicted 0.25 s ahead with constant inputs within ±0.3° (90 %)"
-    )
+    assert said.startswith("1:1: no attitude; 0 samples learned; roll predicted 0.25 s ahead within ±0.3° (90 %)")
     assert _status_line(status, "roll") == "", "without a vehicle the session has said why"
 
 

@@ -28,6 +28,7 @@ import mavdem
 from mavdem.dem import Estimate, LinearModel
 from mavdem.live import SessionStatus
 from mavdem.view.live import Channels, LiveView, RecordingFile, Viewer, WebServer, sinks_for
+from mavdem.view.live.line_group import LineGroup
 from mavdem.view.live.live_view import REBOOT_GAP_SECONDS, Timeline
 from mavdem.view.live.rows import ViewRow
 from mavdem.view.live.sink_thread import MAX_ROWS, Backlog, status_document
@@ -61,6 +62,7 @@ def estimate(i: int, time: float) -> Estimate:
     return Estimate(
         time=time,
         ahead_times=time + DT * np.array(HORIZONS),
+        ahead_ratio=np.array([[0.1, 0.2], [0.3, 0.4], [0.7, 0.8]]),
         seen=time - LATE,
         free_energy=-100.0 - i,
         surprise=i % 50 / 10,
@@ -147,6 +149,23 @@ def test_predictions_a_quarter_of_a_second_ahead_are_at_the_times_they_are_about
     np.testing.assert_allclose(times, TIME + 25 * DT, atol=1e-8)
     centre, half = (np.array([getattr(e, part)[1, column] for e in TOLD]) for part in ("ahead", "ahead_band"))
     np.testing.assert_allclose(values[20:], np.degrees(np.stack([centre - half, centre + half, centre], -1)))
+
+
+def test_the_longest_useful_horizon_is_shown_and_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the first batch whose errors say so; where none is useful, one step."""
+    named: list[str] = []
+    send = LineGroup.send_style
+    monkeypatch.setattr(LineGroup, "send_style", lambda group, to: (named.extend(group.names), send(group, to))[1])
+    for ratios, useful in (((0.1, 0.2, 0.3), 50), ((0.6, 0.7, 0.8), 1)):
+        path = tmp_path / f"{useful}.rrd"
+        with LiveView(CHANNELS, [RecordingFile(path)]) as view:
+            told = estimate(20, TIME[0])._replace(ahead_ratio=np.outer(ratios, [1.0, 1.0]))
+            view.put(TIME[0], 0, OUTPUTS[0], INPUTS[0], told)
+        times, values = drawn(path)["outputs/roll/ahead"]
+        place = HORIZONS.index(useful)
+        np.testing.assert_allclose(times, [told.ahead_times[place]])
+        np.testing.assert_allclose(values[0, 2], np.degrees(told.ahead[place, 0]))
+        assert f"{useful * DT:.2g} s ahead" in named
 
 
 def test_motors_are_those_that_were_put(recording: Path) -> None:

@@ -18,6 +18,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import LinearModel
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import FEWEST_SAMPLES, learn
+from mavdem.dem.online.ahead import Ahead
 from mavdem.dem.online.bands import ErrorBands
 from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.refit import OnlineRefit
@@ -38,6 +39,7 @@ FILTER_SECONDS = 1.0  # of samples, over which a new model's filter finds the st
 MAX_GAPS = 5  # in a row, after which ``dt`` is wrong rather than samples missing
 TOO_FEW = "there are not enough samples yet"
 FIRST_RUNS = "the first learning is still running"
+USEFUL_RATIO = 0.5  # of squared errors, below which a prediction is worth showing
 REFIT_STEP_SECONDS = 0.01  # of samples for one step of a refit, which takes about a millisecond
 
 
@@ -51,8 +53,11 @@ class Estimate(NamedTuple):
         expected: (m,) the sample, predicted from those before it and from its own inputs.
         expected_band: (m,) half width of its 90 % band: the quantile of the latest errors.
         ahead_times: (H,) times of the next two, s: the learner's horizons from here.
-        ahead: (H, m) predictions of the samples then, with constant inputs.
-        ahead_band: (H, m) likewise.
+        ahead: (H, m) predictions of the samples then, inputs unknown: a mixture of a joint autoregression, the last
+            sample, the mean and the model, by their own past errors. From the first sample on, also without a model.
+        ahead_band: (H, m) likewise, of the errors of ``ahead``.
+        ahead_ratio: (H, m) squared error of ``ahead``, averaged over about 10 s, over that of the better of the last
+            sample held and the mean so far; NaN before errors are known.
         seen: time of the next three, s: the centre of the latest embedding window.
         free_energy: F(t) without the prior and entropy terms of θ and λ, which are the same at every sample and change
             only with the model.
@@ -74,6 +79,7 @@ class Estimate(NamedTuple):
     ahead_times: Array
     ahead: Array
     ahead_band: Array
+    ahead_ratio: Array
     seen: float
     free_energy: float
     surprise: float
@@ -84,6 +90,12 @@ class Estimate(NamedTuple):
     log_precisions: Array
     until: float
     unusual: bool = False
+
+    @property
+    def useful(self) -> int | None:
+        """Index of the longest horizon with a mean ``ahead_ratio`` below ``USEFUL_RATIO``; ``None`` without one."""
+        places = np.flatnonzero(self.ahead_ratio.mean(axis=-1) < USEFUL_RATIO)
+        return int(places[-1]) if len(places) else None
 
     def __repr__(self) -> str:
         if self.model is None:
@@ -162,6 +174,7 @@ class OnlineLearner:
         self._last: float | None = None
         self._gaps = 0
         self._bands = ErrorBands(self.horizons, n_outputs, self._dt)
+        self._ahead = Ahead(self._dt, block, self.horizons, n_inputs, n_outputs)
         self._surprise, self._marks = Surprise(self._dt), Marks(self._dt)
 
     def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike) -> Estimate:
@@ -196,6 +209,7 @@ class OnlineLearner:
             self._remember()
         self._choose()
         self._advance()
+        self._ahead.advance()
         if self._gaps >= MAX_GAPS:
             coming = f"come every {step:.3g} s" if step > 0 else "do not go on in time"
             self.obstacle = f"samples {coming}, where dt is {self._dt:g} s: each begins a segment of its own"
@@ -209,6 +223,7 @@ class OnlineLearner:
         self._begin_segment()
         if not self._memory.drop_since(time):
             return
+        self._ahead.begin_with(self._memory.blocks)
         if self._pending is not None:
             self._pending.cancel()
             self._pending, self._next_choice = None, self._samples
@@ -249,27 +264,30 @@ class OnlineLearner:
         if self._memory.end_segment():
             self._remember()
         self._bands.end_segment()
+        self._ahead.end_segment()
         self._last = None
 
     def _estimate(self, time: float, u: Array, y: Array) -> Estimate:
-        tracker = self._tracker
-        if tracker is None:
-            return self._no_estimate(time)
-        expected = tracker.filter(self._last is None, u, y)
-        ahead = tracker.ahead(u)
+        tracker, expected, held = self._tracker, np.full_like(y, np.nan), None
+        if tracker is not None:
+            expected = tracker.filter(self._last is None, u, y)
+            held = tracker.ahead(u)
+        ahead = self._ahead.predict(self._memory, held)
         expected_band, *ahead_band = self._bands.half_widths
         self._bands.add(y, expected, ahead)
+        later = time + self._dt * np.array(self.horizons), ahead, np.array(ahead_band), self._ahead.error_ratio
+        if tracker is None:
+            nan, none = np.nan, np.empty(0)
+            return Estimate(time, expected, expected_band, *later, nan, nan, nan, none, nan, None, None, none, nan)
         energy, disturbance = tracker.evaluate(self._memory)
         surprise = self._surprise.add(energy) if np.isfinite(energy) else np.nan
         delay = (tracker.window - 1 - tracker.window // 2) * self._dt
         now = tracker.now
         return Estimate(
-            time=time,
-            expected=expected,
-            expected_band=expected_band,
-            ahead_times=time + self._dt * np.array(self.horizons),
-            ahead=ahead,
-            ahead_band=np.array(ahead_band),
+            time,
+            expected,
+            expected_band,
+            *later,
             seen=time - delay,
             free_energy=energy,
             surprise=surprise,
@@ -282,14 +300,9 @@ class OnlineLearner:
             unusual=self._marks.add(surprise),
         )
 
-    def _no_estimate(self, time: float) -> Estimate:
-        (_, m), nan = self._sizes, np.nan
-        later = time + self._dt * np.array(self.horizons)
-        one, several, none = np.full(m, nan), np.full((len(later), m), nan), np.empty(0)
-        return Estimate(time, one, one, later, several, several, nan, nan, nan, none, nan, None, None, none, nan)
-
     def _remember(self) -> None:
-        """Adds the block that was just closed to the statistics; starts a refit, unless one is running."""
+        """Learns from the block that was just closed; starts a refit, unless one is running."""
+        self._ahead.add(self._memory.blocks[-1])
         if self._refit is not None:
             self._refit.statistics.add(self._memory.blocks[-1])
             if not self._refit.running:

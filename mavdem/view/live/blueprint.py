@@ -8,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from mavdem.report.names import named, per_second, readable
-from mavdem.view.live.content import ahead_of, disturbed
+from mavdem.view.live.content import disturbed
 from mavdem.view.live.line_group import BOOT_CLOCK
 from mavdem.view.live.rows import Channels
 
@@ -72,10 +72,9 @@ def live_blueprint(channels: Channels, root: str = "") -> rrb.Blueprint:
 
 def _flight(channels: Channels, plot: Callable[[str, str, float], rrb.TimeSeriesView]) -> list[rrb.View]:
     """The plots of the flight, one above the other."""
-    far = ahead_of(channels)
     outputs = [
         plot(
-            f"{named(name.capitalize(), readable(unit).name)}: measured, expected, and predicted {far} ahead",
+            f"{named(name.capitalize(), readable(unit).name)}: measured, expected, and predicted ahead",
             rr.new_entity_path(["outputs", name]),
             FLIGHT_SECONDS,
         )

@@ -17,7 +17,8 @@ from mavdem.view.live.rows import Channels, LogLine, ViewRow
 
 Array = NDArray[np.float64]
 
-AHEAD_SECONDS = 0.25  # horizon shown: one step is too easy, half a second with constant motors too hard
+AHEAD_SECONDS = 0.25  # horizon shown, before errors say which is useful
+CHANGE_SECONDS = 10.0  # for which a horizon is shown at least
 ALARM = (255, 92, 92)
 
 
@@ -30,7 +31,7 @@ class Content:
         self._model = ModelLines(channels, root)
         self._segment: int | None = None
         self._units = [readable(unit) for unit in channels.output_units]
-        self._disturbed, self._horizon = disturbed(channels), shown_horizon(channels)
+        self._disturbed, self._horizon, self._since = disturbed(channels), shown_horizon(channels), -np.inf
         self.groups = {group.path: group.under(root) for group in _groups(channels, self._units)}
 
     def begin(self, recording: rr.RecordingStream) -> None:
@@ -80,6 +81,7 @@ class Content:
     def _outputs(
         self, recording: rr.RecordingStream, rows: list[ViewRow], time: Array, breaks: NDArray[np.intp]
     ) -> None:
+        self._choose_horizon(recording, rows[-1])
         m, h = len(self._channels.output_names), self._horizon
 
         def column(part: Callable[[Estimate], Array]) -> Array:
@@ -99,6 +101,19 @@ class Content:
             root = rr.new_entity_path(["outputs", name])
             self._draw(recording, f"{root}/now", time, unit.scale * np.stack(now, axis=-1), breaks)
             self._draw(recording, f"{root}/ahead", later, unit.scale * np.stack(then, axis=-1), breaks)
+
+    def _choose_horizon(self, recording: rr.RecordingStream, row: ViewRow) -> None:
+        """Shows the longest useful horizon from here on, and its name in the legend; the first where none is useful."""
+        if row.estimate is None or not np.isfinite(row.estimate.ahead_ratio).all():
+            return
+        useful = row.estimate.useful or 0
+        if useful == self._horizon or row.time - self._since < CHANGE_SECONDS:
+            return
+        self._horizon, self._since = useful, row.time
+        for name in self._channels.output_names:
+            group = _ahead(self._channels, name, useful)
+            self.groups[group.path] = group.under(self.root)
+            self.groups[group.path].send_style(recording)
 
     def _judgement(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
         """Draws F(t), surprise and disturbance at the centres of their windows; NaN breaks incomplete windows."""
@@ -128,9 +143,10 @@ def shown_horizon(channels: Channels) -> int:
     return min(range(len(channels.horizons)), key=lambda i: abs(channels.horizons[i] * channels.dt - AHEAD_SECONDS))
 
 
-def ahead_of(channels: Channels) -> str:
-    """The shown horizon in words."""
-    return f"{channels.horizons[shown_horizon(channels)] * channels.dt:.2g} s"
+def _ahead(channels: Channels, output: str, horizon: int) -> LineGroup:
+    """The lines of an output's predictions, named by their horizon."""
+    seconds = channels.horizons[horizon] * channels.dt
+    return band(f"{rr.new_entity_path(['outputs', output])}/ahead", f"{seconds:.2g} s ahead", lines.FORECAST, 1.5)
 
 
 def _groups(channels: Channels, units: list[Readable]) -> list[LineGroup]:
@@ -148,7 +164,7 @@ def _groups(channels: Channels, units: list[Readable]) -> list[LineGroup]:
         root = rr.new_entity_path(["outputs", name])
         now = (*["expected"] * 3, "measured"), (*[lines.PREDICTED] * 3, lines.MEASURED), (0.6, 0.6, 4.0, 1.5)
         groups += [
-            band(f"{root}/ahead", f"{ahead_of(channels)} ahead", lines.FORECAST, 1.5),
+            _ahead(channels, name, shown_horizon(channels)),
             LineGroup(f"{root}/now", *now),
         ]
     return groups

@@ -200,6 +200,9 @@ def status_document(channels: Channels, status: SessionStatus, row: ViewRow, unt
     facts["frames lost"] = f"{status.lost:,}"
     if isfinite(status.latency[0]):
         facts["latency"] = f"{1000 * status.latency[0]:.0f} ms"
+    if isfinite(status.useful[0]):
+        ahead, ratio = status.useful
+        facts["useful predictions"] = f"up to {ahead:.2g} s ahead: error ratio {ratio:.2f} (1: last sample or mean)"
     if dropped:
         facts["rows not shown"] = f"{dropped:,}: this view is too slow"
     first, *others = (f"| {name} | {fact} |" for name, fact in facts.items())
