@@ -261,7 +261,7 @@ def _record(samples: Mapping[str, Any], dt: float) -> Record:
 
 
 def _current(values: Any) -> Any:
-    """A document with the keys of today: version 0.1 wrote every candidate, and "unseen" for the training forecasts.
+    """A document of today: version 0.1 wrote every candidate, "unseen" for training forecasts, and no closed loop.
 
     Before ``given`` all samples that were given were the training data.
     """
@@ -270,6 +270,8 @@ def _current(values: Any) -> Any:
     if not (isinstance(values, dict) and "unseen" in values):
         return values
     kept = {name: value for name, value in values.items() if name not in ("unseen", "candidates")}
+    if isinstance(kept.get("settings"), dict):
+        kept["settings"] = {"closed_loop": False, **kept["settings"]}
     return {"training_forecasts": values["unseen"], **kept}
 
 

@@ -94,9 +94,16 @@ def _weight(trials: Trials) -> Array:
     return np.asarray(np.clip(np.nan_to_num(weight), 0.0, 1.0))
 
 
+class Forecast(NamedTuple):
+    """Outputs that were forecast, (H, m), and the squared error to expect of them, (H, m); physical."""
+
+    mean: Array
+    variance: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Forecasts:
-    """What a learnt model forecasts after its training data; arguments and results are physical.
+    """What the vehicle's model forecasts after its training data, motors as causes; arguments and results are physical.
 
     The posterior of θ of the ``simulation_fit`` shrinks forecasts, and without one ``training_forecasts`` does; none
     without ``shrink``.
@@ -109,39 +116,43 @@ class Forecasts:
     training_forecasts: TrainingForecasts
     shrink: bool
 
-    def mean_and_variance(self, inputs: Array, from_zero: bool = False) -> tuple[Array, Array]:
-        """(H, m) each: the forecast with ``inputs`` (H, r), and its expected squared error.
-
-        It begins at the last state or, with ``from_zero``, at state 0.
-        """
-        u, H = self.scaling.scale_inputs(inputs), len(inputs)
-        deviation = self._deviation(u, from_zero)
-        if self.simulation_fit is None:
-            variance = _by_length(self.training_forecasts.weighted_mse, H)
-            return self.scaling.physical_outputs(self._shrunk(deviation, variance, u, H)), variance
-        before, outputs = self._last_segment
-        variance = self._parameter_variance(H, np.vstack([before, u]), outputs, len(outputs))
-        mean = self.scaling.physical_outputs(self._shrunk(deviation, variance, u, H))
-        if self.shrink:
-            variance = expected_error(deviation, variance, self._prior_variance(u, H))
-        return mean, (variance + _by_length(self.simulation_fit.noise, H)) * self.scaling.output_scale**2
+    def following(self, inputs: Array, from_zero: bool = False) -> Forecast:
+        """With ``inputs`` (H, r), from the last state on or, with ``from_zero``, from state 0."""
+        u, (before_u, before_y) = self.scaling.scale_inputs(inputs), self._last_segment
+        return self._forecast(
+            max(1, len(u)), self._deviation(u, from_zero), u, np.vstack([before_u, u]), before_y, len(before_y)
+        )
 
     def quantile(self, level: float) -> float:
         """Half the width of the band of probability ``level``, in standard deviations."""
         return float(norm.ppf(0.5 + level / 2)) if self.simulation_fit is None else self.simulation_fit.quantile(level)
 
-    def every(self, steps: int, inputs: Array, outputs: Array) -> Array:
-        """(H, m) forecasts of ``steps`` samples each, through the samples ``inputs`` (H, r), ``outputs`` (H, m)."""
+    def every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
+        """Of ``steps`` samples each, through the samples ``inputs`` (H, r) and ``outputs`` (H, m)."""
         u, y = self.scaling.scale_inputs(inputs), self.scaling.scale_outputs(outputs)
         deviation = self.predictor.simulated_every(steps, self._last_state, u, y)
         (before_u, before_y), first = self._last_segment, len(self._last_segment[1])
-        variance = self._parameter_variance(steps, np.vstack([before_u, u]), np.vstack([before_y, y]), first)
-        return self.scaling.physical_outputs(self._shrunk(deviation, variance, u, steps))
+        return self._forecast(steps, deviation, u, np.vstack([before_u, u]), np.vstack([before_y, y]), first)
+
+    def _forecast(
+        self, steps: int, deviation: Array, inputs: Array, all_inputs: Array, all_outputs: Array, first: int
+    ) -> Forecast:
+        """Of deviations (H, m) in the engine's units; the last three as for :meth:`_parameter_variance`."""
+        places = np.arange(len(deviation)) % max(steps, 1)
+        if self.simulation_fit is None:
+            variance = by_length(self.training_forecasts.weighted_mse, max(steps, 1))[places]
+            return Forecast(self.scaling.physical_outputs(self._shrunk(deviation, variance, inputs, steps)), variance)
+        variance = self._parameter_variance(steps, all_inputs, all_outputs, first)
+        mean = self.scaling.physical_outputs(self._shrunk(deviation, variance, inputs, steps))
+        if self.shrink:
+            variance = expected_error(deviation, variance, self._prior_variance(inputs, steps))
+        noise = by_length(self.simulation_fit.noise, max(steps, 1))[places]
+        return Forecast(mean, (variance + noise) * self.scaling.output_scale**2)
 
     def _shrunk(self, deviation: Array, variance: Array, inputs: Array, steps: int) -> Array:
         """Deviations (H, m) of forecasts of ``steps`` samples, shrunk towards the trim, in the engine's units."""
         if self.simulation_fit is None:
-            weight = _by_length(self.training_forecasts.weight, len(deviation))
+            weight = by_length(self.training_forecasts.weight, len(deviation))
             return np.asarray(deviation * weight[np.arange(len(deviation)) % max(steps, 1)])
         return shrunk(deviation, variance, self._prior_variance(inputs, steps)) if self.shrink else deviation
 
@@ -180,6 +191,6 @@ class Forecasts:
         return self.scaling.scale_inputs(inputs), self.scaling.scale_outputs(outputs)
 
 
-def _by_length(values: Array, length: int) -> Array:
-    """The first ``length`` rows; beyond the longest forecast of the training data, its row again."""
+def by_length(values: Array, length: int) -> Array:
+    """The first ``length`` rows of ``values`` (L, m), by length of a forecast; beyond the last, its row again."""
     return np.asarray(values[np.minimum(np.arange(length), len(values) - 1)])

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
+from mavdem.dem.closed_loop.mixture import ClosedLoop
 from mavdem.dem.closed_loop.prediction import Prediction
 from mavdem.dem.document import parts_of, values_of
 from mavdem.dem.engine.linalg import Array
@@ -220,19 +221,24 @@ class Learned:
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.
 
-        It continues from the state at the end of training. With ``shrink_forecasts`` each deviation from the trim is
-        shrunk by the posterior variance of θ (``mavdem.dem.forecast.shrinkage``): more with inputs larger than those
-        of the training data, and for larger deviations. Without a simulation-error fit the deviation has the weight
-        that is best for forecasts of that length inside the training data.
-
         ``inputs`` (H, r) are the motor outputs over the forecast, in the unit of the training inputs; the result is
-        (H, m). ``from_zero`` begins with state 0 at row 0 (the outputs at their trim), as the paper's figures do. The
-        inputs are causes in this model, so that later ones change nothing: ``smooth`` returns the same.
+        (H, m). The motors cause motion, and answer it: with ``closed_loop`` in the settings, forecasts of the model and
+        of joint autoregressions of outputs and motors are mixed by the error each is to expect
+        (``mavdem.dem.closed_loop.mixture``). Each sample is forecast with the motors up to it; with ``smooth`` the
+        autoregressions use all of them.
+
+        The model's own forecast continues from its state at the end of training. With ``shrink_forecasts`` it is shrunk
+        towards the trim by the posterior variance of θ (``mavdem.dem.forecast.shrinkage``) or, without a
+        simulation-error fit, by the weight that is best inside the training data. ``from_zero`` gives it alone, from
+        state 0 at row 0 (the outputs at their trim), as the paper's figures do.
 
         Raises:
             ValueError: inputs of another width, or not finite.
         """
-        return self._forecasts.mean_and_variance(self.record.following_inputs(inputs), from_zero)[0]
+        following = self.record.following_inputs(inputs)
+        if from_zero:
+            return self._plant_forecasts.following(following, from_zero).mean
+        return self._forecasts.following(following, smooth).mean
 
     @may_overflow
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
@@ -245,31 +251,37 @@ class Learned:
         Raises:
             ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
         """
-        return self._forecasts.every(steps, *self.record.following(steps, inputs, outputs))
+        return self._forecasts.every(steps, *self.record.following(steps, inputs, outputs)).mean
 
     @may_overflow
     def forecast_variance(self, inputs: ArrayLike) -> Array:
         """(H, m) expected squared error, rad² and (rad/s)², of :meth:`forecast` with ``inputs`` (H, r)."""
-        return self._forecasts.mean_and_variance(self.record.following_inputs(inputs))[1]
+        return self._forecasts.following(self.record.following_inputs(inputs)).variance
 
     @may_overflow
     def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
         """(H, m) half width, about the forecast, of the band in which each sample lies with probability ``level``.
 
-        Its variance is that of forecasts of the same length inside the training data, and of θ, which the inputs scale;
-        or, without a simulation-error fit, the former, corrected for the number of parameters. Beyond the longest such
-        forecast it stays the same. ``inputs`` (H, r) are as for :meth:`forecast`.
+        From :meth:`forecast_variance`: the error that each mixed forecast is to expect, by its length, and how far they
+        are apart. ``inputs`` (H, r) are as for :meth:`forecast`.
 
         Raises:
             ValueError: as :meth:`forecast`, or a level that is no probability between 0 and 1.
         """
         require_probability(level)
-        return np.asarray(self._forecasts.quantile(level) * np.sqrt(self.forecast_variance(inputs)))
+        return self._forecasts.half_widths(self.forecast_variance(inputs), level)
 
     @cached_property
-    def _forecasts(self) -> Forecasts:
+    def _plant_forecasts(self) -> Forecasts:
         shrink, fit = self.settings.shrink_forecasts, self.simulation_fit
         return Forecasts(self.record, self.scaling, self.predictor, fit, self.training_forecasts, shrink)
+
+    @cached_property
+    def _forecasts(self) -> ClosedLoop:
+        if not (self.settings.closed_loop and self.scaling.known.all()):
+            return ClosedLoop(self._plant_forecasts, ())
+        given = self.record.effect_directions
+        return ClosedLoop.of(self._plant_forecasts, self.model.B[-1] if given is None else given)
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """(H, m): what if these ``inputs`` (H, r) were commanded: the plant alone, from :attr:`physical`.
@@ -281,7 +293,7 @@ class Learned:
             ValueError: no physical parameters can be fitted, outputs other than an angle and its rate, or inputs of
                 another width, or not finite.
         """
-        read = self._plant()
+        read = self._physical_or_error()
         if read.caution is not None:
             warn(f"This simulation may be far off. {read.caution}", stacklevel=2)
         return simulated(read, self.record, self.record.following_inputs(inputs)).mean
@@ -297,13 +309,13 @@ class Learned:
                 probability between 0 and 1.
         """
         require_probability(level)
-        read = self._plant()
+        read = self._physical_or_error()
         if read.caution is not None:
             raise ValueError(f"there is no band of this simulation: {read.caution}")
         variance = simulated(read, self.record, self.record.following_inputs(inputs)).variance
         return np.asarray(norm.ppf(0.5 + level / 2) * np.sqrt(variance))
 
-    def _plant(self) -> Physical:
+    def _physical_or_error(self) -> Physical:
         """The physical parameters, or the ``ValueError`` that says why there are none."""
         return self.physical or physical(self.record)
 

@@ -135,6 +135,8 @@ class Settings:
             ``None``: no such fit.
         shrink_forecasts: whether forecasts are shrunk towards the trim as far as the posterior of θ is uncertain; or,
             where θ was not refined, by the weight that forecasts of the training data give.
+        closed_loop: whether forecasts take the motors for measurements of the motion as well, since the autopilot
+            answers it, and not for causes alone (``mavdem.dem.closed_loop``).
         iterations: the most rounds of D, E and M steps; fewer when F̄ has converged.
         seed: of everything random (the "uniform" prior).
 
@@ -179,6 +181,7 @@ class Settings:
     hyperparameter_rate: PositiveOrNone = None
     horizon: PositiveOrNone = 0.3
     shrink_forecasts: Flag = True
+    closed_loop: Flag = True
     iterations: Annotated[int, _whole(1)] = 200
     seed: Annotated[int, _whole(0)] = 0
 
@@ -243,6 +246,7 @@ class Settings:
             input_precision=e**16,
             horizon=None,
             shrink_forecasts=False,
+            closed_loop=False,
             iterations=20,
             seed=seed,
         )

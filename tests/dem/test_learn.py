@@ -39,9 +39,9 @@ def test_a_clean_system_is_recovered_and_forecast():
 @pytest.mark.parametrize(
     "settings",
     [
-        Settings(shrink_forecasts=False, horizon=None),
+        Settings(shrink_forecasts=False, horizon=None, closed_loop=False),
         Settings.paper(),
-        Settings(order=2, window=9, shrink_forecasts=False, horizon=None),
+        Settings(order=2, window=9, shrink_forecasts=False, horizon=None, closed_loop=False),
     ],
 )
 def test_the_physical_model_makes_the_forecast(settings):
@@ -288,7 +288,9 @@ def test_the_band_holds_nine_samples_in_ten():
 def test_without_trajectories_forecasts_lean_on_the_trim_as_much_as_the_training_data_advise():
     flight = simulated(wind=1.0)
     train, test = flight[:700], flight[700:]
-    plain = Settings(order=2, window=3, parameter_precision=1.0, horizon=None, shrink_forecasts=False)
+    plain = Settings(
+        order=2, window=3, parameter_precision=1.0, horizon=None, shrink_forecasts=False, closed_loop=False
+    )
     alone, leaning = learn(train, plain), learn(train, replace(plain, shrink_forecasts=True))
     weight, trim = leaning.training_forecasts.weight, leaning.model.output_trim
     assert ((weight >= 0) & (weight <= 1)).all()
@@ -453,7 +455,9 @@ def test_wrong_forecast_inputs_are_named():
 def test_a_forecast_begins_from_the_last_training_input():
     """Between it and the first one ahead the input runs linearly, so the first sample ahead feels both."""
     flight = simulated(wind=0.5)
-    settings = Settings(order=2, window=3, parameter_precision=1.0, shrink_forecasts=False, horizon=None)
+    settings = Settings(
+        order=2, window=3, parameter_precision=1.0, shrink_forecasts=False, horizon=None, closed_loop=False
+    )
     learned = learn(flight[:400], settings)
     inputs = learned.record.inputs.copy()
     inputs[-1] += 50.0 * np.sign(GAIN)
@@ -479,7 +483,9 @@ def test_a_hidden_state_has_the_unit_of_the_last_output():
 
 def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest():
     flight = simulated()
-    settings = Settings(order=2, window=3, parameter_precision=1.0, shrink_forecasts=False, horizon=None)
+    settings = Settings(
+        order=2, window=3, parameter_precision=1.0, shrink_forecasts=False, horizon=None, closed_loop=False
+    )
     learned = learn(flight[:700], settings)
     inputs = flight.inputs[700:]
     phi, gamma0, gamma1 = discretize(learned.model.A, learned.model.B, learned.dt)

@@ -9,8 +9,9 @@ from closed_loop_flight import in_closed_loop
 import mavdem
 from mavdem import Flight, Learned, Settings, baselines, evaluate
 from mavdem.dem.closed_loop.autoregression import LagStatistics
+from mavdem.dem.closed_loop.folds import folds, without
 from mavdem.dem.closed_loop.gaussian_path import predicted
-from mavdem.dem.closed_loop.prediction import LAGS, Prediction, _folds, _without
+from mavdem.dem.closed_loop.prediction import LAGS, Prediction
 from mavdem.dem.record import Record
 
 FLIGHT = in_closed_loop(850)
@@ -42,12 +43,12 @@ def test_beyond_the_longest_prediction_inside_the_training_data_weight_and_error
 
 def test_a_part_that_is_predicted_is_not_in_the_models_that_predict_it():
     segments = [np.random.default_rng(0).standard_normal((number, 3)) for number in (100, 7, 60)]
-    folds = _folds(segments)
-    assert [sum(stop - start for _, start, stop in fold) for fold in folds] == [41, 42, 42, 42]
-    lags, (channels, start, stop) = [4], folds[1][0]
+    parts = folds(segments)
+    assert [sum(stop - start for _, start, stop in part) for part in parts] == [41, 42, 42, 42]
+    channels, start, stop = parts[1][0]
     kept = [channels[:start], channels[stop - 4 :], *segments[1:]]
     # A row of which a sample of the part is a lag stays: it is the target that is left out.
-    (others,) = _without([LagStatistics.of(segments, 4)], lags, folds[1])
+    others = without(LagStatistics.of(segments, 4), 4, parts[1])
     expected = LagStatistics.of(kept, 4)
     assert others.rows == expected.rows
     np.testing.assert_allclose(others.gram, expected.gram, atol=1e-9)

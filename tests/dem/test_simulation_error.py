@@ -142,11 +142,12 @@ def test_the_posterior_holds_the_truth_as_often_as_it_says():
 
 
 def test_inputs_beyond_what_was_learnt_from_are_not_believed():
-    learned = learn(FLIGHT[:700], COMPLETE)
+    plant = replace(COMPLETE, closed_loop=False)
+    learned = learn(FLIGHT[:700], plant)
     trim, ahead = learned.model.output_trim, FLIGHT.inputs[700:850]
     calm = np.broadcast_to(learned.model.input_trim, ahead.shape)
     wild = learned.model.input_trim + 100 * (ahead - learned.model.input_trim)
-    alone = learn(FLIGHT[:700], replace(COMPLETE, shrink_forecasts=False))
+    alone = learn(FLIGHT[:700], replace(plant, shrink_forecasts=False))
     np.testing.assert_array_equal(alone.model.A, learned.model.A)
     for inputs in (calm, ahead, wild):
         weight = (learned.forecast(inputs) - trim) / (alone.forecast(inputs) - trim)

@@ -157,7 +157,10 @@ def autoregression(statistics: LagStatistics, lags: int, ridge: float = RIDGE) -
     covariance = _positive(errors) / max(statistics.rows - used, LEAST_FREEDOM)
     coefficients = (before + change).T
     return Autoregression(
-        coefficients[:, :-1].reshape(k, lags, k).swapaxes(0, 1), coefficients[:, -1], covariance, precision
+        np.ascontiguousarray(coefficients[:, :-1].reshape(k, lags, k).swapaxes(0, 1)),
+        np.ascontiguousarray(coefficients[:, -1]),
+        covariance,
+        precision,
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from mavdem.dem.closed_loop.autoregression import RIDGE, Autoregression, ChannelUnits, LagStatistics, autoregression
 from mavdem.dem.closed_loop.gaussian_path import GaussianPath, filtered, past_of, predicted, smoothed
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, inverse
 from mavdem.dem.record import Record
 
 
@@ -54,6 +54,25 @@ class JointModel(NamedTuple):
         rows = np.minimum(np.arange(len(pasts) * steps), length - 1).reshape(-1, steps)
         found = self._physical(filtered(self.model, pasts, self.units.scaled_inputs(inputs)[rows]))
         return found.mean.reshape(-1, self.outputs)[:length]
+
+    def leverage(self, steps: int, inputs: Array, outputs: Array, forecast: Array) -> Array:
+        """(H,) how far each sample's regressors are from those of the training data, as their mean square there is 1.
+
+        Mahalanobis distances by the posterior's precision: where inputs or forecasts leave the range of the training
+        data, the parameters' uncertainty grows in proportion. ``forecast`` (H, m) begins at every ``steps``-th sample
+        of ``inputs`` (H, r) and ``outputs`` (H, m); arguments are physical.
+        """
+        lags, length = self.model.lags, len(inputs)
+        pasts = self._pasts(steps, inputs, outputs)
+        rows = np.minimum(np.arange(len(pasts) * steps), length - 1).reshape(-1, steps)
+        channels = np.concatenate([pasts, self.units.scaled(np.hstack([forecast, inputs]))[rows]], axis=1)
+        lagged = [channels[:, lags - lag : lags - lag + steps] for lag in range(1, lags + 1)]
+        regressors = np.concatenate([*lagged, np.ones((*rows.shape, 1))], axis=2)
+        precision = self.model.precision
+        with np.errstate(over="ignore", invalid="ignore"):
+            distance = np.sum(regressors @ inverse(precision) * regressors, axis=2)
+        # The offset's precision is the number of rows; x' G⁻¹ x has mean q / rows over them.
+        return np.asarray(distance.reshape(-1)[:length] * precision[-1, -1] / len(precision))
 
     def one_step(self, record: Record) -> Array:
         """(T, m): each sample of ``record`` from those before it in its segment and the inputs up to it."""

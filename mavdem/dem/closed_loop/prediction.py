@@ -16,18 +16,15 @@ from numpy.typing import NDArray
 from scipy.stats import t as student
 
 from mavdem.dem.closed_loop.autoregression import Autoregression, ChannelUnits, LagStatistics, autoregression
+from mavdem.dem.closed_loop.folds import FOLDS, Block, folds, without
 from mavdem.dem.closed_loop.gaussian_path import past_of, predicted_mean
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.record import Record
 
 LAGS = (4, 10, 20)
-FOLDS = 4  # parts of the training data, each predicted by models of the others
 MAX_STARTS = 80  # of predictions inside the training data
 LONGEST_SECONDS = 1.5  # of these predictions; beyond, weight and error stay as they are
 LARGEST_DEVIATION = 1e3  # of a prediction, in deviations of the training data: a model that grows may overflow
-
-Block = tuple[Array, int, int]
-"""Channels (T, k) of a segment, and the first and the last sample but one of a part of it."""
 
 
 class Prediction(NamedTuple):
@@ -62,11 +59,14 @@ class Prediction(NamedTuple):
             models = _models(statistics, lags)
             whole = [(channels, 0, len(channels)) for channels in segments]
             inside = _trials(models, whole, longest, outputs, stride)
-            others = [(fold, _without(statistics, lags, fold)) for fold in _folds(segments)]
+            others = [
+                (fold, [without(*pair, fold) for pair in zip(statistics, lags, strict=True)])
+                for fold in folds(segments)
+            ]
             apart = [
-                _trials(_models(without, lags), fold, longest, outputs, stride)
-                for fold, without in others
-                if all(each.rows > 0 for each in without)
+                _trials(_models(left, lags), fold, longest, outputs, stride)
+                for fold, left in others
+                if all(each.rows > 0 for each in left)
             ]
         measured, predicted = (np.concatenate(tables) for tables in zip(*(apart or [inside]), strict=True))
         best = (_weight(*inside) + np.minimum.accumulate(_weight(measured, predicted))) / 2
@@ -113,26 +113,6 @@ def _deviation(models: tuple[Autoregression, ...], past: Array, steps: int, outp
     each = [predicted_mean(model, past[..., -model.lags :, :], steps)[..., :outputs] for model in models]
     bounded = np.clip(np.nan_to_num(each, nan=0.0), -LARGEST_DEVIATION, LARGEST_DEVIATION)
     return np.asarray(np.mean(bounded, axis=0))
-
-
-def _folds(segments: list[Array]) -> list[list[Block]]:
-    """The samples of all segments in parts of about equal length, each in blocks of one segment."""
-    ends = np.cumsum([len(channels) for channels in segments])
-    cuts = np.linspace(0, ends[-1], FOLDS + 1).astype(int)
-    folds = []
-    for first, last in zip(cuts[:-1], cuts[1:], strict=True):
-        begins = ends - [len(channels) for channels in segments]
-        blocks = zip(segments, np.maximum(first - begins, 0), np.minimum(last, ends) - begins, strict=True)
-        folds.append([(channels, int(start), int(stop)) for channels, start, stop in blocks if start < stop])
-    return [fold for fold in folds if fold]
-
-
-def _without(statistics: list[LagStatistics], lags: list[int], fold: list[Block]) -> list[LagStatistics]:
-    """Those of all samples but the fold's."""
-    return [
-        whole - LagStatistics.of([channels[max(0, start - each) : stop] for channels, start, stop in fold], each)
-        for whole, each in zip(statistics, lags, strict=True)
-    ]
 
 
 def _trials(
