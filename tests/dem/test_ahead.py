@@ -9,9 +9,9 @@ from simulated import simulated
 from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem.closed_loop.autoregression import LagStatistics, autoregression
 from mavdem.dem.engine.resumable import run_to_end
-from mavdem.dem.online.ahead import Ahead
+from mavdem.dem.online.ahead import PredictionsAhead
+from mavdem.dem.online.autoregression import FEWEST_LAGS, Maps, OnlineAutoregression, resumable_maps
 from mavdem.dem.online.bands import ErrorBands
-from mavdem.dem.online.joint_autoregression import FEWEST_LAGS, JointAutoregression, Maps, resumable_maps
 from mavdem.dem.online.learner import BLOCK_SECONDS, HORIZONS
 from mavdem.dem.online.memory import Memory, MemoryBlock
 from mavdem.dem.online.mixture import Mixture
@@ -43,7 +43,7 @@ def predicted(flight: Flight, horizons: tuple[int, ...] = HORIZONS) -> tuple[np.
     (count, r), m = flight.inputs.shape, flight.outputs.shape[1]
     block = max(1, round(BLOCK_SECONDS / flight.dt))
     memory = Memory(flight.dt, block, round(20.0 / flight.dt / block), r, m)
-    ahead, bands = Ahead(flight.dt, block, horizons, r, m), ErrorBands(horizons, m, flight.dt)
+    ahead, bands = PredictionsAhead(flight.dt, block, horizons, r, m), ErrorBands(horizons, m, flight.dt)
     found = np.empty((2, count, len(horizons), m))
     for row in range(count):
         closed = memory.add(flight.inputs[row], flight.outputs[row], flight.time[row])
@@ -99,7 +99,7 @@ def test_a_walk_is_predicted_by_its_last_sample():
 
 @pytest.mark.parametrize(("dt", "inputs"), [(0.0025, 4), (0.02, 1), (0.02, 8), (0.1, 4)])
 def test_it_works_at_every_rate_and_with_one_to_eight_inputs(dt, inputs):
-    horizons = tuple(sorted({1, max(1, round(0.1 / dt)), max(2, round(0.5 / dt))}))
+    horizons = tuple(sorted({1, *(round(seconds / dt) for seconds in (0.1, 0.2, 0.5))}))
     flight = controlled(2, round(40 / dt), dt, inputs)
     found = ratios(flight, predicted(flight, horizons)[0], horizons)
     assert found.min() < 0.9 and found.max() < 1.05
@@ -164,7 +164,7 @@ def test_no_lag_and_no_error_reaches_across_a_gap():
 
 def test_what_is_taken_back_is_not_learnt_from():
     flight = controlled(8, 3000)
-    ahead, anew = (JointAutoregression(0.01, HORIZONS, 4, 2) for _ in range(2))
+    ahead, anew = (OnlineAutoregression(0.01, HORIZONS, 4, 2) for _ in range(2))
     blocks = [
         MemoryBlock(flight.inputs[at : at + 10], flight.outputs[at : at + 10], at == 0, flight.time[at + 9])
         for at in range(0, 1000, 10)
@@ -210,4 +210,4 @@ def test_a_still_vehicle_is_no_error():
     still = Flight(flight.time, np.full((300, 4), 1500.0), np.zeros((300, 2)), dt=flight.dt)
     found, _ = predicted(still)
     np.testing.assert_array_equal(found, 0.0)
-    assert JointAutoregression(0.1, (1,), 8, 2).lags == FEWEST_LAGS
+    assert OnlineAutoregression(0.1, (1,), 8, 2).lags == FEWEST_LAGS

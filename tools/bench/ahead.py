@@ -24,9 +24,9 @@ import mavdem
 from mavdem.dem.closed_loop.autoregression import ChannelUnits, LagStatistics, autoregression
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.resumable import run_to_end
-from mavdem.dem.online.ahead import Ahead
+from mavdem.dem.online.ahead import PredictionsAhead
+from mavdem.dem.online.autoregression import Maps, resumable_maps
 from mavdem.dem.online.bands import ErrorBands
-from mavdem.dem.online.joint_autoregression import Maps, resumable_maps
 from mavdem.dem.online.learner import BLOCK_SECONDS, HORIZONS
 from mavdem.dem.online.memory import Memory
 from mavdem.dem.record import Record
@@ -81,7 +81,7 @@ def ours(flight: mavdem.Flight, model: bool) -> tuple[Array, Array]:
         return found, bands
     block = max(1, round(BLOCK_SECONDS / flight.dt))
     memory = Memory(flight.dt, block, round(MEMORY_SECONDS / flight.dt / block), r, m)
-    ahead, errors = Ahead(flight.dt, block, HORIZONS, r, m), ErrorBands(HORIZONS, m, flight.dt)
+    ahead, errors = PredictionsAhead(flight.dt, block, HORIZONS, r, m), ErrorBands(HORIZONS, m, flight.dt)
     for row, (time, outputs, inputs) in enumerate(rows):
         closed = memory.add(inputs, outputs, time)
         found[row], bands[row] = ahead.predict(memory, None), errors.half_widths[1:]

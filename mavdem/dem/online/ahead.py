@@ -1,4 +1,4 @@
-"""Ahead: predictions of a stream with its future inputs unknown, and how good such predictions were.
+"""PredictionsAhead: predictions of a stream with its future inputs unknown, and how good such predictions were.
 
 Five predictions are mixed: those of a long and a short joint autoregression of outputs and inputs, the last sample,
 the mean so far, and the state-space model's with its inputs held.
@@ -12,7 +12,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.online.joint_autoregression import LONG, SHORT, JointAutoregression
+from mavdem.dem.online.autoregression import LONG, SHORT, OnlineAutoregression
 from mavdem.dem.online.memory import Memory, MemoryBlock
 from mavdem.dem.online.mixture import Mixture
 
@@ -22,14 +22,14 @@ LARGEST_SECONDS = 20.0  # of samples whose largest change over a horizon bounds 
 ERROR_SECONDS = 10.0  # time constant of the squared errors that are compared
 
 
-class Ahead:
+class PredictionsAhead:
     """Predicts every sample at each horizon; learns from each block of samples."""
 
     def __init__(self, dt: float, block: int, horizons: tuple[int, ...], inputs: int, outputs: int) -> None:
         """Begins without a sample; ``horizons`` are steps of ``dt``, s, and a ``block`` is so many samples."""
         self._dt, self._horizons = dt, np.array(horizons)
         self._shape = len(horizons), outputs, PREDICTIONS
-        self._joint = [JointAutoregression(dt, (1, *horizons), inputs, outputs, how) for how in (LONG, SHORT)]
+        self._joint = [OnlineAutoregression(dt, (1, *horizons), inputs, outputs, how) for how in (LONG, SHORT)]
         self._lags = max(joint.lags for joint in self._joint)
         self._mixture = Mixture(dt, horizons, outputs, PREDICTIONS)
         # What was predicted, in a ring: a sample is compared with what was predicted of it horizons ago.

@@ -18,7 +18,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import LinearModel
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import FEWEST_SAMPLES, learn
-from mavdem.dem.online.ahead import Ahead
+from mavdem.dem.online.ahead import PredictionsAhead
 from mavdem.dem.online.bands import ErrorBands
 from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.refit import OnlineRefit
@@ -174,7 +174,7 @@ class OnlineLearner:
         self._last: float | None = None
         self._gaps = 0
         self._bands = ErrorBands(self.horizons, n_outputs, self._dt)
-        self._ahead = Ahead(self._dt, block, self.horizons, n_inputs, n_outputs)
+        self._ahead = PredictionsAhead(self._dt, block, self.horizons, n_inputs, n_outputs)
         self._surprise, self._marks = Surprise(self._dt), Marks(self._dt)
 
     def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike) -> Estimate:

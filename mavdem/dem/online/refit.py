@@ -14,7 +14,7 @@ from mavdem.dem.engine.resumable import Resumable
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import gain_of, generative_model, predictor_of, smoothness_of
 from mavdem.dem.forecast.noise_model import resumable_noise_model
-from mavdem.dem.forecast.simulation_error import MAX_ITERATIONS, SimulationFit, resumable_simulation_fit
+from mavdem.dem.forecast.simulation_error import MAX_ITERATIONS, SimulationFit, horizon_of, resumable_simulation_fit
 from mavdem.dem.online.memory import Memory, SlidingStatistics, engine_statistics
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
@@ -114,8 +114,13 @@ class OnlineRefit:
         theta, layout = belief.theta, None
         if last is not None and last[2] is not None:
             theta, layout = last[2].theta * _ratio(last[0], scaling, model.n), last[2].layout
-        rounds = MAX_ITERATIONS if last is None else WARM_ROUNDS
-        onward = yield from resumable_simulation_fit(model, self.settings, scaling, theta, gain, record, rounds, layout)
+        rounds, onward = MAX_ITERATIONS if last is None else WARM_ROUNDS, None
+        longest = round((self.settings.horizon or 0.0) / self._dt)
+        # The first model soon: few samples leave a shorter horizon only, and that fit takes two seconds of samples.
+        if last is not None or (horizon_of(model, self.settings, scaling, record) or 0) >= longest:
+            onward = yield from resumable_simulation_fit(
+                model, self.settings, scaling, theta, gain, record, rounds, layout
+            )
         self._last_fit = scaling, belief, onward
         covariance = belief.theta_covariance
         if onward is not None:

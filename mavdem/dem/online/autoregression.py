@@ -1,4 +1,4 @@
-"""JointAutoregression: outputs and inputs of a stream as one process, learnt with forgetting, and what it predicts.
+"""OnlineAutoregression: outputs and inputs of a stream as one process, learnt with forgetting, and what it predicts.
 
 Nothing is known of future inputs: they follow from the motion, since the autopilot answers it.
 """
@@ -45,7 +45,7 @@ class Maps(NamedTuple):
         return np.asarray(self.center[:width] + self.scale[:width] * found.reshape(self.constant.shape))
 
 
-class Learning(NamedTuple):
+class MemoryChoice(NamedTuple):
     """What an autoregression is learnt from: seconds of lags, and how samples count."""
 
     lags: float  # s
@@ -53,18 +53,20 @@ class Learning(NamedTuple):
     power: float  # see ``NoiseLevel``
 
 
-LONG = Learning(LAG_SECONDS, 30.0, POWER)
-SHORT = Learning(0.0, 15.0, 0.0)
+LONG = MemoryChoice(LAG_SECONDS, 30.0, POWER)
+SHORT = MemoryChoice(0.0, 15.0, 0.0)
 """Of few lags, quick to follow a change, and learnt most from what moves most."""
 
 
-class JointAutoregression:
+class OnlineAutoregression:
     """A vector autoregression of [outputs, inputs], fitted again every half second in short steps.
 
     Sums over rows are forgotten exponentially; with a power, blocks count less where one-step errors are large.
     """
 
-    def __init__(self, dt: float, horizons: tuple[int, ...], inputs: int, outputs: int, how: Learning = LONG) -> None:
+    def __init__(
+        self, dt: float, horizons: tuple[int, ...], inputs: int, outputs: int, how: MemoryChoice = LONG
+    ) -> None:
         """Begins without samples; predicts ``horizons`` steps of ``dt``, s, ahead."""
         k = inputs + outputs
         most = max(FEWEST_LAGS, min(MOST_LAGS, MOST_REGRESSORS // k))
