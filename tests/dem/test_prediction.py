@@ -27,8 +27,11 @@ def learned():
 def test_it_is_the_weighted_mean_of_the_models_paths():
     assert [model.lags for model in FOUND.models] == list(LAGS)
     paths = [predicted(model, FOUND.past[-model.lags :], 50).mean[:, :2] for model in FOUND.models]
-    expected = TRAIN.outputs.mean(axis=0) + TRAIN.outputs.std(axis=0) * FOUND.weight[:50] * np.mean(paths, axis=0)
+    mean, held = TRAIN.outputs.mean(axis=0), FOUND.held[:50]
+    expected = mean + (1 - held) * TRAIN.outputs.std(axis=0) * FOUND.weight[:50] * np.mean(paths, axis=0)
+    expected += held * (TRAIN.outputs[-1] - mean)
     np.testing.assert_allclose(FOUND.after(FOUND.past, 50), expected, rtol=1e-9)
+    assert (held >= 0).all() and (held <= 1).all() and (held[0] < 0.05).all()
     assert (FOUND.weight >= 0).all() and (FOUND.weight <= 1).all()
     assert FOUND.weight[0] == pytest.approx(1, abs=0.02) and (FOUND.weight[-1] < 0.8).all()
 
@@ -116,8 +119,11 @@ def test_noise_is_predicted_by_its_mean():
     rng = np.random.default_rng(0)
     noise = Flight(0.01 * np.arange(700), rng.standard_normal((700, 4)), rng.standard_normal((700, 2)))
     found = Prediction.of(Record.of(noise))
-    deviation = (found.after(found.past, 100) - noise.outputs.mean(axis=0)) / noise.outputs.std(axis=0)
-    assert np.abs(deviation[5:]).max() < 0.2
+    ahead = found.every(1, noise.inputs, noise.outputs)
+    # The last sample errs twice as much as the mean, and has a share of (1/3)².
+    assert found.held == pytest.approx(1 / 9, abs=0.06)
+    added = np.mean((ahead - noise.outputs) ** 2, axis=0) / noise.outputs.var(axis=0) - 1
+    assert (added < 0.06).all()
     assert (found.useful_steps(0.9) == 0).all()
     assert (FOUND.useful_steps(0.9) > 10).all() and (FOUND.useful_steps(0.1) < FOUND.useful_steps(0.9)).all()
 

@@ -4,7 +4,12 @@ Models of few and of many lags err differently, and their mean has a lower error
 training mean gets a weight at each horizon, from predictions inside the training data: the mean of two weights of least
 squares, of the models themselves, for which it is too large, and of models fitted without the part that they predict,
 for which it is too small. The errors of the latter are those to expect of other data; the smaller they are at a
-horizon, the less is shrunk.
+horizon, the less is shrunk. The last sample, held, has a share in the prediction as well: the square of the models'
+share in the sum of both mean squared errors, and so most where the vehicle hovers still.
+
+References:
+    J. Bates and C. Granger, "The combination of forecasts", Operational Research Quarterly 20(4), 1969, whose share is
+    not squared.
 """
 
 from __future__ import annotations
@@ -24,6 +29,7 @@ from mavdem.dem.record import Record
 LAGS = (4, 10, 20)
 MAX_STARTS = 80  # of predictions inside the training data
 LONGEST_SECONDS = 1.5  # of these predictions; beyond, weight and error stay as they are
+TINY = 1e-300  # where neither errs
 LARGEST_DEVIATION = 1e3  # of a prediction, in deviations of the training data: a model that grows may overflow
 
 
@@ -35,6 +41,7 @@ class Prediction(NamedTuple):
         units: of the models.
         past: (lags, k) the last samples of the record, in these units.
         weight: (L, m) between 0 and 1, of the models' deviation from the training mean, by horizon.
+        held: (L, m) likewise, of the last sample against the models.
         mse: (L, m) squared error to expect, in these units.
         samples: number of samples it was learnt from.
     """
@@ -43,6 +50,7 @@ class Prediction(NamedTuple):
     units: ChannelUnits
     past: Array
     weight: Array
+    held: Array
     mse: Array
     samples: int
 
@@ -68,18 +76,22 @@ class Prediction(NamedTuple):
                 for fold, left in others
                 if all(each.rows > 0 for each in left)
             ]
-        measured, predicted = (np.concatenate(tables) for tables in zip(*(apart or [inside]), strict=True))
-        best = (_weight(*inside) + np.minimum.accumulate(_weight(measured, predicted))) / 2
+        measured, predicted, last = (np.concatenate(tables) for tables in zip(*(apart or [inside]), strict=True))
+        best = (_weight(*inside[:2]) + np.minimum.accumulate(_weight(measured, predicted))) / 2
         # Where errors are small, what little the weight of least squares removes would be most of them.
         weight = 1 - (1 - best) * np.minimum(1.0, _mse(measured, best * predicted))
-        mse = _mse(measured, weight * predicted)
-        return cls(models, units, past_of(segments[-1], max(lags)), weight, mse, len(record))
+        error = (_mse(inside[0], weight * inside[1]) + _mse(measured, weight * predicted)) / 2
+        of_last = _mse(inside[0], inside[2])
+        held = (error / np.maximum(error + of_last, TINY)) ** 2
+        mse = _mse(measured, (1 - held) * weight * predicted + held * last)
+        return cls(models, units, past_of(segments[-1], max(lags)), weight, held, mse, len(record))
 
     def after(self, past: Array, steps: int) -> Array:
         """(…, steps, m) predictions after each ``past`` (…, lags, k) in the models' units, physical."""
-        m = self.weight.shape[1]
+        m, held = self.weight.shape[1], _by_horizon(self.held, steps)
         weighted = _by_horizon(self.weight, steps) * _deviation(self.models, past, steps, m)
-        return np.asarray(self.units.center[:m] + self.units.scale[:m] * weighted)
+        mixed = (1 - held) * weighted + held * past[..., -1:, :m]
+        return np.asarray(self.units.center[:m] + self.units.scale[:m] * mixed)
 
     def every(self, steps: int, inputs: Array, outputs: Array) -> Array:
         """(H, m): the samples that follow, by a new prediction from every ``steps``-th on, of all samples before it."""
@@ -117,8 +129,11 @@ def _deviation(models: tuple[Autoregression, ...], past: Array, steps: int, outp
 
 def _trials(
     models: tuple[Autoregression, ...], blocks: list[Block], steps: int, outputs: int, stride: int
-) -> tuple[Array, Array]:
-    """Samples (S, steps, m), NaN beyond the end of their block, and their predictions from every ``stride``-th on."""
+) -> tuple[Array, Array, Array]:
+    """From every ``stride``-th sample of ``blocks`` on: samples, predictions, and the sample before (S, 1, m).
+
+    The former are (S, steps, m); samples beyond the end of their block are NaN.
+    """
     lags = max(model.lags for model in models)
     pasts, measured = [np.empty((0, lags, models[0].channels))], [np.empty((0, steps, outputs))]
     for channels, first, stop in blocks:
@@ -126,7 +141,8 @@ def _trials(
         following = np.concatenate([channels[:stop, :outputs], np.full((steps, outputs), np.nan)])
         pasts.append(channels[begins[:, None] + np.arange(-lags, 0)])
         measured.append(following[begins[:, None] + np.arange(steps)])
-    return np.concatenate(measured), _deviation(models, np.concatenate(pasts), steps, outputs)
+    past = np.concatenate(pasts)
+    return np.concatenate(measured), _deviation(models, past, steps, outputs), past[:, -1:, :outputs]
 
 
 def _weight(measured: Array, predicted: Array) -> Array:
