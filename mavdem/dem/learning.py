@@ -15,7 +15,7 @@ from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import Array, one_thread, raise_on_overflow
 from mavdem.dem.engine.resumable import run_to_end
 from mavdem.dem.fitting import Fit, fit, generalized, predictor_of
-from mavdem.dem.forecast.noise_model import resumable_noise_model
+from mavdem.dem.forecast.noise_model import lags_of, resumable_noise_model
 from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, horizon_of, resumable_simulation_fit
 from mavdem.dem.forecasts import TrainingForecasts, training_forecasts
 from mavdem.dem.learned import Learned
@@ -150,7 +150,7 @@ def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatist
                 return fitted
             iterate = CoordinateAscent(model, samples).at_theta(refined.theta, ascent.belief)
             predictor = predictor_of(refined.theta, model.sizes, fitted.gain, record.dt)
-            predictor = run_to_end(resumable_noise_model(predictor, scaling.scale_segments(record)))
+            predictor = run_to_end(resumable_noise_model(predictor, scaling.scale_segments(record), lags_of(record.dt)))
     except np.linalg.LinAlgError:
         return fitted
     refined_ascent = replace(ascent, belief=iterate.belief, state_map=iterate.state_map)

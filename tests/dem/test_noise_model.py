@@ -12,7 +12,7 @@ from mavdem import OnlineLearner, Settings, learn
 from mavdem.dem.engine.resumable import run_to_end
 from mavdem.dem.engine.state_space import StateSpace, filter_gain
 from mavdem.dem.fitting import predictor_of
-from mavdem.dem.forecast.noise_model import CHANGES, ERRORS, resumable_noise_model
+from mavdem.dem.forecast.noise_model import FEWEST_LAGS, lags_of, resumable_noise_model
 
 DT = 0.01
 A = np.array([[0.0, 1.0, 0.0], [-9.0, -4.0, 20.0], [0.0, 0.0, -20.0]])
@@ -52,7 +52,7 @@ def test_white_errors_tell_nothing():
     inputs, outputs = driven()
     long = longer(inputs, outputs)
     sizes = np.array([0.1, 0.2])
-    told = long.A[3:5, 3 : 3 + 2 * ERRORS] * np.tile(sizes, ERRORS) / sizes[:, None]
+    told = long.A[3:5, 3 : 3 + 2 * FEWEST_LAGS] * np.tile(sizes, FEWEST_LAGS) / sizes[:, None]
     assert np.abs(told).max() < 4 / np.sqrt(len(inputs))
 
 
@@ -83,12 +83,12 @@ def test_it_is_the_shorter_predictor_with_the_expected_error_added():
     inputs, outputs = driven(200)
     outputs = lfilter([1.0], [1.0, -0.6], outputs, axis=0)
     short, long = textbook(), longer(inputs, outputs)
-    past = slice(3 + 2 * ERRORS, None)
-    of_errors, of_past = long.A[3:5, 3 : 3 + 2 * ERRORS], long.A[3:5, past]
-    state, errors, ahead = np.linalg.pinv(C) @ outputs[0], [np.zeros(2)] * ERRORS, []
-    remembered = [inputs[0]] * CHANGES
+    past = slice(3 + 2 * FEWEST_LAGS, None)
+    of_errors, of_past = long.A[3:5, 3 : 3 + 2 * FEWEST_LAGS], long.A[3:5, past]
+    state, errors, ahead = np.linalg.pinv(C) @ outputs[0], [np.zeros(2)] * FEWEST_LAGS, []
+    remembered = [inputs[0]] * FEWEST_LAGS
     for t in range(1, 200):
-        expected = of_errors @ np.concatenate(errors[:ERRORS]) + of_past @ np.concatenate(remembered[:CHANGES])
+        expected = of_errors @ np.concatenate(errors[:FEWEST_LAGS]) + of_past @ np.concatenate(remembered[:FEWEST_LAGS])
         expected = expected + long.B[3:5] @ inputs[t]
         before = short._moved(state, inputs[t - 1], inputs[t])
         ahead.append(C @ before + expected)
@@ -152,3 +152,8 @@ def test_errors_that_grew_in_training_die_away_in_forecasts(growth):
     errors = np.outer(growth ** np.arange(120), [1e-3, -1e-3])
     long = longer(inputs, made_by(inputs, errors))
     assert np.abs(np.linalg.eigvals(long.A)).max() < 1
+
+
+@pytest.mark.parametrize(("rate", "lags"), [(50, 3), (100, 3), (120, 3), (200, 5), (250, 6), (400, 6)])
+def test_lags_last_as_long_within_limits(rate, lags):
+    assert lags_of(1 / rate) == lags

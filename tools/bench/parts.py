@@ -36,7 +36,7 @@ from mavdem.paper.flights import HOP, SHARED, TEST, TRAIN
 FAST_RATES = (200, 400)
 
 
-def without_noise_model(predictor: StateSpace, _segments: object) -> Resumable[StateSpace]:
+def without_noise_model(predictor: StateSpace, *_: object) -> Resumable[StateSpace]:
     """The predictor as it is, in place of ``resumable_noise_model``."""
     yield
     return predictor

@@ -18,26 +18,35 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.resumable import Resumable
 from mavdem.dem.engine.state_space import StateSpace
 
-ERRORS = 3  # past errors that count
-CHANGES = 3  # changes of the inputs that count, the one into the sample itself first
+LAG_SECONDS, FEWEST_LAGS, MOST_LAGS = 0.025, 3, 6
+"""Past errors that count, and changes of the inputs, the one into the sample itself first: those of so many seconds,
+within these numbers."""
+
 PRIOR_SAMPLES = 10.0  # weight, in samples, of each coefficient's prior, which has mean zero
 MAX_SPECTRAL_RADIUS = 0.995  # of the recursion of errors: they decay at least so fast with each sample
 LEAST_RMS = 1e-12  # regressors smaller than this, such as the changes of a constant input, get no coefficient
 
 
-def resumable_noise_model(predictor: StateSpace, segments: Sequence[tuple[Array, Array]]) -> Resumable[StateSpace]:
+def lags_of(dt: float) -> int:
+    """How many past errors and changes count where samples are ``dt`` s apart."""
+    return min(max(round(LAG_SECONDS / dt), FEWEST_LAGS), MOST_LAGS)
+
+
+def resumable_noise_model(
+    predictor: StateSpace, segments: Sequence[tuple[Array, Array]], lags: int = FEWEST_LAGS
+) -> Resumable[StateSpace]:
     """The predictor with a model of its own one-step errors, learnt from segments in the engine's units; resumable.
 
     Segments that are too short do not count.
     """
     m, r = len(predictor.C), predictor.B.shape[1]
-    size = ERRORS * m + CHANGES * r
+    size = lags * m + lags * r
     gram, cross = np.zeros((size, size)), np.zeros((size, m))
     for inputs, outputs in segments:
         # An error needs a sample before it, and so does a change.
         errors = outputs[1:] - predictor.one_step(inputs, outputs)
         yield
-        regressors = _regressors(errors, np.diff(inputs, axis=0))
+        regressors = _regressors(errors, np.diff(inputs, axis=0), lags)
         yield
         gram += regressors.T @ regressors
         cross += regressors.T @ errors[len(errors) - len(regressors) :]
@@ -47,24 +56,23 @@ def resumable_noise_model(predictor: StateSpace, segments: Sequence[tuple[Array,
     sizes[sizes < LEAST_RMS] = np.inf
     ridge = gram / np.outer(sizes, sizes) + PRIOR_SAMPLES * np.eye(size)
     coefficients = np.linalg.solve(ridge, cross / sizes[:, None]).T / sizes
-    return _extended(predictor, _decaying(coefficients[:, : ERRORS * m]), coefficients[:, ERRORS * m :])
+    return _extended(predictor, _decaying(coefficients[:, : lags * m]), coefficients[:, lags * m :])
 
 
 def _decaying(of_errors: Array) -> Array:
     """The coefficients (m, ·), each A_i times ρⁱ with ρ < 1 where errors would not decay by themselves."""
-    m = len(of_errors)
-    companion = np.vstack([of_errors, np.eye((ERRORS - 1) * m, ERRORS * m)])
+    m, size = of_errors.shape
+    companion = np.vstack([of_errors, np.eye(size - m, size)])
     radius = np.abs(np.linalg.eigvals(companion)).max()
-    shrunk = min(1.0, MAX_SPECTRAL_RADIUS / max(radius, MAX_SPECTRAL_RADIUS)) ** np.arange(1, ERRORS + 1)
+    shrunk = min(1.0, MAX_SPECTRAL_RADIUS / max(radius, MAX_SPECTRAL_RADIUS)) ** np.arange(1, size // m + 1)
     return np.asarray(of_errors * np.repeat(shrunk, m))
 
 
-def _regressors(errors: Array, changes: Array) -> Array:
+def _regressors(errors: Array, changes: Array, lags: int) -> Array:
     """(T, ·) the errors before each error, the latest first, and the changes up to its sample, likewise."""
-    longest = max(ERRORS, CHANGES - 1)
-    length = max(0, len(errors) - longest)
-    past = [errors[longest - i : longest - i + length] for i in range(1, ERRORS + 1)]
-    recent = [changes[longest - j : longest - j + length] for j in range(CHANGES)]
+    length = max(0, len(errors) - lags)
+    past = [errors[lags - i : lags - i + length] for i in range(1, lags + 1)]
+    recent = [changes[lags - j : lags - j + length] for j in range(lags)]
     return np.hstack([*past, *recent])
 
 
@@ -75,30 +83,31 @@ def _extended(predictor: StateSpace, of_errors: Array, of_changes: Array) -> Sta
     """
     A, B, C, D, K, *_ = predictor
     (m, n), r = C.shape, B.shape[1]
+    lags = of_errors.shape[1] // m
     assert predictor.second_of_outputs is not None and predictor.second_of_inputs is not None
     # Σⱼ Gⱼ Δu(t − j) in terms of u(t), u(t − 1), …
-    changes = of_changes.reshape(m, CHANGES, r)
-    of_inputs = np.zeros((m, CHANGES + 1, r))
+    changes = of_changes.reshape(m, lags, r)
+    of_inputs = np.zeros((m, lags + 1, r))
     of_inputs[:, :-1] += changes
     of_inputs[:, 1:] -= changes
     expected = np.hstack([np.zeros((m, n)), of_errors, of_inputs[:, 1:].reshape(m, -1)])
     expected_now = of_inputs[:, 0]
 
-    past = n + ERRORS * m
-    size = past + CHANGES * r
+    past = n + lags * m
+    size = past + lags * r
     state, driven, corrected = np.zeros((size, size)), np.zeros((size, r)), np.zeros((size, m))
     state[:n, :n] = A
     state[:n] += K @ expected
     driven[:n], corrected[:n] = B + K @ expected_now, K
     state[n : n + m], driven[n : n + m], corrected[n : n + m] = expected, expected_now, np.eye(m)
     # Errors and inputs move one place back.
-    state[n + m : past, n : past - m] = np.eye((ERRORS - 1) * m)
+    state[n + m : past, n : past - m] = np.eye((lags - 1) * m)
     driven[past : past + r] = np.eye(r)
-    state[past + r :, past : size - r] = np.eye((CHANGES - 1) * r)
+    state[past + r :, past : size - r] = np.eye((lags - 1) * r)
 
     outputs = expected.copy()
     outputs[:, :n] = C
-    no_errors = np.zeros((ERRORS * m, r))
+    no_errors = np.zeros((lags * m, r))
     return predictor._replace(
         A=state,
         B=driven,
@@ -107,5 +116,5 @@ def _extended(predictor: StateSpace, of_errors: Array, of_changes: Array) -> Sta
         K=corrected,
         offset=np.zeros(size),
         second_of_outputs=np.vstack([predictor.second_of_outputs, np.zeros((size - n, m))]),
-        second_of_inputs=np.vstack([predictor.second_of_inputs, no_errors, *[np.eye(r)] * CHANGES]),
+        second_of_inputs=np.vstack([predictor.second_of_inputs, no_errors, *[np.eye(r)] * lags]),
     )

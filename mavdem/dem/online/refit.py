@@ -13,7 +13,7 @@ from mavdem.dem.engine.model import LinearModel, unpack
 from mavdem.dem.engine.resumable import Resumable
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import gain_of, generative_model, predictor_of, smoothness_of
-from mavdem.dem.forecast.noise_model import resumable_noise_model
+from mavdem.dem.forecast.noise_model import lags_of, resumable_noise_model
 from mavdem.dem.forecast.simulation_error import MAX_ITERATIONS, SimulationFit, horizon_of, resumable_simulation_fit
 from mavdem.dem.online.memory import Memory, SlidingStatistics, engine_statistics
 from mavdem.dem.scaling import Scaling
@@ -130,7 +130,7 @@ class OnlineRefit:
             predictor = predictor_of(onward.theta, model.sizes, gain, self._dt)
             covariance = onward.theta_covariance(inverse(model.prior.theta_precision))
             yield
-            predictor = yield from resumable_noise_model(predictor, scaling.scale_segments(record))
+            predictor = yield from resumable_noise_model(predictor, scaling.scale_segments(record), lags_of(self._dt))
             yield
         n, motors = model.n, len(scaling.input_trim)
         A_sd, B_sd, C_sd = unpack(np.sqrt(covariance.diagonal()) * scaling.parameter_scale(n), *model.sizes)
