@@ -16,7 +16,6 @@ import numpy as np
 from forecasts import flights
 
 import mavdem
-from mavdem.dem.engine.linalg import one_thread
 from mavdem.evaluate import relative_mspe, training_length
 from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, samples_in
 from mavdem.evaluate.hold_out import LENGTHS
@@ -46,19 +45,18 @@ def main(places: int, chosen: tuple[str, ...]) -> None:
     means: dict[str, list[np.ndarray]] = {"A": [], "B": []}
     print("| flight | half | Hz | 7 s | 70 s or all | chosen | lengths, s | s to choose |")
     print("|---|---|---|---|---|---|---|---|")
-    with one_thread():
-        for name, number, flight in flights(rates=False):
-            first = samples_in(FIRST_SECONDS, flight.dt)
-            last = len(flight) - samples_in(TEST_SECONDS, flight.dt)
-            if last < first or (chosen and not name.startswith(chosen)):
-                continue
-            rows = [ratios(flight, end) for end in np.unique(np.linspace(first, last, places).astype(int))]
-            mean = np.exp(np.log([row[0] for row in rows]).mean(axis=0))
-            means["AB"[number % 2]].append(mean)
-            cells = " | ".join(f"{value:.3g}" for value in mean)
-            lengths, seconds = ", ".join(f"{row[1]:.0f}" for row in rows), np.mean([row[2] for row in rows])
-            rate = f"{1 / flight.dt:.0f}"
-            print(f"| {name} | {'AB'[number % 2]} | {rate} | {cells} | {lengths} | {seconds:.1f} |", flush=True)
+    for name, number, flight in flights(rates=False):
+        first = samples_in(FIRST_SECONDS, flight.dt)
+        last = len(flight) - samples_in(TEST_SECONDS, flight.dt)
+        if last < first or (chosen and not name.startswith(chosen)):
+            continue
+        rows = [ratios(flight, end) for end in np.unique(np.linspace(first, last, places).astype(int))]
+        mean = np.exp(np.log([row[0] for row in rows]).mean(axis=0))
+        means["AB"[number % 2]].append(mean)
+        cells = " | ".join(f"{value:.3g}" for value in mean)
+        lengths, seconds = ", ".join(f"{row[1]:.0f}" for row in rows), np.mean([row[2] for row in rows])
+        rate = f"{1 / flight.dt:.0f}"
+        print(f"| {name} | {'AB'[number % 2]} | {rate} | {cells} | {lengths} | {seconds:.1f} |", flush=True)
     for half, own in means.items():
         if own:
             cells = " | ".join(f"{value:.3g}" for value in np.exp(np.log(own).mean(axis=0)))

@@ -26,7 +26,7 @@ from forecasts import SCENARIOS, HalvedFlight, flights, simulated, spread
 from rich.progress import track
 
 import mavdem
-from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.resumable import Resumable
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.evaluate import HORIZONS, skill_by_horizon
@@ -119,14 +119,13 @@ def main(most: int, rates: bool, only: tuple[str, ...], to: Path | None) -> None
     jobs = [(halved, spread(cut, most)) for halved, cut in every_flight(rates) if cut]
     if not jobs:
         sys.exit(f"There are no recorded flights in {SHARED}; name their folder in MAVDEM_SHARED_DATA.")
-    with one_thread():
-        for (name, number, _), cut in track(jobs, description="Learning"):
-            for part in parts:
-                settings = replace(mavdem.Settings(), **part.settings)
-                with ExitStack() as stack:
-                    for place, function in part.replaced.items():
-                        stack.enter_context(patch(place, function))
-                    found["AB"[number % 2]][part.name][name] = np.array([ratios(one, settings) for one in cut])
+    for (name, number, _), cut in track(jobs, description="Learning"):
+        for part in parts:
+            settings = replace(mavdem.Settings(), **part.settings)
+            with ExitStack() as stack:
+                for place, function in part.replaced.items():
+                    stack.enter_context(patch(place, function))
+                found["AB"[number % 2]][part.name][name] = np.array([ratios(one, settings) for one in cut])
     for half, errors in found.items():
         if errors[PARTS[0].name]:
             print(f"\nHalf {half}: {', '.join(errors[PARTS[0].name])}\n")
