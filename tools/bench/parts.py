@@ -52,6 +52,7 @@ class Part(NamedTuple):
 
 PARTS = (
     Part("default", {}),
+    Part("motors as causes alone: no closed loop", {"closed_loop": False}),
     Part("p = 1: no coordinates beyond the first derivative", {"p": 1, "d": 1}),
     Part("p = 1, derivatives from two samples", {"p": 1, "d": 1, "window": 2}),
     Part("p = 3", {"p": 3}),

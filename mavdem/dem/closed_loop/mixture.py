@@ -92,14 +92,15 @@ class ClosedLoop(NamedTuple):
     def following(self, inputs: Array, smooth: bool = False) -> Forecast:
         """With ``inputs`` (H, r) measured up to each sample; or, to ``smooth``, all of them, but for the plant."""
         forecasts = [self.plant.following(inputs), *(member.forecast(inputs, smooth) for member in self.members)]
-        return self._mixed(forecasts, max(1, len(inputs)))
+        return self._mixed(forecasts, max(1, len(inputs)), self.plant.record.outputs[-1:])
 
     def every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
         """Begun again at every ``steps``-th of the samples ``inputs`` (H, r) and ``outputs`` (H, m)."""
         steps = min(steps, max(1, len(inputs)))
         own = self.plant.every(steps, inputs, outputs)
         forecasts = [own, *(member.every(steps, inputs, outputs) for member in self.members)]
-        return self._mixed(forecasts, steps)
+        before = np.concatenate([self.plant.record.outputs[-1:], outputs])[: len(outputs) : steps]
+        return self._mixed(forecasts, steps, before)
 
     def half_widths(self, variance: Array, level: float) -> Array:
         """(H, m) of the band of probability ``level`` of a forecast of that ``variance`` (H, m).
@@ -112,12 +113,15 @@ class ClosedLoop(NamedTuple):
         quantiles = np.asarray(student.ppf(0.5 + level / 2, freedom))
         return np.asarray(quantiles[:, None] * np.sqrt(variance))
 
-    def _mixed(self, forecasts: Sequence[Forecast], steps: int) -> Forecast:
+    def _mixed(self, forecasts: Sequence[Forecast], steps: int, before: Array) -> Forecast:
+        """Of forecasts that each begin after one of the samples ``before`` (S, m)."""
         if not self.members:
             return forecasts[0]
         outputs = self.plant.record.spread[1]
-        shape = forecasts[0].mean.shape
-        constant = Forecast(np.broadcast_to(outputs.mean, shape), np.broadcast_to(outputs.variance, shape))
+        length = len(forecasts[0].mean)
+        # The mean errs at least as much as it does now, when the vehicle is far from it.
+        variance = np.repeat(np.maximum(outputs.variance, (before - outputs.mean) ** 2), steps, axis=0)[:length]
+        constant = Forecast(np.broadcast_to(outputs.mean, variance.shape), variance)
         return mixed(forecasts, constant, steps)
 
 
