@@ -280,8 +280,7 @@ class Learned:
     def _forecasts(self) -> ClosedLoop:
         if not (self.settings.closed_loop and self.scaling.known.all()):
             return ClosedLoop(self._plant_forecasts, ())
-        given = self.record.effect_directions
-        return ClosedLoop.of(self._plant_forecasts, self.model.B[-1] if given is None else given)
+        return ClosedLoop.of(self._plant_forecasts, self.model.B[-1])
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """(H, m): what if these ``inputs`` (H, r) were commanded: the plant alone, from :attr:`physical`.
