@@ -123,11 +123,11 @@ def figures(window: Window, learned: mavdem.Learned | ValueError) -> dict[str, A
 
 
 def of_flight(
-    halved: HalvedFlight, most: int | None, samples: tuple[int, int] | tuple[()], settings: mavdem.Settings
+    halved: HalvedFlight, most: int | None, samples: tuple[int, int] | None, settings: mavdem.Settings
 ) -> list[dict[str, Any]]:
     """The figures of each window; prints their row."""
     name, number, flight = halved
-    cut, half, rate = spread(windows(name, flight, *samples), most), "AB"[number % 2], round(1 / flight.dt)
+    cut, half, rate = spread(windows(name, flight, *(samples or ())), most), "AB"[number % 2], round(1 / flight.dt)
     began = perf_counter()
     found = list(mavdem.learn_many((window.train, settings) for window in cut))
     seconds = (perf_counter() - began) / max(1, len(cut))
@@ -174,14 +174,14 @@ def print_summaries(by_flight: Sequence[list[dict[str, Any]]]) -> None:
 @click.command(help=__doc__)
 @click.option("--rates", is_flag=True, help="Also autopilots' logs, and scenarios at every rate.")
 @click.option("--windows", "most", type=click.IntRange(min=1), help="Of each flight, evenly over it.  [default: all]")
-@click.option("--samples", type=click.IntRange(min=1), nargs=2, default=(), help="Of each window's two parts.")
+@click.option("--samples", type=click.IntRange(min=1), nargs=2, help="Of each window's two parts.")
 @click.option("--preset", type=click.Choice(["real", "paper"]), default="real", show_default=True)
 @click.option("--settings", default="{}", help='Changes to the preset, such as {"order": 2}.')
 @click.option("--json", "to", type=click.Path(path_type=Path), help="Also write each window's figures there.")
 def main(
     rates: bool,
     most: int | None,
-    samples: tuple[int, int] | tuple[()],
+    samples: tuple[int, int] | None,
     preset: str,
     settings: str,
     to: Path | None,
