@@ -33,8 +33,8 @@ RIDGE = 1e-4
 OF_ALL, OF_TURNING = 10, 20  # lags of the member of all inputs, and of that of the combination that turns the vehicle
 WEIGHT_POWER = 2  # a weight is the inverse of the expected squared error to this power
 FAR = 50.0
-"""Leverage beyond which a member's expected error grows with it: a linear model holds some way outside its data, but
-not in a gust or a landing that training has not seen."""
+"""Leverage beyond which a member's expected error grows with its square: a linear model holds some way outside its
+data, but not in a gust or a landing that training has not seen."""
 LEAST_ERROR = 1e-50  # squared, physical: keeps weights finite
 LEAST_FREEDOM = 3.0  # of the t distribution of the band: its variance is then still finite
 MEAN_WEIGHT = 3.0  # of the constant mean, where a member whose expected error is the training variance has 1
@@ -70,7 +70,7 @@ class Member(NamedTuple):
         """The forecast with its expected squared error: more where it leaves the range of the training data."""
         errors = by_length(self.errors, steps)[np.arange(len(inputs)) % steps]
         leverage = self.model.leverage(steps, inputs @ self.combinations, outputs, mean)
-        return Forecast(mean, errors * np.maximum(1.0, running_mean(leverage[:, None], steps) / FAR))
+        return Forecast(mean, errors * np.maximum(1.0, running_mean(leverage[:, None], steps) / FAR) ** 2)
 
 
 class ClosedLoop(NamedTuple):
