@@ -141,7 +141,7 @@ def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, cap
         raise np.linalg.LinAlgError("Singular matrix")
 
     monkeypatch.setattr("mavdem.cli.learn.learn_model", breaks_down)
-    assert main(["learn", FLIGHT, "--out", str(tmp_path / "out")]) == 1
+    assert main(["learn", FLIGHT, "--train", "700", "--out", str(tmp_path / "out")]) == 1
     assert "Singular matrix" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
@@ -163,7 +163,7 @@ def test_what_cannot_be_written_leaves_the_old_results(tmp_path, monkeypatch, ca
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("mavdem.view.write_recording", no_space)
-    assert main(["learn", FLIGHT, "--out", str(tmp_path)]) == 2
+    assert main(["learn", FLIGHT, "--train", "700", "--out", str(tmp_path)]) == 2
     assert "No space left" in capsys.readouterr().err
     assert names(tmp_path) == set(output_files.RESULT_FILES)
     assert {(tmp_path / name).read_text() for name in FILES} == {"old"}
