@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import norm
 
 from mavdem.dem.engine.linalg import Array
@@ -140,20 +141,19 @@ class Forecasts:
         """Of deviations (H, m) in the engine's units; the last three as for :meth:`_parameter_variance`."""
         places = np.arange(len(deviation)) % max(steps, 1)
         if self.simulation_fit is None:
-            variance = by_length(self.training_forecasts.weighted_mse, max(steps, 1))[places]
+            variance = by_length(self.training_forecasts.weighted_mse, places)
             return Forecast(self.scaling.physical_outputs(self._shrunk(deviation, variance, inputs, steps)), variance)
         variance = self._parameter_variance(steps, all_inputs, all_outputs, first)
         mean = self.scaling.physical_outputs(self._shrunk(deviation, variance, inputs, steps))
         if self.shrink:
             variance = expected_error(deviation, variance, self._prior_variance(inputs, steps))
-        noise = by_length(self.simulation_fit.noise, max(steps, 1))[places]
+        noise = by_length(self.simulation_fit.noise, places)
         return Forecast(mean, (variance + noise) * self.scaling.output_scale**2)
 
     def _shrunk(self, deviation: Array, variance: Array, inputs: Array, steps: int) -> Array:
         """Deviations (H, m) of forecasts of ``steps`` samples, shrunk towards the trim, in the engine's units."""
         if self.simulation_fit is None:
-            weight = by_length(self.training_forecasts.weight, len(deviation))
-            return np.asarray(deviation * weight[np.arange(len(deviation)) % max(steps, 1)])
+            return deviation * by_length(self.training_forecasts.weight, np.arange(len(deviation)) % max(steps, 1))
         return shrunk(deviation, variance, self._prior_variance(inputs, steps)) if self.shrink else deviation
 
     def _prior_variance(self, inputs: Array, steps: int) -> Array:
@@ -191,6 +191,6 @@ class Forecasts:
         return self.scaling.scale_inputs(inputs), self.scaling.scale_outputs(outputs)
 
 
-def by_length(values: Array, length: int) -> Array:
-    """The first ``length`` rows of ``values`` (L, m), by length of a forecast; beyond the last, its row again."""
-    return np.asarray(values[np.minimum(np.arange(length), len(values) - 1)])
+def by_length(values: Array, places: NDArray[np.intp]) -> Array:
+    """Rows of ``values`` (L, m), by length of a forecast, at ``places`` (H,) from its begin; beyond the last, that."""
+    return np.asarray(values[np.minimum(places, len(values) - 1)])

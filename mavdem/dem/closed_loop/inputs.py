@@ -6,6 +6,9 @@ or the vehicle is another one from some instant on, it holds for none of the fli
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import add
+
 import numpy as np
 
 from mavdem.dem.closed_loop.autoregression import Autoregression, ChannelUnits, LagStatistics, autoregression
@@ -148,7 +151,7 @@ def _changed(record: Record) -> str:
 
 def _difference(parts: list[LagStatistics], split: int, outputs: int) -> float:
     """Mean log error ratio of the side that is less different; a negative one means that the other side is as good."""
-    before, after = _sum(parts[:split]), _sum(parts[split:])
+    before, after = reduce(add, parts[:split]), reduce(add, parts[split:])
     models = autoregression(before, LAGS), autoregression(after, LAGS)
     ratios = []
     for number, part in enumerate(parts):
@@ -156,10 +159,6 @@ def _difference(parts: list[LagStatistics], split: int, outputs: int) -> float:
         left_out = autoregression(own - part, LAGS)
         ratios.append(float(np.mean(np.log(_errors(other, part, outputs) / _errors(left_out, part, outputs)))))
     return min(float(np.mean(ratios[:split])), float(np.mean(ratios[split:])))
-
-
-def _sum(parts: list[LagStatistics]) -> LagStatistics:
-    return LagStatistics(sum(part.rows for part in parts), np.asarray(sum(part.gram for part in parts)))
 
 
 def _errors(model: Autoregression, part: LagStatistics, outputs: int) -> Array:

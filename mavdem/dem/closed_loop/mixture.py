@@ -68,7 +68,7 @@ class Member(NamedTuple):
 
     def _with_error(self, steps: int, inputs: Array, outputs: Array, mean: Array) -> Forecast:
         """The forecast with its expected squared error: more where it leaves the range of the training data."""
-        errors = by_length(self.errors, steps)[np.arange(len(inputs)) % steps]
+        errors = by_length(self.errors, np.arange(len(inputs)) % steps)
         leverage = self.model.leverage(steps, inputs @ self.combinations, outputs, mean)
         return Forecast(mean, errors * np.maximum(1.0, running_mean(leverage[:, None], steps) / FAR) ** 2)
 

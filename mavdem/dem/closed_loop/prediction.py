@@ -24,11 +24,11 @@ from mavdem.dem.closed_loop.autoregression import Autoregression, ChannelUnits, 
 from mavdem.dem.closed_loop.folds import FOLDS, Block, folds, without
 from mavdem.dem.closed_loop.gaussian_path import past_of, predicted_mean
 from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.forecasts import LONGEST_FORECAST_SECONDS, by_length
 from mavdem.dem.record import Record
 
 LAGS = (4, 10, 20)
 MAX_STARTS = 80  # of predictions inside the training data
-LONGEST_SECONDS = 1.5  # of these predictions; beyond, weight and error stay as they are
 TINY = 1e-300  # where neither errs
 LARGEST_DEVIATION = 1e3  # of a prediction, in deviations of the training data: a model that grows may overflow
 
@@ -60,7 +60,7 @@ class Prediction(NamedTuple):
         units, outputs = ChannelUnits.of(record), record.outputs.shape[1]
         segments = units.segments(record)
         lags = [each for each in LAGS if 2 * each < record.longest] or [1]
-        longest = max(1, min(round(LONGEST_SECONDS / record.dt), record.longest // FOLDS))
+        longest = max(1, min(round(LONGEST_FORECAST_SECONDS / record.dt), record.longest // FOLDS))
         stride = -(-len(record) // MAX_STARTS)
         with one_thread():
             statistics = [LagStatistics.of(segments, each) for each in lags]
@@ -88,8 +88,11 @@ class Prediction(NamedTuple):
 
     def after(self, past: Array, steps: int) -> Array:
         """(…, steps, m) predictions after each ``past`` (…, lags, k) in the models' units, physical."""
-        m, held = self.weight.shape[1], _by_horizon(self.held, steps)
-        weighted = _by_horizon(self.weight, steps) * _deviation(self.models, past, steps, m)
+        m, (weight, held) = (
+            self.weight.shape[1],
+            (by_length(each, np.arange(steps)) for each in (self.weight, self.held)),
+        )
+        weighted = weight * _deviation(self.models, past, steps, m)
         mixed = (1 - held) * weighted + held * past[..., -1:, :m]
         return np.asarray(self.units.center[:m] + self.units.scale[:m] * mixed)
 
@@ -159,8 +162,3 @@ def _mse(measured: Array, predicted: Array) -> Array:
     squares = np.where(known, measured - predicted, 0.0) ** 2
     mse = np.where(known.any(axis=0), squares.sum(axis=0) / np.maximum(known.sum(axis=0), 1), 1.0)
     return np.asarray(np.maximum.accumulate(mse))
-
-
-def _by_horizon(values: Array, steps: int) -> Array:
-    """The first ``steps`` rows; beyond the longest prediction of the training data, its row again."""
-    return np.asarray(values[np.minimum(np.arange(steps), len(values) - 1)])
