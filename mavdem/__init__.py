@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
-    from mavdem.alignment import read_flight
+    from mavdem.alignment import read_flight, read_segments
     from mavdem.dem import Learned, OnlineLearner, Settings, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.flight import Flight
@@ -26,6 +26,7 @@ __all__ = [
     "learn",
     "learn_many",
     "read_flight",
+    "read_segments",
 ]
 
 _HOMES = {
@@ -40,6 +41,7 @@ _HOMES = {
     "learn": "dem",
     "learn_many": "dem",
     "read_flight": "alignment",
+    "read_segments": "alignment",
 }
 
 

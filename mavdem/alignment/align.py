@@ -23,13 +23,13 @@ FILTER_EDGE_STEPS = 5
 ``CUTOFF_RATIO`` sin(22.5°), decays by a factor e a step."""
 
 
-def align(signals: Signals, segment: Segment) -> Flight:
-    """The flight of ``segment``, uniform on the boot clock.
+def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight:
+    """The flight of ``segment``, uniform on the boot clock, in steps of ``dt``, s.
 
     Its inputs are one column a motor, or the demand (``Signals.drive``), its outputs angle and rate of the axis.
 
-    The step is the mean interval of the slower of attitude and motors, to 0.1 ms. The mean, because an autopilot that
-    rounds 10 ms to its 4 ms loop alternates 8 and 12 and the median is neither.
+    Unless given, the step is the mean interval of the slower of attitude and motors, to 0.1 ms. The mean, because an
+    autopilot that rounds 10 ms to its 4 ms loop alternates 8 and 12 and the median is neither.
 
     A stream with a sample within ``STAMP_SECONDS`` of every grid point keeps its samples as they are, unless it is so
     much faster that it has to be low-passed (see :func:`sample`). Otherwise it is interpolated linearly.
@@ -47,7 +47,7 @@ def align(signals: Signals, segment: Segment) -> Flight:
     near, motion = within(attitude, segment), np.column_stack([attitude.angle, attitude.rate])
     drive = within(motors, segment)
     rates = {"attitude": mean_rate(attitude.time[near]), "motors": mean_rate(motors.time[drive])}
-    dt = step(rates.values())
+    dt = step(rates.values()) if dt is None else dt
     time = grid_of(attitude.time[near], motors.time[drive], dt)
     outputs, attitude_way = sample(time, dt, attitude.time[near], motion[near])
     inputs, motors_way = sample(time, dt, motors.time[drive], motors.outputs[drive])

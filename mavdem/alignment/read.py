@@ -7,8 +7,9 @@ from dataclasses import replace
 from os import PathLike
 
 from mavdem.alignment.columns import message_counts
+from mavdem.alignment.segments import Segment
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, Signals
-from mavdem.alignment.verdict import Verdict, judge
+from mavdem.alignment.verdict import MINIMUM_DURATION, Verdict, judge, judge_segments
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
 from mavdem.ingest import Log, read_log
@@ -36,15 +37,64 @@ def read_flight(
     return flight
 
 
+def read_segments(
+    path: str | bytes | PathLike[str], axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
+) -> tuple[Flight, ...]:
+    """All usable segments of settled flight in a log, in the order of time; :func:`read_flight` gives the longest.
+
+    They have the same inputs and outputs and the same step, that of the longest, so that ``mavdem.learn`` takes them
+    together. Each passed the checks of :func:`read_flight`; where some did not, ``provenance["cautions"]`` say how
+    much is left out. Times of different boots (``provenance["segment"]["boot"]``) must not be compared.
+
+    Args:
+        path, axis, vehicle, inputs: as for :func:`read_flight`.
+
+    Raises:
+        Unreadable, NotLearnable, ValueError: as :func:`read_flight`.
+    """
+    flights, _ = learnable_segments(read_log(path), axis, vehicle, inputs)
+    return flights
+
+
 def learnable_flight(
     log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
 ) -> tuple[Flight, Verdict]:
     """The longest usable segment of a log, as :func:`read_flight` gives it, and the verdict that lets it through."""
     verdict = judge(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)
+    return _with_cautions(verdict), verdict
+
+
+def learnable_segments(
+    log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
+) -> tuple[tuple[Flight, ...], Verdict]:
+    """All usable segments of a log, as :func:`read_segments` gives them, and the verdict on the longest."""
+    verdicts = judge_segments(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)
+    usable = [verdict for verdict in verdicts if verdict.learnable]
+    left_out = _left_out(verdicts[0].segments, [verdict.segment for verdict in usable])
+    flights = [_with_cautions(verdict, left_out) for verdict in usable or verdicts]
+    return tuple(sorted(flights, key=_when)), verdicts[0]
+
+
+def _with_cautions(verdict: Verdict, further: tuple[str, ...] = ()) -> Flight:
     if not verdict.learnable or verdict.flight is None:
         raise NotLearnable(verdict.reason, verdict.remedy)
-    provenance = {**verdict.flight.provenance, "cautions": list(verdict.cautions)}
-    return replace(verdict.flight, provenance=provenance), verdict
+    provenance = {**verdict.flight.provenance, "cautions": [*verdict.cautions, *further]}
+    return replace(verdict.flight, provenance=provenance)
+
+
+def _left_out(found: Sequence[Segment], used: Sequence[Segment | None]) -> tuple[str, ...]:
+    lost = [segment.duration for segment in found if segment not in used]
+    if not lost or len(lost) == len(found):
+        return ()
+    seconds = sum(segment.duration for segment in found)
+    return (
+        f"{len(lost)} of {len(found)} segments of settled flight, {sum(lost):.1f} of {seconds:.1f} s, are left out: "
+        f"they are shorter than {MINIMUM_DURATION:.0f} s, come slower than the longest, or cannot be learnt from.",
+    )
+
+
+def _when(flight: Flight) -> tuple[int, float]:
+    return flight.provenance["segment"]["boot"], float(flight.time[0])
 
 
 def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> Telemetry:

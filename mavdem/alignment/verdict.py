@@ -39,6 +39,9 @@ NO_ATTITUDE = {
     "MAVROS": "There is no imu/data.",
 }
 """A sentence on attitude that was not recorded, by ``Telemetry.translated_from``."""
+MAX_STEP_RATIO = 1.25
+"""Mean step of a segment's messages, over that of the longest segment, up to which both are sampled alike: a link that
+loses a fifth of the messages makes it so, as in ``MINIMUM_RATE``."""
 DOUBTFUL_SATURATION = 0.05  # Share of samples with a motor at its limit: a linear model has no limits
 
 
@@ -111,24 +114,44 @@ def judge(signals: Signals, speakers: Sequence[Component] = ()) -> Verdict:
     for segment in found:
         if refusals and segment.duration < MINIMUM_DURATION:
             break
-        flight = align(signals, segment)
-        of_segment = quality.of_segment(signals, segment, flight, figures)
-        objection = _objection(log, of_segment)
-        if objection is None:
-            cautions = _losses(log) + _cautions(signals, drive, of_segment)
-            return Verdict(
-                axis,
-                True,
-                _praise(log.name(attitude), drive, segment, of_segment),
-                "",
-                cautions,
-                segment,
-                of_segment,
-                flight,
-                found,
-            )
-        refusals.append(Verdict(axis, False, *objection, (), segment, of_segment, flight, found))
+        verdict = _of_segment(log, segment, found)
+        if verdict.learnable:
+            return verdict
+        refusals.append(verdict)
     return refusals[0]
+
+
+def judge_segments(signals: Signals, speakers: Sequence[Component] = ()) -> tuple[Verdict, ...]:
+    """The verdict of :func:`judge` and, if that is yes, one on each other segment of ``MINIMUM_DURATION`` or more.
+
+    All flights have the sampling step of the first; a segment too slow for that (``MAX_STEP_RATIO``) is refused.
+    """
+    first = judge(signals, speakers)
+    if not first.learnable:
+        return (first,)
+    assert first.flight is not None and signals.attitude is not None and signals.drive is not None
+    log = _Evidence(signals, signals.attitude, signals.drive, speakers, quality.of_log(signals, len(first.segments)))
+    others = (one for one in first.segments if one != first.segment and one.duration >= MINIMUM_DURATION)
+    return first, *(_of_segment(log, other, first.segments, first.flight.dt) for other in others)
+
+
+def _of_segment(log: _Evidence, segment: Segment, found: tuple[Segment, ...], dt: float | None = None) -> Verdict:
+    """The verdict on one segment, aligned to steps of ``dt``, s; to its own unless given."""
+    signals = log.signals
+    flight = align(signals, segment, dt)
+    figures = quality.of_segment(signals, segment, flight, log.figures)
+    objection = _objection(log, figures)
+    slower = min(figures.attitude_rate or 0.0, figures.motor_rate or 0.0)
+    if objection is None and slower * flight.dt * MAX_STEP_RATIO < 1:
+        objection = (
+            f"The segment's messages come at {slower:.1f} Hz and those of the longest at {1 / flight.dt:.1f} Hz.",
+            ask_for_rate(signals.telemetry, speakers=log.speakers),
+        )
+    if objection is not None:
+        return Verdict(signals.axis, False, *objection, (), segment, figures, flight, found)
+    reason = _praise(log.name(log.attitude), log.drive, segment, figures)
+    cautions = _losses(log) + _cautions(signals, log.drive, figures)
+    return Verdict(signals.axis, True, reason, "", cautions, segment, figures, flight, found)
 
 
 @dataclass(frozen=True, eq=False)

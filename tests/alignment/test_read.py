@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from hover import Hover, changed
 
-from mavdem.alignment.read import choose_vehicle, learnable_flight, read_flight
+from mavdem.alignment.read import choose_vehicle, learnable_flight, learnable_segments, read_flight, read_segments
 from mavdem.alignment.segments import Segment
+from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Telemetry
@@ -42,6 +43,67 @@ def test_a_flight_carries_the_cautions_of_its_verdict():
     assert len(verdict.cautions) >= 2
     assert flight.provenance["cautions"] == list(verdict.cautions)
     assert json.loads(json.dumps(flight.provenance, allow_nan=False)) == flight.provenance
+
+
+def without_messages(telemetry: Telemetry, lost) -> Telemetry:
+    """The telemetry without the messages of attitude and motors for which ``lost(time)`` is true."""
+    for message in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
+        table = telemetry.messages[message]
+        kept = ~lost(table["time"])
+        telemetry = changed(telemetry, message, **{name: column[kept] for name, column in table.items()})
+    return telemetry
+
+
+def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
+    gaps = without_messages(HOVER.telemetry(), lambda time: (abs(time - 20) < 0.5) | (abs(time - 33) < 0.5))
+    log = log_of(gaps)
+    (first, middle, last), (flight, verdict) = learnable_segments(log)[0], learnable_flight(log)
+    assert [round(one.time[0], 2) for one in (middle, last)] == [20.5, 33.5]
+    np.testing.assert_array_equal(last.outputs, flight.outputs)
+    np.testing.assert_array_equal(last.inputs, flight.inputs)
+    assert last.provenance == flight.provenance and Segment(**last.provenance["segment"]) == verdict.segment
+    record = Record.of([first, middle, last])
+    assert record.lengths == (len(first), len(middle), len(last))
+    for one in (first, middle):
+        np.testing.assert_allclose(one.outputs[:, 0], HOVER.roll(one.time), atol=1e-9)
+
+
+def test_segments_have_one_step_also_where_a_link_lost_messages():
+    lossy = without_messages(
+        HOVER.telemetry(), lambda time: (abs(time - 25) < 0.5) | ((time < 25) & (np.round(100 * time) % 9 == 0))
+    )
+    flights, _ = learnable_segments(log_of(lossy))
+    assert [one.dt for one in flights] == [0.01, 0.01]
+    assert flights[0].provenance["rates"]["attitude"] == pytest.approx(89, abs=1)
+    np.testing.assert_allclose(flights[0].outputs[:, 0], HOVER.roll(flights[0].time), atol=1e-3)
+
+
+def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
+    hover = Hover(hovering=60.0)
+    stamps = np.concatenate([np.arange(0, 30, 1 / 60), np.arange(31, 35, 0.01), np.arange(36, hover.end, 0.01)])
+    log = log_of(hover.telemetry(stamps, stamps))
+    (flight,), verdict = learnable_segments(log)
+    assert flight.time[0] == pytest.approx(36) and flight.dt == 0.01
+    (caution,) = set(flight.provenance["cautions"]) - set(verdict.cautions)
+    assert caution.startswith("2 of 3 segments of settled flight, 2") and "left out" in caution
+
+
+def test_segments_of_a_refused_log_are_refused_like_the_flight():
+    slow = log_of(HOVER.telemetry(4.0, 4.0))
+    with pytest.raises(NotLearnable) as flight:
+        learnable_flight(slow)
+    with pytest.raises(NotLearnable) as segments:
+        learnable_segments(slow)
+    assert str(segments.value) == str(flight.value)
+
+
+def test_the_longest_recorded_segment_is_the_recorded_flight():
+    path = shared("real/logs/ardupilot33dev_other_rate_columns.BIN")
+    flight, segments = read_flight(path), read_segments(path)
+    assert len(segments) == 3 and {one.dt for one in segments} == {flight.dt}
+    longest = max(segments, key=len)
+    np.testing.assert_array_equal(longest.outputs, flight.outputs)
+    np.testing.assert_array_equal(longest.inputs, flight.inputs)
 
 
 def test_one_vehicle_is_chosen_and_several_are_listed():
