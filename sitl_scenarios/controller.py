@@ -7,9 +7,10 @@ has gains of its own.
 
 from __future__ import annotations
 
-from math import atan, cos, exp, fsum, hypot, radians, sin
+from math import atan, cos, exp, fsum, hypot, pi, radians, sin
+from typing import NamedTuple
 
-from sitl_scenarios.dynamics import euler
+from sitl_scenarios.dynamics import Three, euler
 from sitl_scenarios.mixer import Four, frame, mix, pulse
 from sitl_scenarios.plan import Wanted
 from sitl_scenarios.scenario import VehicleSpec
@@ -22,6 +23,15 @@ LEAD = 4.0
 MAX_TILT, MAX_RATE, MAX_SPEED = radians(35), radians(220), 4.0  # Most that is asked for: rad, rad/s and m/s
 MAX_PUSH = 7.0
 """m/s²: most that is held against the wind for good, about what ``MAX_TILT`` gives; a storm must not wind it up."""
+
+
+class Asked(NamedTuple):
+    """By the autopilot in one cycle."""
+
+    outputs: Four  # motor commands, 1000 to 2000 µs
+    demands: Four  # of the mixer: roll, pitch, yaw (−1 to 1) and thrust (0 to 1)
+    attitude: Three = (0.0, 0.0, 0.0)  # setpoints of roll, pitch and yaw, rad
+    rates: Three = (0.0, 0.0, 0.0)  # setpoints of the body rates, rad/s
 
 
 class Controller:
@@ -53,9 +63,10 @@ class Controller:
     def rest(self) -> None:
         """Resets the integrators and filters, as on the ground."""
         self._push, self._smooth, self._trim, self._slow = ([0.0, 0.0, 0.0] for _ in range(4))
+        self._heading = 0.0
 
-    def outputs(self, known: Known, wanted: Wanted, flying: bool) -> tuple[Four, Four]:
-        """One cycle's motor commands (1000 to 2000 µs) and demands; nothing is learnt unless ``flying``."""
+    def asked(self, known: Known, wanted: Wanted, flying: bool) -> Asked:
+        """What one cycle asks for; nothing is learnt unless ``flying``."""
         (vn, ve, vd), (pn, pe, pd) = known.velocity, known.position
         along, fast = self._position, self._velocity
         wn, we = -along * pn, along * (wanted.aside - pe)
@@ -75,32 +86,51 @@ class Controller:
         roll, pitch, yaw = euler(known.attitude)
         forward, right = an * cos(yaw) + ae * sin(yaw), ae * cos(yaw) - an * sin(yaw)
         lift = max(GRAVITY - ad, 0.2 * GRAVITY)
+        more_roll, more_pitch, yaw_rate = wanted.demand
         wanted_pitch = min(max(atan(-forward / lift), -MAX_TILT), MAX_TILT)
-        wanted_roll = min(max(atan(right / lift * cos(wanted_pitch)), -MAX_TILT), MAX_TILT) + wanted.roll
+        wanted_roll = min(max(atan(right / lift * cos(wanted_pitch)), -MAX_TILT), MAX_TILT) + more_roll
+        wanted_pitch += more_pitch
+        # The heading is held, and turned at the yaw rate that is asked for, as both autopilots do.
+        if flying:
+            self._heading = _wrapped(self._heading + yaw_rate * self._cycle)
         thrust = self._body.mass * lift / max(cos(roll) * cos(pitch), 0.5)
 
         # Yaw has the rotors' torque only: a quarter of the bandwidth.
         stiff = self._attitude
+        rates = (
+            _limited(stiff * (wanted_roll - roll)),
+            _limited(stiff * (wanted_pitch - pitch)),
+            _limited(stiff / 4 * _wrapped(self._heading - yaw) + yaw_rate),
+        )
         p, q, r = known.rates
         per_roll, per_pitch, per_yaw = self._per_unit
         # The thrust curve undone, as both autopilots do.
         slope, offset = self._body.speed
         command = (self._body.speed_for(thrust / 4) - offset) / slope / self._body.full
         demands = (
-            min(max(self._steered(0, stiff * (wanted_roll - roll), p, flying) * per_roll, -1.0), 1.0),
-            min(max(self._steered(1, stiff * (wanted_pitch - pitch), q, flying) * per_pitch, -1.0), 1.0),
-            min(max(self._steered(2, -stiff / 4 * yaw, r, flying) / 4 * per_yaw, -1.0), 1.0),
+            min(max(self._steered(0, rates[0], p, flying) * per_roll, -1.0), 1.0),
+            min(max(self._steered(1, rates[1], q, flying) * per_pitch, -1.0), 1.0),
+            min(max(self._steered(2, rates[2], r, flying) / 4 * per_yaw, -1.0), 1.0),
             min(max(command, 0.0), 1.0),
         )
         a, b, c, d = mix(self._frame, demands)
-        return (pulse(a), pulse(b), pulse(c), pulse(d)), demands
+        outputs = pulse(a), pulse(b), pulse(c), pulse(d)
+        return Asked(outputs, demands, (wanted_roll, wanted_pitch, self._heading), rates)
 
     def _steered(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
-        """The angular acceleration to ask for about an axis, rad/s²."""
-        wanted = min(max(wanted, -MAX_RATE), MAX_RATE)
+        """The angular acceleration to ask for about an axis, rad/s², for a rate that is ``wanted``, rad/s."""
         # The lead (1 + τs)/(1 + τs/LEAD), as LEAD times the rate less its slow part.
         self._slow[axis] += self._forgets * (rate - self._slow[axis])
         led = LEAD * rate - (LEAD - 1.0) * self._slow[axis]
         if flying:
             self._trim[axis] += self._rate / 12 * self._cycle * (wanted - rate)
         return self._rate * (wanted - led + self._trim[axis])
+
+
+def _limited(rate: float) -> float:
+    return min(max(rate, -MAX_RATE), MAX_RATE)
+
+
+def _wrapped(angle: float) -> float:
+    """An angle of less than three half turns, rad, as one of half a turn at most."""
+    return angle - 2 * pi if angle > pi else angle + 2 * pi if angle < -pi else angle

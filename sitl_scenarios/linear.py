@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from sitl_scenarios.dynamics import Air, dynamics
 from sitl_scenarios.mixer import PAPER_ORDER
 from sitl_scenarios.motion import Array
-from sitl_scenarios.scenario import VehicleSpec
+from sitl_scenarios.scenario import Axis, VehicleSpec
 from sitl_scenarios.vehicles import AIRFRAMES
 
 STATES = (
@@ -65,23 +65,25 @@ def linearised(vehicle: VehicleSpec) -> Linear:
     return Linear(STATES, np.column_stack(columns[:16]), np.column_stack(columns[16:]))
 
 
-def axis(vehicle: VehicleSpec, axis: Literal["roll", "pitch"] = "roll", lag: bool = True) -> Linear:
-    """Angle and rate about one axis, in µs of PWM: what a model of a flight is held against.
+def axis(vehicle: VehicleSpec, axis: Axis = "roll", lag: bool = True) -> Linear:
+    """Angle and rate about one axis, of yaw the rate alone, in µs of PWM: what a model of a flight is held against.
 
-    With ``lag`` there is a third state, the angular acceleration that the rotors make, "roll drive" (rad/s²), which
+    With ``lag`` there is one more state, the angular acceleration that the rotors make, "roll drive" (rad/s²), which
     follows the commands with the rotors' time constant. Without, it is there at once.
     """
     found = linearised(vehicle)
     everything = Linear(found.states, found.A, found.B * (AIRFRAMES[vehicle.model].full / 1000))
-    names = (axis, f"{axis} rate")
+    # The heading does nothing to a vehicle; roll and pitch, of gravity, do.
+    names = ("yaw rate",) if axis == "yaw" else (axis, f"{axis} rate")
     instant = everything.without_lag().of(names)
     tau = sum(AIRFRAMES[vehicle.model].lag) / 2
     if not lag or tau == 0:
         return instant
-    A, B = np.zeros((3, 3)), np.zeros((3, 4))
-    A[:2, :2] = instant.A
-    A[1, 2], A[2, 2] = 1.0, -1 / tau
-    B[2] = instant.B[1] / tau
+    n = len(names)
+    A, B = np.zeros((n + 1, n + 1)), np.zeros((n + 1, 4))
+    A[:n, :n] = instant.A
+    A[n - 1, n], A[n, n] = 1.0, -1 / tau
+    B[n] = instant.B[-1] / tau
     return Linear((*names, f"{axis} drive"), A, B)
 
 

@@ -29,6 +29,10 @@ class Motion:
     known_velocity: Array
     outputs: Array  # (N, 4) motor commands as the autopilot puts them out, PWM in µs, quantised as it does
     demands: Array  # (N, 4) what it asked the mixer for: roll, pitch, yaw (−1 to 1) and thrust (0 to 1)
+    # Setpoints of the autopilot's loops, zero on the ground: (N, 3) roll, pitch and yaw, rad; body rates, rad/s.
+    attitude_setpoint: Array
+    rates_setpoint: Array
+    sticks: Array  # (N, 3) what a pilot's sticks ask for: roll, pitch (rad) and yaw rate (rad/s); zero without a pilot
     rotor_speeds: Array  # (N, 4) rad/s
     battery: Array  # (N,) share of the voltage of a charged battery, and of the rotors' speed with it, that is left
     wind: Array  # (N, 3) NED, m/s, at the vehicle, where the air moves *to*

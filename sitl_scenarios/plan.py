@@ -6,15 +6,23 @@ from math import cos, pi, radians, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import ifft
 
-from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Steps
+from sitl_scenarios.dynamics import Three
+from sitl_scenarios.scenario import STICKS, Chirp, Doublets, Multisine, Scenario, Steps, Sticks
+from sitl_scenarios.wind.gaussian import gaussian_noise
 
 BOOT_SECONDS = 2.0  # Seconds from the autopilot's boot until it arms itself
 SPIN_UP_SECONDS = 1.0  # Seconds from arming to take-off
 SETTLE_SECONDS = 2.0  # Seconds of hover before the excitation begins, and after it ends
 AFTER_SECONDS = 1.0  # Seconds simulated after disarming; and from touch-down, as it is planned, to disarming
+FULL_STICK: Three = (radians(35), radians(35), radians(150))
+"""Roll and pitch, rad, and yaw rate, rad/s, that a stick asks for at its end: PX4's defaults of MPC_MAN_TILT_MAX and
+MPC_MAN_Y_MAX."""
 _FASTEST = 1.5  # m/s: the mean of a climb or a descent that takes longer than the usual time
+_AXES = ("roll", "pitch", "yaw")
+_NO_DEMAND: Three = (0.0, 0.0, 0.0)
 
 
 class Wanted(NamedTuple):
@@ -24,7 +32,8 @@ class Wanted(NamedTuple):
     height: float  # m; climb: its rate, m/s
     climb: float
     aside: float  # of the place to hover at, to the right, m
-    roll: float  # to add to the roll that the position asks for, rad
+    demand: Three = _NO_DEMAND  # to add to the roll and pitch that the position asks for, rad; yaw rate, rad/s
+    by_stick: bool = False  # whether a pilot's sticks ask for it
 
 
 class Times(NamedTuple):
@@ -63,59 +72,90 @@ class Plan:
         self._height = scenario.height
         self._excitation = scenario.excitation
         self._cycle = cycle
-        self._table = _multisine(scenario.excitation, cycle) if isinstance(scenario.excitation, Multisine) else []
+        self._table: list[Three] = []
+        if isinstance(scenario.excitation, Multisine):
+            self._table = _multisine(scenario.excitation, cycle)
+        elif isinstance(scenario.excitation, Sticks):
+            samples = round((self._times.landing - self._times.hover) / cycle)
+            self._table = _sticks(scenario, scenario.excitation, cycle, samples)
 
     def at(self, time: float) -> Wanted:
         """What is wanted ``time`` seconds after arming."""
         climb, descent, hover, landing = self._times
         if time < SPIN_UP_SECONDS:
-            return Wanted(1, 0.0, 0.0, 0.0, 0.0)
+            return Wanted(1, 0.0, 0.0, 0.0)
         if time < hover:
             done, rate = _smooth((time - SPIN_UP_SECONDS) / climb)
-            return Wanted(3, self._height * done, self._height * rate / climb, 0.0, 0.0)
+            return Wanted(3, self._height * done, self._height * rate / climb, 0.0)
         if time < landing:
             excited = hover + SETTLE_SECONDS <= time < landing - SETTLE_SECONDS
-            aside, roll = self._excited(time - hover - SETTLE_SECONDS) if excited else (0.0, 0.0)
-            return Wanted(2, self._height, 0.0, aside, roll)
+            aside, demand = self._excited(time - hover - SETTLE_SECONDS) if excited else (0.0, _NO_DEMAND)
+            return Wanted(2, self._height, 0.0, aside, demand, excited and isinstance(self._excitation, Sticks))
         done, rate = _smooth(min((time - landing) / descent, 1.0))
         way = self._height + 0.2  # aims below the ground, so as to touch it
-        return Wanted(4, self._height - way * done, -way * rate / descent, 0.0, 0.0)
+        return Wanted(4, self._height - way * done, -way * rate / descent, 0.0)
 
-    def _excited(self, time: float) -> tuple[float, float]:
-        """Aside (m) and roll (rad), ``time`` seconds after the excitation began."""
+    def _excited(self, time: float) -> tuple[float, Three]:
+        """Aside (m) and demand, ``time`` seconds after the excitation began."""
         match self._excitation:
-            case Doublets(amplitude=amplitude, width=width, period=period):
+            case Doublets(axis=axis, amplitude=amplitude, width=width, period=period):
                 phase = time % period
                 sign = 1.0 if phase < width else -1.0 if phase < 2 * width else 0.0
-                return 0.0, radians(amplitude) * sign
-            case Chirp(amplitude=amplitude, lowest=lowest, highest=highest, period=period):
+                return 0.0, _about(axis, radians(amplitude) * sign)
+            case Chirp(axis=axis, amplitude=amplitude, lowest=lowest, highest=highest, period=period):
                 since = time % period
                 turns = (lowest + (highest - lowest) * since / period / 2) * since
-                return 0.0, radians(amplitude) * sin(2 * pi * turns)
-            case Multisine():
+                return 0.0, _about(axis, radians(amplitude) * sin(2 * pi * turns))
+            case Multisine() | Sticks():
                 return 0.0, self._table[round(time / self._cycle) % len(self._table)]
             case Steps(distance=distance, period=period):
-                return (0.0 if time // period % 2 else distance), 0.0
+                return (0.0 if time // period % 2 else distance), _NO_DEMAND
             case None:
-                return 0.0, 0.0
+                return 0.0, _NO_DEMAND
 
 
-def _multisine(wanted: Multisine, cycle: float) -> list[float]:
-    """Roll (rad) at each cycle of one period.
+def _about(axis: str, value: float) -> Three:
+    roll, pitch, yaw = (value if axis == name else 0.0 for name in _AXES)
+    return roll, pitch, yaw
+
+
+def _sticks(scenario: Scenario, wanted: Sticks, cycle: float, samples: int) -> list[Three]:
+    """Demands at each of so many cycles; a stick stops at its end."""
+    demands = np.zeros((samples, 3))
+    for number, (name, full) in enumerate(zip(_AXES, FULL_STICK, strict=True)):
+        if wanted.axis in (name, "all"):
+            moved = gaussian_noise(wanted.s, cycle, samples, scenario.random(STICKS, number))
+            demands[:, number] = np.clip(radians(wanted.sd) * moved, -full, full)
+    return [(roll, pitch, yaw) for roll, pitch, yaw in demands.tolist()]
+
+
+def _multisine(wanted: Multisine, cycle: float) -> list[Three]:
+    """Demands at each cycle of one period.
 
     Sines of equal power at the harmonics of the period, with the phases that keep the peak low: −πk(k − 1)/N for the
-    k-th of N (M. Schroeder, "Synthesis of low-peak-factor signals", IEEE Trans. Information Theory, 1970).
+    k-th of N (M. Schroeder, "Synthesis of low-peak-factor signals", IEEE Trans. Information Theory, 1970). On all axes
+    each has every third of them, so that the demands are orthogonal (E. Morelli, "Multiple input design for real-time
+    parameter estimation in the frequency domain", IFAC Symposium on System Identification, 2003).
     """
     first, last = max(1, round(wanted.lowest * wanted.period)), round(wanted.highest * wanted.period)
     lines = range(first, max(last, first) + 1)
     samples = round(wanted.period / cycle)
+    demands = np.zeros((samples, 3))
+    for number, name in enumerate(_AXES):
+        if wanted.axis in (name, "all"):
+            own = lines[number::3] if wanted.axis == "all" else lines
+            demands[:, number] = _sines(own, samples, radians(wanted.sd))
+    return [(roll, pitch, yaw) for roll, pitch, yaw in demands.tolist()]
+
+
+def _sines(lines: range, samples: int, sd: float) -> NDArray[np.float64]:
+    """(samples,) of one period of sines at some of its harmonics, with Schroeder's phases."""
     # −πk(k + 1)/N in whole numbers until the last: whole turns more would cost digits.
     phases = [-pi * (k * (k + 1) % (2 * len(lines))) / len(lines) for k in range(len(lines))]
     spectrum = np.zeros(samples, dtype=np.complex128)
     # Lines above half the sampling rate are folded, as samples of their sines would be.
     np.add.at(spectrum, np.array(lines) % samples, [complex(cos(phase), sin(phase)) for phase in phases])
-    table = radians(wanted.sd) * sqrt(2 / len(lines)) * samples * ifft(spectrum).real
-    return [float(roll) for roll in table]
+    return np.asarray(sd * sqrt(2 / len(lines)) * samples * ifft(spectrum).real)
 
 
 def _smooth(share: float) -> tuple[float, float]:

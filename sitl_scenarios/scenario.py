@@ -46,7 +46,7 @@ NotNegative = Annotated[float, Field(ge=0, le=MAX_SECONDS)]
 
 Kernel = Annotated[float, Field(ge=1e-3, le=60)]
 """Seconds. What is shorter than the steps of the physics is white to them; what is longer changes in no flight."""
-Angle = Annotated[float, Field(gt=0, le=30)]  # Degrees of roll that are asked for
+Angle = Annotated[float, Field(gt=0, le=30)]  # Degrees of roll or pitch, degrees/s of yaw rate, that are asked for
 Frequency = Annotated[float, Field(gt=0, le=200)]  # Hz: half of the greatest rate of a stream
 Speed = Annotated[float, Field(ge=0, le=60)]  # Of wind, m/s: no hurricane's mean is greater
 
@@ -64,7 +64,7 @@ _OrInf = BeforeValidator(lambda given: None if given == inf else given)
 """Beside None, the time that never comes: TOML has no word for None, JSON none for infinity."""
 
 
-SENSORS, WIND, MOMENT = range(3)
+SENSORS, WIND, MOMENT, STICKS = range(4)
 """Purposes of random numbers; winds and moments are numbered further, each in its own list."""
 
 
@@ -190,12 +190,17 @@ class Moment(_Section):
     """Standard deviation of the kernel, s, as of a gaussian wind."""
 
 
+Axis = Literal["roll", "pitch", "yaw"]
+
+
 class Doublets(_Section):
-    """The stick to the right, then to the left, again and again."""
+    """A demand to one side, then to the other, again and again."""
 
     kind: Literal["doublets"]
+    axis: Axis = "roll"
+    """What is asked for: an angle of roll or pitch, or a rate of yaw."""
     amplitude: Angle = 8.0
-    """Of roll, degrees."""
+    """Of roll or pitch, degrees; of the yaw rate, degrees/s."""
     width: Positive = 0.4
     """Seconds to each side; at most half of the period."""
     period: Positive = 5.0
@@ -203,11 +208,13 @@ class Doublets(_Section):
 
 
 class Chirp(_Section):
-    """A sine of roll whose frequency rises, again and again."""
+    """A sine whose frequency rises, again and again."""
 
     kind: Literal["chirp"]
+    axis: Axis = "roll"
+    """What is asked for: an angle of roll or pitch, or a rate of yaw."""
     amplitude: Angle = 3.0
-    """Of roll, degrees."""
+    """Of roll or pitch, degrees; of the yaw rate, degrees/s."""
     lowest: Frequency = 0.2
     """Hz, at the beginning."""
     highest: Frequency = 5.0
@@ -217,11 +224,13 @@ class Chirp(_Section):
 
 
 class Multisine(_Section):
-    """Sines of roll together, of even power, with Schroeder's phases."""
+    """Sines together, of even power, with Schroeder's phases; on all axes no two share a frequency."""
 
     kind: Literal["multisine"]
+    axis: Literal["roll", "pitch", "yaw", "all"] = "roll"
+    """What is asked for: an angle of roll or pitch, a rate of yaw, or all three, with every third sine each."""
     sd: Angle = 2.0
-    """Standard deviation of all together, degrees."""
+    """Standard deviation of an axis's sines together: of roll and pitch, degrees; of the yaw rate, degrees/s."""
     lowest: Frequency = 0.2
     """Hz; at least one turn in a period."""
     highest: Frequency = 5.0
@@ -240,7 +249,19 @@ class Steps(_Section):
     """Seconds from one to the next."""
 
 
-Excitation = Annotated[Doublets | Chirp | Multisine | Steps, Field(discriminator="kind")]
+class Sticks(_Section):
+    """A pilot's sticks: irregular demands, slow as a hand is; RC_CHANNELS shows them."""
+
+    kind: Literal["sticks"]
+    axis: Literal["roll", "pitch", "yaw", "all"] = "roll"
+    """What is asked for: an angle of roll or pitch, a rate of yaw, or all three, independently."""
+    sd: Angle = 4.0
+    """Standard deviation of each axis's demand: of roll and pitch, degrees; of the yaw rate, degrees/s."""
+    s: Kernel = 0.25
+    """Of the kernel of the demand, s, as of a gaussian wind; its power falls to half at 0.13/s Hz."""
+
+
+Excitation = Annotated[Doublets | Chirp | Multisine | Steps | Sticks, Field(discriminator="kind")]
 
 
 class Sensors(_Section):
@@ -335,7 +356,9 @@ class Scenario(_Section):
             lasting.append((place(["wind", number, "s"]), wind.s if isinstance(wind, GaussianWind | Jet) else None))
             lasting.append((place(["wind", number, "start"]), wind.start if isinstance(wind, Gust) else None))
         lasting += [(place(["moments", number, "s"]), moment.s) for number, moment in enumerate(self.moments)]
-        lasting.append(("excitation.period", None if self.excitation is None else self.excitation.period))
+        if self.excitation is not None:
+            key = "s" if isinstance(self.excitation, Sticks) else "period"
+            lasting.append((f"excitation.{key}", getattr(self.excitation, key)))
         flight = "less than the duration of the flight", self.duration, "s"
         limits = [(given >= self.duration, key, given, *flight) for key, given in lasting if given is not None]
         once = [(f"faults.{key}", getattr(self.faults, key)) for key in ("reboot", "outage", "clock_jump")]
@@ -356,6 +379,10 @@ class Scenario(_Section):
             least = 1 / self.excitation.period
             lowest, turn = self.excitation.lowest, "at least one turn in excitation.period"
             limits.append((lowest * self.excitation.period < 1, "excitation.lowest", lowest, turn, least, "Hz"))
+            # A sine for each axis, at least, after what lies between the harmonics is rounded to the nearest.
+            enough, apart = "three turns in excitation.period above excitation.lowest", lowest + 3 * least
+            few = self.excitation.axis == "all" and self.excitation.highest < apart
+            limits.append((few, "excitation.highest", self.excitation.highest, enough, apart, "Hz"))
         for wrong, key, given, relation, limit, unit in limits:
             if wrong:
                 raise ValueError(f"{key} must be {relation}, {limit:g} {unit}, not {given:g}")

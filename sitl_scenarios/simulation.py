@@ -9,7 +9,7 @@ from math import ceil, fsum, hypot, sqrt
 import numpy as np
 
 from sitl_scenarios.body import Body, State
-from sitl_scenarios.controller import Controller
+from sitl_scenarios.controller import Asked, Controller
 from sitl_scenarios.dynamics import Air, dynamics
 from sitl_scenarios.mixer import DISARMED_PULSE, IDLE_COMMAND, MAX_PULSE, MIN_PULSE, Four, pulse
 from sitl_scenarios.motion import Array, Motion
@@ -118,11 +118,11 @@ class Simulation:
         wanted = self._plan.at(flown * self.cycle)
         landed = 1 if self._grounded and not (self.armed and wanted.landed_state == 3) else wanted.landed_state
         if not self.armed:
-            outputs, demands = (DISARMED_PULSE[self.scenario.stream.speaks],) * 4, (0.0,) * 4
+            asked = Asked((DISARMED_PULSE[self.scenario.stream.speaks],) * 4, (0.0,) * 4)
         elif wanted.landed_state == 1 or self._down:
-            outputs, demands = (pulse(IDLE_COMMAND),) * 4, (0.0, 0.0, 0.0, IDLE_COMMAND)
+            asked = Asked((pulse(IDLE_COMMAND),) * 4, (0.0, 0.0, 0.0, IDLE_COMMAND))
         else:
-            outputs, demands = self._controller.outputs(known, wanted, not self._grounded)
+            asked = self._controller.asked(known, wanted, not self._grounded)
         acting = (0.0,) * 12
         if not self._grounded:
             acting = self._dynamics(state.attitude, state.velocity, state.rates, state.rotors, air)
@@ -136,8 +136,11 @@ class Simulation:
             *known.rates,
             *known.position,
             *known.velocity,
-            *outputs,
-            *demands,
+            *asked.outputs,
+            *asked.demands,
+            *asked.attitude,
+            *asked.rates,
+            *(wanted.demand if wanted.by_stick and self.armed else (0.0,) * 3),
             *state.rotors,
             battery,
             *air[:3],
@@ -145,7 +148,7 @@ class Simulation:
             float(self.armed),
             float(landed),
         )
-        self._move(self._targets(outputs, battery), air, wanted.landed_state)
+        self._move(self._targets(asked.outputs, battery), air, wanted.landed_state)
         self._now += 1
         return row
 

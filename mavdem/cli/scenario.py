@@ -27,10 +27,17 @@ WINDS = {
     "away, its axis {offset:g} m to the right, turbulent by {turbulence:.0%} with a kernel of {s:g} s",
 }
 EXCITATIONS = {
-    "doublets": "the stick right and left by {amplitude:g}°, {width:g} s each, every {period:g} s",
-    "chirp": "a sine of {amplitude:g}° from {lowest:g} to {highest:g} Hz every {period:g} s",
-    "multisine": "sines of {sd:g}° together from {lowest:g} to {highest:g} Hz, again every {period:g} s",
+    "doublets": "doublets of {amplitude:g}{demand}, {width:g} s to each side, every {period:g} s",
+    "chirp": "a sine of {amplitude:g}{demand}, from {lowest:g} to {highest:g} Hz every {period:g} s",
+    "multisine": "sines of {sd:g}{demand} together, from {lowest:g} to {highest:g} Hz, again every {period:g} s",
     "steps": "{distance:g} m sideways and back every {period:g} s",
+    "sticks": "a pilot's sticks, irregular demands of {sd:g}{demand}, their kernel {s:g} s",
+}
+DEMANDS = {
+    "roll": "° of roll",
+    "pitch": "° of pitch",
+    "yaw": "°/s of yaw rate",
+    "all": "° of roll, ° of pitch and °/s of yaw rate",
 }
 
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")  # A key that TOML needs no quotes around
@@ -58,8 +65,9 @@ def in_words(scenario: Scenario) -> list[str]:
         moments = [f"{one.sd:g} N m about {one.axis}, its kernel {one.s:g} s" for one in scenario.moments]
         sentences.append(f"Moments: {_listed(moments)}.")
     if scenario.excitation is not None:
-        excitation = scenario.excitation
-        sentences.append(f"Excitation: {EXCITATIONS[excitation.kind].format(**excitation.model_dump())}.")
+        values = scenario.excitation.model_dump()
+        values["demand"] = DEMANDS.get(values.get("axis", ""), "")
+        sentences.append(f"Excitation: {EXCITATIONS[scenario.excitation.kind].format(**values)}.")
     sentences.append(
         f"Sends MAVLink {stream.version} as {AUTOPILOTS[stream.speaks]}, system {stream.system}: attitude and motor "
         f"outputs at {stream.rate:g} Hz"

@@ -19,6 +19,8 @@ DISARMED, ON_GROUND, IN_AIR, TAKING_OFF, LANDING = range(5)
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 DENIED, TEMPORARILY_REJECTED, FAILED = 2, 1, 4  # MAV_RESULT
 INFO, CRITICAL = 6, 2  # MAV_SEVERITY
+WHEN_ASKED = {"ATTITUDE_TARGET": 0.0, "RC_CHANNELS": 0.0}
+"""Hz of what comes only when it is asked for; PX4's own rates depend on the link, and are too slow to learn from."""
 Mode = tuple[int, int]  # HEARTBEAT's base_mode, but for the armed flag, and its custom_mode
 
 
@@ -64,7 +66,7 @@ PX4 = Autopilot(
     number=12,
     fast=("ATTITUDE", "ATTITUDE_QUATERNION", "SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS"),
     quarter=("LOCAL_POSITION_NED",),
-    slow={"HEARTBEAT": 1.0, "SYS_STATUS": 5.0, "EXTENDED_SYS_STATE": 5.0},
+    slow={"HEARTBEAT": 1.0, "SYS_STATUS": 5.0, "EXTENDED_SYS_STATE": 5.0} | WHEN_ASKED,
     groups={},
     interval_step=1e-6,
     apart=True,
@@ -96,7 +98,7 @@ ARDUPILOT = Autopilot(
     number=3,
     fast=("ATTITUDE", "SERVO_OUTPUT_RAW"),
     quarter=("LOCAL_POSITION_NED",),
-    slow={"HEARTBEAT": 1.0, "SYS_STATUS": 2.0, "EXTENDED_SYS_STATE": 1.0, "ATTITUDE_QUATERNION": 0.0},
+    slow={"HEARTBEAT": 1.0, "SYS_STATUS": 2.0, "EXTENDED_SYS_STATE": 1.0, "ATTITUDE_QUATERNION": 0.0} | WHEN_ASKED,
     groups={2: ("SYS_STATUS",), 3: ("SERVO_OUTPUT_RAW",), 6: ("LOCAL_POSITION_NED",), 10: ("ATTITUDE",)},
     interval_step=1e-3,
     apart=False,

@@ -12,12 +12,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND, TAKING_OFF, Autopilot
 from sitl_scenarios.mixer import MAX_PULSE, MIN_PULSE
 from sitl_scenarios.motion import Motion
+from sitl_scenarios.plan import FULL_STICK
 
 Array = NDArray[np.float64]
 Payloads = NDArray[Any]  # (N,) of a definition's wire type
@@ -26,6 +28,8 @@ ACTIVE, STANDBY = 4, 3  # MAV_STATE
 SENSORS, FENCE = 0b1111, 1 << 20
 """MAV_SYS_STATUS_SENSOR: gyroscopes, accelerometers, magnetometer, barometer; and the fence, which is not breached."""
 FULL = 12.6  # Volts of a charged battery of three cells
+MIDDLE_PULSE = 1500.0  # µs of a stick in the middle
+RC_CHANNELS, UNUSED_CHANNEL, UNKNOWN_RSSI = 18, 65535, 255  # Of RC_CHANNELS: 1 roll, 2 pitch, 3 throttle, 4 yaw
 CHANNELS = 16  # Outputs in SERVO_OUTPUT_RAW and PX4's other output messages
 
 
@@ -54,7 +58,9 @@ class MessageWriter:
             "EXTENDED_SYS_STATE": self._extended_sys_state,
             "ATTITUDE": self._attitude,
             "ATTITUDE_QUATERNION": self._attitude_quaternion,
+            "ATTITUDE_TARGET": self._attitude_target,
             "LOCAL_POSITION_NED": self._local_position_ned,
+            "RC_CHANNELS": self._rc_channels,
             "SERVO_OUTPUT_RAW": self._servo_output_raw,
             "ACTUATOR_OUTPUT_STATUS": self._actuator_output_status,
             "HIL_ACTUATOR_CONTROLS": self._hil_actuator_controls,
@@ -104,6 +110,21 @@ class MessageWriter:
     def _attitude_quaternion(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
         q1, q2, q3, q4 = motion.known_attitude.T
         return {"time_boot_ms": _milliseconds(boot), "q1": q1, "q2": q2, "q3": q3, "q4": q4, **_rates(motion)}
+
+    def _attitude_target(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
+        # No bit of type_mask is set: both autopilots say all of it is meant (PX4's streams/ATTITUDE_TARGET.hpp,
+        # ArduCopter's send_attitude_target).
+        q = Rotation.from_euler("ZYX", motion.attitude_setpoint[:, ::-1]).as_quat(scalar_first=True)
+        p, q_rate, r = motion.rates_setpoint.T
+        asked = {"body_roll_rate": p, "body_pitch_rate": q_rate, "body_yaw_rate": r, "thrust": motion.demands[:, 3]}
+        return {"time_boot_ms": _milliseconds(boot), "q": q, "type_mask": 0} | asked
+
+    def _rc_channels(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
+        # A stick to the right, or drawn back, which raises the nose, is more than the middle's pulse.
+        moved = MIDDLE_PULSE + np.round((MAX_PULSE - MIDDLE_PULSE) * motion.sticks / FULL_STICK)
+        sent: dict[str, Any] = {f"chan{n}_raw": UNUSED_CHANNEL for n in range(1, RC_CHANNELS + 1)}
+        sent |= {f"chan{n}_raw": moved[:, axis] for n, axis in ((1, 0), (2, 1), (4, 2))} | {"chan3_raw": MIDDLE_PULSE}
+        return {"time_boot_ms": _milliseconds(boot), "chancount": 4, "rssi": UNKNOWN_RSSI} | sent
 
     def _local_position_ned(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
         x, y, z = motion.known_position.T

@@ -155,6 +155,7 @@ def test_words_leave_out_no_number_of_a_wind_or_an_excitation():
         "chirp": {"amplitude": 4.02, "lowest": 0.421, "highest": 4.22, "period": 4.23},
         "multisine": {"sd": 4.03, "lowest": 0.431, "highest": 4.32, "period": 4.33},
         "steps": {"distance": 4.04, "period": 4.41},
+        "sticks": {"sd": 4.05, "s": 0.451},
     }
     winds = [{"kind": kind, **values} for kind, values in sections.items()]
     for kind, excitation in excitations.items():
@@ -163,6 +164,9 @@ def test_words_leave_out_no_number_of_a_wind_or_an_excitation():
         numbers = [number for values in (*sections.values(), excitation) for number in values.values()]
         assert [number for number in numbers if f"{number:g} " not in said and f"{number:g}°" not in said] == []
     assert {wind.kind for wind in scenario.wind} == set(WINDS) and set(excitations) == set(EXCITATIONS)
+    for axis, unit in (("pitch", "2° of pitch"), ("yaw", "2°/s of yaw rate"), ("all", "and °/s of yaw rate")):
+        said = " ".join(in_words(scenario_of({"excitation": {"kind": "multisine", "axis": axis, "sd": 2}})))
+        assert unit in said
     forever = scenario_of({"wind": [{"kind": "gust", "start": 1, "speed": 2, "hold": None}]})
     assert "stays for good" in " ".join(in_words(forever))
 

@@ -7,8 +7,8 @@ import pytest
 
 from sitl_scenarios.body import State
 from sitl_scenarios.mixer import IDLE_COMMAND, frame, mix, pulse
-from sitl_scenarios.plan import Plan
-from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Steps
+from sitl_scenarios.plan import FULL_STICK, Plan
+from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Steps, Sticks
 from sitl_scenarios.sensors import Sensing
 
 X = frame("x", (0.1, 0.1))
@@ -77,7 +77,7 @@ def test_a_flight_takes_off_hovers_and_lands():
 
 
 def test_doublets_and_steps_come_back():
-    rolls = np.array([wanted.roll for wanted in excited(Doublets(kind="doublets", amplitude=8.0))])
+    rolls = np.array([wanted.demand[0] for wanted in excited(Doublets(kind="doublets", amplitude=8.0))])
     assert set(np.round(np.degrees(rolls), 9)) == {-8.0, 0.0, 8.0}
     assert rolls.sum() == pytest.approx(0, abs=radians(8) * 2)
     places = [wanted.aside for wanted in excited(Steps(kind="steps", distance=2.0))]
@@ -86,7 +86,7 @@ def test_doublets_and_steps_come_back():
 
 def test_a_multisine_has_its_power_where_it_should_and_a_low_peak():
     wanted = Multisine(kind="multisine", sd=2.0, lowest=0.5, highest=4.0, period=10.0)
-    rolls = np.degrees([at.roll for at in excited(wanted)])
+    rolls = np.degrees([at.demand[0] for at in excited(wanted)])
     period = rolls[round(20 / CYCLE) : round(30 / CYCLE)]
     assert period.std() == pytest.approx(2)
     assert np.abs(period).max() < 2.2 * 2
@@ -97,8 +97,61 @@ def test_a_multisine_has_its_power_where_it_should_and_a_low_peak():
 
 
 def test_a_chirp_rises_in_frequency():
-    rolls = np.array([at.roll for at in excited(Chirp(kind="chirp", lowest=0.5, highest=4.0, period=20.0))])
+    rolls = np.array([at.demand[0] for at in excited(Chirp(kind="chirp", lowest=0.5, highest=4.0, period=20.0))])
     begin = round(6 / CYCLE)
     turns = [np.sum(np.diff(np.sign(rolls[begin + round(t / CYCLE) :][: round(2 / CYCLE)])) != 0) for t in (0, 9, 18)]
     assert turns[0] < turns[1] < turns[2]
     assert turns[2] == pytest.approx(2 * 2 * 3.8, abs=2)
+
+
+@pytest.mark.parametrize("axis", ["roll", "pitch", "yaw"])
+@pytest.mark.parametrize("kind", [Doublets, Chirp, Multisine, Sticks])
+def test_an_excitation_is_about_its_axis(kind, axis):
+    (name,) = kind.model_fields["kind"].annotation.__args__
+    demands = np.array([at.demand for at in excited(kind(kind=name, axis=axis), duration=30.0)])
+    about = np.array(["roll", "pitch", "yaw"]) == axis
+    assert not demands[:, ~about].any()
+    rolls = np.array([at.demand[0] for at in excited(kind(kind=name), duration=30.0)])
+    if kind is not Sticks:
+        np.testing.assert_array_equal(demands[:, about][:, 0], rolls)
+    assert demands[:, about].std() > radians(1)
+
+
+def test_multisines_of_all_axes_share_no_frequency_and_are_orthogonal():
+    wanted = Multisine(kind="multisine", axis="all", sd=3.0, lowest=0.5, highest=5.0, period=10.0)
+    demands = np.degrees([at.demand for at in excited(wanted)])[round(20 / CYCLE) : round(30 / CYCLE)]
+    np.testing.assert_allclose(np.cov(demands.T, bias=True), 9.0 * np.eye(3), atol=1e-9)
+    power = np.abs(np.fft.rfft(demands, axis=0)) > 1e-6
+    assert power.sum(0).tolist() == [16, 15, 15]
+    assert power.sum(1).max() == 1
+
+
+def test_sticks_move_as_slowly_as_asked_and_each_for_itself():
+    wanted = Sticks(kind="sticks", axis="all", sd=4.0, s=0.25)
+    flown = excited(wanted, duration=600.0)
+    hover = [at for at in flown if at.by_stick]
+    assert {at.demand for at in flown if not at.by_stick} == {(0.0, 0.0, 0.0)}
+    assert len(hover) * CYCLE == pytest.approx(587, abs=0.5)
+    demands = np.degrees([at.demand for at in hover])
+    # 587 s hold about 587/(2√π 0.25) = 660 independent values: standard errors of 2.8 % and of 0.04.
+    assert demands.std(0) == pytest.approx([4, 4, 4], rel=0.11)
+    assert np.abs(np.corrcoef(demands.T) - np.eye(3)).max() < 0.16
+    # The derivative of Gaussian-kernel noise has the standard deviation 1/(√2 s).
+    assert (np.diff(demands, axis=0) / CYCLE).std(0) == pytest.approx(4 / (2**0.5 * 0.25) * np.ones(3), rel=0.11)
+    assert not any(at.by_stick for at in excited(Doublets(kind="doublets")))
+
+
+def test_sticks_follow_from_the_seed_and_stop_at_their_ends():
+    wanted = Sticks(kind="sticks", axis="roll", sd=30.0, s=0.1)
+    first, again, other = (
+        np.array(
+            [
+                Plan(Scenario(duration=30.0, seed=seed, excitation=wanted), CYCLE).at(k * CYCLE).demand
+                for k in range(1500, 2500)
+            ]
+        )
+        for seed in (3, 3, 4)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+    assert np.abs(first[:, 0]).max() == FULL_STICK[0]

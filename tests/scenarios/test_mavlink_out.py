@@ -94,6 +94,32 @@ def test_what_is_read_back_is_what_was_true(speaks, version, tmp_path):
         assert set(actuator[0, 4:16]) == {900} and set(actuator[0, 16:]) == {0}
 
 
+@pytest.mark.parametrize("version", [1, 2])
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+def test_setpoints_and_sticks_come_when_they_are_asked_for(speaks, version, tmp_path):
+    motion, rates = made_up_motion(speaks=speaks), {"ATTITUDE_TARGET": 50.0, "RC_CHANNELS": 20.0}
+    sent = read(tmp_path, scenario(speaks, version=version, rates=rates), motion).vehicles[0].messages
+    target, sticks = sent["ATTITUDE_TARGET"], sent["RC_CHANNELS"]
+    assert len(target["time"]) == pytest.approx(1000, abs=2) and len(sticks["time"]) == pytest.approx(400, abs=2)
+    at = np.searchsorted(motion.time, target["time"] - 1e-3)
+    angles = Rotation.from_quat(target["q"], scalar_first=True).as_euler("ZYX")[:, ::-1]
+    np.testing.assert_allclose(angles, motion.attitude_setpoint[at], rtol=0, atol=1e-6)
+    for i, name in enumerate(("roll", "pitch", "yaw")):
+        np.testing.assert_allclose(target[f"body_{name}_rate"], motion.rates_setpoint[at, i], rtol=1e-6)
+    np.testing.assert_allclose(target["thrust"], motion.demands[at, 3], rtol=1e-6)
+    assert set(target["type_mask"]) == {0}
+    # Of 35° of roll and pitch and 150 °/s of yaw rate to each side's 500 µs: 0.1 rad are 82 µs.
+    at = np.searchsorted(motion.time, sticks["time"] - 1e-3)
+    for n, axis, full in ((1, 0, 35), (2, 1, 35), (4, 2, 150)):
+        moved = 1500 + 500 * np.degrees(motion.sticks[at, axis]) / full
+        np.testing.assert_allclose(sticks[f"chan{n}_raw"], moved, atol=0.5001)
+        assert np.ptp(moved) > 50
+    assert set(sticks["chan3_raw"]) == {1500} and set(sticks["chan5_raw"]) == {65535}
+    assert set(sticks["chancount"]) == {4}
+    plain = read(tmp_path, scenario(speaks, version=version), motion).vehicles[0].messages
+    assert not {"ATTITUDE_TARGET", "RC_CHANNELS"} & set(plain)
+
+
 def test_the_battery_is_reported_in_millivolts_as_it_sags(tmp_path):
     """Of 12.6 V a tenth is lost over the 20 s of the motion, whenever the autopilot booted."""
     for begin in (0.0, 500.0):

@@ -5,9 +5,19 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load, names
 from sitl_scenarios.motion import Motion
-from sitl_scenarios.scenario import GaussianWind, Moment, Scenario, SteadyWind, StreamSpec, VehicleSpec
+from sitl_scenarios.scenario import (
+    Doublets,
+    GaussianWind,
+    Moment,
+    Scenario,
+    SteadyWind,
+    Sticks,
+    StreamSpec,
+    VehicleSpec,
+)
 from sitl_scenarios.simulation import CYCLES, Simulation, fly
 
 WINDY = (SteadyWind(kind="steady", speed=4.0), GaussianWind(kind="gaussian", sd=0.7, s=0.2))
@@ -37,7 +47,7 @@ def test_a_row_is_a_cycle_and_columns_have_the_shapes_of_motion(flight):
     assert flight.time[0] == 0
     shapes = {field.name: getattr(flight, field.name).shape[1:] for field in fields(Motion)}
     vectors = ("position", "velocity", "rates", "wind", "force", "moment")
-    vectors += ("known_rates", "known_position", "known_velocity")
+    vectors += ("known_rates", "known_position", "known_velocity", "attitude_setpoint", "rates_setpoint", "sticks")
     assert all(shapes[name] == (3,) for name in vectors)
     assert all(shapes[name] == (4,) for name in ("attitude", "known_attitude", "outputs", "demands", "rotor_speeds"))
     assert shapes["time"] == shapes["battery"] == shapes["armed"] == shapes["landed_state"] == ()
@@ -239,3 +249,47 @@ def test_a_weak_motor_is_driven_harder_and_gives_the_same_thrust():
     )
     np.testing.assert_allclose(speeds, 1.0, atol=0.02)
     assert np.argmax(outputs) == 2 and outputs[2] > 1.05
+
+
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+@pytest.mark.parametrize("axis", ["roll", "pitch"])
+def test_setpoints_have_the_doublets_and_the_vehicle_follows_them(speaks, axis):
+    number = ("roll", "pitch").index(axis)
+    doublets = Doublets(kind="doublets", axis=axis, amplitude=6.0, width=0.6)
+    motion = fly(brief(wind=(), excitation=doublets, stream=StreamSpec(speaks=speaks)))
+    asked, rates = np.degrees(motion.attitude_setpoint[:, number]), motion.rates_setpoint[:, number]
+    # The first begins two seconds into the hover; position control takes it back, but more slowly.
+    since = motion.time - motion.time[motion.landed_state == 2][0] - 2.0
+    steps = [np.diff(asked[np.abs(since - at) < 0.01])[:5].sum() for at in (0.0, 0.6, 1.2)]
+    assert steps == pytest.approx([6, -12, 6], abs=0.5)
+    attitude = np.degrees([euler(each)[number] for each in motion.attitude.tolist()])
+    hover = motion.landed_state == 2
+    late = round(0.12 / motion.time[1])
+    assert np.corrcoef(attitude[hover][late:], asked[hover][:-late])[0, 1] > 0.9
+    assert not np.degrees(motion.attitude_setpoint[hover][:, 1 - number]).std() > 1
+    # The rate loop is asked for the attitude's error times a bandwidth.
+    known = np.array([euler(each)[number] for each in motion.known_attitude.tolist()])
+    ratio = rates[hover] / (motion.attitude_setpoint[hover, number] - known[hover])
+    assert np.ptp(ratio) < 1e-6 * ratio.mean()
+    grounded = ~motion.armed
+    assert not motion.attitude_setpoint[grounded].any() and not motion.rates_setpoint[grounded].any()
+    assert not motion.sticks.any()
+
+
+def test_sticks_turn_the_heading_as_far_as_their_rate_says():
+    motion = fly(brief(wind=(), excitation=Sticks(kind="sticks", axis="yaw", sd=30.0, s=0.4)))
+    assert np.degrees(motion.sticks[:, 2]).std() > 10
+    assert not motion.sticks[:, :2].any()
+    turned = np.cumsum(motion.sticks[:, 2]) * 0.004
+    flying = motion.landed_state >= 2
+    np.testing.assert_allclose(np.unwrap(motion.attitude_setpoint[flying, 2]), turned[flying], atol=1e-9)
+    heading = np.unwrap([euler(each)[2] for each in motion.attitude.tolist()])
+    assert np.abs(heading - turned)[flying].max() < np.radians(12)
+    assert np.ptp(turned) > np.radians(25)
+
+
+def test_a_heading_that_goes_round_is_followed_the_short_way():
+    motion = fly(brief(wind=(), duration=45.0, seed=3, excitation=Sticks(kind="sticks", axis="yaw", sd=30.0, s=10.0)))
+    heading = np.unwrap([euler(each)[2] for each in motion.attitude.tolist()])
+    assert np.abs(heading).max() > np.pi
+    assert np.degrees(np.abs(motion.rates[:, 2]).max()) < 120

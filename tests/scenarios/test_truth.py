@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sitl_scenarios.files import load
-from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.scenario import Moment, Multisine, Scenario, VehicleSpec
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth, write_truth
 
@@ -15,22 +15,39 @@ def flown():
     return scenario, fly(scenario)
 
 
-def accelerations(scenario, motion):
-    """Roll acceleration of the settled flight, as it was and as A, B and the disturbance have it, rad/s²."""
-    known = truth(scenario, motion)
-    A, B, dt = known["roll_lag_A"], known["roll_lag_B"], motion.time[1]
-    keeps, drive, drives = np.exp(A[2, 2] * dt), 0.0, []
-    for settled in -((motion.outputs - known["trim"]) @ B[2]) / A[2, 2]:
+def accelerations(scenario, motion, axis="roll"):
+    """Angular acceleration of the settled flight, as it was and as A, B and the disturbance have it, rad/s²."""
+    known, rates = truth(scenario, motion), motion.rates[:, ("roll", "pitch", "yaw").index(axis)]
+    A, B, dt = known[f"{axis}_lag_A"], known[f"{axis}_lag_B"], motion.time[1]
+    keeps, drive, drives = np.exp(A[-1, -1] * dt), 0.0, []
+    for settled in -((motion.outputs - known["trim"]) @ B[-1]) / A[-1, -1]:
         drives.append(drive)
         drive = settled + keeps * (drive - settled)
-    predicted = A[1, 1] * motion.rates[:, 0] + drives + known["roll_disturbance"]
+    predicted = A[-2, -2] * rates + drives + known[f"{axis}_disturbance"]
     hover = ((motion.landed_state == 2) & (motion.time > 10))[1:]
-    return (np.diff(motion.rates[:, 0]) / dt)[hover], ((predicted[1:] + predicted[:-1]) / 2)[hover]
+    return (np.diff(rates) / dt)[hover], ((predicted[1:] + predicted[:-1]) / 2)[hover]
 
 
 def test_the_linear_system_with_lag_and_disturbance_moves_as_the_vehicle_did(flown):
     true, predicted = accelerations(*flown)
     assert (true - predicted).std() < 0.01 * true.std()
+
+
+@pytest.mark.parametrize(("axis", "inertia"), [("roll", 3.4e-3), ("pitch", 4.0e-3), ("yaw", 6.9e-3)])
+def test_it_does_about_every_axis_while_all_are_excited(axis, inertia):
+    excitation = Multisine(kind="multisine", axis="all", sd=2.0, lowest=0.3, highest=4.0, period=10.0)
+    moments = (Moment(axis=axis, sd=inertia, s=0.1),)
+    vehicle = VehicleSpec(model="ardrone2")
+    scenario = Scenario(duration=25.0, vehicle=vehicle, excitation=excitation, moments=moments, seed=4)
+    motion = fly(scenario)
+    true, predicted = accelerations(scenario, motion, axis)
+    assert np.polyfit(predicted, true, 1)[0] == pytest.approx(1, abs=0.03)
+    assert (true - predicted).std() < 0.05 * true.std()
+    known = truth(scenario, motion)
+    states = 1 if axis == "yaw" else 2
+    assert known[f"{axis}_B"].shape == (states, 4) and known[f"{axis}_lag_A"].shape == (states + 1, states + 1)
+    # 1 rad/s²; 17 s hold about 48 independent values.
+    assert known[f"{axis}_disturbance"][motion.landed_state == 2].std() == pytest.approx(1, rel=0.4)
 
 
 def test_it_nearly_does_in_wind_where_hover_is_another():
