@@ -17,6 +17,28 @@ from mavdem.ingest.mavlink.framing import Frames, concatenated, find_frames
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
 SAMPLES = Path(__file__).parents[2] / "logs"
 NOW = 1_700_000_000_000_000
+ANOTHER_FLIGHT_OF_THE_SAME = {
+    "sitl_ardupilot": ("calm", "doublets", "gustmoment", "turb", "gusts"),
+    "sitl_events": ("motor", "windjump"),
+    "sitl_px4": ("calm", "steps"),
+    "logs": ("late_landed_state",),
+    "samples": ("",),
+}
+"""By folder, what is in the names of logs whose autopilot, link and recorder are those of another log."""
+
+
+def real_logs() -> list[Path]:
+    """A telemetry log of every autopilot, link and recorder, as far as this machine has them."""
+    logs = [*SAMPLES.glob("*.tlog"), *SHARED.rglob("*.tlog")]
+    alike = ANOTHER_FLIGHT_OF_THE_SAME
+    return sorted(log for log in logs if not any(part in log.stem for part in alike.get(log.parent.name, ())))
+
+
+def beginning(log: Path, folder: Path) -> Path:
+    """A copy; of a simulator, whose messages repeat themselves, the first 1 MB."""
+    path = folder / log.name
+    path.write_bytes(log.read_bytes()[: 1_000_000 if log.parent.name.startswith("sitl_") else None])
+    return path
 
 
 def frame(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mavlink_streams import SAMPLES, SHARED, frames_in
+from mavlink_streams import SAMPLES, beginning, frames_in, real_logs
 from numpy.typing import NDArray
 from pymavlink import mavutil
 
@@ -63,8 +63,9 @@ def assert_fields_equal(data: Bytes, frames: Frames, messages: list[Any]) -> Non
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", sorted([*SAMPLES.glob("*.tlog"), *SHARED.rglob("*.tlog")]), ids=lambda path: path.name)
-def test_real_logs(path: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("log", real_logs(), ids=lambda log: log.name)
+def test_real_logs(log: Path, tmp_path: Path) -> None:
+    path = beginning(log, tmp_path)
     data, repairs = _without_carriage_returns(path.read_bytes())
     if repairs:
         path = tmp_path / "restored.tlog"

@@ -102,7 +102,7 @@ def assert_columns_equal(content: bytes, messages: list[Any]) -> None:
 
 @pytest.mark.slow
 @given(st.lists(st.tuples(STAMPS, any_message()), max_size=8))
-@settings(max_examples=150)
+@settings(max_examples=60)
 def test_columns_are_pymavlinks(tmp_path_factory: pytest.TempPathFactory, sent: list[tuple[bytes, bytes]]) -> None:
     content = tlog(INTRODUCED) + b"".join(stamp + each for stamp, each in sent)
     messages = theirs(content, tmp_path_factory.mktemp("sound"))
@@ -111,7 +111,7 @@ def test_columns_are_pymavlinks(tmp_path_factory: pytest.TempPathFactory, sent: 
 
 
 @given(st.lists(st.tuples(GARBAGE, STAMPS, any_message()), min_size=1, max_size=6), any_message(), st.data())
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_among_garbage_none_is_missed_that_was_sent_or_that_pymavlink_finds(
     tmp_path_factory: pytest.TempPathFactory,
     sent: list[tuple[bytes, bytes, bytes]],
@@ -134,7 +134,7 @@ def in_order(some: list[bytes], all_of_them: list[bytes]) -> bool:
 
 
 @given(st.integers(1, 118), st.binary(min_size=8, max_size=8))
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_a_damaged_stamp_misleads_pymavlink_and_not_us(
     tmp_path_factory: pytest.TempPathFactory, row: int, wrong: bytes
 ) -> None:
@@ -155,7 +155,7 @@ def test_a_damaged_stamp_misleads_pymavlink_and_not_us(
 
 
 @given(st.integers(1, 117), st.integers(1, 8))
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_a_stamp_with_bytes_missing_costs_us_no_message(row: int, missing: int) -> None:
     frames = [heartbeat(), *flight(TIMES)]
     place = sum(STAMP_BYTES + len(each) for each in frames[:row])
@@ -167,7 +167,7 @@ def test_a_stamp_with_bytes_missing_costs_us_no_message(row: int, missing: int) 
 
 
 @given(st.lists(st.tuples(st.integers(0, 12), st.sampled_from([0.1, 30.0, 100.0, 3000.0, 1e7, -5e6]))), st.data())
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_receive_stamps_are_believed_by_those_around_them(sent: list[tuple[int, float]], data: st.DataObject) -> None:
     """Held against the rule itself, over all stamps at once."""
     content, stamps, limits, now = b"", [], [], 1.5e9
@@ -206,7 +206,7 @@ UNREADABLE = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)
         max_size=12,
     )
 )
-@settings(max_examples=80)
+@settings(max_examples=40)
 def test_blocks_of_a_few_bytes_read_as_one_block(sent: list[tuple[bytes, bytes, bytes]]) -> None:
     content = tlog([heartbeat(), *flight(TIMES[:4])]) + b"".join(b"".join(each) for each in sent)
     for stream in (content, content.replace(b"\n", b"\r\n")):

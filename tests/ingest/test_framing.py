@@ -42,7 +42,7 @@ def same(one: object, other: object) -> bool:
 
 
 @given(st.lists(any_frame(), min_size=1, max_size=8), st.sampled_from([0, 8]), st.data())
-@settings(max_examples=150)
+@settings(max_examples=60)
 def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames: list[bytes], gap: int, data: st.DataObject) -> None:
     content = b"".join(data.draw(st.binary(min_size=gap, max_size=gap)) + each for each in frames)
     table = frames_in(content, gap)
@@ -64,7 +64,7 @@ def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames: list[bytes],
 
 
 @given(st.lists(st.tuples(st.binary(max_size=40), any_frame()), min_size=1, max_size=6), st.data())
-@settings(max_examples=100)
+@settings(max_examples=50)
 def test_garbage_between_frames_and_a_cut_tail_lose_no_whole_frame(
     pieces: list[tuple[bytes, bytes]], data: st.DataObject
 ) -> None:

@@ -56,7 +56,7 @@ def test_a_mapped_archive_is_unpacked(tmp_path: Path) -> None:
 
 
 def test_an_archive_is_not_unpacked_to_tell_its_beginning(tmp_path: Path) -> None:
-    path = written(tmp_path / "flight.tlog.xz", lzma.compress(b"flight" + bytes(50_000_000)))
+    path = written(tmp_path / "flight.tlog.xz", lzma.compress(b"flight" + bytes(20_000_000)))
     tracemalloc.start()
     try:
         assert files.file_beginning(path, 7) == b"flight\0"
@@ -109,12 +109,12 @@ def test_reading_takes_less_memory_than_the_file(tmp_path: Path) -> None:
     """Counts, clocks and the columns of attitude among other messages: no copy of the file, nor of its frames."""
     others = [frame(kind.id, bytes(range(1, kind.unpacker.size + 1))) for kind in OTHERS]
     frames = [each for pair in batched(flight(TIMES), 2) for each in (*pair, *others)]
-    path = written(tmp_path / "long.tlog", tlog([heartbeat(), *frames]) * 200)
+    path = written(tmp_path / "long.tlog", tlog([heartbeat(), *frames]) * 80)
     read_log(written(tmp_path / "short.tlog", tlog(frames)))  # what is made once for all: definitions, checksum tables
     tracemalloc.start()
     try:
         (vehicle,) = read_log(path).vehicles
-        assert len(vehicle.messages["ATTITUDE"]["roll"]) == 200 * len(TIMES)
+        assert len(vehicle.messages["ATTITUDE"]["roll"]) == 80 * len(TIMES)
         _, most = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -242,7 +242,7 @@ def test_long_runs_of_one_byte_take_no_time(tmp_path: Path, letter: int) -> None
 
 
 @given(st.integers(0, 2**32), st.floats(0.0, 0.01))
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_damage_never_makes_an_error(tmp_path_factory: pytest.TempPathFactory, seed: int, rate: float) -> None:
     chance = random.Random(seed)
     content = bytearray(log(*flight(TIMES[:60]), parameters=parameter("MAV_SYS_ID", 3)))
