@@ -26,6 +26,9 @@ class Flight:
         input_names, output_names, input_units, output_units: one string a column.
         provenance: where it came from and how it was made, as plain JSON values.
         effect_directions: (r,) relative effect of each input on the axis, where the mixer geometry is known; else None.
+        setpoints: (T, q) what was asked of the axis, by the controllers' outer loops or the pilot: at each sample the
+            last value until then, NaN where there is none. None where the source has no setpoints.
+        setpoint_names, setpoint_units: one string a column of ``setpoints``.
 
     Raises:
         ValueError: names the argument whose shape, order or values are wrong.
@@ -41,6 +44,9 @@ class Flight:
     output_units: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     effect_directions: NDArray[np.float64] | None = None
+    setpoints: NDArray[np.float64] | None = None
+    setpoint_names: tuple[str, ...] = ()
+    setpoint_units: tuple[str, ...] = ()
 
     def __init__(
         self,
@@ -54,12 +60,17 @@ class Flight:
         output_units: tuple[str, ...] | None = None,
         provenance: Mapping[str, Any] | None = None,
         effect_directions: ArrayLike | None = None,
+        setpoints: ArrayLike | None = None,
+        setpoint_names: tuple[str, ...] | None = None,
+        setpoint_units: tuple[str, ...] | None = None,
     ) -> None:
         if not (provenance is None or isinstance(provenance, Mapping)):
             raise ValueError(f"provenance must be values by name, not {provenance!r}")
         time = _column(time, "time")
         inputs = _table(inputs, "inputs", len(time))
         outputs = _table(outputs, "outputs", len(time))
+        asked = None if setpoints is None else _table(setpoints, "setpoints", len(time), missing=True)
+        none = np.empty((len(time), 0)) if asked is None else asked
         fields = {
             "time": time,
             "inputs": inputs,
@@ -71,13 +82,22 @@ class Flight:
             "output_units": _labels(output_units, "output_units", outputs, None),
             "provenance": dict(provenance or {}),
             "effect_directions": _directions(effect_directions, inputs),
+            "setpoints": asked,
+            "setpoint_names": _labels(setpoint_names, "setpoint_names", none, "setpoint"),
+            "setpoint_units": _labels(setpoint_units, "setpoint_units", none, None),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
 
     @classmethod
     def segments(
-        cls, time: ArrayLike, inputs: ArrayLike, outputs: ArrayLike, dt: float | None = None, **labels: Any
+        cls,
+        time: ArrayLike,
+        inputs: ArrayLike,
+        outputs: ArrayLike,
+        dt: float | None = None,
+        setpoints: ArrayLike | None = None,
+        **labels: Any,
     ) -> tuple[Flight, ...]:
         """Cuts arrays with gaps into one ``Flight`` for each segment between them, all with the same ``dt``.
 
@@ -87,6 +107,7 @@ class Flight:
             time: (T,) seconds, increasing; a step longer than one and a half usual ones is a gap.
             inputs, outputs: (T, r), (T, m).
             dt: sampling step, s; the mean step without the gaps unless given.
+            setpoints: (T, q), if there are any.
             labels: names, units and provenance, as for a ``Flight``.
 
         Raises:
@@ -101,7 +122,12 @@ class Flight:
         dt = float(steps[~gaps].mean()) if dt is None else dt
         cuts = np.flatnonzero(gaps) + 1
         parts = zip(*(np.split(values, cuts) for values in (stamps, *tables)), strict=True)
-        return tuple(cls(t, u, y, dt, **labels) for t, u, y in parts if len(t) > 1)
+        asked = None if setpoints is None else np.split(_table(setpoints, "setpoints", len(stamps), missing=True), cuts)
+        return tuple(
+            cls(t, u, y, dt, setpoints=None if asked is None else asked[place], **labels)
+            for place, (t, u, y) in enumerate(parts)
+            if len(t) > 1
+        )
 
     def __len__(self) -> int:
         return len(self.time)
@@ -115,8 +141,9 @@ class Flight:
             raise ValueError(f"the slice {part.start}:{part.stop} of a flight of {len(self)} samples is empty")
         # Not validated anew: a part of what is uniform is uniform, and keeps the step of the whole.
         cut = copy(self)
-        for name in ("time", "inputs", "outputs"):
-            object.__setattr__(cut, name, getattr(self, name)[part])
+        for name in ("time", "inputs", "outputs", "setpoints"):
+            if (values := getattr(self, name)) is not None:
+                object.__setattr__(cut, name, values[part])
         object.__setattr__(cut, "provenance", dict(self.provenance))
         return cut
 
@@ -154,8 +181,8 @@ def _column(values: ArrayLike, name: str) -> NDArray[np.float64]:
     return array
 
 
-def _table(values: ArrayLike, name: str, length: int) -> NDArray[np.float64]:
-    array = _frozen(values, name)
+def _table(values: ArrayLike, name: str, length: int, missing: bool = False) -> NDArray[np.float64]:
+    array = _frozen(values, name, missing)
     if array.ndim == 1:
         array = array[:, None]
     if array.ndim != 2 or len(array) != length:
@@ -163,7 +190,8 @@ def _table(values: ArrayLike, name: str, length: int) -> NDArray[np.float64]:
     return array
 
 
-def _frozen(values: ArrayLike, name: str) -> NDArray[np.float64]:
+def _frozen(values: ArrayLike, name: str, missing: bool = False) -> NDArray[np.float64]:
+    """A copy that cannot be written; NaN stands for what is ``missing`` where that may be."""
     if np.ma.isMaskedArray(values) and np.ma.is_masked(values):
         raise ValueError(f"{name} must not be masked: leave out what is missing, or cut there with Flight.segments")
     try:
@@ -172,9 +200,11 @@ def _frozen(values: ArrayLike, name: str) -> NDArray[np.float64]:
         array = np.array(values, dtype=np.float64, order="C")  # products round otherwise in another order
     except (TypeError, ValueError, OverflowError) as error:
         raise ValueError(f"{name} must be real numbers: {error}") from None
-    if not np.isfinite(array).all():
-        raise ValueError(f"{name} must be finite; {np.count_nonzero(~np.isfinite(array))} values are NaN or infinite")
-    if np.abs(array).max(initial=0.0) > MAX_VALUE:
+    wrong = np.isinf(array) if missing else ~np.isfinite(array)
+    if wrong.any():
+        what = "infinite" if missing else "NaN or infinite"
+        raise ValueError(f"{name} must be finite; {np.count_nonzero(wrong)} values are {what}")
+    if np.fmax.reduce(np.abs(array), axis=None, initial=0.0) > MAX_VALUE:
         raise ValueError(f"{name} must not be larger than {MAX_VALUE:g}")
     array.setflags(write=False)
     return array

@@ -113,3 +113,20 @@ def test_effect_directions_stay_with_slices_and_must_be_one_for_each_input():
     assert Flight(time, inputs, outputs).effect_directions is None
     with pytest.raises(ValueError, match=r"effect_directions must have shape \(4,\)"):
         Flight(time, inputs, outputs, effect_directions=[-1, 1])
+
+
+def test_setpoints_may_be_missing_at_some_samples_and_are_cut_with_the_flight():
+    asked = np.column_stack([np.full(6, np.nan), np.arange(6.0)])
+    flight = Flight(TIME, INPUTS, OUTPUTS, setpoints=asked, setpoint_names=("roll stick", "roll setpoint"))
+    assert flight.setpoint_units == ("", "") and Flight(TIME, INPUTS, OUTPUTS).setpoint_names == ()
+    np.testing.assert_array_equal(flight[2:4].setpoints, asked[2:4])
+    assert Flight(TIME, INPUTS, OUTPUTS, setpoints=asked).setpoint_names == ("setpoint 1", "setpoint 2")
+    with pytest.raises(ValueError, match="setpoints must be finite; 1 values are infinite"):
+        Flight(TIME, INPUTS, OUTPUTS, setpoints=[np.nan] * 5 + [np.inf])
+    with pytest.raises(ValueError, match="setpoint_names must have one string for each of the 0 columns"):
+        Flight(TIME, INPUTS, OUTPUTS, setpoint_names=("roll stick",))
+    with pytest.raises(ValueError, match="setpoints must not be larger"):
+        Flight(TIME, INPUTS, OUTPUTS, setpoints=[np.nan] * 5 + [1e200])
+    first, second = Flight.segments(np.append(TIME[:3], TIME[3:] + 1), INPUTS, OUTPUTS, setpoints=asked)
+    np.testing.assert_array_equal(second.setpoints, asked[3:])
+    assert first[:2].setpoints.shape == (2, 2)

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 from mavdem.alignment.segments import STAMP_SECONDS, Segment, is_sampled, within
+from mavdem.alignment.setpoints import Setpoint, held
 from mavdem.alignment.signals import Signals
 from mavdem.flight import Flight
 
@@ -37,7 +39,9 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
     A motor output is held by the ESC, but only until the mixer's next turn, a few ms later and long before the next
     message. Holding the last message would date every input half an interval late on average, a lag the model would
     learn; interpolation has none. It looks one message ahead: an input between two messages uses up to one interval of
-    the future. Raises ValueError: no attitude or inputs, or a segment without samples of them.
+    the future. Setpoints are held (see ``setpoints``).
+
+    Raises ValueError: no attitude or inputs, or a segment without samples of them.
     """
     attitude, motors, telemetry, axis = signals.attitude, signals.drive, signals.telemetry, signals.axis
     if attitude is None or motors is None:
@@ -81,10 +85,23 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
                 "positions_assumed": layout.positions_assumed,
             },
             "scale": asdict(scale),
+            "setpoints": {one.name: telemetry.called(one.message) for one in signals.setpoints},
             "repairs": list(telemetry.repairs),
         },
         effect_directions=None if layout.positions_assumed else layout.effect(axis),
+        **_asked(signals.setpoints, segment.boot, time),
     )
+
+
+def _asked(setpoints: Sequence[Setpoint], boot: int, time: NDArray[np.float64]) -> dict[str, Any]:
+    """The arguments of a flight that are its setpoints at ``time`` (T,)."""
+    if not setpoints:
+        return {}
+    return {
+        "setpoints": np.column_stack([held(one, boot, time) for one in setpoints]),
+        "setpoint_names": tuple(one.name for one in setpoints),
+        "setpoint_units": tuple(one.unit for one in setpoints),
+    }
 
 
 def step(rates: Iterable[float]) -> float:

@@ -1,7 +1,7 @@
 """Signals: which message means what, worked out once for a vehicle and an axis.
 
-Message and field names occur only here and in ``drive``. Every signal is on the vehicle's boot clock, in time
-order, each stamp once, per boot; a signal that was not recorded is None.
+Message and field names occur only here, in ``drive`` and in ``setpoints``. Every signal is on the vehicle's boot clock,
+in time order, each stamp once, per boot; a signal that was not recorded is None.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from mavdem.alignment.columns import Signal, floats, in_order, message_counts, preferred_message
 from mavdem.alignment.drive import AXES, INPUTS, Motors, demand, motors, thrust_demand
+from mavdem.alignment.setpoints import Setpoint, setpoints
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.euler import roll_and_pitch
 from mavdem.ingest.telemetry import Telemetry, rate_without_gaps
@@ -96,6 +97,11 @@ class Signals:
             return self.demand if self.inputs == "demand" else self.motors
         rates = (0.0 if stream is None else usual_rate(stream) for stream in (self.motors, self.demand))
         return motors_or_demand(self.motors, self.demand, *rates)
+
+    @cached_property
+    def setpoints(self) -> tuple[Setpoint, ...]:
+        """What was asked of the axis; empty where that was not recorded."""
+        return setpoints(self.telemetry, self.axis)
 
     @cached_property
     def armed(self) -> Signal | None:

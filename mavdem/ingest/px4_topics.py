@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.ingest.motors import motor_geometry
-from mavdem.ingest.telemetry import Columns, selected
+from mavdem.ingest.telemetry import Columns, joined, selected
 from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, IN_AIR, LANDING, ON_GROUND, PX4, TAKING_OFF, heartbeat_fields
 
 Px4Topic = Mapping[str, NDArray[Any]]
@@ -35,8 +35,15 @@ NEEDED: Mapping[str, tuple[str, ...]] = {
     "actuator_controls_0": ("control[8]",),
     "vehicle_torque_setpoint": ("xyz[3]",),
     "vehicle_thrust_setpoint": ("xyz[3]",),
+    "vehicle_attitude_setpoint": ("q_d[4]", "q_d_valid"),
+    "vehicle_rates_setpoint": ("roll", "pitch", "yaw"),
+    "manual_control_setpoint": ("roll", "pitch", "yaw", "x", "y", "r", "valid"),
 }
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
+SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint", "manual_control_setpoint"})
+"""Those that are no flight by themselves."""
+RATES_IGNORED, ATTITUDE_IGNORED = 1 | 2 | 4, 128  # Bits of ATTITUDE_TARGET.type_mask
+STICK_RANGE, NO_STICK = 1000.0, 32767.0  # Full deflection in MANUAL_CONTROL, and what stands for none
 MAX_ATTITUDE_STEP = 0.1
 """Longest step, s, of the attitude that is interpolated: half a period at 5 Hz, the band of the roll dynamics."""
 
@@ -72,6 +79,8 @@ def messages(topics: Topics, parameters: Parameters, vehicle: str, kind: int | N
             "EXTENDED_SYS_STATE": _extended_sys_state(topics),
             "LOCAL_POSITION_NED": _local_position_ned(topics),
         }
+        if any(columns is not None and len(columns["time"]) for columns in made.values()):
+            made |= {"ATTITUDE_TARGET": _attitude_target(topics), "MANUAL_CONTROL": _manual_control(topics)}
     return {
         name: columns | {"boot": np.zeros(len(columns["time"]), dtype=np.int64)}
         for name, columns in made.items()
@@ -94,6 +103,8 @@ def names(topics: Topics, made: Mapping[str, Columns]) -> dict[str, str]:
         "HEARTBEAT": "vehicle_status",
         "EXTENDED_SYS_STATE": "vehicle_land_detected",
         "LOCAL_POSITION_NED": "vehicle_local_position",
+        "ATTITUDE_TARGET": "vehicle_rates_setpoint and vehicle_attitude_setpoint",
+        "MANUAL_CONTROL": "manual_control_setpoint",
     }
 
 
@@ -220,6 +231,46 @@ def _actuator_control_target(topics: Topics) -> dict[str, NDArray[Any]] | None:
             return None
         controls, time = _array(old, "control", _CONTROLS), old["time"]
     return {"time": time, "group_mlx": np.zeros(len(time), dtype=np.uint8), "controls": controls}
+
+
+def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]] | None:
+    """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint, rad/s.
+
+    PX4 sends both together. Here each is a message of its own at its own stamp, in which the other is masked.
+    """
+    parts = []
+    attitude, rates = _first(topics, "vehicle_attitude_setpoint"), _first(topics, "vehicle_rates_setpoint")
+    if attitude is not None and _has(attitude, "q_d", 4):
+        valid = attitude.get("q_d_valid", np.ones(len(attitude["time"]))).astype(np.bool_)
+        attitude = selected(attitude, valid)
+        none = np.full((len(attitude["time"]), 3), np.nan)
+        parts.append(_target(attitude, _array(attitude, "q_d", 4), none, RATES_IGNORED))
+    if rates is not None and all(axis in rates for axis in ("roll", "pitch", "yaw")):
+        asked = np.column_stack([rates[axis] for axis in ("roll", "pitch", "yaw")]).astype(np.float64)
+        parts.append(_target(rates, np.full((len(asked), 4), np.nan), asked, ATTITUDE_IGNORED))
+    if not parts:
+        return None
+    together = joined(parts)
+    return selected(together, np.argsort(together["time"], kind="stable"))
+
+
+def _target(topic: Px4Topic, q: NDArray[Any], rates: NDArray[Any], type_mask: int) -> dict[str, NDArray[Any]]:
+    fields = dict(zip(("body_roll_rate", "body_pitch_rate", "body_yaw_rate"), rates.T, strict=True))
+    return {"time": topic["time"], "type_mask": np.full(len(q), type_mask, dtype=np.uint8), "q": q, **fields}
+
+
+def _manual_control(topics: Topics) -> dict[str, NDArray[Any]] | None:
+    """MANUAL_CONTROL.hpp: manual_control_setpoint, called x, y and r until PX4 1.13, with the decimals it cuts off."""
+    sticks = _first(topics, "manual_control_setpoint")
+    names = {"x": "pitch", "y": "roll", "r": "yaw"}
+    if sticks is None:
+        return None
+    fields = {ours: theirs if theirs in sticks else ours for ours, theirs in names.items()}
+    if not all(field in sticks for field in fields.values()):
+        return None
+    valid = sticks.get("valid", np.ones(len(sticks["time"]))).astype(np.bool_)
+    columns = {ours: np.where(valid, STICK_RANGE * sticks[field], NO_STICK) for ours, field in fields.items()}
+    return {"time": sticks["time"], **columns}
 
 
 def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]] | None:

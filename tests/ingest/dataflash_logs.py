@@ -18,6 +18,7 @@ MESSAGES = {
     "EV": (133, "QB", "TimeUS,Id"),
     "ARM": (134, "QBIBB", "TimeUS,ArmState,ArmChecks,Forced,Method"),
     "DSF": (136, "QIHIIII", "TimeUS,Dp,Blk,Bytes,FMn,FMx,FAv"),
+    "RCIN": (137, "Q" + 14 * "H", "TimeUS," + ",".join(f"C{n}" for n in range(1, 15))),
     "CTUN": (135, "Qfhh", "TimeUS,ThI,DCRt,CRt"),
 }
 

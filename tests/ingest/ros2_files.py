@@ -31,6 +31,9 @@ PX4_TYPES = {
     "actuator_motors": "ActuatorMotors",
     "vehicle_torque_setpoint": "VehicleTorqueSetpoint",
     "vehicle_thrust_setpoint": "VehicleThrustSetpoint",
+    "vehicle_attitude_setpoint": "VehicleAttitudeSetpoint",
+    "vehicle_rates_setpoint": "VehicleRatesSetpoint",
+    "manual_control_setpoint": "ManualControlSetpoint",
 }
 """px4_msgs by PX4's topics."""
 

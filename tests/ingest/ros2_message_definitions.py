@@ -85,6 +85,49 @@ uint64 timestamp_sample # timestamp of the data sample on which this message is 
 
 float32[3] xyz          # torque setpoint about X, Y, Z body axis (normalized)
 """,
+    "px4_msgs/msg/VehicleAttitudeSetpoint": """\
+uint32 MESSAGE_VERSION = 1
+
+uint64 timestamp # time since system start (microseconds)
+
+float32 yaw_sp_move_rate # [rad/s] [@frame world NED] Rate for rotation around the vertical axis
+
+# For quaternion-based attitude control
+float32[4] q_d # [-] Desired quaternion for quaternion control
+
+float32[3] thrust_body # [-] [@range -1, 1] Normalized thrust command in body FRD frame
+""",
+    "px4_msgs/msg/VehicleRatesSetpoint": """\
+uint32 MESSAGE_VERSION = 0
+
+uint64 timestamp # time since system start (microseconds)
+
+# body angular rates in FRD frame
+float32 roll # [rad/s] roll rate setpoint
+float32 pitch # [rad/s] pitch rate setpoint
+float32 yaw # [rad/s] yaw rate setpoint
+
+float32[3] thrust_body # Normalized thrust command in body NED frame [-1,1]
+bool reset_integral # Reset roll/pitch/yaw integrals (navigation logic change)
+""",
+    "px4_msgs/msg/ManualControlSetpoint": """\
+uint32 MESSAGE_VERSION = 0
+
+uint64 timestamp # time since system start (microseconds)
+uint64 timestamp_sample # the timestamp of the raw data (microseconds)
+
+bool valid
+
+uint8 SOURCE_UNKNOWN = 0
+uint8 SOURCE_RC = 1 # radio control (input_rc)
+
+uint8 data_source
+
+float32 roll # move right, positive roll rotation, right side down
+float32 pitch # move forward, negative pitch rotation, nose down
+float32 yaw # positive yaw rotation, clockwise when seen top down
+float32 throttle # move up, positive thrust, -1 is minimum available 0% or -100% +1 is 100% thrust
+""",
     "px4_msgs/msg/VehicleThrustSetpoint": """\
 uint64 timestamp        # time since system start (microseconds)
 uint64 timestamp_sample # timestamp of the data sample on which this message is based (microseconds)
@@ -267,6 +310,34 @@ float64 w 1
 std_msgs/Header header
 uint16[] channels
 {HEADER}""",
+    "mavros_msgs/msg/RCIn": f"""\
+# RAW RC input state
+
+std_msgs/Header header
+uint8 rssi
+uint16[] channels
+{HEADER}""",
+    "mavros_msgs/msg/AttitudeTarget": f"""\
+# Message for SET_ATTITUDE_TARGET
+
+std_msgs/Header header
+
+uint8 type_mask
+uint8 IGNORE_ROLL_RATE = 1 # body_rate.x
+uint8 IGNORE_ATTITUDE = 128 # orientation field
+
+geometry_msgs/Quaternion orientation
+geometry_msgs/Vector3 body_rate
+float32 thrust
+{HEADER}================================================================================
+MSG: geometry_msgs/Quaternion
+# This represents an orientation in free space in quaternion form.
+
+float64 x 0
+float64 y 0
+float64 z 0
+float64 w 1
+{VECTOR}""",
     "mavros_msgs/msg/State": f"""\
 # Current autopilot state
 #

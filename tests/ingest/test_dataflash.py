@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink import DFReader
 
-from mavdem.alignment import drive, signals
+from mavdem.alignment import drive, setpoints, signals
 from mavdem.alignment.inventory import inventory
 from mavdem.alignment.read import read_flight
 from mavdem.alignment.signals import Signals
@@ -154,7 +154,7 @@ def test_a_made_up_log(tmp_path: Path) -> None:
     log = log_of(content, tmp_path)
     (vehicle,) = log.vehicles
     assert (vehicle.system, vehicle.component, vehicle.vehicle, vehicle.repairs) == (7, 1, "QUADROTOR", ())
-    assert (log.bytes_skipped, log.frames) == (0, 11 + 4 + 600 + 4)
+    assert (log.bytes_skipped, log.frames) == (0, 12 + 4 + 600 + 4)
     attitude = vehicle.messages["ATTITUDE"]
     assert np.allclose(attitude["time"], TIMES, atol=1e-9)
     assert np.allclose(attitude["roll"][:5], np.radians([2, 4, 6, 8, 10]))
@@ -390,6 +390,44 @@ def text_of(recording: DataflashRecording, names: list[str]) -> str:
     return "\r\n".join([*lines, *(line for _, line in sorted(rows))]) + "\r\n"
 
 
+def test_setpoints_of_rate_and_att_keep_their_own_stamps(tmp_path: Path) -> None:
+    pieces = made.flight(TIMES)
+    for row in range(4):
+        stamp, at = 20_503_000 + 100_000 * row, 50 + 10 * row
+        pieces[at] += made.message("RATE", stamp, 10.0 * row, 1.0, 0, -20.0 * row, 0, 0, 30.0 * row)
+        pieces[at] += made.message("ATT", stamp + 5000, 100 * row, 0, -200 * row, 0, 9000, 0)
+        pieces[at] += made.message("RCIN", stamp + 6000, 1500 + row, 1400, 1000, 1300)
+    vehicle = vehicle_of(made.formats() + made.told() + b"".join(pieces), tmp_path)
+    for axis, degrees in (("roll", (10, 1)), ("pitch", (-20, -2))):
+        rate, angle, stick = setpoints.setpoints(vehicle, axis)
+        for one, each, late in ((rate, degrees[0], 0.003), (angle, degrees[1], 0.008)):
+            at = 20.5 + 0.1 * np.arange(4) + late
+            rows = np.searchsorted(one.signal.time, at - 1e-4)
+            np.testing.assert_allclose(one.signal.time[rows], at, atol=1e-9)
+            np.testing.assert_allclose(one.signal.values[rows], np.radians(each) * np.arange(4), atol=1e-9)
+        expected = [1500, 1501, 1502, 1503] if axis == "roll" else [1400] * 4
+        assert stick.unit == "µs" and stick.signal.values.tolist() == expected
+    assert [one.name for one in setpoints.setpoints(vehicle, "yaw")] == ["yaw rate setpoint", "yaw stick"]
+    assert vehicle.called("ATTITUDE_TARGET") == "RATE and ATT" and vehicle.called("RC_CHANNELS") == "RCIN"
+
+
+def test_sticks_alone_are_no_flight(tmp_path: Path) -> None:
+    with pytest.raises(Unreadable, match="has no attitude"):
+        log_of(made.formats() + made.told() + made.message("RCIN", 20_000_000, 1500), tmp_path)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("axis", ["roll", "pitch"])
+def test_angle_setpoints_are_those_of_the_telemetry_of_the_same_flight(axis: str) -> None:
+    (logged,) = read_dataflash(shared(STEPS)).vehicles
+    (sent,) = read_log(shared(STEPS.with_suffix(".tlog"))).vehicles
+    ours, theirs = (next(s for s in setpoints.setpoints(v, axis) if s.unit == "rad").signal for v in (logged, sent))
+    inside = (theirs.time > 60) & (theirs.time < 140)
+    # What ATTITUDE_TARGET had when it was sent is what ANG logs in the same controller step of 2.5 ms.
+    error = np.interp(theirs.time[inside], ours.time, ours.values) - theirs.values[inside]
+    assert np.sqrt(np.mean(error**2)) < 0.02 * theirs.values[inside].std()
+
+
 def test_a_text_log_reads_as_the_binary_one(tmp_path: Path) -> None:
     content = made.formats() + made.told() + made.message("MSG", 2, "a, text, with commas")
     content += b"".join(made.flight(TIMES)) + made.message("EV", 21_990_000, 18)
@@ -402,7 +440,8 @@ def test_a_text_log_reads_as_the_binary_one(tmp_path: Path) -> None:
         assert set(vehicle.messages) == set(binary.messages)
         for name, columns in binary.messages.items():
             for field, values in columns.items():
-                assert np.allclose(vehicle.messages[name][field], values, atol=1e-12), (name, field)
+                theirs = vehicle.messages[name][field]
+                assert np.allclose(theirs, values, atol=1e-12, equal_nan=True), (name, field)
     assert vehicle.repairs[0] == "3 lines that match no definition were left out."
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mavdem.alignment.setpoints import setpoints
 from mavdem.alignment.signals import Signals
 from mavdem.errors import Unreadable
 from mavdem.ingest.dataflash.log import read_dataflash
@@ -17,7 +18,7 @@ SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "
 COLUMNS = {
     "MSG": ("QZ", "TimeUS,Message"),
     "ATT": ("Qfff", "TimeUS,Roll,Pitch,Yaw"),
-    "RATE": ("Qfffffff", "TimeUS,R,P,Y,ROut,POut,YOut,AOut"),
+    "RATE": ("Qffffffffff", "TimeUS,R,P,Y,ROut,POut,YOut,AOut,RDes,PDes,YDes"),
     "IMU": ("Qfff", "TimeUS,GyrX,GyrY,GyrZ"),
     "EV": ("B", "Id"),
 }
@@ -35,7 +36,9 @@ def log(
     for time, speed in zip(TIMES, swing * ROLL_RATE, strict=True):
         stamp, turned = round(1e6 * time), np.degrees(speed) * rate
         lines.append(f"ATT, {stamp}, {-8 * np.cos(5 * time)}, 0, 0")
-        lines.append(f"RATE, {stamp}, {turned}, 0, 0, {0.1 * rate}, 0, 0, {0.4 if rate == 1 else 400}")
+        lines.append(
+            f"RATE, {stamp}, {turned}, 0, 0, {0.1 * rate}, 0, 0, {0.4 if rate == 1 else 400}, {2 * turned}, 0, 0"
+        )
         if gyro:
             lines.append(f"IMU, {stamp}, {speed}, 0, 0")
         if stamp in (21_000_000, 23_000_000):
@@ -61,6 +64,8 @@ def test_the_unit_of_rate_is_told_by_the_gyro_else_by_the_version(
     vehicle = log(tmp_path, rate, firmware, gyro)
     np.testing.assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6)
     assert any("centidegrees" in note for note in vehicle.repairs) == (rate == 100)
+    (asked,) = setpoints(vehicle, "roll")
+    np.testing.assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
 
 
 def test_a_gyro_that_does_not_turn_decides_nothing(tmp_path: Path) -> None:
@@ -88,13 +93,15 @@ def test_values_that_are_not_finite_give_no_warning(tmp_path: Path) -> None:
 
 
 def test_rate_with_columns_nobody_knows_leaves_the_gyro(tmp_path: Path) -> None:
-    vehicle = log(tmp_path, RATE="TimeUS,a,b,c,d,e,f,g")
+    vehicle = log(tmp_path, RATE="TimeUS,a,b,c,d,e,f,g,h,i,j")
     np.testing.assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, atol=1e-9)
     assert vehicle.called("ATTITUDE") == "ATT" and "ACTUATOR_CONTROL_TARGET" not in vehicle.messages
 
 
 def test_rate_of_3_3_before_its_release_is_read_under_its_own_names(tmp_path: Path) -> None:
-    vehicle = log(tmp_path, RATE="TimeUS,Rll,Pit,Yaw,RllOut,PitOut,YawOut,x")
+    vehicle = log(tmp_path, RATE="TimeUS,Rll,Pit,Yaw,RllOut,PitOut,YawOut,x,RllDes,PitDes,YawDes")
+    (asked,) = setpoints(vehicle, "roll")
+    np.testing.assert_allclose(asked.signal.values, 2 * ROLL_RATE, rtol=1e-4, atol=1e-6)
     np.testing.assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, rtol=1e-4, atol=1e-6)
     controls = vehicle.messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     assert (controls[:, 0] == 0.1).all() and np.isnan(controls[:, 3]).all()

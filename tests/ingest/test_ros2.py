@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import random
 import sys
@@ -30,12 +31,15 @@ from ros2_files import (
     mavros_flight,
     px4_flight,
     roll,
+    to_ros,
+    xyzw,
 )
 from scipy.spatial.transform import Rotation
 from ulog_files import shared
 
 import mavdem
 from mavdem.alignment import signals
+from mavdem.alignment.setpoints import setpoints
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import judge
 from mavdem.errors import NotLearnable, Unreadable
@@ -145,6 +149,7 @@ def test_px4s_topics_tell_what_its_own_log_of_them_tells(tmp_path: Path) -> None
     source = tmp_path / "beginning.ulg"
     source.write_bytes(file_bytes(shared(ULOG))[:11_200_000])
     (theirs,) = read_log(source).vehicles
+    expected = {name: columns for name, columns in theirs.messages.items() if name != "MANUAL_CONTROL"}  # no stamp
     path = tmp_path / "same.mcap"
     with Ros2Recorder(path) as recorder:
         for name, at, fields in topics_of(source):
@@ -152,8 +157,8 @@ def test_px4s_topics_tell_what_its_own_log_of_them_tells(tmp_path: Path) -> None
             recorder.px4(name, at, **own)
     (ours,) = read_log(path).vehicles
     assert (ours.system, ours.vehicle, ours.autopilot, ours.repairs) == (theirs.system, "QUADROTOR", "PX4", ())
-    assert set(ours.messages) == set(theirs.messages)
-    for name, columns in theirs.messages.items():
+    assert set(ours.messages) == set(expected)
+    for name, columns in expected.items():
         for field, values in columns.items():
             assert np.array_equal(ours.messages[name][field], values, equal_nan=True), (name, field)
     one, other = mavdem.read_flight(path), mavdem.read_flight(source)
@@ -179,7 +184,8 @@ def topics_of(source: Path) -> list[tuple[str, float, dict[str, Any]]]:
                 fields[name] = [columns[f"{name}[{n}]"][row] for n in range(count)]
             if nested:
                 fields["current"] = {name.partition(".")[2]: columns[name][row] for name in nested}
-            told.append((data.name, fields["timestamp"] / 1e6, fields))
+            if fields["timestamp"]:  # a stick that was never moved has none
+                told.append((data.name, fields["timestamp"] / 1e6, fields))
     return sorted(told, key=lambda one: one[1])
 
 
@@ -763,7 +769,7 @@ def test_numbers_that_are_none_make_no_error(value: float, tmp_path: Path) -> No
 
 def test_what_is_read_of_px4s_topics_is_in_their_definitions() -> None:
     old = {"actuator_controls_0"}
-    of_old = {"rollspeed", "pitchspeed", "yawspeed", "is_rotary_wing"}
+    of_old = {"rollspeed", "pitchspeed", "yawspeed", "is_rotary_wing", "q_d_valid", "x", "y", "r"}
     for name, fields in NEEDED.items():
         if name in old:
             continue
@@ -773,6 +779,55 @@ def test_what_is_read_of_px4s_topics_is_in_their_definitions() -> None:
             last = last.rpartition(".")[2]
             wanted = f"[{count}] {last}" if count else f" {last}"
             assert last in of_old or wanted in text, (name, field)
+
+
+def test_setpoints_of_px4_are_those_that_it_reports(tmp_path: Path) -> None:
+    def write(recorder: Ros2Recorder) -> None:
+        px4_flight(recorder)
+        for row in range(5):
+            at, q = 20 + 0.1 * row, [float(np.cos(0.1 * row)), float(np.sin(0.1 * row)), 0.0, 0.0]
+            recorder.px4("vehicle_attitude_setpoint", at, q_d=q)
+            recorder.px4("vehicle_rates_setpoint", at, roll=float(row), pitch=10.0 + row, yaw=20.0 + row)
+            recorder.px4("manual_control_setpoint", at, valid=row < 4, roll=0.1 * row, pitch=-0.1 * row)
+            recorder.px4("vehicle_rates_setpoint", UNIX + at, "/companion/fmu/in/", roll=99.0)
+
+    (vehicle,) = read_log(written(tmp_path, write)).vehicles
+    rate, angle, stick = setpoints(vehicle, "roll")
+    np.testing.assert_allclose(rate.signal.values, np.arange(5))
+    np.testing.assert_allclose(angle.signal.values, 0.2 * np.arange(5), atol=1e-7)
+    np.testing.assert_allclose(stick.signal.values, 0.1 * np.arange(4), atol=1e-7)
+    np.testing.assert_allclose(rate.signal.time, 20 + 0.1 * np.arange(5), atol=1e-9)
+    assert [one.signal.values[1] for one in setpoints(vehicle, "pitch")] == pytest.approx([11, 0, -0.1])
+
+
+def test_setpoints_alone_are_no_vehicle(tmp_path: Path) -> None:
+    def write(recorder: Ros2Recorder) -> None:
+        recorder.px4("vehicle_rates_setpoint", 20.0, roll=1.0)
+
+    with pytest.raises(Unreadable):
+        read_log(written(tmp_path, write))
+
+
+def test_setpoints_of_mavros_are_turned_back(tmp_path: Path) -> None:
+    rpy, pqr = (0.3, -0.2, 1.0), np.array([0.5, -0.6, 0.7])
+
+    def write(recorder: Ros2Recorder) -> None:
+        mavros_flight(recorder)
+        at, turned = float(UNIX + TIMES[50]), {"x": pqr[0], "y": -pqr[1], "z": -pqr[2]}
+        fields = {"orientation": xyzw(to_ros(rpy)), "body_rate": turned, "type_mask": 1}
+        recorder.mavros("setpoint_raw/target_attitude", "mavros_msgs/msg/AttitudeTarget", at, **fields)
+        recorder.mavros("rc/in", "mavros_msgs/msg/RCIn", at, channels=[1600, 1400, 1000, 1500])
+
+    (vehicle,) = read_log(written(tmp_path, write)).vehicles
+    assert [(one.name, one.signal.values.tolist()) for one in setpoints(vehicle, "roll")] == [
+        ("roll setpoint", [pytest.approx(rpy[0])])
+    ]
+    assert {one.name: one.signal.values[0] for one in setpoints(vehicle, "pitch")} == {
+        "pitch rate setpoint": pytest.approx(pqr[1]),
+        "pitch setpoint": pytest.approx(rpy[1]),
+    }
+    ardupilots = dataclasses.replace(vehicle, autopilot="ARDUPILOTMEGA")
+    assert [one.signal.values[0] for one in setpoints(ardupilots, "roll")][-1] == 1600
 
 
 def test_names_of_topics_are_reported_in_one_line(tmp_path: Path) -> None:

@@ -26,6 +26,7 @@ from ulog_files import (
 
 import mavdem
 from mavdem.alignment import drive
+from mavdem.alignment.setpoints import setpoints
 from mavdem.alignment.signals import Signals
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
@@ -221,6 +222,27 @@ def test_demands_are_controls(tmp_path: Path) -> None:
     pieces += [data("vehicle_thrust_setpoint", 20 + row, 0, 0, -0.5) for row in range(4)]
     target = vehicle_of(log(*pieces), tmp_path).messages["ACTUATOR_CONTROL_TARGET"]
     assert np.allclose(target["controls"][3], [0.1, -0.2, 3, 0.5, 0, 0, 0, 0]) and not target["group_mlx"].any()
+
+
+def test_setpoints_keep_their_own_stamps(tmp_path: Path) -> None:
+    pieces = flight(TIMES)
+    for row in range(4):
+        half = 0.05 * row
+        pieces.append(data("vehicle_attitude_setpoint", 20 + row / 2, 0, np.cos(half), np.sin(half), 0, 0, row != 2))
+        pieces.append(data("vehicle_rates_setpoint", 20.1 + row / 2, row, 10 + row, 20 + row))
+        pieces.append(data("manual_control_setpoint", 20.2 + row / 2, -0.1 * row, 0.1 * row, 0.5, 0.2 * row))
+    vehicle = vehicle_of(log(*pieces), tmp_path)
+    assert (np.diff(vehicle.messages["ATTITUDE_TARGET"]["time"]) > 0).all()
+    rate, angle, stick = setpoints(vehicle, "roll")
+    np.testing.assert_allclose(rate.signal.time, 20.1 + np.arange(4) / 2)
+    np.testing.assert_allclose(rate.signal.values, np.arange(4))
+    np.testing.assert_allclose(angle.signal.values, [0, 0.1, 0.3], atol=1e-7)
+    np.testing.assert_allclose(angle.signal.time, [20, 20.5, 21.5])
+    np.testing.assert_allclose(stick.signal.values, 0.1 * np.arange(4), atol=1e-7)
+    yaw, stick = setpoints(vehicle, "yaw")
+    np.testing.assert_allclose(yaw.signal.values, 20 + np.arange(4))
+    np.testing.assert_allclose(stick.signal.values, 0.2 * np.arange(4), atol=1e-7)
+    assert vehicle.called("MANUAL_CONTROL") == "manual_control_setpoint"
 
 
 def test_landed_states(tmp_path: Path) -> None:

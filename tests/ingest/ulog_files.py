@@ -33,6 +33,9 @@ FORMATS = {
     "position_setpoint": "uint64_t timestamp;double lat;bool valid;uint8_t type;",
     "position_setpoint_triplet": "uint64_t timestamp;position_setpoint previous;position_setpoint current;",
     "vehicle_local_position": "uint64_t timestamp;float x;float y;float z;float vx;float vy;float vz;bool v_z_valid;",
+    "vehicle_attitude_setpoint": "uint64_t timestamp;float yaw_sp_move_rate;float[4] q_d;bool q_d_valid;",
+    "vehicle_rates_setpoint": "uint64_t timestamp;float roll;float pitch;float yaw;",
+    "manual_control_setpoint": "uint64_t timestamp;float x;float y;float z;float r;",
     "cpuload": "uint64_t timestamp;float load;",
 }
 """As PX4 defines them, shortened."""
@@ -49,6 +52,9 @@ LAYOUTS = {
     "vehicle_control_mode": "<Q?",
     "position_setpoint_triplet": "<QQd?BQd?B",
     "vehicle_local_position": "<Q6f?",
+    "vehicle_attitude_setpoint": "<Q5f?",
+    "vehicle_rates_setpoint": "<Q3f",
+    "manual_control_setpoint": "<Q4f",
     "cpuload": "<Qf",
 }
 """What the logger writes of each: no padding at the end."""

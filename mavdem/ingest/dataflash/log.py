@@ -18,7 +18,7 @@ from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.dataflash.binary import read_binary
 from mavdem.ingest.dataflash.definitions import DataflashRecording, MessageTable, numbers
 from mavdem.ingest.dataflash.text import is_text, read_text
-from mavdem.ingest.dataflash.translation import GYROS, NEEDED, translated
+from mavdem.ingest.dataflash.translation import GYROS, NEEDED, OF_FLIGHT, translated
 from mavdem.ingest.log import Log, listed, log_of_vehicles, repair_sentences
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
@@ -53,7 +53,7 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
     imu = logged["IMU"]  # by far the most messages: only what is used of each is kept
     gyros = {name: column for name, column in imu.columns.items() if name in (*CLOCKS, "I", *GYROS)}
     tables, repairs = _on_boot_clock(logged | {"IMU": MessageTable(imu.place, gyros)})
-    if not any(len(columns["time"]) for columns in tables.values()):
+    if not any(len(tables[name]["time"]) for name in OF_FLIGHT if name in tables):
         raise Unreadable(_no_flight(source, recording))
     parameters = _parameters(recording.table("PARM"))
     texts = _texts(recording.table("MSG"), "Message")

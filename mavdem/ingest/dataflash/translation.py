@@ -7,6 +7,9 @@ Fields and units: https://ardupilot.org/copter/docs/logmessages.html, from ArduP
 | ATTITUDE roll, pitch, yaw (rad) | ATT or, where faster (ArduPilot 4.7), ANG: Roll, Pitch, Yaw (°, yaw 0 to 360) |
 | ATTITUDE rollspeed, pitchspeed, yawspeed (rad/s) | RATE R, P, Y (°/s), or IMU GyrX, GyrY, GyrZ of instance 0 (rad/s) |
 | SERVO_OUTPUT_RAW servo1_raw to servo16_raw (µs) | RCOU C1 to C14 (Ch1 or Chan1 in old logs) |
+| ATTITUDE_TARGET body_roll_rate and so on (rad/s) | RATE RDes, PDes, YDes (°/s) |
+| ATTITUDE_TARGET q | ATT or, where faster, ANG: DesRoll, DesPitch, DesYaw (°) |
+| RC_CHANNELS chan1_raw to chan14_raw (µs) | RCIN C1 to C14 |
 | ACTUATOR_CONTROL_TARGET controls of group 0 | RATE ROut, POut, YOut (-1 to 1), AOut (0 to 1): what goes to the mixer |
 | LOCAL_POSITION_NED | XKF1 or NKF1 PN, PE, PD (m), VN, VE, VD (m/s) of the core that is primary (XKF4 PI) |
 | VFR_HUD climb (m/s) | CTUN CRt (cm/s) |
@@ -14,6 +17,9 @@ Fields and units: https://ardupilot.org/copter/docs/logmessages.html, from ArduP
 
 RATE has the rates that MAVLink's ATTITUDE sends, filtered and without the gyro bias that the estimator finds. IMU has
 the bias still, and is used only where RATE was logged slower than both it and the angles, or not at all.
+
+Rates and angles that were asked for are messages of ATTITUDE_TARGET of their own, at the stamps of RATE and of ATT or
+ANG; the other is masked there.
 
 ArduCopter before 3.4 called RATE's columns otherwise for a time, and logged them in centidegrees/s, the demands as
 -4500 to 4500, and AOut as 0 to 1000. ``Translation.notes`` say where that was found.
@@ -32,15 +38,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.ingest.mavlink.euler import quaternion
 from mavdem.ingest.telemetry import Columns, joined, rows_by, selected
 from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, IN_AIR, ON_GROUND, heartbeat_fields
 
 ANGLES, GYROS = ("Roll", "Pitch", "Yaw"), ("GyrX", "GyrY", "GyrZ")
 RATES = (("R", "P", "Y"), ("Rll", "Pit", "Yaw"))
 DEMANDS = (("ROut", "POut", "YOut"), ("RllOut", "PitOut", "YawOut"))
+DESIRED_RATES = (("RDes", "PDes", "YDes"), ("RllDes", "PitDes", "YawDes"))
 """RATE's columns by their names, and by those of ArduCopter 3.3 before its release."""
-NEEDED = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
-"""DataFlash's messages that are translated."""
+DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
+RATES_IGNORED, ATTITUDE_IGNORED = 1 | 2 | 4, 128  # Bits of ATTITUDE_TARGET.type_mask
+OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
+"""DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
+NEEDED = (*OF_FLIGHT, "RCIN")  # DataFlash's messages that are translated
 SLOWER_SHARE = 0.9  # A message is slower than another when it has fewer than this share of the other's number
 IN_DEGREES = (3, 4)  # The first version of ArduCopter whose releases log RATE in degrees/s
 CENTIDEGREES = (15.0, 400.0)
@@ -74,18 +85,21 @@ def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int
     """
     attitude, named, notes = _attitude(tables, version)
     demands, scaled = _demands(tables)
+    targets, asked = _targets(tables, version)
     position, positioned = _position(tables)
     messages = {
         "ATTITUDE": attitude,
         "SERVO_OUTPUT_RAW": _servos(tables),
         "ACTUATOR_CONTROL_TARGET": demands,
+        "ATTITUDE_TARGET": targets,
+        "RC_CHANNELS": _sticks(tables),
         "LOCAL_POSITION_NED": position,
         "VFR_HUD": _climb(tables),
         "HEARTBEAT": _heartbeats(tables, kind),
         "EXTENDED_SYS_STATE": _landed_states(tables),
     }
     names = {"ATTITUDE": named, "SERVO_OUTPUT_RAW": "RCOU", "ACTUATOR_CONTROL_TARGET": "RATE", "VFR_HUD": "CTUN"}
-    names["LOCAL_POSITION_NED"] = positioned
+    names |= {"LOCAL_POSITION_NED": positioned, "ATTITUDE_TARGET": asked, "RC_CHANNELS": "RCIN"}
     there = {name: columns for name, columns in messages.items() if columns is not None and len(columns["time"])}
     return Translation(there, names, (*notes, *scaled))
 
@@ -97,7 +111,7 @@ def _attitude(
 
     With the name of the slower message, and what is odd about RATE.
     """
-    named = max(("ATT", "ANG"), key=lambda name: _count(_having(tables, name, ANGLES)))
+    named = _faster_angles(tables, ANGLES)
     angles, gyros = _having(tables, named, ANGLES), _instance(_having(tables, "IMU", GYROS), "I", 0)
     columns = next((names for names in RATES if _having(tables, "RATE", names) is not None), RATES[0])
     rates = _having(tables, "RATE", columns)
@@ -122,6 +136,10 @@ def _attitude(
     return _stamped(base, "time_boot_ms", turned), named, notes
 
 
+def _faster_angles(tables: Mapping[str, Columns], fields: tuple[str, ...]) -> str:
+    return max(("ATT", "ANG"), key=lambda name: _count(_having(tables, name, fields)))
+
+
 def _in_centidegrees(rates: Columns, speeds: Values, gyros: Columns | None, version: tuple[int, int] | None) -> str:
     """Why ``speeds`` (N, 3), degrees turned to radians, were centidegrees: by the gyro while it turns, else by version.
 
@@ -140,16 +158,66 @@ def _in_centidegrees(rates: Columns, speeds: Values, gyros: Columns | None, vers
 
 
 def _servos(tables: Mapping[str, Columns]) -> Columns | None:
-    logged = tables.get("RCOU", {})
-    fields = {n: field for n in range(1, 17) for field in (f"C{n}", f"Ch{n}", f"Chan{n}") if field in logged}
-    if not fields:
+    pulses = _channels(tables, "RCOU")
+    if not pulses:
         return None
-    none = np.zeros(len(logged["time"]))
-    outputs = {"port": none.astype(np.uint8)}
-    for n in range(1, 17):
-        pulses = np.nan_to_num(np.asarray(logged[fields[n]], dtype=np.float64) if n in fields else none)
-        outputs[f"servo{n}_raw"] = np.clip(pulses, 0, np.iinfo(np.uint16).max).astype(np.uint16)
-    return _stamped(logged, "time_usec", outputs)
+    none = np.zeros(len(tables["RCOU"]["time"]), dtype=np.uint16)
+    outputs = {f"servo{n}_raw": pulses.get(n, none) for n in range(1, 17)}
+    return _stamped(tables["RCOU"], "time_usec", {"port": none.astype(np.uint8), **outputs})
+
+
+def _sticks(tables: Mapping[str, Columns]) -> Columns | None:
+    pulses = _channels(tables, "RCIN")
+    if not pulses:
+        return None
+    return _stamped(tables["RCIN"], "time_boot_ms", {f"chan{n}_raw": column for n, column in pulses.items()})
+
+
+def _channels(tables: Mapping[str, Columns], name: str) -> dict[int, NDArray[np.uint16]]:
+    """The pulse widths (N,), µs, of a message's channels by their numbers."""
+    logged = tables.get(name, {})
+    fields = {n: field for n in range(1, 17) for field in (f"C{n}", f"Ch{n}", f"Chan{n}") if field in logged}
+    return {
+        n: np.clip(np.nan_to_num(np.asarray(logged[field], dtype=np.float64)), 0, np.iinfo(np.uint16).max).astype(
+            np.uint16
+        )
+        for n, field in fields.items()
+    }
+
+
+def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> tuple[Columns | None, str]:
+    """With the names of its messages; RATE is in the unit of the rates beside what was asked for."""
+    parts, names = [], []
+    named = _faster_angles(tables, DESIRED_ANGLES)
+    for desired, measured in zip(DESIRED_RATES, RATES, strict=True):
+        rates = _having(tables, "RATE", (*desired, *measured))
+        if rates is None:
+            continue
+        gyros = _instance(_having(tables, "IMU", GYROS), "I", 0)
+        centidegrees = _in_centidegrees(rates, np.radians(_values(rates, measured)), gyros, version)
+        asked = np.radians(_values(rates, desired)) / (100 if centidegrees else 1)
+        parts.append(_target(rates, asked, np.full((len(asked), 4), np.nan), ATTITUDE_IGNORED))
+        names.append("RATE")
+    angles = _having(tables, named, DESIRED_ANGLES)
+    if angles is not None:
+        q = quaternion(*np.radians(_values(angles, DESIRED_ANGLES)).T)
+        parts.append(_target(angles, np.full((len(q), 3), np.nan), q, RATES_IGNORED))
+        names.append(named)
+    return _merged(parts), " and ".join(names) or "RATE"
+
+
+def _merged(parts: list[Columns]) -> Columns | None:
+    """Parts of one message in the order of time; None without any."""
+    if not parts:
+        return None
+    together = joined(parts)
+    return selected(together, np.lexsort((together["time"], together["boot"])))
+
+
+def _target(logged: Columns, rates: Values, q: Values, type_mask: int) -> Columns:
+    fields = dict(zip(("body_roll_rate", "body_pitch_rate", "body_yaw_rate"), rates.T, strict=True))
+    masks = np.full(len(q), type_mask, dtype=np.uint8)
+    return _stamped(logged, "time_boot_ms", {"type_mask": masks, "q": q, **fields})
 
 
 def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[str, ...]]:

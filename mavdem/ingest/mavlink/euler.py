@@ -14,3 +14,9 @@ def roll_and_pitch(attitude: Array) -> tuple[Array, Array]:
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
     return roll, pitch
+
+
+def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
+    """Unit quaternions (N, 4), w, x, y, z, of Euler angles (N,), rad: the inverse of :func:`roll_and_pitch`."""
+    (a, b), (c, d), (e, f) = ((np.cos(angle / 2), np.sin(angle / 2)) for angle in (roll, pitch, yaw))
+    return np.column_stack([a * c * e + b * d * f, b * c * e - a * d * f, a * d * e + b * c * f, a * c * f - b * d * e])

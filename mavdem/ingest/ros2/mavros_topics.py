@@ -40,6 +40,12 @@ TOPICS = {
     "target_actuator_control": MavrosTopic(
         "ACTUATOR_CONTROL_TARGET", "mavros_msgs/msg/ActuatorControl", ("group_mix", "controls[8]")
     ),
+    "rc/in": MavrosTopic("RC_CHANNELS", "mavros_msgs/msg/RCIn", ("channels[18]",)),
+    "setpoint_raw/target_attitude": MavrosTopic(
+        "ATTITUDE_TARGET",
+        "mavros_msgs/msg/AttitudeTarget",
+        ("type_mask", *(f"orientation.{n}" for n in _QUATERNION), *(f"body_rate.{n}" for n in _RATES)),
+    ),
     "state": MavrosTopic("HEARTBEAT", "mavros_msgs/msg/State", ("armed",), ("mode",)),
     "extended_state": MavrosTopic("EXTENDED_SYS_STATE", "mavros_msgs/msg/ExtendedState", ("landed_state",)),
     "local_position/velocity_local": MavrosTopic(
@@ -72,8 +78,11 @@ def translated(message: str, fields: Fields, vehicle_autopilot: int) -> dict[str
     """The fields of one MAVLink message of ``TOPICS``, without its stamps, from those of its topic."""
     if message == "ATTITUDE_QUATERNION":
         return _attitude_quaternion(fields)
-    if message == "SERVO_OUTPUT_RAW":
-        return {f"servo{n + 1}_raw": fields[f"channels[{n}]"] for n in range(16)}
+    if message == "ATTITUDE_TARGET":
+        return _attitude_target(fields)
+    if message in ("SERVO_OUTPUT_RAW", "RC_CHANNELS"):
+        first, count = ("servo", 16) if message == "SERVO_OUTPUT_RAW" else ("chan", 18)
+        return {f"{first}{n + 1}_raw": fields[f"channels[{n}]"] for n in range(count)}
     if message == "ACTUATOR_CONTROL_TARGET":
         # plugins/actuator_control.cpp passes it on unchanged.
         controls = np.column_stack([fields[f"controls[{n}]"] for n in range(8)])
@@ -90,13 +99,30 @@ def translated(message: str, fields: Fields, vehicle_autopilot: int) -> dict[str
 
 
 def _attitude_quaternion(fields: Fields) -> dict[str, NDArray[Any]]:
-    """plugins/imu.cpp, lib/ftf_frame_conversions.cpp: q_ENU,FLU = q_n q_NED,FRD q_b, of half a turn each.
+    """plugins/imu.cpp, lib/ftf_frame_conversions.cpp: attitude and body rates in MAVLink's frames."""
+    q = _quaternion(fields)
+    rates = _body_rates(fields, "angular_velocity")
+    return dict(zip(("q1", "q2", "q3", "q4", "rollspeed", "pitchspeed", "yawspeed"), (*q, *rates), strict=True))
+
+
+def _attitude_target(fields: Fields) -> dict[str, NDArray[Any]]:
+    """plugins/setpoint_raw.cpp, which turns the setpoint that the autopilot reports as it does the attitude."""
+    names = ("body_roll_rate", "body_pitch_rate", "body_yaw_rate")
+    rates = dict(zip(names, _body_rates(fields, "body_rate"), strict=True))
+    return {"type_mask": fields["type_mask"], "q": _quaternion(fields).T, **rates}
+
+
+def _quaternion(fields: Fields) -> NDArray[np.float64]:
+    """(4, N) q_ENU,FLU = q_n q_NED,FRD q_b, of half a turn each, undone.
 
     q_n = (i + j)/√2 swaps north and east and turns down up, q_b = i turns right left and down up. Both are their own
     inverses but for the sign, which an attitude does not have: q_NED,FRD = q_n q_ENU,FLU q_b, multiplied out here.
     """
     w, x, y, z = (fields[f"orientation.{n}"] for n in _QUATERNION)
     with np.errstate(invalid="ignore"):  # infinities of a broken estimator: their readers leave them out
-        ned = np.sqrt(0.5) * np.array([w + z, x + y, x - y, w - z])
-    p, q, r = (fields[f"angular_velocity.{n}"] for n in _RATES)
-    return dict(zip(("q1", "q2", "q3", "q4"), ned, strict=True)) | {"rollspeed": p, "pitchspeed": -q, "yawspeed": -r}
+        return np.asarray(np.sqrt(0.5) * np.array([w + z, x + y, x - y, w - z]))
+
+
+def _body_rates(fields: Fields, name: str) -> tuple[NDArray[np.float64], ...]:
+    p, q, r = (fields[f"{name}.{n}"] for n in _RATES)
+    return p, -q, -r

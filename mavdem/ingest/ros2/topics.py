@@ -13,7 +13,7 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from mavdem.ingest.mcap.records import Channel, Schema
-from mavdem.ingest.px4_topics import NEEDED
+from mavdem.ingest.px4_topics import NEEDED, SETPOINTS
 from mavdem.ingest.ros2 import mavros_topics
 
 CDR = "cdr"  # Message encoding of rosbag2 (https://mcap.dev/spec/registry)
@@ -58,7 +58,8 @@ def _of_px4(topic: str) -> RosTopic | None:
         direction = namespace[-1] if namespace else ""
         namespace = namespace[:-1] if direction in (_TO_PX4, _FROM_PX4) else namespace
     name = re.sub(r"_v\d+$", "", name)
-    if name not in NEEDED:
+    # A companion stamps the setpoints it sends by a clock of its own.
+    if name not in NEEDED or (name in SETPOINTS and direction == _TO_PX4):
         return None
     namespace = namespace[:-1] if namespace[-1:] == ["fmu"] else namespace
     return RosTopic(PX4_BRIDGE, "".join(f"/{part}" for part in namespace), name, direction == _TO_PX4)

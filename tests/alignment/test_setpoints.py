@@ -1,0 +1,189 @@
+"""Setpoints: which message has them, when they hold, and how a flight carries them."""
+
+from __future__ import annotations
+
+import io
+import lzma
+import os
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hover import Hover, changed, columns
+from pyulog import ULog
+
+from mavdem import Flight
+from mavdem.alignment.align import align
+from mavdem.alignment.read import read_segments
+from mavdem.alignment.segments import settled_segments
+from mavdem.alignment.setpoints import HOLD_SECONDS, held, setpoints
+from mavdem.alignment.signals import Signals
+from mavdem.export.tables import columns as table
+from mavdem.ingest import read_log
+from mavdem.ingest.mavlink.euler import quaternion
+from mavdem.ingest.telemetry import Telemetry
+
+HOVER = Hover()
+DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
+
+
+def with_targets(rate: float = 10.0, type_mask: int = 0, start: float = 0.0, end: float = np.inf) -> Telemetry:
+    """A hover with ATTITUDE_TARGET whose roll rate is the time, its roll a tenth of the sine of it."""
+    time = HOVER.stamps(rate)
+    time = time[(time >= start) & (time < end)]
+    roll, pitch, yaw = 0.1 * np.sin(time), 0.05 * np.cos(time), 0.02 * time
+    fields = {
+        "type_mask": np.full(len(time), type_mask, dtype=np.uint8),
+        "q": quaternion(roll, pitch, yaw),
+        "body_roll_rate": time,
+        "body_pitch_rate": 2 * time,
+        "body_yaw_rate": 3 * time,
+    }
+    return changed(HOVER.telemetry(), "ATTITUDE_TARGET", **columns(time, **fields))
+
+
+def flight_of(telemetry: Telemetry, axis: str = "roll") -> Flight:
+    signals = Signals(telemetry, axis)
+    return align(signals, settled_segments(signals)[0])
+
+
+def test_a_flight_has_the_last_setpoint_until_its_sample_and_none_of_the_future():
+    flight = flight_of(with_targets(rate=10.0))
+    assert flight.setpoint_names == ("roll rate setpoint", "roll setpoint")
+    assert flight.setpoint_units == ("rad/s", "rad")
+    last = np.floor(10 * flight.time + 1e-6) / 10
+    np.testing.assert_allclose(flight.setpoints[:, 0], last, atol=1e-9)
+    np.testing.assert_allclose(flight.setpoints[:, 1], 0.1 * np.sin(last), atol=1e-9)
+    assert (flight.setpoints[:, 0] <= flight.time + 1e-9).all()
+    assert flight.provenance["setpoints"]["roll setpoint"] == "ATTITUDE_TARGET"
+
+
+def test_each_axis_has_its_own():
+    rate, angle = setpoints(with_targets(), "pitch")
+    np.testing.assert_allclose(rate.signal.values, 2 * rate.signal.time)
+    np.testing.assert_allclose(angle.signal.values, 0.05 * np.cos(angle.signal.time), atol=1e-12)
+    (rate,) = setpoints(with_targets(), "yaw")
+    assert rate.name == "yaw rate setpoint"
+    np.testing.assert_allclose(rate.signal.values, 3 * rate.signal.time)
+
+
+@pytest.mark.parametrize(
+    ("mask", "names"),
+    [
+        (1, ["roll setpoint"]),
+        (2, ["roll rate setpoint", "roll setpoint"]),
+        (128, ["roll rate setpoint"]),
+        (129, []),
+        (64, ["roll rate setpoint", "roll setpoint"]),
+    ],
+)
+def test_masked_fields_are_no_setpoints(mask, names):
+    assert [one.name for one in setpoints(with_targets(type_mask=mask), "roll")] == names
+
+
+def test_an_attitude_that_is_no_quaternion_is_no_setpoint():
+    telemetry = with_targets()
+    zero = np.zeros_like(telemetry.messages["ATTITUDE_TARGET"]["q"])
+    assert [one.unit for one in setpoints(changed(telemetry, "ATTITUDE_TARGET", q=zero), "roll")] == ["rad/s"]
+
+
+def test_before_the_first_and_long_after_the_last_nothing_is_known():
+    flight = flight_of(with_targets(start=20.0, end=30.0))
+    known = np.isfinite(flight.setpoints[:, 0])
+    np.testing.assert_array_equal(known, (flight.time >= 20 - 1e-9) & (flight.time <= 29.9 + HOLD_SECONDS + 1e-9))
+
+
+def test_setpoints_of_another_boot_do_not_hold():
+    (rate, _) = setpoints(with_targets(), "roll")
+    assert np.isnan(held(rate, 1, np.array([20.0, 30.0]))).all()
+
+
+def test_without_setpoints_a_flight_has_none():
+    flight = flight_of(HOVER.telemetry())
+    assert flight.setpoints is None and flight.setpoint_names == () and flight.provenance["setpoints"] == {}
+
+
+def with_sticks(autopilot: str = "ARDUPILOTMEGA", parameters: dict[str, float] | None = None) -> Telemetry:
+    time = HOVER.stamps(4.0)
+    pulses = {f"chan{n}_raw": 1000.0 * n / 5 + 1000 + 10 * np.sin(time) for n in range(1, 5)}
+    pulses["chan2_raw"][::2], pulses["chan5_raw"] = 65535, np.zeros(len(time))
+    telemetry = HOVER.telemetry(autopilot=autopilot, parameters=parameters)
+    return changed(telemetry, "RC_CHANNELS", **columns(time, **pulses))
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "parameters", "axis", "channel"),
+    [
+        ("ARDUPILOTMEGA", {}, "roll", 1),
+        ("ARDUPILOTMEGA", {"RCMAP_ROLL": 3.0}, "roll", 3),
+        ("ARDUPILOTMEGA", {}, "yaw", 4),
+        ("PX4", {"RC_MAP_ROLL": 4.0}, "roll", 4),
+        ("PX4", {}, "roll", None),
+        ("PX4", {"RC_MAP_ROLL": 0.0}, "roll", None),
+        ("ARDUPILOTMEGA", {"RCMAP_ROLL": 5.0}, "roll", None),
+        ("ARDUPILOTMEGA", {"RCMAP_ROLL": 40.0}, "roll", None),
+    ],
+)
+def test_the_stick_is_on_the_channel_of_the_parameters(autopilot, parameters, axis, channel):
+    found = setpoints(with_sticks(autopilot, parameters), axis)
+    assert [one.name for one in found] == ([f"{axis} stick"] if channel else [])
+    if channel:
+        assert found[0].unit == "µs"
+        assert found[0].signal.values.mean() == pytest.approx(1000 + 200 * channel, abs=5)
+
+
+def test_a_channel_that_was_not_received_is_no_setpoint():
+    (stick,) = setpoints(with_sticks(), "pitch")
+    assert len(stick.signal.time) == len(HOVER.stamps(4.0)) // 2 and stick.signal.values.max() < 1500
+
+
+def test_the_sticks_as_the_autopilot_takes_them_are_preferred():
+    time = HOVER.stamps(5.0)
+    sticks = {"x": 100 * np.sin(time), "y": -500 * np.sin(time), "r": np.full(len(time), 32767.0)}
+    telemetry = changed(with_sticks(), "MANUAL_CONTROL", **columns(time, **sticks))
+    (roll,), (pitch,) = setpoints(telemetry, "roll"), setpoints(telemetry, "pitch")
+    assert (roll.name, roll.unit, roll.message) == ("roll stick", "", "MANUAL_CONTROL")
+    np.testing.assert_allclose(roll.signal.values, -0.5 * np.sin(time))
+    np.testing.assert_allclose(pitch.signal.values, 0.1 * np.sin(time))
+    assert setpoints(telemetry, "yaw") == ()
+
+
+def test_slices_copies_and_tables_keep_setpoints():
+    flight = flight_of(with_targets(start=20.0))
+    part = flight[100:300]
+    np.testing.assert_array_equal(part.setpoints, flight.setpoints[100:300])
+    assert part.setpoint_names == flight.setpoint_names and not part.setpoints.flags.writeable
+    again = pickle.loads(pickle.dumps(flight))
+    np.testing.assert_array_equal(again.setpoints, flight.setpoints)
+    named = table(flight)
+    np.testing.assert_array_equal(named["roll setpoint [rad]"], flight.setpoints[:, 1])
+
+
+@pytest.mark.parametrize("name", ["sitl_ardupilot/ardupilot_wind4_doublets.tlog", "sitl_px4/px4_wind5_gust.tlog"])
+def test_a_recorded_vehicle_does_what_it_is_asked(name):
+    if not (DATA / name).exists():
+        pytest.skip(f"{name} is not on this machine")
+    for flight in read_segments(DATA / name):
+        assert flight.setpoint_names[:2] == ("roll rate setpoint", "roll setpoint")
+        assert np.isfinite(flight.setpoints).all()
+        assert np.corrcoef(flight.setpoints[:, 1], flight.outputs[:, 0])[0, 1] > 0.8
+
+
+@pytest.mark.slow
+def test_how_far_the_stamps_of_rate_setpoints_are_off():
+    """PX4's ATTITUDE_TARGET against the ULog of the same flight: 0 to 8 ms, 4 ms at the 95th percentile."""
+    folder = DATA / "sitl_px4"
+    if not folder.exists():
+        pytest.skip("the shared data are not on this machine")
+    logged = ULog(io.BytesIO(lzma.decompress((folder / "px4_wind5_gust.ulg.xz").read_bytes())))
+    rates = logged.get_dataset("vehicle_rates_setpoint").data
+    asked = zip(*(rates[axis].tolist() for axis in ("roll", "pitch", "yaw")), strict=True)
+    made = dict(zip(asked, rates["timestamp"] / 1e6, strict=True))
+    (vehicle,) = read_log(folder / "px4_wind5_gust.tlog").vehicles
+    sent = vehicle.messages["ATTITUDE_TARGET"]
+    fields = ("body_roll_rate", "body_pitch_rate", "body_yaw_rate")
+    rows = zip(*(sent[field].tolist() for field in (*fields, "time")), strict=True)
+    newer = np.array([made[tuple(values)] - at for *values, at in rows if tuple(values) in made and at > 20])
+    assert len(newer) > 1000 and newer.min() > -1e-3
+    assert np.percentile(newer, 95) < 0.005 and newer.max() < 0.009
