@@ -14,7 +14,7 @@ from typing import NamedTuple
 from sitl_scenarios.dynamics import Air, Change, Quaternion, Three, dynamics, turned
 from sitl_scenarios.mixer import Four
 from sitl_scenarios.scenario import VehicleSpec
-from sitl_scenarios.vehicles import AIRFRAMES
+from sitl_scenarios.vehicles import airframe
 
 
 class State(NamedTuple):
@@ -34,7 +34,7 @@ class Body:
     def __init__(self, vehicle: VehicleSpec, step: float) -> None:
         self._change = dynamics(vehicle)
         self._step = step
-        up, down = AIRFRAMES[vehicle.model].lag
+        up, down = airframe(vehicle).lag
         self._keeps = tuple(exp(-step / tau) if tau else 0.0 for tau in (up / 0.5, up, down / 0.5, down))
 
     def spun(self, rotors: Four, targets: Four, steps: int) -> Four:

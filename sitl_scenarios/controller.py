@@ -15,7 +15,7 @@ from sitl_scenarios.mixer import Four, frame, mix, pulse
 from sitl_scenarios.plan import Wanted
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.sensors import Known
-from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
+from sitl_scenarios.vehicles import GRAVITY, airframe
 
 FASTEST = 25.0  # rad/s: bandwidth of the rate loop that is not exceeded, for the noise that it would put on the motors
 LEAD = 4.0
@@ -38,7 +38,7 @@ class Controller:
     """That of one vehicle in flight; ``cycle`` and the ``delay`` of its estimates in s."""
 
     def __init__(self, vehicle: VehicleSpec, cycle: float, delay: float) -> None:
-        self._body = body = AIRFRAMES[vehicle.model]
+        self._body = body = airframe(vehicle)
         self._frame = places = frame(vehicle.frame, body.arm)
         lag = sum(body.lag) / 2
         # A loop with an integrator and a dead time T in all is well damped up to about 0.4/T; a cycle's hold and its
@@ -51,7 +51,7 @@ class Controller:
         self._smooths = 1.0 - exp(-cycle * LEAD * self._velocity)
         self._forgets = 1.0 - exp(-cycle * LEAD / lag) if lag else 1.0
         # Moments of a demand of 1 about the three axes, N m, by the slope of the rotors' curves in hover.
-        per_command = body.speed[0] * body.full
+        per_command = body.speed_slope(body.hover_command) * body.full
         thrust = (2 * body.thrust[0] * body.hover_speed + body.thrust[1]) * per_command
         torque = (2 * body.torque[0] * body.hover_speed + body.torque[1]) * per_command
         of_roll = -fsum(a * b for a, b in zip(places.roll, places.right, strict=True))
@@ -105,8 +105,7 @@ class Controller:
         p, q, r = known.rates
         per_roll, per_pitch, per_yaw = self._per_unit
         # The thrust curve undone, as both autopilots do.
-        slope, offset = self._body.speed
-        command = (self._body.speed_for(thrust / 4) - offset) / slope / self._body.full
+        command = self._body.command_for(self._body.speed_for(thrust / 4)) / self._body.full
         demands = (
             min(max(self._steered(0, rates[0], p, flying) * per_roll, -1.0), 1.0),
             min(max(self._steered(1, rates[1], q, flying) * per_pitch, -1.0), 1.0),

@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 from sitl_scenarios.mixer import SPINS, Four, frame
 from sitl_scenarios.scenario import VehicleSpec
-from sitl_scenarios.vehicles import AIR_DENSITY, AIRFRAMES, GRAVITY
+from sitl_scenarios.vehicles import AIR_DENSITY, GRAVITY, airframe
 
 Three = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
@@ -49,7 +49,7 @@ Dynamics = Callable[[Quaternion, Three, Three, Four, Air], Change]
 
 def dynamics(vehicle: VehicleSpec) -> Dynamics:
     """Accelerations of a vehicle in the air as a function of its state; flown, and linearised, by this one function."""
-    body = AIRFRAMES[vehicle.model]
+    body = airframe(vehicle)
     places = frame(vehicle.frame, body.arm)
     x1, x2, x3, x4 = places.forward
     y1, y2, y3, y4 = places.right

@@ -18,7 +18,7 @@ from sitl_scenarios.dynamics import Air, dynamics
 from sitl_scenarios.mixer import PAPER_ORDER
 from sitl_scenarios.motion import Array
 from sitl_scenarios.scenario import Axis, VehicleSpec
-from sitl_scenarios.vehicles import AIRFRAMES
+from sitl_scenarios.vehicles import airframe
 
 STATES = (
     *("north", "east", "down", "north speed", "east speed", "down speed"),
@@ -53,7 +53,7 @@ def linearised(vehicle: VehicleSpec) -> Linear:
 
     Motor commands are in the vehicle's own unit, in the order of ``sitl_scenarios.mixer``.
     """
-    body = AIRFRAMES[vehicle.model]
+    body = airframe(vehicle)
     derivative = _derivative(vehicle)
     # States and commands.
     hover = np.repeat([0.0, body.hover_speed, body.hover_command], [12, 4, 4])
@@ -72,11 +72,11 @@ def axis(vehicle: VehicleSpec, axis: Axis = "roll", lag: bool = True) -> Linear:
     follows the commands with the rotors' time constant. Without, it is there at once.
     """
     found = linearised(vehicle)
-    everything = Linear(found.states, found.A, found.B * (AIRFRAMES[vehicle.model].full / 1000))
+    everything = Linear(found.states, found.A, found.B * (airframe(vehicle).full / 1000))
     # The heading does nothing to a vehicle; roll and pitch, of gravity, do.
     names = ("yaw rate",) if axis == "yaw" else (axis, f"{axis} rate")
     instant = everything.without_lag().of(names)
-    tau = sum(AIRFRAMES[vehicle.model].lag) / 2
+    tau = sum(airframe(vehicle).lag) / 2
     if not lag or tau == 0:
         return instant
     n = len(names)
@@ -85,6 +85,22 @@ def axis(vehicle: VehicleSpec, axis: Axis = "roll", lag: bool = True) -> Linear:
     A[n - 1, n], A[n, n] = 1.0, -1 / tau
     B[n] = instant.B[-1] / tau
     return Linear((*names, f"{axis} drive"), A, B)
+
+
+def rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array) -> Array:
+    """(3, 4) roll, pitch and yaw acceleration, rad/s², by the speed of each rotor, rad/s, at ``rotors`` (4,), rad/s.
+
+    In steady flight through ``air`` (3,), m/s: its motion relative to the body, in the body's axes.
+    """
+    change = dynamics(vehicle)
+    level, still, about = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), Air(*air.tolist())
+
+    def acceleration(speeds: Array) -> Array:
+        o1, o2, o3, o4 = speeds.tolist()
+        return np.array(change(level, still, still, (o1, o2, o3, o4), about)[3:6])
+
+    steps = np.diag(1e-5 * rotors)
+    return np.column_stack([(acceleration(rotors + h) - acceleration(rotors - h)) / (2 * h.sum()) for h in steps])
 
 
 def paper_system(order: Literal[1, 2, 3, 4]) -> Linear:
@@ -102,7 +118,7 @@ def paper_system(order: Literal[1, 2, 3, 4]) -> Linear:
 
 def _derivative(vehicle: VehicleSpec) -> Callable[[Array], Array]:
     """Of ``STATES`` by states and commands (20,)."""
-    body = AIRFRAMES[vehicle.model]
+    body = airframe(vehicle)
     change = dynamics(vehicle)
     # A vehicle whose rotors do not lag has no such states; any small lag leaves the same without it.
     tau = sum(body.lag) / 2 or 1e-3

@@ -59,6 +59,7 @@ def towards(direction: float) -> NDArray[np.float64]:
 
 
 Share = Annotated[float, Field(ge=0, le=1)]
+Lag = Annotated[float, Field(ge=0, le=1)]  # Of a rotor's speed, s
 
 _OrInf = BeforeValidator(lambda given: None if given == inf else given)
 """Beside None, the time that never comes: TOML has no word for None, JSON none for infinity."""
@@ -82,9 +83,19 @@ class VehicleSpec(_Section):
     frame: Literal["x", "plus"] = "x"
     """Where the rotors are."""
     battery_sag: Annotated[float, Field(ge=0, lt=0.5)] = 0.0
-    """Share of the rotors' speed that the battery loses from the beginning of the flight to its end."""
+    """Share of the voltage, and of the rotors' speed, that the battery loses from the flight's beginning to its end."""
+    battery_load: Annotated[float, Field(ge=0, le=0.1)] = 0.0
+    """Share of the voltage that the rotors' power takes in hover; at another power in proportion to it."""
     rotor_drag: bool = True
     """Whether rotors in wind drag the vehicle along and tilt it; if not, its hull still does."""
+    quadratic_thrust: Annotated[Share | None, _OrInf] = None
+    """Share of the thrust that is quadratic in the command, the rest linear; inf: rotor speed linear in it."""
+    lag_up: Annotated[Lag | None, _OrInf] = None
+    """Time constant of a rotor that speeds up, s; inf: as published."""
+    lag_down: Annotated[Lag | None, _OrInf] = None
+    """Time constant of a rotor that slows down, s; inf: as published."""
+    inertia_scale: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    """Multiple of the published moments of inertia; the autopilot is tuned for it."""
     weak_motor: Annotated[int, Field(ge=0, le=4)] = 0
     """Motor, counted from 1 as the autopilot does, that loses thrust; 0: none."""
     weak_from: NotNegative = 0.0

@@ -16,7 +16,7 @@ from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, Plan, seconds
 from sitl_scenarios.scenario import SENSORS, Scenario
 from sitl_scenarios.sensors import Sensing
-from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
+from sitl_scenarios.vehicles import GRAVITY, airframe
 from sitl_scenarios.wind import Weather
 
 CYCLES = {"px4": 1 / 250, "ardupilot": 1 / 400}
@@ -44,7 +44,7 @@ class Simulation:
         self._steps = ceil(self.cycle / MAX_STEP_SECONDS - 1e-9)
         self._body = Body(scenario.vehicle, self.cycle / self._steps)
         self._dynamics = dynamics(scenario.vehicle)
-        self._airframe = AIRFRAMES[scenario.vehicle.model]
+        self._airframe = airframe(scenario.vehicle)
         self._plan = Plan(scenario, self.cycle)
         self._controller = Controller(scenario.vehicle, self.cycle, scenario.sensors.delay)
         self._sensing = Sensing(scenario.sensors, self.cycle, scenario.random(SENSORS))
@@ -58,6 +58,7 @@ class Simulation:
         self._arming: int = self._boot
         self._more = scenario.flights - 1
         spec = scenario.vehicle
+        self._per_watt = spec.battery_load / (4 * self._airframe.power_at(self._airframe.hover_speed))
         # Thrust goes with the square of the speed.
         weak = tuple(sqrt(spec.weak_thrust) if motor == spec.weak_motor else 1.0 for motor in (1, 2, 3, 4))
         self._weak, self._weak_from = weak, self._boot + round(spec.weak_from / self.cycle)
@@ -112,8 +113,10 @@ class Simulation:
         if self.armed and flown >= self._flight and self._grounded:
             self.armed = False
         # Every flight begins with all of the battery.
-        battery = 1.0 - self.scenario.vehicle.battery_sag * min(max(flown / self._flight, 0.0), 1.0)
         state, air = self._state, self._weather.at(flown + self._boot, self._state.position)
+        battery = 1.0 - self.scenario.vehicle.battery_sag * min(max(flown / self._flight, 0.0), 1.0)
+        if self._per_watt:
+            battery -= self._per_watt * fsum(self._airframe.power_at(speed) for speed in state.rotors)
         known = self._sensing.known(state)
         wanted = self._plan.at(flown * self.cycle)
         landed = 1 if self._grounded and not (self.armed and wanted.landed_state == 3) else wanted.landed_state
@@ -156,9 +159,14 @@ class Simulation:
         """Rotor speeds that the outputs settle at, rad/s, with what is left of the battery."""
         if not self.armed:
             return 0.0, 0.0, 0.0, 0.0
+        shares = self._weak if self._now >= self._weak_from else (1.0,) * 4
+        if self._airframe.quadratic is not None:
+            share = (self._airframe.full / (MAX_PULSE - MIN_PULSE) * (us - MIN_PULSE) for us in outputs)
+            speeds = (battery * self._airframe.rotor_speed(command) for command in share)
+            a, b, c, d = (speed * left for speed, left in zip(speeds, shares, strict=True))
+            return a, b, c, d
         slope, offset = self._airframe.speed
         slope, offset = battery * slope * self._airframe.full / (MAX_PULSE - MIN_PULSE), battery * offset
-        shares = self._weak if self._now >= self._weak_from else (1.0,) * 4
         a, b, c, d = ((slope * (us - MIN_PULSE) + offset) * left for us, left in zip(outputs, shares, strict=True))
         return a, b, c, d
 

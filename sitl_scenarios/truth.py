@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import os
 from dataclasses import fields
+from math import sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from mavdem.files import atomic_write
-from sitl_scenarios.linear import axis
-from sitl_scenarios.motion import Motion
+from sitl_scenarios.holding import IN_AIR
+from sitl_scenarios.linear import axis, rotor_effects
+from sitl_scenarios.mixer import MAX_PULSE, MIN_PULSE
+from sitl_scenarios.motion import Array, Motion
+from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import Axis, Scenario
-from sitl_scenarios.vehicles import AIRFRAMES
+from sitl_scenarios.vehicles import CHARGED, airframe
+
+AXES: tuple[Axis, ...] = ("roll", "pitch", "yaw")
 
 
 def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
@@ -27,19 +34,24 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     - ``roll_lag_A`` (3, 3), ``roll_lag_B`` (3, 4): with a third state, the angular acceleration by the rotors, rad/s²,
       which follows the commands with the time constant ``lag`` (mean, rising, falling; s);
     - ``roll_disturbance`` (N,): angular acceleration that wind and moments add to that, rad/s²;
+    - ``roll_effect`` (4,): roll acceleration by each motor's command, rad/s² per µs, at the mean commands, rotor speeds
+      and air of the hover, which in wind is tilted; where a motor weakens in hover, until then, and
+      ``roll_effect_weak`` from then on;
+    - ``voltage`` (N,) of the battery, V;
     - likewise ``pitch_…``; and ``yaw_…``, whose only state is the rate, but for the rotors': (1, 1), (1, 4), (2, 2),
       (2, 4).
 
     About hover in still air; see ``sitl_scenarios.linear``.
     """
-    body = AIRFRAMES[scenario.vehicle.model]
+    body = airframe(scenario.vehicle)
     up, down = body.lag
     arrays: dict[str, NDArray[Any]] = {field.name: getattr(motion, field.name) for field in fields(motion)}
     arrays["scenario"] = np.array(scenario.model_dump_json())
     arrays["trim"] = np.full(4, 1000 + 1000 * body.hover_command / body.full)
+    arrays |= _effects(scenario, motion)
+    arrays["voltage"] = CHARGED * motion.battery
     arrays["lag"] = np.array([(up + down) / 2, up, down])
-    axes: tuple[Axis, ...] = ("roll", "pitch", "yaw")
-    for number, name in enumerate(axes):
+    for number, name in enumerate(AXES):
         instant, lagging = axis(scenario.vehicle, name, lag=False), axis(scenario.vehicle, name)
         arrays |= {f"{name}_A": instant.A, f"{name}_B": instant.B}
         arrays |= {f"{name}_lag_A": lagging.A, f"{name}_lag_B": lagging.B}
@@ -47,6 +59,33 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
         acting = motion.moment[:, number] / body.inertia[number] - instant.A[-1, -1] * motion.rates[:, number]
         arrays[f"{name}_disturbance"] = acting
     return arrays
+
+
+def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
+    """``roll_effect`` and its likes."""
+    spec, body = scenario.vehicle, airframe(scenario.vehicle)
+    hover = motion.landed_state == IN_AIR
+    weak = (motion.time >= BOOT_SECONDS + spec.weak_from) & (spec.weak_motor > 0)
+    parts = {"": hover & ~weak, "_weak": hover & weak}
+    if not parts[""].any():
+        # Weak in all of the hover.
+        parts = {"": hover}
+    found: dict[str, Array] = {}
+    for suffix, rows in parts.items():
+        if not rows.any():
+            continue
+        turned = Rotation.from_quat(motion.attitude[rows], scalar_first=True)
+        air = turned.inv().apply(motion.wind[rows] - motion.velocity[rows]).mean(0)
+        per_speed = rotor_effects(spec, motion.rotor_speeds[rows].mean(0), air)
+        commands = body.full * (motion.outputs[rows].mean(0) - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
+        slopes = np.array([body.speed_slope(command) for command in commands.tolist()])
+        slopes *= motion.battery[rows].mean() * body.full / (MAX_PULSE - MIN_PULSE)
+        if weak[rows].any():
+            # Thrust goes with the square of the speed.
+            slopes[spec.weak_motor - 1] *= sqrt(spec.weak_thrust)
+        for name, row in zip(AXES, per_speed * slopes, strict=True):
+            found[f"{name}_effect{suffix}"] = row
+    return found
 
 
 def write_truth(path: str | os.PathLike[str], scenario: Scenario, motion: Motion) -> None:

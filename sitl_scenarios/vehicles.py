@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 
+from sitl_scenarios.scenario import VehicleSpec
+
 GRAVITY = 9.81  # m/s², as in the paper's table of systems
+CHARGED = 12.6  # V of a charged battery of three cells
 AIR_DENSITY = 1.225  # kg/m³, of the standard atmosphere at sea level (ISO 2533)
 
 
@@ -25,16 +28,48 @@ class Airframe:
     lag: tuple[float, float]  # time constants of the rotor speed when it rises and when it falls, s
     rotor_drag: float  # N per (rad/s · m/s) of one rotor, against the air that moves along its disc
     inflow: float  # N per (rad/s · m/s) of one rotor: thrust lost to air that moves down through its disc
+    # f: thrust by the share s of the full command is (1 − f) s + f s² of the full thrust; None: ``speed`` as published
+    quadratic: float | None = None
 
     def rotor_speed(self, command: float) -> float:
         """What a command settles at, rad/s; the command in the vehicle's own unit, 0 to ``full``."""
         slope, offset = self.speed
-        return slope * command + offset
+        if self.quadratic is None:
+            return slope * command + offset
+        share = command / self.full
+        return self.speed_for(self._full_thrust * ((1 - self.quadratic) * share + self.quadratic * share * share))
+
+    def command_for(self, speed: float) -> float:
+        """That settles at ``speed``, rad/s, in the vehicle's own unit."""
+        slope, offset = self.speed
+        if self.quadratic is None:
+            return (speed - offset) / slope
+        f, thrust = self.quadratic, self.thrust_at(speed) / self._full_thrust
+        # The root that stays where f is 0.
+        return self.full * 2 * thrust / (1 - f + sqrt((1 - f) ** 2 + 4 * f * thrust))
+
+    def speed_slope(self, command: float) -> float:
+        """Of ``rotor_speed`` in the command, rad/s per unit."""
+        if self.quadratic is None:
+            return self.speed[0]
+        rise = (1 - self.quadratic + 2 * self.quadratic * command / self.full) * self._full_thrust / self.full
+        return rise / (2 * self.thrust[0] * self.rotor_speed(command) + self.thrust[1])
+
+    @property
+    def _full_thrust(self) -> float:
+        """Of one rotor at full command, N."""
+        slope, offset = self.speed
+        return self.thrust_at(slope * self.full + offset)
 
     def thrust_at(self, speed: float) -> float:
         """Of one rotor in still air, N, at a speed in rad/s."""
         a, b = self.thrust
         return (a * speed + b) * speed
+
+    def power_at(self, speed: float) -> float:
+        """That one rotor takes from its motor, W, at a speed in rad/s."""
+        a, b = self.torque
+        return (a * speed + b) * speed * speed
 
     def speed_for(self, thrust: float) -> float:
         """Of a rotor whose thrust in still air is ``thrust`` N ≥ 0, rad/s."""
@@ -49,8 +84,7 @@ class Airframe:
     @property
     def hover_command(self) -> float:
         """That holds ``hover_speed``, in the vehicle's own unit."""
-        slope, offset = self.speed
-        return (self.hover_speed - offset) / slope
+        return self.command_for(self.hover_speed)
 
 
 ARDRONE2 = Airframe(
@@ -112,3 +146,16 @@ CRAZYFLIE = Airframe(
 )
 
 AIRFRAMES = {"ardrone2": ARDRONE2, "iris": IRIS, "crazyflie": CRAZYFLIE}  # By the name that a scenario gives
+
+
+def airframe(vehicle: VehicleSpec) -> Airframe:
+    """The published airframe with what a scenario changes of it."""
+    published = AIRFRAMES[vehicle.model]
+    up, down = published.lag
+    ix, iy, iz = (vehicle.inertia_scale * inertia for inertia in published.inertia)
+    return replace(
+        published,
+        inertia=(ix, iy, iz),
+        lag=(up if vehicle.lag_up is None else vehicle.lag_up, down if vehicle.lag_down is None else vehicle.lag_down),
+        quadratic=vehicle.quadratic_thrust,
+    )

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from mavdem.cli.output import printable
 from sitl_scenarios.problems import KINDS
-from sitl_scenarios.scenario import Gust, Moment, Scenario, Wind
+from sitl_scenarios.scenario import Gust, Moment, Scenario, VehicleSpec, Wind
 
 VEHICLES = {"ardrone2": "AR.Drone 2.0", "iris": "3DR Iris", "crazyflie": "Crazyflie 2"}
 FRAMES = {"x": "X", "plus": "+"}
@@ -51,11 +51,7 @@ def in_words(scenario: Scenario) -> list[str]:
     vehicle, stream = scenario.vehicle, scenario.stream
     sentences = [scenario.description] if scenario.description else []
     sentences += [
-        f"Vehicle: {VEHICLES[vehicle.model]}, {FRAMES[vehicle.frame]} frame"
-        + (f", its battery losing {vehicle.battery_sag:.0%}" if vehicle.battery_sag else "")
-        + ("" if vehicle.rotor_drag else ", without rotor drag")
-        + (f", motor {vehicle.weak_motor} with {vehicle.weak_thrust:.0%} of its thrust" if vehicle.weak_motor else "")
-        + (f" from {vehicle.weak_from:g} s on." if vehicle.weak_motor else "."),
+        f"Vehicle: {', '.join(_vehicle(vehicle))}.",
         ("Flight: " if scenario.flights == 1 else f"{scenario.flights} flights, each ")
         + f"{scenario.duration:g} s from arming to disarming, hovering at {scenario.height:g} m.",
         f"Seed: {scenario.seed}.",
@@ -75,6 +71,27 @@ def in_words(scenario: Scenario) -> list[str]:
         + ("; all but HEARTBEAT only when asked for." if stream.only_when_asked else ".")
     )
     return sentences + _faults(scenario)
+
+
+def _vehicle(vehicle: VehicleSpec) -> Iterator[str]:
+    yield VEHICLES[vehicle.model]
+    yield f"{FRAMES[vehicle.frame]} frame"
+    if vehicle.battery_sag:
+        yield f"its battery losing {vehicle.battery_sag:.0%}"
+    if vehicle.battery_load:
+        yield f"its battery giving {vehicle.battery_load:.1%} less in hover"
+    if not vehicle.rotor_drag:
+        yield "without rotor drag"
+    if vehicle.quadratic_thrust is not None:
+        yield f"its thrust {vehicle.quadratic_thrust:.0%} quadratic in the command and the rest linear"
+    if vehicle.lag_up is not None:
+        yield f"its rotors speeding up in {vehicle.lag_up:g} s"
+    if vehicle.lag_down is not None:
+        yield f"its rotors slowing down in {vehicle.lag_down:g} s"
+    if vehicle.inertia_scale != 1:
+        yield f"{vehicle.inertia_scale:g} times its inertia"
+    if vehicle.weak_motor:
+        yield f"motor {vehicle.weak_motor} with {vehicle.weak_thrust:.0%} of its thrust from {vehicle.weak_from:g} s on"
 
 
 def _wind(wind: Wind) -> str:

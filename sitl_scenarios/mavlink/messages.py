@@ -20,6 +20,7 @@ from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND,
 from sitl_scenarios.mixer import MAX_PULSE, MIN_PULSE
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import FULL_STICK
+from sitl_scenarios.vehicles import CHARGED
 
 Array = NDArray[np.float64]
 Payloads = NDArray[Any]  # (N,) of a definition's wire type
@@ -27,7 +28,7 @@ QUADROTOR = 2  # MAV_TYPE
 ACTIVE, STANDBY = 4, 3  # MAV_STATE
 SENSORS, FENCE = 0b1111, 1 << 20
 """MAV_SYS_STATUS_SENSOR: gyroscopes, accelerometers, magnetometer, barometer; and the fence, which is not breached."""
-FULL = 12.6  # Volts of a charged battery of three cells
+LIPO, UNKNOWN_TEMPERATURE, UNUSED_CELL = 1, 32767, 65535  # Of BATTERY_STATUS
 MIDDLE_PULSE = 1500.0  # µs of a stick in the middle
 RC_CHANNELS, UNUSED_CHANNEL, UNKNOWN_RSSI = 18, 65535, 255  # Of RC_CHANNELS: 1 roll, 2 pitch, 3 throttle, 4 yaw
 CHANNELS = 16  # Outputs in SERVO_OUTPUT_RAW and PX4's other output messages
@@ -55,6 +56,7 @@ class MessageWriter:
         self._told: dict[str, Callable[[Motion, NDArray[np.int64]], dict[str, Any]]] = {
             "HEARTBEAT": self._heartbeat,
             "SYS_STATUS": self._sys_status,
+            "BATTERY_STATUS": self._battery_status,
             "EXTENDED_SYS_STATE": self._extended_sys_state,
             "ATTITUDE": self._attitude,
             "ATTITUDE_QUATERNION": self._attitude_quaternion,
@@ -95,10 +97,17 @@ class MessageWriter:
             "onboard_control_sensors_present": SENSORS,
             "onboard_control_sensors_enabled": SENSORS,
             "onboard_control_sensors_health": SENSORS | FENCE,
-            "voltage_battery": np.round(1000 * FULL * motion.battery),
+            "voltage_battery": _millivolts(motion),
             "current_battery": -1,
             "battery_remaining": -1,
         }
+
+    def _battery_status(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
+        # The whole battery's voltage in the first place, as where no cell is measured by itself.
+        voltages = np.full((len(boot), 10), UNUSED_CELL)
+        voltages[:, 0] = _millivolts(motion)
+        unknown = dict.fromkeys(("current_battery", "current_consumed", "energy_consumed", "battery_remaining"), -1)
+        return {"type": LIPO, "temperature": UNKNOWN_TEMPERATURE, "voltages": voltages} | unknown
 
     def _extended_sys_state(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
         return {"landed_state": motion.landed_state}
@@ -157,6 +166,10 @@ class MessageWriter:
 def _rates(motion: Motion) -> dict[str, Array]:
     p, q, r = motion.known_rates.T
     return {"rollspeed": p, "pitchspeed": q, "yawspeed": r}
+
+
+def _millivolts(motion: Motion) -> Array:
+    return np.round(1000 * CHARGED * motion.battery)
 
 
 def _milliseconds(boot: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -63,7 +63,7 @@ def _px4(scenario: Scenario) -> dict[int, dict[str, float]]:
     whole |= {f"PWM_MAIN_FUNC{n}": 100 + n if n <= MOTORS else 0 for n in range(1, 9)}
     for bound, value in (("DIS", DISARMED_PULSE["px4"]), ("MIN", MIN_PULSE), ("MAX", MAX_PULSE)):
         whole |= {f"PWM_MAIN_{bound}{n}": value for n in range(1, MOTORS + 1)}
-    real: dict[str, float] = {}
+    real: dict[str, float] = _thrust_curve("THR_MDL_FAC", scenario)
     rotors = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
     for n in range(MOTORS):
         real |= {f"CA_ROTOR{n}_PX": rotors.forward[n], f"CA_ROTOR{n}_PY": rotors.right[n], f"CA_ROTOR{n}_PZ": 0.0}
@@ -83,4 +83,10 @@ def _ardupilot(scenario: Scenario, cycle: float) -> dict[int, dict[str, float]]:
         medium |= {f"SERVO{n}_FUNCTION": 32 + n if n <= MOTORS else 0}
         medium |= {f"SERVO{n}_MIN": MIN_PULSE, f"SERVO{n}_MAX": MAX_PULSE, f"SERVO{n}_TRIM": 1500}
         small |= {f"SERVO{n}_REVERSED": 0}
-    return {INT8: small, INT16: medium}
+    return {INT8: small, INT16: medium, REAL32: _thrust_curve("MOT_THST_EXPO", scenario)}
+
+
+def _thrust_curve(name: str, scenario: Scenario) -> dict[str, float]:
+    """The parameter by which an autopilot undoes the thrust curve: its share that is quadratic in the command."""
+    share = scenario.vehicle.quadratic_thrust
+    return {} if share is None else {name: share}

@@ -167,6 +167,11 @@ def test_words_leave_out_no_number_of_a_wind_or_an_excitation():
     for axis, unit in (("pitch", "2° of pitch"), ("yaw", "2°/s of yaw rate"), ("all", "and °/s of yaw rate")):
         said = " ".join(in_words(scenario_of({"excitation": {"kind": "multisine", "axis": axis, "sd": 2}})))
         assert unit in said
+    vehicle = {"battery_sag": 0.11, "battery_load": 0.012, "quadratic_thrust": 0.13, "lag_up": 0.014, "lag_down": 0.015}
+    vehicle |= {"inertia_scale": 1.6, "weak_motor": 2, "weak_from": 1.7, "weak_thrust": 0.18}
+    said = in_words(scenario_of({"vehicle": vehicle}))[0]
+    for words in ("11%", "1.2%", "13%", "in 0.014 s", "in 0.015 s", "1.6 times", "motor 2 with 18%", "from 1.7 s on."):
+        assert words in said
     forever = scenario_of({"wind": [{"kind": "gust", "start": 1, "speed": 2, "hold": None}]})
     assert "stays for good" in " ".join(in_words(forever))
 
@@ -202,6 +207,7 @@ def test_describing_says_of_each_key_what_it_means_and_may_be(capsys):
     assert "#   gust: start, speed, direction, rise, hold\n" in said
     assert "#   steps: distance, period\n" in said
     assert "reboot = inf  # Seconds into the flight" in said
+    assert "lag_up = inf  # Time constant of a rotor that speeds up, s; inf: as published; from 0 to 1\n" in said
     for line in said.splitlines():
         if " = " in line and "kind" not in line:
             assert "  # " in line, line

@@ -94,6 +94,18 @@ def test_what_is_read_back_is_what_was_true(speaks, version, tmp_path):
         assert set(actuator[0, 4:16]) == {900} and set(actuator[0, 16:]) == {0}
 
 
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+def test_the_battery_has_a_message_of_its_own_when_it_is_asked_for(speaks, tmp_path):
+    motion = made_up_motion(speaks=speaks)
+    sent = read(tmp_path, scenario(speaks, rates={"BATTERY_STATUS": 50.0}), motion).vehicles[0].messages
+    told = sent["BATTERY_STATUS"]
+    assert len(told["time"]) == pytest.approx(1000, abs=2)
+    np.testing.assert_allclose(
+        told["voltages"][:, 0], 12600 * np.interp(told["time"], motion.time, motion.battery), atol=2
+    )
+    assert set(told["voltages"][:, 1:].ravel()) == {65535} and set(told["battery_remaining"]) == {-1}
+
+
 @pytest.mark.parametrize("version", [1, 2])
 @pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
 def test_setpoints_and_sticks_come_when_they_are_asked_for(speaks, version, tmp_path):

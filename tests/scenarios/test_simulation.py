@@ -293,3 +293,47 @@ def test_a_heading_that_goes_round_is_followed_the_short_way():
     heading = np.unwrap([euler(each)[2] for each in motion.attitude.tolist()])
     assert np.abs(heading).max() > np.pi
     assert np.degrees(np.abs(motion.rates[:, 2]).max()) < 120
+
+
+@pytest.mark.parametrize("curve", [0.0, 1.0])
+def test_a_thrust_curve_changes_commands_and_not_the_flight(curve):
+    sections = {"wind": (), "excitation": Doublets(kind="doublets", amplitude=4.0)}
+    plain, curved = (fly(brief(vehicle=VehicleSpec(quadratic_thrust=share), **sections)) for share in (None, curve))
+    # A hover needs 14.9 N of 28.3 N: s of the command in (1 − f) s + f s², and the published speed 100 + 1000 s rad/s.
+    share = 1.52 * 9.81 / (4 * 5.84e-6 * 1100**2)
+    hover = plain.landed_state == 2
+    expected = share if curve == 0 else share**0.5
+    # The excitation ends two seconds before the descent.
+    quiet = np.flatnonzero(hover)[-250:]
+    assert curved.outputs[quiet].mean() == pytest.approx(1000 + 1000 * expected, abs=2)
+    assert plain.outputs[quiet].mean() == pytest.approx(1699, abs=2)
+    assert np.abs(np.degrees(curved.rates - plain.rates))[hover].std() < 1.0
+
+
+def test_rotors_rise_and_fall_as_slowly_as_asked():
+    motion = fly(brief(wind=(), vehicle=VehicleSpec(lag_up=0.05, lag_down=0.2)))
+    # Armed, the rotors rise to 200 rad/s; disarmed, they fall to none.
+    for edge, tau, begin, end in ((1, 0.05, 0.0, 200.0), (-1, 0.2, None, 0.0)):
+        row = np.flatnonzero(np.diff(motion.armed.astype(int)) == edge)[0] + 1
+        speed = motion.rotor_speeds[row + round(tau / 0.004), 0]
+        first = motion.rotor_speeds[row, 0] if begin is None else begin
+        assert (speed - end) / (first - end) == pytest.approx(np.exp(-round(tau / 0.004) * 0.004 / tau), rel=1e-6)
+
+
+def test_power_takes_its_share_of_the_voltage():
+    motion = fly(brief(wind=(), duration=15.0, height=2.0, vehicle=VehicleSpec(battery_load=0.08)))
+    hover = motion.landed_state == 2
+    assert motion.battery[0] == 1.0
+    assert motion.battery[hover].mean() == pytest.approx(0.92, abs=0.002)
+    idle = motion.armed & (motion.landed_state == 1) & (motion.time > 2.5) & (motion.time < 3.0)
+    # Power goes with the cube of the speed: 200 of 799 rad/s.
+    assert 1 - motion.battery[idle].mean() == pytest.approx(0.08 * (200 / 799) ** 3, rel=0.05)
+
+
+def test_twice_the_inertia_asks_for_twice_the_moment():
+    sections = {"wind": (), "excitation": Doublets(kind="doublets", amplitude=4.0)}
+    once, twice = (fly(brief(vehicle=VehicleSpec(inertia_scale=scale), **sections)) for scale in (1.0, 2.0))
+    hover = once.landed_state == 2
+    rolls = [(motion.outputs[hover] @ [-1, 1, 1, -1]).std() for motion in (once, twice)]
+    assert rolls[1] / rolls[0] == pytest.approx(2, rel=0.1)
+    assert np.abs(np.degrees(twice.rates - once.rates))[hover].std() < 2.0

@@ -4,9 +4,11 @@ import numpy as np
 import pytest
 
 from sitl_scenarios.files import load
-from sitl_scenarios.scenario import Moment, Multisine, Scenario, VehicleSpec
+from sitl_scenarios.scenario import Moment, Multisine, Scenario, Sensors, SteadyWind, StreamSpec, VehicleSpec
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth, write_truth
+
+FITTED = ("rotor_speeds", "rates")
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +68,67 @@ def test_the_system_is_the_papers(flown):
     # Hover at 169.00 of 255.
     assert known["trim"] == pytest.approx(1000 + 169 / 0.255, abs=0.1)
     assert known["lag"] == pytest.approx([0.02, 0.02, 0.02])
+
+
+def test_effects_of_motors_are_those_of_the_trim_that_is_flown():
+    """In 8 m/s the rotors differ in speed and the vehicle is tilted; a regression on the rotors' speeds sees it."""
+    wind = (SteadyWind(kind="steady", speed=8.0, direction=60.0),)
+    excitation = Multisine(kind="multisine", axis="all", sd=1.0, lowest=0.3, highest=4.0, period=10.0)
+    quiet = Sensors(rate_sd=1e-3, attitude_sd=1e-4, position_sd=2e-3, velocity_sd=2e-3)
+    scenario = Scenario(duration=35.0, wind=wind, excitation=excitation, sensors=quiet, seed=3)
+    motion = fly(scenario)
+    known = truth(scenario, motion)
+    hover = ((motion.landed_state == 2) & (motion.time > 12))[1:]
+    between = {name: (each[1:] + each[:-1])[hover] / 2 for name, each in vars(motion).items() if name in FITTED}
+    table = np.column_stack([between["rotor_speeds"], between["rates"], np.ones(hover.sum())])
+    accelerations = (np.diff(motion.rates, axis=0) / motion.time[1])[hover]
+    # 1000 rad/s are 1000 µs.
+    fitted = np.linalg.lstsq(table, accelerations, rcond=None)[0][:4].T
+    roll, pitch, yaw = (known[f"{axis}_effect"] for axis in ("roll", "pitch", "yaw"))
+    np.testing.assert_allclose(fitted[2], yaw, rtol=0.02)
+    assert np.abs(fitted[2] / known["yaw_B"][0] - 1).min() > 0.04
+    # Thrust is hardly excited: what all motors of a side do together is determined.
+    signs = np.sign([roll, pitch])
+    pairs = [(signs[axis] * fitted[axis]).sum() for axis in (0, 1)]
+    assert pairs == pytest.approx([np.abs(roll).sum(), np.abs(pitch).sum()], rel=0.015)
+    assert pairs[0] != pytest.approx(np.abs(known["roll_B"][1]).sum(), rel=0.015)
+
+
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+def test_effects_of_motors_before_and_after_one_weakens(speaks):
+    vehicle = VehicleSpec(weak_motor=2, weak_from=12.0, weak_thrust=0.64)
+    scenario = Scenario(duration=25.0, vehicle=vehicle, stream=StreamSpec(speaks=speaks))
+    known = truth(scenario, fly(scenario))
+    for axis in ("roll", "pitch", "yaw"):
+        before, after = known[f"{axis}_effect"], known[f"{axis}_effect_weak"]
+        np.testing.assert_allclose(before, known[f"{axis}_B"][-1], rtol=0.01)
+        # It turns as fast as before, at a greater command: each µs moves it by the square root of what is left.
+        np.testing.assert_allclose(after / before, [1, 0.8, 1, 1], rtol=0.02)
+    early = scenario.model_copy(update={"vehicle": vehicle.model_copy(update={"weak_from": 0.0})})
+    always = truth(early, fly(early))
+    assert "roll_effect_weak" not in always
+    np.testing.assert_allclose(always["roll_effect"], known["roll_effect_weak"], rtol=0.01)
+
+
+def test_effects_follow_from_voltage_inertia_and_thrust_curve():
+    plain = VehicleSpec()
+    base = np.abs(effect(plain))
+    # Hover has the same rotor speeds; a share of the voltage is a share of each µs.
+    assert np.abs(effect(VehicleSpec(battery_load=0.1))) == pytest.approx(0.9 * base, rel=0.01)
+    assert np.abs(effect(VehicleSpec(inertia_scale=2.0))) == pytest.approx(base / 2, rel=0.01)
+    # Thrust 5.84e-6 ω², 1100 rad/s at 2000 µs: linear, every µs is a thousandth of it, at 0.22 m.
+    linear = 5.84e-6 * 1100**2 / 1000 * 0.22 / 0.029125
+    assert np.abs(effect(VehicleSpec(quadratic_thrust=0.0))) == pytest.approx(4 * [linear], rel=0.01)
+
+
+def effect(vehicle):
+    scenario = Scenario(duration=15.0, height=2.0, vehicle=vehicle)
+    return truth(scenario, fly(scenario))["roll_effect"]
+
+
+def test_the_voltage_is_in_volts(flown):
+    known = truth(*flown)
+    assert set(known["voltage"]) == {12.6}
 
 
 def test_the_disturbance_is_the_moment_that_the_scenario_asks_for(flown):

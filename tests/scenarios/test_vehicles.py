@@ -7,11 +7,11 @@ import pytest
 from mavdem.ingest.motors import motor_geometry
 from sitl_scenarios.body import Body
 from sitl_scenarios.dynamics import Air, dynamics
-from sitl_scenarios.mavlink.autopilots import PX4
+from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, PX4
 from sitl_scenarios.mavlink.parameters import parameters
 from sitl_scenarios.mixer import PAPER_ORDER, SPINS, frame
 from sitl_scenarios.scenario import Scenario, VehicleSpec
-from sitl_scenarios.vehicles import AIRFRAMES, ARDRONE2, CRAZYFLIE, GRAVITY, IRIS
+from sitl_scenarios.vehicles import AIRFRAMES, ARDRONE2, CRAZYFLIE, GRAVITY, IRIS, airframe
 
 
 @pytest.mark.parametrize("name", AIRFRAMES)
@@ -121,3 +121,38 @@ def test_the_papers_order_is_clockwise_from_the_front_left():
     places = frame("x", (1.0, 1.0))
     around = [(places.forward[i], places.right[i]) for i in PAPER_ORDER]
     assert around == [(1, -1), (1, 1), (-1, 1), (-1, -1)]
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
+@pytest.mark.parametrize("name", AIRFRAMES)
+def test_a_thrust_curve_is_as_quadratic_as_asked_and_undone_exactly(name, share):
+    body = airframe(VehicleSpec(model=name, quadratic_thrust=share))
+    thrust = [body.thrust_at(body.rotor_speed(command * body.full)) for command in (0.25, 0.5, 1.0)]
+    assert thrust[2] == pytest.approx(AIRFRAMES[name].thrust_at(AIRFRAMES[name].rotor_speed(body.full)))
+    for part, command in zip(thrust, (0.25, 0.5), strict=False):
+        assert part / thrust[2] == pytest.approx((1 - share) * command + share * command**2)
+    for command in (0.1, 0.6, 1.0):
+        assert body.command_for(body.rotor_speed(command * body.full)) == pytest.approx(command * body.full)
+        step = 1e-6 * body.full
+        rise = body.rotor_speed(command * body.full + step) - body.rotor_speed(command * body.full - step)
+        assert body.speed_slope(command * body.full) == pytest.approx(rise / (2 * step), rel=1e-6)
+
+
+def test_an_airframe_is_the_published_one_but_for_what_is_changed():
+    for name, published in AIRFRAMES.items():
+        assert airframe(VehicleSpec(model=name)) == published
+    changed = airframe(VehicleSpec(lag_up=0.03, inertia_scale=2.0))
+    assert changed.lag == (0.03, IRIS.lag[1])
+    assert changed.inertia == pytest.approx([2 * each for each in IRIS.inertia])
+    assert airframe(VehicleSpec(lag_up=0.0, lag_down=0.04)).lag == (0.0, 0.04)
+
+
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+def test_the_parameters_name_the_thrust_curve_that_the_autopilot_undoes(speaks):
+    name = {"px4": "THR_MDL_FAC", "ardupilot": "MOT_THST_EXPO"}[speaks]
+    plain, curved = (
+        parameters(Scenario(vehicle=VehicleSpec(quadratic_thrust=share)), AUTOPILOTS[speaks], 0.004)
+        for share in (None, 0.65)
+    )
+    assert name not in plain
+    assert curved[name].encoded(speaks == "px4") == 0.65
