@@ -1,0 +1,92 @@
+"""The plant of one axis: its rate, the motors' torque and the wind's, from sample to sample."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
+
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.model import Transition, discretize
+from mavdem.dem.graybox.coloured import Coloured
+
+MAX_DOUBLINGS = 40  # of the steps over which the filter becomes steady
+
+
+class Plant(NamedTuple):
+    """x⁺ = Φ x + Γ₀ c + Γ₁ c⁺ + noise, with the state x = [rate, torque, wind's states] and the commanded torque c.
+
+    Attributes:
+        step: the transition; it has one input, c in rad/s².
+        process: (n, n) covariance of the noise, which drives the wind.
+        wind: (n,) the wind's torque, rad/s², out of a state.
+        stationary: (n, n) covariance of the wind's states before anything is measured; 0 for rate and torque.
+    """
+
+    step: Transition
+    process: Array
+    wind: Array
+    stationary: Array
+
+
+def plant(damping: float, lag: float, components: Sequence[tuple[Coloured, float, float]], dt: float) -> Plant:
+    """The plant with ``damping``, 1/s, and ``lag``, s, sampled every ``dt`` seconds.
+
+    ``components`` of the wind are colour, standard deviation in rad/s², and time in s of each.
+    """
+    colours = [(colour.A / time, colour.drive / time) for colour, _, time in components]
+    A = block_diag(np.array([[-damping, 1.0], [0.0, -1 / lag]]), *(own for own, _ in colours))
+    drive, stationary, wind = np.zeros_like(A), np.zeros_like(A), np.zeros(len(A))
+    places = np.cumsum([2, *(len(own) for own, _ in colours)])
+    for (colour, size, _), (own, noise), (start, stop) in zip(components, colours, pairwise(places), strict=True):
+        wind[start:stop] = size * colour.C
+        drive[start:stop, start:stop] = noise
+        stationary[start:stop, start:stop] = solve_continuous_lyapunov(own, -noise)
+    A[0] += wind
+    n = len(A)
+    step = discretize(A, np.eye(n)[:, 1:2] / lag, dt)
+    # Van Loan, "Computing integrals involving the matrix exponential", 1978.
+    flow = expm(np.block([[-A, drive], [np.zeros_like(A), A.T]]) * dt)
+    process = step.state @ flow[:n, n:]
+    return Plant(step, (process + process.T) / 2, wind, stationary)
+
+
+def delayed(inputs: Array, steps: float) -> tuple[Array, Array]:
+    """Commands (T − 1, r) as they act at the beginning and the end of each step, interpolated.
+
+    A command that reacts to a sample must not help to predict it: within a step the last command before it holds.
+    """
+    last = np.arange(len(inputs) - 1, dtype=np.float64)
+    ends = []
+    for place in (last - max(steps, 0.0), last + min(1 - steps, 0.0)):
+        whole = np.floor(place)
+        share = (place - whole)[:, None]
+        at = whole.astype(np.intp)
+        low, high = np.maximum(at, 0), np.clip(at + 1, 0, len(inputs) - 1)
+        ends.append((1 - share) * inputs[low] + share * inputs[high])
+    return ends[0], ends[1]
+
+
+def steady_covariance(F: Array, process: Array, noise: Array) -> Array:
+    """(b, n, n) of the predicted state, of the steady filter; the first state is measured with ``noise`` (b,).
+
+    By doubling of the steps (Anderson, "Second-order convergent algorithms for the steady-state Riccati equation",
+    International Journal of Control 28, 1978).
+    """
+    across, gained, P = np.swapaxes(F, 1, 2), np.zeros_like(F), process
+    gained[:, 0, 0] = 1 / noise
+    for _ in range(MAX_DOUBLINGS):
+        solved = np.linalg.inv(np.eye(F.shape[-1]) + gained @ P)
+        half = across @ solved
+        back = np.swapaxes(across, 1, 2)
+        doubled = P + back @ P @ solved @ across
+        gained = gained + half @ gained @ back
+        across = half @ across
+        done = np.abs(doubled - P).max() <= 1e-11 * np.abs(doubled).max()
+        P = (doubled + np.swapaxes(doubled, 1, 2)) / 2
+        if done:
+            break
+    return P

@@ -1,0 +1,277 @@
+"""The wind's torque in a recorded flight: its course with a band, and its level, spectrum and gusts.
+
+With the physical parameters known, the rate's equation leaves the wind's torque d = rate' + damping · rate − torque.
+It is smoothed over each segment, as coloured noise of the components that the fit found (``smoother``).
+
+**The steady part.** Its mean is what the motors' mean balances. A motor's absolute command says nothing about torque,
+only differences between motors do: so the steady part is that of equal motors and a centred load. An unequal motor or
+a load to one side adds to it what it takes to balance it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from scipy.signal import csd, detrend
+from scipy.stats import norm
+
+from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.graybox.coloured import Coloured
+from mavdem.dem.graybox.gusts import DetectedGust, gusts
+from mavdem.dem.graybox.plant import plant
+from mavdem.dem.graybox.smoother import SteadyFilter
+from mavdem.dem.priors import derivative_pairs
+from mavdem.dem.record import Record
+from mavdem.dem.validation import LEVEL
+
+RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
+MAX_ERROR_SHARE = 0.5  # of the estimate's variance, that its errors may have before it is not resolved
+LAG_ERROR, WIND_ERROR = 0.1, 0.15
+"""Errors of the model, standard deviations: of the motors' lag, as a share of it, and of the wind's torque, as a share
+of its own. Rotors that spin up faster than they slow down, thrust that changes with the flow through the rotor, and a
+spectrum that two components only approximate: chosen so that bands hold nine of ten samples of simulated flights with
+other seeds than those of ``tools/validation/wind.py``."""
+
+MAX_ANSWER_SCATTER = 0.1  # of the answered share: with more, the motors do too much else for it to be known
+SPECTRUM_SECONDS = 8.0  # of the windows whose spectra are averaged
+SLOW_HERTZ = 1.0  # below which the slow wind's answer counts
+
+
+class PlantParameters(Protocol):
+    """What is needed of the physical parameters of one axis; see :class:`mavdem.dem.Physical`.
+
+    The covariance (r + 3, r + 3) is of effect, damping, lag and delay.
+    """
+
+    @property
+    def effect(self) -> Array: ...  # noqa: D102
+    @property
+    def damping(self) -> float: ...  # noqa: D102
+    @property
+    def lag(self) -> float: ...  # noqa: D102
+    @property
+    def delay(self) -> float: ...  # noqa: D102
+    @property
+    def covariance(self) -> Array: ...  # noqa: D102
+    @property
+    def components(self) -> tuple[tuple[Coloured, float, float], ...]: ...  # noqa: D102
+    @property
+    def noise(self) -> float: ...  # noqa: D102
+
+
+class WindSpectrum(NamedTuple):
+    """One-sided spectral densities (F,), (rad/s²)²/Hz, of the estimate and of the model that smooths it."""
+
+    frequency: Array  # Hz
+    density: Array
+    model: Array
+
+
+@dataclass(frozen=True, eq=False)
+class WindTorque:
+    """The wind's torque on one axis per moment of inertia, rad/s²; T samples.
+
+    Attributes:
+        torque: (T,) its course, steady part included.
+        band: (T,) half width that holds the truth with probability 90 %: of the smoother, of the physical parameters to
+            first order, and of what the model leaves out.
+        mean: its mean, that of equal motors and a centred load.
+        mean_band: likewise the half width for the mean.
+        sd: the standard deviation of the wind's torque; the estimate's own is less, since smoothing shrinks it.
+        motors: (T,) the motors' torque about its mean.
+        gusts: in order of time; none where the wind is not resolved.
+        gust_threshold: rad/s² from the running level.
+        false_gusts_per_minute: to expect of Gaussian turbulence with the same spectrum, without gusts.
+        spectrum: of the estimate and of the model.
+        answered: share of its variance that the motors had cancelled; NaN where they steer too much for it to be known.
+        answered_slow: likewise of its variance below 1 Hz.
+        resolved: whether its course is larger than its errors.
+        reason: why not, one sentence; ``None`` where it is.
+        dt: sampling step, s.
+    """
+
+    torque: Array
+    band: Array
+    mean: float
+    mean_band: float
+    sd: float
+    motors: Array
+    gusts: tuple[DetectedGust, ...]
+    gust_threshold: float
+    false_gusts_per_minute: float
+    spectrum: WindSpectrum
+    answered: float
+    answered_slow: float
+    resolved: bool
+    reason: str | None
+    dt: float
+
+    def __repr__(self) -> str:
+        number = len(self.gusts)
+        return (
+            f"<WindTorque: mean {self.mean:.3g} ± {self.mean_band:.2g}, sd {self.sd:.3g} rad/s², "
+            f"{number} gust{'' if number == 1 else 's'}{'' if self.resolved else ', not resolved'}>"
+        )
+
+    def in_newton_metres(self, inertia: float) -> Array:
+        """(T,) the torque in N m, of a vehicle with that moment of ``inertia`` about the axis, kg m².
+
+        Raises:
+            ValueError: an inertia that is not positive.
+        """
+        if not 0 < inertia < np.inf:
+            raise ValueError(f"inertia must be a positive number of kg m², not {inertia!r}")
+        return self.torque * inertia
+
+
+class _Torques(NamedTuple):
+    """Of all segments: d (T,), its smoother's variance, and the motors' torque about its mean."""
+
+    torque: Array
+    variance: Array
+    motors: Array
+
+
+def wind(physical: PlantParameters, record: Record) -> WindTorque:
+    """The wind's torque in a record, from all of it, by its physical parameters.
+
+    Raises:
+        ValueError: no output is the rate of another.
+        numpy.linalg.LinAlgError: there is no steady filter for these parameters.
+    """
+    pairs = derivative_pairs(record)
+    if not pairs:
+        raise ValueError("the wind's torque needs an angle and its rate: no output is the derivative of another")
+    column = pairs[0][1]
+    theta = np.array([*physical.effect, physical.damping, physical.lag, physical.delay])
+    with one_thread():
+        course = _course(theta, physical, record, column)
+        nudges = RELATIVE_STEP * np.maximum(np.abs(theta), RELATIVE_STEP)
+        slopes = np.array(
+            [
+                (_course(theta + nudge, physical, record, column).torque - course.torque) / nudge.sum()
+                for nudge in np.diag(nudges)
+            ]
+        )
+    size, levels = float(course.torque.var()), slopes.mean(axis=1)
+    covariance = physical.covariance.copy()
+    covariance[-2, -2] += (LAG_ERROR * physical.lag) ** 2
+    own = course.variance + WIND_ERROR**2 * size
+
+    def with_parameters(slopes: Array) -> Array:
+        return np.asarray(own + np.einsum("it,ij,jt->t", slopes, covariance, slopes))
+
+    variance, error = with_parameters(slopes), float(with_parameters(slopes - levels[:, None]).mean())
+    resolved = error < MAX_ERROR_SHARE * size
+    reason = None
+    if not resolved:
+        reason = (
+            f"The wind's torque is not resolved: errors of about {np.sqrt(error):.2g} rad/s² are expected in an "
+            f"estimate of standard deviation {np.sqrt(size):.2g} rad/s²."
+        )
+    spectra = _spectra(course, record)
+    spectrum = WindSpectrum(spectra.frequency, spectra.wind, _model_density(physical, spectra.frequency))
+    width = float(norm.ppf(0.5 + LEVEL / 2))
+    band = width * np.sqrt(variance)
+    found = gusts(course.torque, band, record)
+    return WindTorque(
+        torque=course.torque,
+        band=band,
+        mean=float(course.torque.mean()),
+        mean_band=width * float(np.sqrt(levels @ covariance @ levels)),
+        sd=float(np.sqrt(size + course.variance.mean())),
+        motors=course.motors,
+        gusts=found.found if resolved else (),
+        gust_threshold=found.threshold,
+        false_gusts_per_minute=found.false_per_minute,
+        spectrum=spectrum,
+        answered=spectra.answered(np.inf),
+        answered_slow=spectra.answered(SLOW_HERTZ),
+        resolved=resolved,
+        reason=reason,
+        dt=record.dt,
+    )
+
+
+def _course(theta: Array, physical: PlantParameters, record: Record, column: int) -> _Torques:
+    """With effect, damping, lag and delay ``theta`` (r + 3,), of the rate in a ``column`` of the outputs."""
+    effect, (damping, lag, delay) = theta[:-3], theta[-3:].tolist()
+    of = SteadyFilter.of(plant(damping, lag, physical.components, record.dt), physical.noise)
+    trim = record.inputs.mean(axis=0)
+    level = -float(trim @ _balancing(effect, record.effect_directions))
+    parts = []
+    for inputs, outputs in record.segments:
+        rate, commanded = outputs[:, column], (inputs - trim) @ effect
+        # What is steady acts like a steady command; about it the wind's mean is 0.
+        steady = float((rate[-1] - rate[0]) / (len(rate) * record.dt) + damping * rate.mean() - commanded.mean())
+        smoothed = of.smoothed(commanded + steady, delay / record.dt, rate)
+        parts.append((smoothed.mean + steady + level, smoothed.variance, smoothed.motors - steady))
+    torque, variance, motors = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return _Torques(torque, variance, motors)
+
+
+def _balancing(effect: Array, directions: Array | None) -> Array:
+    """(r,) the effect of motors that are equal: along the mixer's directions, or without what all have in common.
+
+    The common command lifts the vehicle. A single input is the torque's own command, and 0 is none.
+    """
+    if directions is not None:
+        return directions * (directions @ effect) / (directions @ directions)
+    return effect - effect.mean() if len(effect) > 1 else effect
+
+
+class _Spectra(NamedTuple):
+    """One-sided densities (F,) over windows of the segments: of the wind, of the motors' answer, and across."""
+
+    frequency: Array
+    wind: Array
+    answer: Array
+    across: Array
+    windows: float
+
+    def answered(self, highest: float) -> float:
+        """Share of the wind's variance up to a frequency, Hz, that the motors' torque cancels.
+
+        With the transfer G = across / wind from the wind to the answer, |1 − G|² of the density is left over. So what
+        the motors do besides, such as steering, does not count. The scatter of G, which does not vanish with few
+        windows, is taken off (Bendat and Piersol, Random Data, 4th ed., sec. 9.2).
+        """
+        at = (self.frequency <= highest) & (self.wind > 0)
+        wind, answer, across = self.wind[at], self.answer[at], self.across[at]
+        all_of_it = float(wind.sum())
+        left = float((np.abs(wind - across) ** 2 / wind).sum())
+        scatter = float((answer - np.abs(across) ** 2 / wind).sum()) / max(self.windows - 1, 1)
+        if not scatter <= MAX_ANSWER_SCATTER * all_of_it:
+            return float("nan")
+        return 1 - (left - scatter) / all_of_it if all_of_it else float("nan")
+
+
+def _spectra(course: _Torques, record: Record) -> _Spectra:
+    """By Welch's method, of windows of ``SPECTRUM_SECONDS``, or as long as the longest segment."""
+    length = min(round(SPECTRUM_SECONDS / record.dt), record.longest)
+    total, windows, frequency = np.zeros((3, length // 2 + 1), complex), 0.0, np.zeros(length // 2 + 1)
+    cuts = record.starts[1:]
+    for torque, motors in zip(np.split(course.torque, cuts), np.split(-course.motors, cuts), strict=True):
+        if len(torque) < length:
+            continue
+        weight = len(torque) / length
+        for own, (one, other) in zip(total, ((torque, torque), (motors, motors), (torque, motors)), strict=True):
+            frequency, density = csd(one, other, 1 / record.dt, nperseg=length, detrend=detrend)
+            own += weight * density
+        windows += weight
+    wind, answer, across = total / windows
+    return _Spectra(frequency, wind.real, answer.real, across, windows)
+
+
+def _model_density(physical: PlantParameters, frequency: Array) -> Array:
+    """(F,) of the wind's components, one-sided, per Hz."""
+    density = np.zeros(len(frequency))
+    for colour, size, time in physical.components:
+        resolvent = 2j * np.pi * frequency[:, None, None] * np.eye(len(colour.A)) - colour.A / time
+        across = np.linalg.solve(
+            np.swapaxes(resolvent, 1, 2), np.broadcast_to(colour.C, (len(frequency), len(colour.C)))[:, :, None]
+        )[:, :, 0]
+        density += 2 * size**2 * np.einsum("fi,ij,fj->f", across, colour.drive / time, across.conj()).real
+    return density

@@ -1,0 +1,277 @@
+"""The wind's torque: the smoother against a joint Gaussian, its band, its numbers, and simulated flights' truth."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from mavdem import Flight
+from mavdem.dem.graybox.coloured import FIRST_ORDER, SMOOTH, Coloured
+from mavdem.dem.graybox.gusts import THRESHOLD, gusts
+from mavdem.dem.graybox.plant import Plant, delayed, plant
+from mavdem.dem.graybox.smoother import SteadyFilter
+from mavdem.dem.graybox.wind import _Spectra, wind
+from mavdem.dem.record import Record
+from sitl_scenarios.dynamics import euler
+from sitl_scenarios.files import load
+from sitl_scenarios.scenario import Multisine
+from sitl_scenarios.simulation import fly
+from sitl_scenarios.truth import truth
+
+DT = 0.01
+EFFECT = np.array([-0.06, 0.06, 0.06, -0.06])
+TURBULENCE = ((FIRST_ORDER, 1.5, 0.3), (SMOOTH, 0.7, 0.06))
+
+
+class Parameters(NamedTuple):
+    """Physical parameters that are known."""
+
+    effect: np.ndarray = EFFECT
+    damping: float = 2.0
+    lag: float = 0.04
+    delay: float = 0.006
+    covariance: np.ndarray = np.zeros((7, 7))
+    components: tuple[tuple[Coloured, float, float], ...] = TURBULENCE
+    noise: float = 0.004
+
+
+def root_of(covariance: np.ndarray) -> np.ndarray:
+    values, vectors = np.linalg.eigh(covariance)
+    return vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
+
+
+def flown(seed: int, samples: int, known: Parameters, steady: float = 0.0) -> tuple[Flight, np.ndarray]:
+    """A flight of exactly that plant, whose controller answers what it measures; and the wind's torque (T,)."""
+    rng = np.random.default_rng(seed)
+    of = plant(known.damping, known.lag, known.components, DT)
+    root = root_of(of.process)
+    state = root_of(of.stationary) @ rng.standard_normal(len(of.wind))
+    inputs, outputs, torque = np.zeros((samples, 4)), np.zeros((samples, 2)), np.empty(samples)
+    angle, steps = 0.0, known.delay / DT
+    for k in range(samples):
+        outputs[k] = angle, state[0] + known.noise * rng.standard_normal()
+        torque[k] = of.wind @ state + steady
+        wanted = -12 * (3 * angle + outputs[k, 1]) - steady
+        inputs[k] = 1500 + wanted * EFFECT / (EFFECT @ EFFECT) + rng.standard_normal(4)
+        early, late = delayed(np.vstack([inputs[: k + 1], inputs[k]])[-4:], steps)
+        push = (early[-1] @ EFFECT + steady, late[-1] @ EFFECT + steady)
+        angle += DT * state[0]
+        state = of.step.state @ state + root @ rng.standard_normal(len(state))
+        state += of.step.input_now[:, 0] * push[0] + of.step.input_next[:, 0] * push[1]
+    return Flight(DT * np.arange(samples), inputs, outputs), torque
+
+
+def joint_posterior(
+    of: Plant, noise: float, commanded: np.ndarray, steps: float, rate: np.ndarray, spread: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and variance (T,) of the wind's torque given all rates, by the covariance of all states of all samples."""
+    samples, n = len(rate), len(of.wind)
+    early, late = delayed(commanded[:, None], steps)
+    mean = np.zeros((samples, n))
+    mean[0, :2] = rate.mean(), commanded[0]
+    covariance = np.zeros((samples, samples, n, n))
+    now = of.stationary.copy()
+    now[0, 0] = spread
+    for k in range(samples):
+        across = now
+        for later in range(k, samples):
+            covariance[later, k], covariance[k, later] = across, across.T
+            across = of.step.state @ across
+        now = of.step.state @ now @ of.step.state.T + of.process
+        if k + 1 < samples:
+            pushes = of.step.input_now[:, 0] * early[k] + of.step.input_next[:, 0] * late[k]
+            mean[k + 1] = of.step.state @ mean[k] + pushes
+    measured = covariance[:, :, 0, 0] + noise**2 * np.eye(samples)
+    across = np.einsum("i,tsi->ts", of.wind, covariance[:, :, :, 0])
+    own = np.einsum("i,ttij,j->t", of.wind, covariance, of.wind)
+    gain = np.linalg.solve(measured, across.T).T
+    return mean @ of.wind + gain @ (rate - mean[:, 0]), own - np.einsum("ts,ts->t", gain, across)
+
+
+@pytest.mark.parametrize("damping", [-0.5, 2.0])
+@pytest.mark.parametrize("components", [TURBULENCE[:1], TURBULENCE, (TURBULENCE[1], TURBULENCE[1])], ids=str)
+def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping):
+    rng = np.random.default_rng(0)
+    commanded, rate, noise = rng.standard_normal(90), 0.2 * rng.standard_normal(90), 0.02
+    of = plant(damping, 0.05, components, 0.02)
+    filtered = SteadyFilter.of(of, noise)
+    found = filtered.smoothed(commanded, 0.7, rate)
+    mean, variance = joint_posterior(of, noise, commanded, 0.7, rate, np.var(rate) + filtered.variance)
+    np.testing.assert_allclose(found.mean, mean, atol=1e-8 * np.abs(mean).max())
+    np.testing.assert_allclose(found.variance, variance, atol=1e-8 * variance.max())
+
+
+def test_the_winds_covariance_stays_from_sample_to_sample():
+    of = plant(2.0, 0.04, TURBULENCE, DT)
+    wind_only = of.step.state[2:, 2:]
+    stationary = of.stationary[2:, 2:]
+    np.testing.assert_allclose(wind_only @ stationary @ wind_only.T + of.process[2:, 2:], stationary, atol=1e-9)
+    assert of.wind @ of.stationary @ of.wind == pytest.approx(1.5**2 + 0.7**2)
+
+
+def test_its_band_and_its_size_are_those_of_the_truth_where_the_model_is_true():
+    known = Parameters()
+    flight, torque = flown(1, 12000, known, steady=-2.5)
+    found = wind(known, Record.of(flight))
+    assert np.corrcoef(found.torque, torque)[0, 1] > 0.95
+    assert found.sd == pytest.approx(torque.std(), rel=0.05)
+    assert found.mean == pytest.approx(torque.mean(), abs=0.02)
+    assert found.resolved
+    # The smoother's variance alone, without what the band allows for in an imperfect model.
+    of = SteadyFilter.of(plant(known.damping, known.lag, known.components, DT), known.noise)
+    commanded = (flight.inputs - 1500) @ EFFECT - 2.5
+    posterior = of.smoothed(commanded, known.delay / DT, flight.outputs[:, 1])
+    error = posterior.mean - 2.5 - torque
+    assert np.mean(error**2 / posterior.variance) == pytest.approx(1.0, abs=0.15)
+    assert np.mean(np.abs(found.torque - torque) <= found.band) > 0.9
+
+
+def test_what_all_motors_have_in_common_is_no_torque():
+    known = Parameters()
+    flight, _ = flown(2, 1500, known)
+    higher = Flight(flight.time, flight.inputs + 137.0, flight.outputs)
+    uneven = known._replace(effect=EFFECT * np.array([1.1, 1.0, 1.0, 1.0]))
+    one, other = wind(uneven, Record.of(flight)), wind(uneven, Record.of(higher))
+    np.testing.assert_allclose(one.torque, other.torque, atol=1e-6)
+
+
+def test_motors_that_differ_steadily_balance_a_steady_wind():
+    known = Parameters()
+    flight, _ = flown(3, 1500, known)
+    leaning = Flight(flight.time, flight.inputs + 20 * np.sign(EFFECT), flight.outputs)
+    shift = wind(known, Record.of(leaning)).torque - wind(known, Record.of(flight)).torque
+    np.testing.assert_allclose(shift, -20 * np.abs(EFFECT).sum(), atol=1e-6)
+
+
+def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
+    known = Parameters()
+    flight, _ = flown(4, 1500, known, steady=-3.0)
+    uncertain = known._replace(covariance=np.zeros((7, 7)))
+    uncertain.covariance[:4, :4] = 0.2**2 * np.outer(EFFECT, EFFECT)
+    sure, unsure = wind(known, Record.of(flight)), wind(uncertain, Record.of(flight))
+    assert unsure.mean_band == pytest.approx(1.645 * 0.2 * abs(sure.mean), rel=0.05)
+    assert np.all(unsure.band >= sure.band)
+
+
+def test_segments_are_smoothed_each_for_itself():
+    known = Parameters()
+    flight, _ = flown(5, 2000, known)
+    parts = wind(known, Record.of([flight[:900], flight[900:]]))
+    whole = wind(known, Record.of(flight))
+    assert parts.torque.shape == parts.band.shape == (2000,)
+    far = np.r_[0:750, 1050:2000]
+    assert np.abs(parts.torque - whole.torque)[far].max() < 0.05 * whole.sd
+
+
+def test_wind_weaker_than_the_errors_is_not_resolved():
+    known = Parameters(components=((FIRST_ORDER, 0.05, 0.02),))
+    flight, _ = flown(6, 2000, known)
+    found = wind(known, Record.of(flight))
+    assert not found.resolved
+    assert "not resolved" in (found.reason or "")
+    assert found.gusts == ()
+
+
+def test_the_models_spectrum_has_its_variance():
+    known = Parameters()
+    flight, torque = flown(7, 12000, known)
+    spectrum = wind(known, Record.of(flight)).spectrum
+    assert np.trapezoid(spectrum.model, spectrum.frequency) == pytest.approx(1.5**2 + 0.7**2, rel=0.15)
+    slow = spectrum.frequency < 1.0
+    assert spectrum.density[slow].sum() == pytest.approx(spectrum.model[slow].sum(), rel=0.4)
+
+
+def test_newton_metres_are_by_the_moment_of_inertia():
+    known = Parameters()
+    flight, _ = flown(8, 800, known)
+    found = wind(known, Record.of(flight))
+    np.testing.assert_allclose(found.in_newton_metres(0.029), 0.029 * found.torque)
+    with pytest.raises(ValueError, match="inertia"):
+        found.in_newton_metres(0.0)
+
+
+def test_outputs_without_a_rate_have_no_wind():
+    flight, _ = flown(9, 800, Parameters())
+    with pytest.raises(ValueError, match="rate"):
+        wind(Parameters(), Record.of(Flight(flight.time, flight.inputs, flight.outputs[:, :1])))
+
+
+def test_the_answered_share_is_that_of_the_motors_that_follow_the_wind():
+    frequency = np.linspace(0, 50, 401)
+    density = 1 / (1 + frequency**2)
+    # The answer is 0.8 of the wind, and as much again that has nothing to do with it.
+    spectra = _Spectra(frequency, density, 0.64 * density + 0.05 * density, 0.8 * density, 1000.0)
+    assert spectra.answered(np.inf) == pytest.approx(1 - 0.2**2, abs=1e-3)
+    assert np.isnan(spectra._replace(answer=500 * density).answered(np.inf))
+
+
+def gaussian(seed: int, samples: int) -> np.ndarray:
+    """Smooth Gaussian turbulence of unit variance."""
+    kernel = np.exp(-0.5 * (np.arange(-30, 31) * DT / 0.05) ** 2)
+    noise = np.convolve(np.random.default_rng(seed).standard_normal(samples + 60), kernel, "valid")
+    return noise / np.sqrt(kernel @ kernel)
+
+
+def record_of(samples: int) -> Record:
+    return Record(np.zeros((samples, 1)), np.zeros((samples, 2)), DT, (samples,))
+
+
+def test_turbulence_alone_has_as_many_gusts_as_it_says():
+    samples, band = 600_000, np.zeros(600_000)
+    found = gusts(gaussian(0, samples), band, record_of(samples))
+    expected = found.false_per_minute * samples * DT / 60
+    assert 5 < expected < 100
+    # A count with that mean is within these bounds in more than 99.9 % of cases.
+    assert abs(len(found.found) - expected) < 3.5 * np.sqrt(expected)
+
+
+def test_a_gust_is_found_where_it_is_with_its_length_and_size():
+    torque = gaussian(1, 6000)
+    torque[3000:3080] += 8.0 * np.sin(np.pi * np.arange(80) / 80)
+    found = gusts(torque, np.zeros(6000), record_of(6000)).found
+    (gust,) = [each for each in found if 29.0 < each.start < 32.0]
+    assert gust.start == pytest.approx(30.2, abs=0.2)
+    assert gust.start == gust.sample * DT
+    assert gust.length == pytest.approx(0.6, abs=0.25)
+    assert gust.size == pytest.approx(8.0, abs=2.0)
+    assert gusts(torque, np.full(6000, 10.0), record_of(6000)).found == ()
+    assert THRESHOLD == 4.0
+
+
+def scenario(name: str, steer: float = 0.0) -> tuple[Flight, np.ndarray, Parameters]:
+    """Settled hover of ``sitl_scenarios``, the true wind's torque, and the true parameters."""
+    plan = load(name).model_copy(update={"duration": 45.0})
+    if steer:
+        multisine = Multisine(kind="multisine", sd=steer, lowest=0.2, highest=4.0, period=10.0)
+        plan = plan.model_copy(update={"excitation": multisine})
+    motion = fly(plan)
+    known = truth(plan, motion)
+    time = np.arange(1000, 4200) * DT
+    roll = np.array([euler(attitude)[0] for attitude in motion.known_attitude.tolist()])
+    outputs = [np.interp(time, motion.time, column) for column in (roll, motion.known_rates[:, 0])]
+    inputs = [np.interp(time, motion.time, column) for column in motion.outputs.T]
+    parameters = Parameters(known["roll_B"][1], -float(known["roll_A"][1, 1]), float(known["lag"][0]))
+    return (
+        Flight(time, np.column_stack(inputs), np.column_stack(outputs)),
+        np.interp(time, motion.time, known["roll_disturbance"]),
+        parameters,
+    )
+
+
+@pytest.mark.parametrize("name", ["hover_blower", "iris_dryden", "iris_gusts", "crazyflie_gusts"])
+def test_it_is_the_truth_of_a_simulated_flight_by_its_true_parameters(name):
+    flight, torque, known = scenario(name)
+    found = wind(known._replace(components=((FIRST_ORDER, torque.std(), 0.15),)), Record.of(flight))
+    assert np.corrcoef(found.torque, torque)[0, 1] > 0.9
+    assert found.sd == pytest.approx(torque.std(), rel=0.2)
+    assert found.mean == pytest.approx(torque.mean(), rel=0.1, abs=0.05)
+    assert found.resolved
+
+
+def test_it_is_not_resolved_beside_steering_that_is_much_larger():
+    flight, torque, known = scenario("calm", steer=3.0)
+    found = wind(known._replace(components=((FIRST_ORDER, 0.2, 0.05),)), Record.of(flight))
+    assert torque.std() < 0.1
+    assert not found.resolved
