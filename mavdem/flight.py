@@ -21,7 +21,8 @@ class Flight:
     Attributes:
         time: (T,) seconds on the autopilot's boot clock, uniform.
         inputs: (T, r) motor outputs, in the unit of the stream. A (T,) array is one input.
-        outputs: (T, m) what the vehicle did: for ``axis="roll"`` the roll angle (rad) and rate (rad/s).
+        outputs: (T, m) what the vehicle did: for ``axis="roll"`` the roll angle (rad) and rate (rad/s), for
+            ``axis="yaw"`` the yaw rate only.
         dt: sampling step, s. Taken from ``time`` unless given; it must be given for a single sample.
         input_names, output_names, input_units, output_units: one string a column.
         provenance: where it came from and how it was made, as plain JSON values.

@@ -12,7 +12,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from mavdem.alignment.segments import STAMP_SECONDS, Segment, is_sampled, within
 from mavdem.alignment.setpoints import Setpoint, held
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.signals import Signals, axis_outputs
 from mavdem.flight import Flight
 
 LOW_PASS_RATIO = 1.5
@@ -28,7 +28,8 @@ FILTER_EDGE_STEPS = 5
 def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight:
     """The flight of ``segment``, uniform on the boot clock, in steps of ``dt``, s.
 
-    Its inputs are one column a motor, or the demand (``Signals.drive``), its outputs angle and rate of the axis.
+    Its inputs are one column a motor, or the demand (``Signals.drive``), its outputs angle and rate of the axis, of yaw
+    the rate only.
 
     Unless given, the step is the mean interval of the slower of attitude and motors, to 0.1 ms. The mean, because an
     autopilot that rounds 10 ms to its 4 ms loop alternates 8 and 12 and the median is neither.
@@ -48,7 +49,8 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
         raise ValueError("the telemetry holds no attitude or no motor outputs to align")
     if not is_sampled(attitude, motors, segment):
         raise ValueError(f"the segment from {segment.start:.3f} s holds no attitude or no motor outputs")
-    near, motion = within(attitude, segment), np.column_stack([attitude.angle, attitude.rate])
+    near, measured = within(attitude, segment), axis_outputs(axis)
+    motion = np.column_stack([attitude.angle, attitude.rate])[:, -len(measured) :]
     drive = within(motors, segment)
     rates = {"attitude": mean_rate(attitude.time[near]), "motors": mean_rate(motors.time[drive])}
     dt = step(rates.values()) if dt is None else dt
@@ -62,9 +64,9 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
         outputs=outputs,
         dt=dt,
         input_names=layout.names,
-        output_names=(axis, f"{axis} rate"),
+        output_names=tuple(name for name, _ in measured),
         input_units=(scale.unit,) * len(layout.names),
-        output_units=("rad", "rad/s"),
+        output_units=tuple(unit for _, unit in measured),
         provenance={
             "source": telemetry.source,
             "system": telemetry.system,
@@ -83,6 +85,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
                 "basis": layout.basis,
                 "channels_assumed": layout.channels_assumed,
                 "positions_assumed": layout.positions_assumed,
+                "spins": list(layout.spins),
             },
             "scale": asdict(scale),
             "setpoints": {one.name: telemetry.called(one.message) for one in signals.setpoints},

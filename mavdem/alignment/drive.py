@@ -12,7 +12,8 @@ from mavdem.alignment.columns import by_preference, floats, in_order, message_co
 from mavdem.ingest.motors import MotorGeometry, OutputScale, demand_geometry, motor_geometry, output_scale
 from mavdem.ingest.telemetry import Columns, Telemetry
 
-AXES = ("roll", "pitch")
+TILT_AXES = ("roll", "pitch")  # The axes of a model with angle and rate; yaw has its rate only
+AXES = (*TILT_AXES, "yaw")
 
 INPUTS = ("motors", "demand")  # The possible inputs of a model: motor outputs, or the controller's command for the axis
 MOTOR_MESSAGES = ("SERVO_OUTPUT_RAW", "ACTUATOR_OUTPUT_STATUS", "HIL_ACTUATOR_CONTROLS")

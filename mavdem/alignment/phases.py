@@ -43,9 +43,9 @@ def settled(signals: Signals, boot: int) -> Intervals:
     climb = _of(signals.climb_rate, boot)
     flights = both(armed(signals, boot), _in_states(signals, boot, (IN_AIR,)))
     level = [between for flight in flights if (between := _between_transients(flight, climb)) is not None]
-    for attitude in (signals.attitude, signals.other_attitude):
-        level = both(level, _upright(attitude, boot)) if attitude is not None else []
-    return level
+    for tilt in signals.tilts:
+        level = both(level, _upright(tilt, boot))
+    return level if signals.tilts else []
 
 
 def flying(signals: Signals, boot: int) -> Intervals:

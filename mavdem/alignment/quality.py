@@ -119,13 +119,16 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
     assert attitude is not None and motors is not None
     here, there = within(attitude, segment), within(motors, segment)
     time, angle, slope = attitude.time[here], attitude.angle[here], attitude.slope[here]
-    flown_slope, _ = sample(flight.time, flight.dt, time, slope[:, None])
-    flown_angle, flown_rate = flight.outputs.T
-    consistencies = [_consistency(time, angle, slope), _consistency(flight.time, flown_angle, flown_slope[:, 0])]
+    flown, _ = sample(flight.time, flight.dt, time, np.column_stack([angle, slope]))
+    flown_angle, flown_slope, flown_rate = *flown.T, flight.outputs[:, -1]
+    consistencies = [_consistency(time, angle, slope), _consistency(flight.time, flown_angle, flown_slope)]
     attitude_steps, motor_steps = np.diff(time), np.diff(motors.time[there])
     motion = np.column_stack([angle, attitude.rate[here]])
     steps = np.array([_step(column) for column in motion.T])
-    output_snrs = [_snr_of_changes(time, column, step) for column, step in zip(motion.T, steps, strict=True)]
+    measured = slice(-flight.outputs.shape[1], None)  # not the angle of yaw
+    output_snrs = [
+        _snr_of_changes(time, column, step) for column, step in zip(motion.T[measured], steps[measured], strict=True)
+    ]
     combination, rounding = _turning(motors, flight.inputs, signals.axis)
     # Full throttle, and the idle below which autopilots let no motor fall in flight.
     share = motors.scale.fraction(flight.inputs)
@@ -137,7 +140,7 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
         dt=flight.dt,
         attitude_rate=mean_rate(time),
         motor_rate=mean_rate(motors.time[there]),
-        attitude_fresh=_fresh_rate(time, motion, steps),
+        attitude_fresh=_fresh_rate(time, motion[:, measured], steps[measured]),
         motor_fresh=_fresh_rate(motors.time[there], motors.outputs[there], motors.scale.step),
         attitude_jitter=float(attitude_steps.std()),
         motor_jitter=float(motor_steps.std()),

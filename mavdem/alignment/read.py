@@ -23,7 +23,7 @@ def read_flight(
 
     Args:
         path: a log that ``mavdem.ingest.read_log`` reads.
-        axis: "roll" or "pitch".
+        axis: "roll", "pitch" or "yaw". A flight of yaw has the rate only: for physical parameters, not for a model.
         vehicle: "system" or "system:component", where the log holds several.
         inputs: "motors", or "demand": what the controller asked of the axis, one column; None for the motors, unless
             they come too slowly and the demand does not.

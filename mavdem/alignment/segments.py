@@ -45,7 +45,7 @@ def settled_segments(signals: Signals) -> tuple[Segment, ...]:
     of three intervals; the verdict then decides.
     """
     attitude, drive = signals.attitude, signals.drive
-    if attitude is None or signals.other_attitude is None or drive is None:
+    if attitude is None or drive is None:
         return ()
     found: list[Segment] = []
     for unbroken_runs in (_fast, _at_any_rate):

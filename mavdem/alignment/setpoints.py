@@ -10,6 +10,9 @@ time of its attitude setpoint and sends the body rates of its last step until it
 of 4 ms newer than their stamp (the test of a flight recorded both ways has the figures), as those in its ATTITUDE.
 MANUAL_CONTROL has no stamp in MAVLink, and gets the time of the message before it.
 
+A rate setpoint is not the same everywhere: in ArduPilot's ATTITUDE_TARGET it is the rate of the attitude setpoint; in
+DataFlash's RATE and from PX4 it corrects the error of the attitude as well.
+
 Only setpoints that do not themselves answer the wind are instruments for the motors' effect. The sticks are such; the
 others are so where no outer loop makes them of the vehicle's own motion, as position hold does.
 """
@@ -22,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment.columns import Signal, floats, in_order, message_counts, preferred_message
-from mavdem.ingest.mavlink.euler import roll_and_pitch
+from mavdem.ingest.mavlink.euler import euler_angles
 from mavdem.ingest.telemetry import Columns, Telemetry
 
 TARGET_MESSAGE = "ATTITUDE_TARGET"
@@ -100,7 +103,7 @@ def _angles(targets: Columns, axis: str) -> NDArray[np.float64]:
     """(N,) rad; NaN where the quaternion is none."""
     attitude = np.atleast_2d(floats(targets, "q"))
     with np.errstate(invalid="ignore", divide="ignore"):
-        roll, pitch = roll_and_pitch(attitude / np.linalg.norm(attitude, axis=1, keepdims=True))
+        roll, pitch, _ = euler_angles(attitude / np.linalg.norm(attitude, axis=1, keepdims=True))
     return roll if axis == "roll" else pitch
 
 

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment.columns import Signal, floats, in_order, message_counts, preferred_message
-from mavdem.alignment.drive import AXES, INPUTS, Motors, demand, motors, thrust_demand
+from mavdem.alignment.drive import AXES, INPUTS, TILT_AXES, Motors, demand, motors, thrust_demand
 from mavdem.alignment.setpoints import Setpoint, setpoints
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mavlink.euler import roll_and_pitch
+from mavdem.ingest.mavlink.euler import euler_angles
 from mavdem.ingest.telemetry import Telemetry, rate_without_gaps
 from mavdem.ingest.vocabulary import ARMED
 
@@ -43,13 +43,13 @@ class Attitude:
     message: str
     time: NDArray[np.float64]
     boot: NDArray[np.int64]
-    angle: NDArray[np.float64]  # (N,) Euler angle, rad
-    rate: NDArray[np.float64]  # (N,) body rate, rad/s: p for roll, q for pitch
+    angle: NDArray[np.float64]  # (N,) Euler angle, rad; that of yaw without its jumps by a turn
+    rate: NDArray[np.float64]  # (N,) body rate, rad/s: p for roll, q for pitch, r for yaw
     # (N,) the derivative of ``angle`` that the three body rates and the attitude imply, rad/s
     slope: NDArray[np.float64]
     sent: int  # messages in the stream
     left_out: int  # those not used: not finite, impossible, or with the stamp of another. Exact copies do not count.
-    impossible: int  # those with a roll or pitch beyond ``MAX_ANGLE`` or a body rate beyond ``MAX_BODY_RATE``
+    impossible: int  # those with an angle beyond ``MAX_ANGLE`` or a body rate beyond ``MAX_BODY_RATE``
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Signals:
     """
 
     telemetry: Telemetry  # of the vehicle
-    axis: str = "roll"  # "roll" or "pitch"
+    axis: str = "roll"  # "roll", "pitch" or "yaw"
     # "motors" or "demand"; None for the motors, unless they come too slowly and the demand does not
     inputs: str | None = None
 
@@ -76,9 +76,10 @@ class Signals:
         return attitude(self.telemetry, self.axis)
 
     @cached_property
-    def other_attitude(self) -> Attitude | None:
-        """Angle and rate of the other axis, by which a vehicle is upright or not."""
-        return attitude(self.telemetry, next(name for name in AXES if name != self.axis))
+    def tilts(self) -> tuple[Attitude, ...]:
+        """Roll and pitch, by which a vehicle is upright or not; empty where they were not recorded."""
+        found = [self.attitude if axis == self.axis else attitude(self.telemetry, axis) for axis in TILT_AXES]
+        return tuple(tilt for tilt in found if tilt is not None)
 
     @cached_property
     def motors(self) -> Motors | None:
@@ -169,33 +170,48 @@ def usual_rate(stream: Attitude | Motors) -> float:
 
 
 def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
-    """Angle and rate of ``axis``, "roll" or "pitch".
+    """Angle and rate of ``axis``, "roll", "pitch" or "yaw".
 
     From ATTITUDE or, where it comes clearly faster, ATTITUDE_QUATERNION.
-    Both messages give body rates p, q, r, not the derivatives of the Euler angles; near hover p and q are the same.
+    Both messages give body rates p, q, r, not the derivatives of the Euler angles; near hover they are the same.
     """
     message = preferred_message(message_counts(telemetry, ATTITUDE_MESSAGES))
     if message is None:
         return None
     columns = telemetry.messages[message]
     if message == "ATTITUDE_QUATERNION":
-        roll, pitch = roll_and_pitch(np.column_stack([floats(columns, field) for field in ("q1", "q2", "q3", "q4")]))
+        roll, pitch, yaw = euler_angles(np.column_stack([floats(columns, field) for field in ("q1", "q2", "q3", "q4")]))
     else:
         roll, pitch = floats(columns, "roll"), floats(columns, "pitch")
+        yaw = floats(columns, "yaw") if axis == "yaw" else np.zeros_like(roll)
     p, q, r = (floats(columns, field) for field in ("rollspeed", "pitchspeed", "yawspeed"))
-    limits = (MAX_ANGLE, MAX_ANGLE, MAX_BODY_RATE, MAX_BODY_RATE, MAX_BODY_RATE)
-    limited = zip((roll, pitch, p, q, r), limits, strict=True)
+    limits = (MAX_ANGLE, MAX_ANGLE, MAX_ANGLE, MAX_BODY_RATE, MAX_BODY_RATE, MAX_BODY_RATE)
+    limited = zip((roll, pitch, yaw, p, q, r), limits, strict=True)
     impossible = np.any([np.isfinite(values) & (np.abs(values) > limit) for values, limit in limited], axis=0)
-    with np.errstate(invalid="ignore", over="ignore"):  # rows that are not finite are left out below
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):  # rows that are not finite are left out below
         # Z-Y-X Euler kinematics (any flight dynamics text, e.g. Stevens and Lewis, chapter 1).
+        turning = q * np.sin(roll) + r * np.cos(roll)
         if axis == "roll":
-            table = np.column_stack([roll, p, p + (q * np.sin(roll) + r * np.cos(roll)) * np.tan(pitch)])
-        else:
+            table = np.column_stack([roll, p, p + turning * np.tan(pitch)])
+        elif axis == "pitch":
             table = np.column_stack([pitch, q, q * np.cos(roll) - r * np.sin(roll)])
+        else:
+            table = np.column_stack([yaw, r, turning / np.cos(pitch)])
     table[impossible] = np.nan
     time, boot, kept, left_out = in_order(columns["time"], columns["boot"], table)
     angle, rate, slope = kept.T
+    if axis == "yaw":
+        angle = np.unwrap(angle)
     return Attitude(message, time, boot, angle, rate, slope, len(table), left_out, int(np.count_nonzero(impossible)))
+
+
+def axis_outputs(axis: str) -> tuple[tuple[str, str], ...]:
+    """Name and unit of each output of a flight of ``axis``: angle and rate, of yaw the rate only.
+
+    A heading is any angle and nothing of the dynamics depends on it.
+    """
+    rate = (f"{axis} rate", "rad/s")
+    return ((axis, "rad"), rate) if axis in TILT_AXES else (rate,)
 
 
 def _named(values: NDArray[np.integer], enum: str, name: str) -> NDArray[np.bool_]:

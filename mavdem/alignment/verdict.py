@@ -8,27 +8,24 @@ from typing import Any
 
 from mavdem.alignment import phases, quality
 from mavdem.alignment.align import align
-from mavdem.alignment.drive import DEMAND_MESSAGE, FLY, Motors, Obstacle, without_motors
+from mavdem.alignment.cautions import IMPOSSIBLE, below, cautions_of, losses, measured, steps
+from mavdem.alignment.drive import DEMAND_MESSAGE, FLY, TILT_AXES, Motors, Obstacle, without_motors
 from mavdem.alignment.quality import CONSISTENCY_SPAN, QualityFigures
 from mavdem.alignment.rate_advice import ask_for_rate
 from mavdem.alignment.segments import Segment, settled_segments
-from mavdem.alignment.signals import MAX_BODY_RATE, MINIMUM_RATE, Attitude, Signals, usual_rate
+from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals, usual_rate
 from mavdem.flight import Flight
 from mavdem.ingest import Component
 from mavdem.ingest.motors import MULTIROTORS
 
 MINIMUM_DURATION = 5.0
 """Seconds: a few swings of an axis that moves at 1 Hz, and a few hundred samples for a few tens of parameters."""
-REFUSED_SNR, DOUBTFUL_SNR = 1.0, 20.0
+REFUSED_SNR = 1.0
 """Variance of a signal over that of its rounding, for the motors' command and for the outputs' changes. Rounding what
-something is learnt from can shrink what is learnt to SNR/(1 + SNR) of the truth: to half at 1, by 5 % at 20."""
-REFUSED_CONSISTENCY, DOUBTFUL_CONSISTENCY = 0.5, 0.8
+something is learnt from can shrink what is learnt to SNR/(1 + SNR) of the truth: to half at 1."""
+REFUSED_CONSISTENCY = 0.5
 """Share of the angle's changes over ``CONSISTENCY_SPAN`` that the integrated rates explain. Both measure one motion;
 where they disagree, most of the rate is an alias, noise, or another unit."""
-DOUBTFUL_UPPER_BAND = 0.5
-"""Share of the rate's variance above half the Nyquist frequency. White noise has a half, so nothing has decayed by
-there."""
-DOUBTFUL_LOSS = 0.05  # Share of a stream's messages left out as damaged: the rest may be too
 REFUSED_IMPOSSIBLE = 0.01
 """Share of messages with an angle or a rate that cannot be: too many for odd ones, so they are in another unit."""
 NO_ATTITUDE = {
@@ -42,7 +39,6 @@ NO_ATTITUDE = {
 MAX_STEP_RATIO = 1.25
 """Mean step of a segment's messages, over that of the longest segment, up to which both are sampled alike: a link that
 loses a fifth of the messages makes it so, as in ``MINIMUM_RATE``."""
-DOUBTFUL_SATURATION = 0.05  # Share of samples with a motor at its limit: a linear model has no limits
 
 
 @dataclass(frozen=True)
@@ -91,12 +87,12 @@ def judge(signals: Signals, speakers: Sequence[Component] = ()) -> Verdict:
     if attitude.impossible > REFUSED_IMPOSSIBLE * attitude.sent:
         return refused(
             f"{attitude.impossible} of {attitude.sent} {telemetry.called(attitude.message)} messages have "
-            f"{_IMPOSSIBLE}: the attitude is not in {'the unit of its format' if telemetry.names else 'radians'}.",
+            f"{IMPOSSIBLE}: the attitude is not in {'the unit of its format' if telemetry.names else 'radians'}.",
             "Check what wrote the log: MAVLink's attitude is in rad and rad/s, DataFlash's in degrees.",
         )
     if not len(attitude.time):
         return refused(
-            f"{telemetry.called(attitude.message)} holds no finite {axis} angle and rate.",
+            f"{telemetry.called(attitude.message)} holds no finite {measured(axis, 'and')}.",
             "Check the autopilot's estimator and what wrote the log.",
         )
     found = settled_segments(signals)
@@ -150,7 +146,7 @@ def _of_segment(log: _Evidence, segment: Segment, found: tuple[Segment, ...], dt
     if objection is not None:
         return Verdict(signals.axis, False, *objection, (), segment, figures, flight, found)
     reason = _praise(log.name(log.attitude), log.drive, segment, figures)
-    cautions = _losses(log) + _cautions(signals, log.drive, figures)
+    cautions = losses(signals) + cautions_of(signals, figures)
     return Verdict(signals.axis, True, reason, "", cautions, segment, figures, flight, found)
 
 
@@ -180,15 +176,22 @@ def _objection(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
     held = _held(log, figures)
     if held:
         return held
-    if not figures.angle_sd or not figures.rate_sd:
-        return f"The {axis} angle or rate never changes.", "Check that the stream is not a replay of one message."
+    if not figures.rate_sd or not (figures.angle_sd or axis not in TILT_AXES):
+        return f"The {measured(axis, 'or')} never changes.", "Check that the stream is not a replay of one message."
     if figures.output_snr is not None and figures.output_snr < REFUSED_SNR:
         return (
-            f"Over {CONSISTENCY_SPAN} s the {axis} angle or rate changes by no more than rounding to steps of "
-            f"{figures.angle_step:.2g} rad and {figures.rate_step:.2g} rad/s makes.",
+            f"Over {CONSISTENCY_SPAN} s the {measured(axis, 'or')} changes by no more than rounding to steps of "
+            f"{steps(axis, figures)} makes.",
             f"Record the attitude as the autopilot sends it, or excite {axis} with the stick.",
         )
     if figures.consistency is not None and figures.consistency < REFUSED_CONSISTENCY:
+        if axis not in TILT_AXES:
+            return (
+                f"The {axis} rate and the heading contradict each other: integrated, the rate explains "
+                f"{figures.consistency:.3g} of the heading's changes over {CONSISTENCY_SPAN} s. The vehicle hardly "
+                "turns, and what the rate shows is mostly noise, an alias, or what the compass corrects.",
+                f"Turn the vehicle with the {axis} stick in flight, a few times to each side.",
+            )
         return (
             f"The {axis} rate and angle contradict each other: integrated, the rate explains "
             f"{figures.consistency:.3g} of the angle's changes over {CONSISTENCY_SPAN} s, so it is mostly an alias of "
@@ -241,7 +244,7 @@ def _slowed_down(log: _Evidence) -> Obstacle | None:
     first, slow = next(iter(found.items()))
     boot = f" of boot {slow.boot + 1}" if slow.boot else " after boot"
     reason = (
-        f"In the air {first} comes at {_below(slow.rate, MINIMUM_RATE)} Hz from {slow.start:.1f} s{boot} on, for "
+        f"In the air {first} comes at {below(slow.rate, MINIMUM_RATE)} Hz from {slow.start:.1f} s{boot} on, for "
         f"{slow.seconds:.0f} of {log.figures.airborne:.0f} s, though faster elsewhere; {_needed(log.signals.axis)}."
     )
     return reason, _for_faster(log, log.name(log.attitude) not in found)
@@ -258,7 +261,7 @@ def _for_faster(log: _Evidence, attitude_is_fast: bool) -> str:
 
 def too_slow(rates: Mapping[str, float], axis: str) -> str | None:
     """A sentence on all messages too slow for ``axis``, of ``rates`` in Hz by name; None if none is."""
-    slow = [(name, _below(rate, MINIMUM_RATE)) for name, rate in rates.items() if rate < MINIMUM_RATE]
+    slow = [(name, below(rate, MINIMUM_RATE)) for name, rate in rates.items() if rate < MINIMUM_RATE]
     if not slow:
         return None
     named = (f"{name} {'at' if place else 'comes at'} {rate} Hz" for place, (name, rate) in enumerate(slow))
@@ -281,19 +284,14 @@ def _held(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
         return None
     name, rate, new = held[0]
     return (
-        f"{name} changes only at {_below(new, MINIMUM_RATE)} Hz, though it is sent at {rate:.3g} Hz; "
+        f"{name} changes only at {below(new, MINIMUM_RATE)} Hz, though it is sent at {rate:.3g} Hz; "
         f"{log.signals.axis} dynamics need {MINIMUM_RATE:.0f} Hz of new values.",
         f"Find what repeats old values between the autopilot and the log. {ask_for_rate(log.signals.telemetry)}",
     )
 
 
-def _below(value: float, limit: float) -> str:
-    """The value with as many decimals, at least one, as show that it is below the limit."""
-    return next((text for digits in range(1, 6) if float(text := f"{value:.{digits}f}") < limit), f"{value:.6g}")
-
-
 def _too_short(figures: QualityFigures, translated_from: str = "") -> Obstacle:
-    duration = "less than 1" if figures.duration is None else _below(figures.duration, MINIMUM_DURATION)
+    duration = "less than 1" if figures.duration is None else below(figures.duration, MINIMUM_DURATION)
     recorder = "logger" if translated_from in ("DataFlash", "ULog") else "link"
     return (
         f"The longest settled flight without gaps lasts {duration} s of the {MINIMUM_DURATION:.0f} s needed, out of "
@@ -327,58 +325,3 @@ def _praise(attitude: str, motors: Motors, segment: Segment, figures: QualityFig
 
 
 _NEVER_ARMED = "The vehicle was never armed."
-_IMPOSSIBLE = f"an angle beyond 2π or a rate beyond {MAX_BODY_RATE:.0f} rad/s"
-
-
-def _losses(log: _Evidence) -> tuple[str, ...]:
-    attitude, cautions = log.attitude, []
-    if attitude.impossible:
-        cautions.append(
-            f"{attitude.impossible} of {attitude.sent} {log.name(attitude)} messages were left out, for {_IMPOSSIBLE}."
-        )
-    for stream in (attitude, log.drive):
-        if stream.left_out > DOUBTFUL_LOSS * stream.sent:
-            cautions.append(
-                f"{stream.left_out} of {stream.sent} {log.name(stream)} messages were left out: their time stamps are "
-                "far off or those of others, or their numbers make no sense."
-            )
-    return tuple(cautions)
-
-
-def _cautions(signals: Signals, drive: Motors, figures: QualityFigures) -> tuple[str, ...]:
-    axis, layout, cautions = signals.axis, drive.layout, []
-    if drive.message == DEMAND_MESSAGE:
-        rate = 0.0 if signals.motors is None else usual_rate(signals.motors)
-        slowly = f"come too slowly ({_below(rate, MINIMUM_RATE)} Hz)" if rate else "are missing"
-        lead = "The" if rate >= MINIMUM_RATE else f"Motor outputs {slowly}, so the"
-        cautions.append(
-            f"{lead} input is the controller's {axis} demand, and the model includes the mixer, the motors' limits "
-            "and the battery."
-        )
-    if signals.telemetry.vehicle == "UNKNOWN":
-        cautions.append("No heartbeat says what the vehicle is: a multirotor was assumed.")
-    if layout.channels_assumed or layout.positions_assumed:
-        cautions.append(f"Which motor is which was assumed: {layout.basis}.")
-    if figures.input_snr is not None and figures.input_snr < DOUBTFUL_SNR:
-        loss = min(1.0, 1 / (1 + figures.input_snr))
-        cautions.append(
-            f"The motors' {axis} command is near the resolution of the stream (standard deviation "
-            f"{figures.input_sd:.2g}, steps of {figures.input_step:.2g}): rounding can shrink the learnt gain by "
-            f"{loss:.0%}."
-        )
-    if figures.output_snr is not None and figures.output_snr < DOUBTFUL_SNR:
-        cautions.append(
-            f"The {axis} angle or rate is near the resolution of the stream (steps of {figures.angle_step:.2g} rad and "
-            f"{figures.rate_step:.2g} rad/s): rounding can shrink what is learnt of the dynamics by "
-            f"{min(1.0, 1 / (1 + figures.output_snr)):.0%}."
-        )
-    if figures.consistency is not None and figures.consistency < DOUBTFUL_CONSISTENCY:
-        cautions.append(f"The rate explains only {figures.consistency:.2f} of the angle's changes: noise, or an alias.")
-    if figures.upper_band is not None and figures.upper_band > DOUBTFUL_UPPER_BAND:
-        cautions.append(
-            f"{figures.upper_band:.0%} of the {axis} rate's variance lies in the upper half of the band: something "
-            "faster is probably aliased into it."
-        )
-    if figures.saturation is not None and figures.saturation > DOUBTFUL_SATURATION:
-        cautions.append(f"A motor is at its limit in {figures.saturation:.0%} of the samples.")
-    return tuple(cautions)

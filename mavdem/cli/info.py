@@ -6,6 +6,7 @@ from typing import Any
 
 import click
 
+from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.inventory import inventory
 from mavdem.cli.options import source_options
 from mavdem.cli.output import complain, print_json, say
@@ -58,10 +59,9 @@ def _first_reason(held: dict[str, Any]) -> str:
 def _print_vehicle(one: dict[str, Any]) -> None:
     verdict = one["verdict"]
     can = "can" if verdict["learnable"] else "cannot"
-    say(
-        f"A {verdict['axis']} model {can} be learnt from {_name(one)} ({one['vehicle']}, {one['autopilot']}): "
-        f"{verdict['reason']}"
-    )
+    axis = verdict["axis"]
+    what = f"A {axis} model" if axis in TILT_AXES else f"The physical parameters of {axis}"
+    say(f"{what} {can} be learnt from {_name(one)} ({one['vehicle']}, {one['autopilot']}): {verdict['reason']}")
     if verdict["remedy"]:
         say(f"What to do: {verdict['remedy']}")
     for caution in verdict["cautions"]:

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 import click
 
+from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.dem import Settings
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.evaluate.flight_windows import TEST_SECONDS
@@ -18,6 +19,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 
 VEHICLE_PATTERN = re.compile(r"\d{1,3}(:\d{1,3})?", re.ASCII)  # MAVLink's ids
 MAX_STATES = 10  # A roll model has a few states; the memory of a fit increases with the fourth power of their number
+WITH_YAW = ("info", "convert")  # Commands that need no model
 AXIS_OUTPUTS = 2  # of an axis: its angle and its rate
 
 ORDERS = {"real": range(AXIS_OUTPUTS, AXIS_OUTPUTS + Settings().p + 1), "paper": range(1, MAX_STATES + 1)}
@@ -50,6 +52,17 @@ def _vehicle(context: click.Context, parameter: click.Parameter, value: str | No
     return value
 
 
+def _axis(context: click.Context, parameter: click.Parameter, value: str) -> str:
+    if value not in TILT_AXES and context.info_name not in WITH_YAW:
+        raise click.BadParameter(
+            f"A model has an angle and a rate, and a flight of {value} has the rate only: it is for physical "
+            f"parameters. Choose {' or '.join(TILT_AXES)}.",
+            context,
+            parameter,
+        )
+    return value
+
+
 def motion_options(command: Command) -> Command:
     """Adds --axis, --vehicle, --inputs and --json to a command."""
     for decorate in (
@@ -64,7 +77,12 @@ def motion_options(command: Command) -> Command:
             "--vehicle", metavar="SYSTEM[:COMPONENT]", callback=_vehicle, help="Which vehicle, if there are several."
         ),
         click.option(
-            "--axis", type=click.Choice(["roll", "pitch"]), default="roll", show_default=True, help="Axis to model."
+            "--axis",
+            type=click.Choice(AXES),
+            default="roll",
+            show_default=True,
+            callback=_axis,
+            help="Axis to model; yaw, which has a rate and no angle, to judge and to convert only.",
         ),
     ):
         command = decorate(command)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment.drive import Motors
-from mavdem.alignment.signals import Attitude, Signals
+from mavdem.alignment.signals import Attitude, Signals, axis_outputs
 from mavdem.flight import Flight
 from mavdem.ingest.telemetry import rows_by
 
@@ -51,8 +51,8 @@ def own_columns(signals: Signals) -> dict[str, NDArray[np.float64]]:
         unit = f" [{drive.scale.unit}]" if drive.scale.unit else ""
         streams.append((drive, [f"{name}{unit}" for name in drive.layout.names], drive.outputs))
     if (seen := signals.attitude) is not None:
-        names = [f"{signals.axis} [rad]", f"{signals.axis} rate [rad/s]"]
-        streams.append((seen, names, np.column_stack([seen.angle, seen.rate])))
+        names = [f"{name} [{unit}]" for name, unit in axis_outputs(signals.axis)]
+        streams.append((seen, names, np.column_stack([seen.angle, seen.rate])[:, -len(names) :]))
     boots = rows_by(np.concatenate([np.zeros(0, dtype=np.int64), *(stream.boot for stream, _, _ in streams)]))
     if not boots:
         return {}

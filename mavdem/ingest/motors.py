@@ -1,4 +1,4 @@
-"""Which output channels drive motors, where each motor is, and the scale of the outputs.
+"""Which output channels drive motors, where each motor is, which way it turns, and the scale of the outputs.
 
 Channels and positions come from the autopilot's parameters, or are assumed, which ``MotorGeometry`` reports.
 """
@@ -25,7 +25,8 @@ _COMPASS = ("front", "front right", "right", "rear right", "rear", "rear left", 
 class MotorGeometry:
     """The motors of one vehicle, in the order of their numbers, and the output channel that drives each, all from 1.
 
-    ``positions`` are empty when unknown; ``basis`` is the source of all this, or the assumption, as a phrase.
+    ``positions`` and ``spins`` are empty when unknown; ``basis`` is the source of all this, or the assumption, as a
+    phrase. A spin is 1 for a propeller that turns counterclockwise seen from above, -1 for one that turns clockwise.
     ``labels`` are names of the inputs, where they are not motors.
     """
 
@@ -36,6 +37,7 @@ class MotorGeometry:
     channels_assumed: bool
     positions_assumed: bool
     labels: tuple[str, ...] = ()
+    spins: tuple[int, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -50,21 +52,25 @@ class MotorGeometry:
         """(k,) weights of the motors in the torque about ``axis``, magnitudes summing to 1; None when unknown.
 
         Thrust acts upwards, so a motor on the left rolls to the right (positive roll) and a motor in front raises the
-        nose (positive pitch). On an X quad, roll is (left motors − right motors)/4.
+        nose (positive pitch). On an X quad, roll is (left motors − right motors)/4. A propeller turns the vehicle the
+        other way than itself, so one that turns counterclockwise turns the nose to the right (positive yaw).
         """
-        if not self.positions:
+        if not (self.spins if axis == "yaw" else self.positions):
             return None
-        forward, right = np.array(self.positions).T
-        weights = -right if axis == "roll" else forward
+        if axis == "yaw":
+            weights = np.array(self.spins, dtype=np.float64)
+        else:
+            forward, right = np.array(self.positions).T
+            weights = -right if axis == "roll" else forward
         total = float(np.abs(weights).sum())
         return weights / total if total > 0 else None
 
 
 def demand_geometry(axis: str) -> MotorGeometry:
     """The controller's demand on an axis as the one input: like a motor with effect 1 about it."""
-    place = (0.0, -1.0) if axis == "roll" else (1.0, 0.0)
+    place = {"roll": (0.0, -1.0), "pitch": (1.0, 0.0), "yaw": (0.0, 0.0)}[axis]
     basis = "the controller's demand, before the mixer distributes it to the motors"
-    return MotorGeometry((1,), (1,), (place,), basis, False, False, (f"{axis} demand",))
+    return MotorGeometry((1,), (1,), (place,), basis, False, False, (f"{axis} demand",), (1,))
 
 
 def motor_geometry(
@@ -77,13 +83,14 @@ def motor_geometry(
     """
     if autopilot == "PX4":
         known = _px4_channels(parameters, moving, bank)
-        places = _px4_positions(parameters)
+        places, turns = _px4_positions(parameters), _px4_spins(parameters)
         basis = "the *_FUNCn and CA_ROTORn parameters" if places else "the *_FUNCn parameters"
     else:
         known = _ardupilot_channels(parameters)
         if vehicle == "TRICOPTER":
             known.pop(7, None)  # the servo that tilts the rear motor
-        places = _ardupilot_positions(vehicle, parameters)
+        frame = _ardupilot_frame(vehicle, parameters)
+        places, turns = _ardupilot_positions(*frame), _ardupilot_spins(*frame)
         basis = "the SERVOn_FUNCTION and FRAME parameters" if places else "the SERVOn_FUNCTION parameters"
     if len(known) >= MOTOR_COUNTS.get(vehicle, 1):  # fewer are parameters of which some did not come
         motors, channels = tuple(sorted(known)), tuple(known[motor] for motor in sorted(known))
@@ -100,9 +107,11 @@ def motor_geometry(
     if assumed:
         # ArduPilot and PX4 number the motors of an X quad, by far the most common frame, the same way.
         places = _circle(_QUAD_X) if motors == (1, 2, 3, 4) else {}
+        turns = _by_motor(_QUAD_X_SPINS) if places else {}
         basis += "; motor positions of an X quad" if places else "; motor positions unknown"
     positions = tuple(places[motor] for motor in motors) if places else ()
-    return MotorGeometry(motors, channels, positions, basis, channels_assumed, assumed)
+    spins = tuple(turns[motor] for motor in motors) if all(motor in turns for motor in motors) else ()
+    return MotorGeometry(motors, channels, positions, basis, channels_assumed, assumed, spins=spins)
 
 
 def _place(position: Position) -> str:
@@ -149,18 +158,43 @@ _ARDUPILOT_FRAMES: dict[int, dict[int, _Bearings]] = {
 }
 """Bearing of each motor, degrees clockwise from the nose, by FRAME_CLASS (1 quad, 2 hexa, 3 octa, 4 octaquad, 5 Y6) and
 FRAME_TYPE. Source: ArduPilot's motor order diagrams, https://ardupilot.org/copter/docs/connect-escs-and-motors.html."""
+_QUAD_X_SPINS, _ALTERNATING = "++--", "+-+-+-+-"
+_ARDUPILOT_SPINS: dict[int, dict[int, str]] = {
+    1: {0: _QUAD_X_SPINS, 1: _QUAD_X_SPINS, 2: _QUAD_X_SPINS, 3: "--++", 6: "--++"}
+    | {12: "-++-", 13: "+-+-", 14: "+-+-", 18: "+--+"},
+    2: {0: "-+-++-", 1: "-+-++-", 13: "+-+-+-", 14: "+-+-+-"},
+    3: {0: "--++++--", 1: "--++++--", 13: _ALTERNATING, 14: _ALTERNATING},
+    4: {0: _ALTERNATING, 1: _ALTERNATING, 2: _ALTERNATING, 3: "-+-+-+-+"}
+    | {12: "-++-+--+", 14: "+--++--+", 18: "+--+-++-"},
+    5: {0: "+-+--+", 1: "+-+--+", 10: "-+-+-+", 11: "+++---"},
+}
+"""Direction of each propeller of the same frames, "+" for counterclockwise; frames without control of yaw have none.
+Source: https://github.com/ArduPilot/ardupilot/blob/master/libraries/AP_Motors/AP_MotorsMatrix.cpp."""
 
 
-def _ardupilot_positions(vehicle: str, parameters: Mapping[str, float]) -> dict[int, Position]:
+def _ardupilot_frame(vehicle: str, parameters: Mapping[str, float]) -> tuple[int, int]:
+    """FRAME_CLASS and FRAME_TYPE; 0 and -1 where they are not known."""
     frame_class = int(parameters.get("FRAME_CLASS", 0))
     frame_type = int(parameters.get("FRAME_TYPE", -1))
     if "FRAME_CLASS" not in parameters and "FRAME" in parameters:
         # Before ArduCopter 3.5 the class was compiled in and FRAME was the type.
         frame_class = {"QUADROTOR": 1, "HEXAROTOR": 2, "OCTOROTOR": 3}.get(vehicle, 0)
         frame_type = int(parameters["FRAME"])
+    return frame_class, frame_type
+
+
+def _ardupilot_positions(frame_class: int, frame_type: int) -> dict[int, Position]:
     if frame_class == 7:  # a tricopter
         return {motor: _on_circle(bearing) for motor, bearing in {1: 60.0, 2: -60.0, 4: 180.0}.items()}
     return _circle(_ARDUPILOT_FRAMES.get(frame_class, {}).get(frame_type, ()))
+
+
+def _ardupilot_spins(frame_class: int, frame_type: int) -> dict[int, int]:
+    return _by_motor(_ARDUPILOT_SPINS.get(frame_class, {}).get(frame_type, ""))
+
+
+def _by_motor(spins: str) -> dict[int, int]:
+    return {i + 1: 1 if spin == "+" else -1 for i, spin in enumerate(spins)}
 
 
 def _circle(bearings: Sequence[float]) -> dict[int, Position]:
@@ -201,6 +235,15 @@ def _px4_positions(parameters: Mapping[str, float]) -> dict[int, Position]:
         n + 1: (float(parameters[f"CA_ROTOR{n}_PX"]), float(parameters[f"CA_ROTOR{n}_PY"]))
         for n in range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12))
         if f"CA_ROTOR{n}_PX" in parameters and f"CA_ROTOR{n}_PY" in parameters
+    }
+
+
+def _px4_spins(parameters: Mapping[str, float]) -> dict[int, int]:
+    """By the sign of CA_ROTORn_KM, torque over thrust, which is positive for a rotor that turns counterclockwise."""
+    return {
+        n + 1: 1 if parameters[f"CA_ROTOR{n}_KM"] > 0 else -1
+        for n in range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12))
+        if parameters.get(f"CA_ROTOR{n}_KM")
     }
 
 

@@ -10,12 +10,12 @@ import numpy as np
 
 from mavdem.alignment.columns import by_preference
 from mavdem.alignment.drive import (
-    AXES,
     DEMAND_MESSAGE,
     INPUTS,
     MOTOR_MESSAGES,
     PORT_CHANNELS,
     THRUST_COLUMN,
+    TILT_AXES,
     WIDE_PORT_CHANNELS,
 )
 from mavdem.alignment.signals import motors_or_demand
@@ -185,7 +185,7 @@ class Outputs:
 
     def _demand(self) -> Drive | None:
         bank = self._banks[DEMAND_MESSAGE].get(0)
-        place = AXES.index(self._axis)
+        place = TILT_AXES.index(self._axis)
         if bank is None or place not in bank.moving:
             return None
         return Drive(DEMAND_MESSAGE, demand_geometry(self._axis), (bank,), ((0, place),))

@@ -10,7 +10,7 @@ from math import inf, isnan
 import numpy as np
 
 from mavdem.alignment.columns import preferred_message
-from mavdem.alignment.drive import AXES, DEMAND_MESSAGE, MOTOR_MESSAGES
+from mavdem.alignment.drive import DEMAND_MESSAGE, MOTOR_MESSAGES, TILT_AXES
 from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT, airborne_collective
 from mavdem.alignment.segments import STEP_TOLERANCE
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RATE
@@ -59,8 +59,8 @@ class LiveStream:
     def __init__(
         self, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None, asked: bool = False
     ) -> None:
-        if axis not in AXES:
-            raise ValueError(f"axis must be one of {', '.join(AXES)}, not {axis!r}")
+        if axis not in TILT_AXES:
+            raise ValueError(f"axis must be one of {', '.join(TILT_AXES)}, not {axis!r}")
         self.setup: Setup | None = None
         self.samples = 0
         self.axis, self._advice = axis, "" if asked else ADVICE
@@ -242,7 +242,7 @@ class LiveStream:
 
     def _row(self, time: float, values: list[Values], drive: Drive) -> AlignedRow:
         motion, *banks = values
-        place = AXES.index(self.axis)
+        place = TILT_AXES.index(self.axis)
         upright = max(abs(motion[0]), abs(motion[1])) < MAX_TILT
         return AlignedRow(
             time=time,

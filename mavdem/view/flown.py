@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from mavdem.files import atomic_write
-from mavdem.ingest.mavlink.euler import roll_and_pitch
+from mavdem.ingest.mavlink.euler import euler_angles
 from mavdem.view import lines
 from mavdem.view.lines import FLIGHT_TIME, LABELS_IF_LOW, Line, collapsed_panels, readable_range, time_plot, utf8
 
@@ -125,7 +125,7 @@ class _Plot:
 
 
 def _plots(pose: Pose) -> Iterator[_Plot]:
-    rolls = (roll_and_pitch(attitude)[0] for attitude in (pose.attitude, pose.known_attitude))
+    rolls = (euler_angles(attitude)[0] for attitude in (pose.attitude, pose.known_attitude))
     yield _Plot("roll", "Roll, °", _true_and_estimated(*rolls))
     rates = _true_and_estimated(pose.rates[:, 0], pose.known_rates[:, 0])
     yield _Plot("roll_rate", "Roll rate, °/s", rates)

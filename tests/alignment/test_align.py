@@ -16,6 +16,7 @@ from mavdem.alignment.segments import MAX_GAP_SECONDS, Segment, settled_segments
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.alignment.verdict import judge
 from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import Telemetry
 
 HOVER = Hover()
 DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
@@ -300,3 +301,59 @@ def test_the_mixer_geometry_of_the_parameters_comes_with_the_flight():
     roll = align(known, settled_segments(known)[0]).effect_directions
     np.testing.assert_allclose(roll, np.array([-1, 1, 1, -1]) / 4)
     assert align(unknown, settled_segments(unknown)[0]).effect_directions is None
+
+
+def yawing(size: float = 0.3, correction: float = 0.0) -> Telemetry:
+    """A hover that swings in yaw over the south, by motors that turn as on an X quad; ``correction`` of the heading."""
+    parameters = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)} | {"FRAME_CLASS": 1.0, "FRAME_TYPE": 1.0}
+    telemetry = HOVER.telemetry(parameters=parameters)
+    time = telemetry.messages["ATTITUDE"]["time"]
+    yaw = np.remainder(size * np.sin(2 * time) + correction * np.sin(9 * time), 2 * np.pi) - np.pi
+    telemetry = changed(telemetry, "ATTITUDE", yaw=yaw, yawspeed=2 * size * np.cos(2 * time))
+    table = telemetry.messages["SERVO_OUTPUT_RAW"]
+    turning = 30 * np.cos(2 * table["time"]) * (table["servo1_raw"] > 1000)
+    swung = {f"servo{n}_raw": table[f"servo{n}_raw"] + sign * turning for n, sign in enumerate((1, 1, -1, -1), 1)}
+    return changed(telemetry, "SERVO_OUTPUT_RAW", **swung)
+
+
+def test_a_flight_of_yaw_has_the_rate_only():
+    telemetry = yawing()
+    verdict = judge(Signals(telemetry, "yaw"))
+    assert verdict.learnable and verdict.cautions == ()
+    flight = verdict.flight
+    assert (flight.output_names, flight.output_units) == (("yaw rate",), ("rad/s",))
+    np.testing.assert_allclose(flight.outputs[:, 0], 0.6 * np.cos(2 * flight.time), atol=1e-9)
+    np.testing.assert_array_equal(4 * flight.effect_directions, [1, 1, -1, -1])
+    assert verdict.figures.input_sd == pytest.approx(30 / np.sqrt(2), rel=0.02)
+    assert verdict.figures.consistency == pytest.approx(1, abs=1e-3)
+    assert flight.provenance["motors"]["spins"] == [1, 1, -1, -1]
+    roll = judge(Signals(telemetry, "roll")).flight
+    np.testing.assert_array_equal(flight.time, roll.time)
+    np.testing.assert_array_equal(flight.inputs, roll.inputs)
+
+
+def test_yaw_that_never_turns_is_refused_in_the_words_of_yaw():
+    still = judge(Signals(yawing(size=0.0), "yaw"))
+    assert not still.learnable and still.reason.startswith("The yaw rate never changes")
+    corrected = judge(Signals(yawing(size=0.001, correction=0.01), "yaw"))
+    assert not corrected.learnable and "heading contradict" in corrected.reason and "stick" in corrected.remedy
+
+
+def test_the_demand_of_yaw_is_the_input_where_motors_come_too_slowly():
+    telemetry = yawing()
+    time = telemetry.messages["ATTITUDE"]["time"]
+    controls = np.zeros((len(time), 8))
+    controls[:, 2], controls[:, 3] = 0.1 * np.cos(2 * time), 0.5
+    demanded = changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=0 * time))
+    flight = judge(Signals(demanded, "yaw", inputs="demand")).flight
+    assert flight.input_names == ("yaw demand",) and flight.effect_directions.tolist() == [1.0]
+    np.testing.assert_allclose(flight.inputs[:, 0], 0.1 * np.cos(2 * flight.time), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["ardupilot_wind5_steps", "px4_wind5_steps"])
+def test_the_motors_that_should_turn_the_nose_do(name):
+    """By the sign of the correlation of their yaw combination with the angular acceleration."""
+    (telemetry,) = recorded(f"samples/{name}.tlog").vehicles
+    flight = judge(Signals(telemetry, "yaw")).flight
+    acceleration = np.gradient(flight.outputs[:, 0]) / flight.dt
+    assert np.corrcoef(flight.inputs @ flight.effect_directions, acceleration)[0, 1] > 0.2

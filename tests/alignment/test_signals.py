@@ -66,13 +66,17 @@ def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
         "yawspeed": -pitch_rate * np.sin(roll) + yaw_rate * np.cos(pitch) * np.cos(roll),
     }
     telemetry = changed(HOVER.telemetry(), "ATTITUDE", **columns(time, **fields))
-    for axis, derivative in (("roll", roll_rate), ("pitch", pitch_rate)):
+    telemetry = changed(telemetry, "ATTITUDE", yaw=np.remainder(yaw_rate * time + np.pi, 2 * np.pi) - np.pi)
+    heading = signals.attitude(telemetry, "yaw")
+    np.testing.assert_allclose(heading.angle, yaw_rate * time, atol=1e-12)
+    np.testing.assert_allclose(heading.rate, telemetry.messages["ATTITUDE"]["yawspeed"])
+    for axis, derivative in (("roll", roll_rate), ("pitch", pitch_rate), ("yaw", np.full(len(time), yaw_rate))):
         np.testing.assert_allclose(signals.attitude(telemetry, axis).slope, derivative, atol=1e-12)
 
 
 def test_an_unknown_axis_is_named():
-    with pytest.raises(ValueError, match="'yaw'"):
-        Signals(HOVER.telemetry(), "yaw")
+    with pytest.raises(ValueError, match="'heave'"):
+        Signals(HOVER.telemetry(), "heave")
 
 
 def test_disordered_repeated_and_broken_samples_leave_clean_columns():
@@ -111,6 +115,22 @@ def test_px4_motors_by_function_and_rotor_places():
     assert motors.channels == (4, 3, 2, 1)
     np.testing.assert_allclose(motors.effect("roll"), [-0.25, 0.25, 0.25, -0.25])
     np.testing.assert_allclose(motors.effect("pitch"), [0.25, -0.25, 0.25, -0.25])
+
+
+def test_yaw_is_by_the_direction_of_the_propellers():
+    """A propeller that turns counterclockwise turns the vehicle clockwise: the nose to the right."""
+    functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, 5)}
+    for frame_type, signs in ((1, [1, 1, -1, -1]), (3, [-1, -1, 1, 1]), (14, [1, -1, 1, -1])):
+        frame = functions | {"FRAME_CLASS": 1.0, "FRAME_TYPE": float(frame_type)}
+        found = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", frame, moving=range(1, 5), bank=8)
+        np.testing.assert_array_equal(4 * found.effect("yaw"), signs)
+    rotors = {f"PWM_MAIN_FUNC{n}": 100.0 + n for n in range(1, 5)} | {"CA_ROTOR_COUNT": 4.0}
+    for n, (forward, right, moment) in enumerate([(1, 1, 0.05), (-1, -1, 0.04), (1, -1, -0.05), (-1, 1, -0.04)]):
+        rotors |= {f"CA_ROTOR{n}_PX": forward, f"CA_ROTOR{n}_PY": right, f"CA_ROTOR{n}_KM": moment}
+    found = motor_geometry("QUADROTOR", "PX4", rotors, moving=range(1, 5), bank=16)
+    np.testing.assert_array_equal(4 * found.effect("yaw"), [1, 1, -1, -1])
+    del rotors["CA_ROTOR2_KM"]
+    assert motor_geometry("QUADROTOR", "PX4", rotors, moving=range(1, 5), bank=16).effect("yaw") is None
 
 
 def test_px4_motors_over_two_drivers():
@@ -161,9 +181,14 @@ def test_every_frame_balances(frame_class, frame_type, count):
     frame = functions | {"FRAME_CLASS": frame_class, "FRAME_TYPE": frame_type}
     found = motor_geometry("QUADROTOR", "ARDUPILOTMEGA", frame, moving=range(1, count + 1), bank=8)
     assert len(found.motors) == count and not found.positions_assumed
-    for axis in ("roll", "pitch"):
+    yawless = frame_class == 1 and frame_type in (16, 17)
+    assert (found.effect("yaw") is None) == yawless
+    for axis in ("roll", "pitch", *([] if yawless else ["yaw"])):
         assert found.effect(axis).sum() == pytest.approx(0, abs=1e-6)
         assert np.abs(found.effect(axis)).sum() == pytest.approx(1)
+        # Turning about one axis turns nothing about the others.
+        others = [found.effect(other) for other in ("roll", "pitch") if other != axis]
+        np.testing.assert_allclose(np.array(others) @ found.effect(axis), 0, atol=1e-6)
 
 
 def test_two_banks_that_interleave_are_sixteen_channels():
