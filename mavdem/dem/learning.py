@@ -83,7 +83,9 @@ def _learn(record: Record, settings: Settings) -> Learned:
     data, ascent = np.concatenate(best.segments), best.fit.ascent
     energies = free_energy(best.fit.model, data, data @ ascent.state_map.T, ascent.belief)
     learned = learned_of(best.fit, record, best.uncertainty, energies, best.forecasts, smoothness, found)
-    return replace(learned, cautions=(*_doubt(learned), *found))
+    # Without doubt the same object, which keeps what it has computed to forecast.
+    doubt = _doubt(learned)
+    return replace(learned, cautions=(*doubt, *found)) if doubt else learned
 
 
 @dataclass(frozen=True, eq=False)

@@ -88,7 +88,7 @@ def test_one_step_predictions_use_only_what_came_before():
 @pytest.mark.parametrize("lag", [0.0, 0.06])
 def test_wind_and_lag_leave_a_useful_forecast(lag):
     ratios = []
-    for seed in range(5):
+    for seed in range(3):
         flight = simulated(seed, wind=0.5, lag=lag)
         learned = learn(flight[:700])
         ratios.append(evaluate.relative_mspe(flight[:700], flight[700:], learned.forecast(flight[700:].inputs)))
@@ -272,7 +272,7 @@ def test_process_noise_is_the_moment_of_the_wind():
 
 @pytest.mark.slow
 def test_the_band_holds_nine_samples_in_ten():
-    flights = 40
+    flights = 20
     inside = []
     for seed in range(flights):
         flight = simulated(seed, wind=2.0)
@@ -361,7 +361,7 @@ def test_data_that_determine_nothing_are_refused(change, message):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("p", "order"), [(1, 4), (2, 5), (3, 6)])
+@pytest.mark.parametrize(("p", "order"), [(1, 4), (3, 6)])
 def test_more_hidden_states_than_derivatives_are_refused_and_one_fewer_learnt(p, order):
     flight = simulated(wind=0.5)[:700]
     settings = {"p": p, "window": 9, "parameter_precision": 1.0}
@@ -428,7 +428,7 @@ def test_a_climb_that_broke_off_where_no_step_led_higher_is_not_said_to_rise(mon
 
 @pytest.mark.slow
 def test_motors_that_have_nothing_to_do_with_the_motion_are_said_to_have_not():
-    flights = [simulated(seed, wind=1.0) for seed in range(8)]
+    flights = [simulated(seed, wind=1.0) for seed in range(5)]
     of_another = [
         Flight(one.time, other.inputs, one.outputs)[:700] for one, other in zip(flights, flights[1:], strict=False)
     ]

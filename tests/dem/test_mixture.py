@@ -121,7 +121,7 @@ def test_a_record_too_short_for_it_is_forecast_by_the_plant_alone():
 @pytest.mark.slow
 def test_bands_hold_nine_of_ten_samples():
     inside = []
-    for seed in range(12):
+    for seed in range(8):
         flight = in_closed_loop(850, 50 + seed)
         learned = learn(flight[:700])
         errors = np.abs(flight.outputs[700:] - learned.forecast(flight.inputs[700:]))

@@ -131,7 +131,7 @@ def test_a_model_without_noise_is_found_as_it_is():
 def test_the_posterior_holds_the_truth_as_often_as_it_says():
     """Of a simulated axis in wind that forgets within the horizon, by the binomial spread of what is counted."""
     inside = []
-    for seed in range(40):
+    for seed in range(25):
         flight = simulated(wind=1.0, seed=seed)
         learned = learn(flight[:700], Settings(order=2, window=9, parameter_precision=0.01))
         half = learned.model_interval(0.9).B[1]

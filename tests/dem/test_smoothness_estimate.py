@@ -29,15 +29,15 @@ def record(ratio, seed, wind=1.0, samples=6000):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ratio", [0.7, 1, 2, 5, 7, 10])
+@pytest.mark.parametrize("ratio", [0.7, 2, 10])
 def test_smoothness_is_recovered_over_more_than_a_tenfold_range(ratio):
-    estimates = [estimate_smoothness(record(ratio, seed), COMPLETE).smoothness / DT for seed in range(3)]
+    estimates = [estimate_smoothness(record(ratio, seed), COMPLETE).smoothness / DT for seed in range(2)]
     np.testing.assert_allclose(estimates, ratio, rtol=0.15)
 
 
 @pytest.mark.slow
 def test_its_interval_holds_it_as_often_as_it_says():
-    ratio, flights = 3, 40
+    ratio, flights = 3, 20
     estimates = [estimate_smoothness(record(ratio, seed, samples=3000), COMPLETE) for seed in range(flights)]
     inside = [low <= ratio * DT <= high for low, high in (estimate.interval(0.9) for estimate in estimates)]
     # Three standard errors of a share of 0.9 among so many.
@@ -89,7 +89,7 @@ def test_learning_may_be_left_to_find_it_whatever_the_model(settings):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("window", [3, 7])
-@pytest.mark.parametrize("ratio", [0.5, 1.0, 4.0])
+@pytest.mark.parametrize("ratio", [0.5, 4.0])
 def test_noise_as_it_is_read_has_the_covariance_that_is_claimed(ratio, window):
     """Of z on samples, and of w through what it drives; by simulation at a fiftieth of the step."""
     fine, number = 50, 40_000

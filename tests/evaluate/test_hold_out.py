@@ -89,12 +89,12 @@ def test_a_length_that_nothing_can_be_learnt_from_is_not_chosen(monkeypatch):
 
 @pytest.mark.slow
 def test_a_vehicle_that_changed_is_learnt_from_since_then():
-    """Of 45 s, the first 29 of which had motors of the opposite effect."""
+    """Of 36 s, the first 20 of which had motors of the opposite effect."""
     from simulated import simulated  # noqa: PLC0415
 
-    same = simulated(samples=4500, wind=0.3, lag=0.05)
+    same = simulated(samples=3600, wind=0.3, lag=0.05)
     assert chosen(same) > 20 / same.dt
     inputs = same.inputs.copy()
-    inputs[:2900] = 2 * inputs.mean(axis=0) - inputs[:2900]
+    inputs[:2000] = 2 * inputs.mean(axis=0) - inputs[:2000]
     changed = Flight(same.time, inputs, same.outputs)
     assert chosen(changed) <= 14 / same.dt
