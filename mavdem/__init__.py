@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
-    from mavdem.alignment import read_flight, read_segments
+    from mavdem.alignment import HoverFigures, hover, hover_figures, read_flight, read_segments
     from mavdem.dem import Learned, OnlineLearner, Settings, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.flight import Flight
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Flight",
     "Forecaster",
+    "HoverFigures",
     "Learned",
     "NotLearnable",
     "OnlineLearner",
@@ -23,6 +24,8 @@ __all__ = [
     "Unreadable",
     "baselines",
     "evaluate",
+    "hover",
+    "hover_figures",
     "learn",
     "learn_many",
     "read_flight",
@@ -32,12 +35,15 @@ __all__ = [
 _HOMES = {
     "Flight": "flight",
     "Forecaster": "forecaster",
+    "HoverFigures": "alignment",
     "Learned": "dem",
     "NotLearnable": "errors",
     "OnlineLearner": "dem",
     "Settings": "dem",
     "Telemetry": "ingest",
     "Unreadable": "errors",
+    "hover": "alignment",
+    "hover_figures": "alignment",
     "learn": "dem",
     "learn_many": "dem",
     "read_flight": "alignment",

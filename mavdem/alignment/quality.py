@@ -25,6 +25,9 @@ it is of the whole segment, and a single outlier must not decide it."""
 HELD_STEPS = 1.5
 """Quantisation steps by which a value that had been constant for a message or more usually changes when it does, if it
 was held. One that only moves less than a step goes on by one step."""
+FULL_THROTTLE, IDLE_THROTTLE = 0.99, 0.15
+"""Shares of the range at which a motor is at its limits: full throttle, and the idle below which autopilots let none
+fall in flight (ArduPilot's default for MOT_SPIN_MIN)."""
 
 
 @dataclass(frozen=True)
@@ -130,9 +133,8 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
         _snr_of_changes(time, column, step) for column, step in zip(motion.T[measured], steps[measured], strict=True)
     ]
     combination, rounding = _turning(motors, flight.inputs, signals.axis)
-    # Full throttle, and the idle below which autopilots let no motor fall in flight.
     share = motors.scale.fraction(flight.inputs)
-    limited = (share >= 0.99) | (share <= 0.15)
+    limited = (share >= FULL_THROTTLE) | (share <= IDLE_THROTTLE)
     return replace(
         log,
         duration=flight.duration,
