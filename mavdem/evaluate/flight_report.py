@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isnan
 from typing import Any
 
 import numpy as np
@@ -86,21 +87,26 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
 
 
 def _physical(read: Physical | None) -> dict[str, Any] | None:
-    """Motor effect, damping and lag; without intervals if they are not identifiable."""
+    """Effect, damping and lag with status and reason; no interval of what is not identifiable."""
     if read is None:
         return None
-    motors, damping, lag = read.interval(LEVEL)
+    effect, *others = read.interval(LEVEL)
+    halves = {
+        name: None if isnan(half) else half for name, half in zip(("damping", "lag", "delay"), others, strict=True)
+    }
     return {
-        "motors": read.motors.tolist(),
+        "effect": read.effect.tolist(),
         "damping": read.damping,
         "lag": read.lag,
         "delay": read.delay,
-        "interval_90_percent": {"motors": motors.tolist(), "damping": damping, "lag": lag}
-        if read.identifiable
-        else None,
+        "interval_90_percent": {"effect": None if np.isnan(effect).any() else effect.tolist(), **halves},
+        "status": read.status,
+        "reasons": read.reasons,
+        "bias": read.bias,
         "wind": read.wind,
         "wind_share": read.wind_share,
-        "caution": read.caution,
+        "refinements": read.refinements,
+        "windows": {name: column.tolist() for name, column in read.windows._asdict().items()},
     }
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import floor, isfinite, log10, pi, sqrt
 from pathlib import Path
 from typing import Any
@@ -240,29 +241,55 @@ def _model(train: Flight, learned: Learned) -> list[Sentence | Table]:
     ]
 
 
-def _physical(train: Flight, learned: Learned) -> list[Sentence]:
-    """Motor effect, damping and lag, or why they are not identifiable."""
+def _physical(train: Flight, learned: Learned) -> list[Sentence | Table]:
+    """Effect, damping and lag, each with its interval or the reason why there is none, and the windows over time."""
     read = learned.physical
     if read is None:
         return []
+    effect, damping, lag, _ = read.interval(LEVEL)
+    unit, status = readable("rad/s²"), read.status
+    per_input = f"{unit.name} per {train.input_units[0] or 'unit of input'}"
+    rows = [
+        [
+            f"effect of {short(name)}",
+            _plus_minus(unit.scale * value, unit.scale * half),
+            per_input,
+            read.status["effect"],
+        ]
+        for name, value, half in zip(train.input_names, read.effect, effect, strict=True)
+    ]
+    rows.append(["damping", _plus_minus(read.damping, damping), "1/s", status["damping"]])
+    rows.append(["lag of the motors", _plus_minus(1e3 * read.lag, 1e3 * lag), "ms", status["lag"]])
+    reasons: dict[str, list[str]] = {}
+    for name, reason in read.reasons.items():
+        reasons.setdefault(reason, []).append(f"{name} {status[name]}")
+    told = [f"{_listed(names).capitalize()}: {reason}" for reason, names in reasons.items() if reason]
     lead = "Physical parameters (gray-box model):"
-    if read.caution is not None:
-        return [Sentence(read.caution, lead)]
-    motors, damping, lag = read.interval(LEVEL)
-    unit = readable("rad/s²")
-    each = ", ".join(
-        f"{short(name)} {unit.scale * effect:.3g} ± {unit.scale * half:.1g}"
-        for name, effect, half in zip(train.input_names, read.motors, motors, strict=True)
+    refined = (
+        f" Unseen windows are predicted better with: {_listed(list(read.refinements))}." if read.refinements else ""
     )
-    per_input = f" per {train.input_units[0]}" if train.input_units[0] else " per unit of input"
     return [
         Sentence(
-            f"steady motor effect {each} {unit.name}{per_input}; damping {read.damping:.3g} ± {damping:.1g} 1/s; "
-            f"lag {1e3 * read.lag:.3g} ± {1e3 * lag:.1g} ms; ± as above. "
-            "This model has these parameters and the wind only. It is fitted beside DEM's.",
+            f"{len(read.windows.start)} windows of the flight, fitted together; ± is the half width of the "
+            f"{LEVEL:.0%} interval. This model has these parameters and the wind only, and is fitted beside "
+            f"DEM's.{refined} {' '.join(told)}".rstrip(),
             lead,
-        )
+        ),
+        Table(["parameter", "estimate", "unit", "status"], rows),
     ]
+
+
+def _plus_minus(value: float, half: float) -> str:
+    """An estimate rounded to what its half width bears; a dash where there is none."""
+    if not isfinite(half):
+        return "-"
+    digit = floor(log10(half)) - (half < 3 * 10 ** floor(log10(half)))
+    decimals = max(-digit, 0)
+    return f"{round(value, -digit):.{decimals}f} ± {round(half, -digit):.{decimals}f}"
+
+
+def _listed(words: Sequence[str]) -> str:
+    return ", ".join(words[:-1]) + f" and {words[-1]}" if len(words) > 1 else "".join(words)
 
 
 def _precision(learned: Learned) -> list[Sentence]:

@@ -68,9 +68,9 @@ def test_physical_parameters_are_of_all_that_was_given():
     again = Learned.from_json(whole.to_json())
     expected = physical(flight)
     assert again.physical is not None
-    np.testing.assert_array_equal(again.physical.motors, expected.motors)
+    np.testing.assert_array_equal(again.physical.effect, expected.effect)
     np.testing.assert_array_equal(again.forecast(flight.inputs[:9]), learned.forecast(flight.inputs[:9]))
-    assert learned.physical is not None and not np.array_equal(learned.physical.motors, expected.motors)
+    assert learned.physical is not None and not np.array_equal(learned.physical.effect, expected.effect)
 
 
 def test_earlier_names_of_attributes_work_with_a_warning():

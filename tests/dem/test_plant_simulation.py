@@ -9,21 +9,27 @@ from test_physical import DAMPING, DT, LAG, MOTORS, flown
 import mavdem
 from mavdem import Flight, Settings
 from mavdem.dem.graybox.coloured import FIRST_ORDER
-from mavdem.dem.graybox.parameters import Physical, WindComponent
+from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.record import Record
 
 STEPS = 100
 DOUBLET = np.repeat([1.0, -1.0, 0.0, 0.5], STEPS // 4)[:, None] * np.sign(MOTORS) * 20
 TRUE = Physical(
-    motors=MOTORS,
+    effect=MOTORS,
     damping=DAMPING,
     lag=LAG,
     delay=DT / 2,
-    covariance=np.zeros((6, 6)),
+    covariance=np.zeros((7, 7)),
+    status=dict.fromkeys(("effect", "damping", "lag"), "reported"),
+    reasons=dict.fromkeys(("effect", "damping", "lag"), ""),
+    bias=0.0,
     wind=1.0,
     wind_share=0.05,
     components=(WindComponent(FIRST_ORDER, 1.0, 0.5),),
+    noise=0.005,
+    refinements={},
+    windows=WindowTable(*np.empty((8, 0))),
 )
 
 
@@ -56,11 +62,11 @@ def test_the_variance_is_that_of_wind_which_nothing_counteracts():
 def test_uncertain_parameters_widen_it_to_first_order():
     record = Record.of(flown(0, steering=0.5))
     sd = 0.03 * np.abs(MOTORS)
-    covariance = np.zeros((6, 6))
+    covariance = np.zeros((7, 7))
     covariance[:4, :4] = np.outer(sd, sd)
     uncertain = simulated(TRUE._replace(covariance=covariance), record, 1500 + DOUBLET).variance
     base = simulated(TRUE, record, 1500 + DOUBLET)
-    other = simulated(TRUE._replace(motors=MOTORS + sd), record, 1500 + DOUBLET)
+    other = simulated(TRUE._replace(effect=MOTORS + sd), record, 1500 + DOUBLET)
     np.testing.assert_allclose(uncertain - base.variance, (other.mean - base.mean) ** 2, rtol=1e-3, atol=1e-12)
 
 

@@ -81,12 +81,10 @@ def test_the_report_is_plain_json_and_puts_the_best_first():
     turning = learned.simulation_fit.layout and learned.simulation_fit.layout.turning
     assert report["trajectories"]["turning"] == (None if turning is None else turning.tolist())
     reading = report["physical"]
-    assert reading["motors"] == learned.physical.motors.tolist()
-    assert (
-        (reading["interval_90_percent"] is None)
-        == (not learned.physical.identifiable)
-        == (reading["caution"] is not None)
-    )
+    assert reading["effect"] == learned.physical.effect.tolist()
+    assert reading["status"] == learned.physical.status
+    for name, status in reading["status"].items():
+        assert (reading["interval_90_percent"][name] is None) == (status == "not identifiable")
     predicted = report["prediction"]
     assert predicted["error_ratio"] == evaluate.relative_mspe(train, test, learned.predict(len(test)))
     assert predicted["half_explained_seconds"] == [steps * train.dt for steps in learned.prediction.useful_steps(0.5)]

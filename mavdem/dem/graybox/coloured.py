@@ -47,3 +47,6 @@ FIRST_ORDER = _autoregressive(np.ones(2))  # autocorrelation exp(−|τ|): turbu
 
 SMOOTH = _smooth(8)
 """Autocorrelation exp(−τ²/4): noise with a Gaussian kernel, the noise of generalized coordinates (Eq. ``Smatrix``)."""
+
+GUSTS = _smooth(4)
+"""The same to fourth order, with half of the states: enough for the spectrum where there is power."""

@@ -10,7 +10,8 @@ from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
 from mavdem.dem.closed_loop.gaussian_path import GaussianPath
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import discretize, recursion
-from mavdem.dem.graybox.parameters import Physical, delayed
+from mavdem.dem.graybox.likelihood import delayed
+from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
 
@@ -30,13 +31,13 @@ def simulated(physical: Physical, record: Record, inputs: Array) -> GaussianPath
     pairs = derivative_pairs(record)
     if record.outputs.shape[1] != 2 or not pairs:
         raise ValueError("a simulation needs two outputs, an angle and its rate: the plant has no others")
-    order, theta = list(pairs[0]), np.array([*physical.motors, physical.damping, physical.lag])
+    order, theta = list(pairs[0]), np.array([*physical.effect, physical.damping, physical.lag])
     mean = _mean(theta, physical.delay, record, order, inputs)
     nudges = RELATIVE_STEP * np.maximum(np.abs(theta), RELATIVE_STEP)
     slopes = [
         (_mean(theta + nudge, physical.delay, record, order, inputs) - mean) / nudge.sum() for nudge in np.diag(nudges)
     ]
-    variance = np.einsum("iht,ij,jht->ht", slopes, physical.covariance, slopes)
+    variance = np.einsum("iht,ij,jht->ht", slopes, physical.covariance[:-1, :-1], slopes)
     variance += _of_wind(physical, record.dt, len(inputs))
     back = np.argsort(order)
     return GaussianPath(mean[:, back], variance[:, back])

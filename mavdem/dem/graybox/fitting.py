@@ -1,0 +1,178 @@
+"""The most probable parameters of the gray-box model, by Fisher's scoring over all windows of a flight."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.dem.engine.gauss_newton import Damping, Quadratic, resumable_gauss_newton
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.resumable import Resumable, run_to_end
+from mavdem.dem.forecast.mixer import mixer_priors
+from mavdem.dem.graybox.coloured import FIRST_ORDER, GUSTS
+from mavdem.dem.graybox.likelihood import FlightWindows, Parameters
+
+WINDS = ((FIRST_ORDER,), (FIRST_ORDER, GUSTS), (GUSTS, GUSTS))
+"""Winds to choose from: turbulence, turbulence with smooth gusts, two kinds of smooth gusts, the slow ones first."""
+
+MAX_ITERATIONS, CONVERGED_NATS = 40, 5e-3  # Gauss-Newton steps at most, and the gain below which they have converged
+LONGEST_STEP = 0.7  # of any logarithm, in one step
+RELATIVE_STEP = 1e-4  # of a parameter, or of 0.01 if that is more: for slopes by differences
+ALIKE, UNLIKE = 0.08, 1.0
+"""Standard deviation of a motor's effect from the mixer's direction, relative to the mean effect, beforehand: where the
+geometry is known or recognised, and where it is neither."""
+RECOGNISED, ALMOST = 0.5, 0.1
+"""Of what a regression on all motors explains: what a geometry must explain to be recognised, and by how much less than
+the best one a more common one may."""
+FLOOR = 0.01  # of the rate: the least white noise, below which steps of the stream are modelled and not the vehicle
+MAX_CHUNK = 24  # windows whose prediction errors are in memory together
+
+
+class GrayBoxFit(NamedTuple):
+    """The log joint about the most probable parameters.
+
+    Attributes:
+        parameters: what θ means.
+        theta: (k,).
+        value: of the log joint.
+        curvature: (k, k) of the negative log joint, prior included.
+        scores: (W, k) slope of each window's log likelihood.
+        information: (W, k, k) of each window.
+        levels: (W,) standard deviation of each window's prediction errors, relative to what θ says.
+    """
+
+    parameters: Parameters
+    theta: Array
+    value: float
+    curvature: Array
+    scores: Array
+    information: Array
+    levels: Array
+
+    @property
+    def evidence(self) -> float:
+        """Laplace's evidence, up to a constant that is the same for all winds."""
+        _, sd = self.parameters.prior
+        return self.value - 0.5 * float(np.linalg.slogdet(self.curvature)[1]) - float(np.log(sd).sum())
+
+
+class _LogJoint(NamedTuple):
+    """The log joint of the innovations and the parameters, an ``Objective`` of Fisher's scoring.
+
+    The level of each window's innovations is solved for: its likelihood is −N/2 log of their mean square.
+    """
+
+    parameters: Parameters
+    windows: FlightWindows
+
+    def resumable_value(self, at: Array) -> Resumable[tuple[float, Array]]:
+        """The value; of residuals there is no use."""
+        yield from ()
+        with np.errstate(all="ignore"):
+            try:
+                errors = np.concatenate([self.parameters.innovations(at[None], part)[0][0] for part in self._chunks])
+            except np.linalg.LinAlgError:
+                return np.nan, np.empty(0)
+            return self._value(at, errors), np.empty(0)
+
+    def resumable_quadratic(self, at: Array, residuals: Array) -> Resumable[Quadratic]:
+        """To second order; ``LinAlgError`` if no filter is steady."""
+        del residuals
+        yield from ()
+        fit = self.about(at)
+        mean, sd = self.parameters.prior
+        slope = fit.scores.sum(axis=0) - (at - mean) / sd**2
+        return Quadratic(at, fit.value, slope, fit.curvature)
+
+    def about(self, at: Array) -> GrayBoxFit:
+        """By differences, all at once; ``LinAlgError`` if no filter is steady."""
+        steps = RELATIVE_STEP * np.maximum(0.01, np.abs(at))
+        points, scores, information, own = np.vstack([at, at + np.diag(steps)]), [], [], []
+        with np.errstate(all="ignore"):
+            for part in self._chunks:
+                errors, _ = self.parameters.innovations(points, part)
+                slopes, square = (errors[1:] - errors[0]) / steps[:, None, None], np.mean(errors[0] ** 2, axis=1)
+                scores.append(-np.einsum("kwn,wn->wk", slopes, errors[0]) / square[:, None])
+                weighted = slopes / np.sqrt(square)[:, None]
+                information.append(np.einsum("kwn,jwn->wkj", weighted, weighted, optimize=True))
+                own.append(errors[0])
+            value = self._value(at, np.concatenate(own))
+        found, whole = np.concatenate(information), np.diag(self.parameters.prior[1] ** -2.0)
+        curvature = found.sum(axis=0) + whole
+        if not (np.isfinite(value) and np.isfinite(curvature).all()):
+            raise np.linalg.LinAlgError("there is no steady filter")
+        _, variance = self.parameters.innovations(at[None], self.windows.of(slice(1)))
+        levels = np.sqrt(np.mean(np.concatenate(own) ** 2, axis=1) / variance[0])
+        return GrayBoxFit(self.parameters, at, value, curvature, np.concatenate(scores), found, levels)
+
+    def limited(self, step: Array) -> Array:
+        """A step that changes no logarithm by more than ``LONGEST_STEP``."""
+        return np.asarray(step * min(1.0, LONGEST_STEP / np.abs(step[self.parameters.logarithms]).max()))
+
+    @property
+    def _chunks(self) -> list[FlightWindows]:
+        count = len(self.windows.rate)
+        return [self.windows.of(slice(start, start + MAX_CHUNK)) for start in range(0, count, MAX_CHUNK)]
+
+    def _value(self, at: Array, errors: Array) -> float:
+        mean, sd = self.parameters.prior
+        return log_likelihood(errors) - float(0.5 * np.sum(((at - mean) / sd) ** 2))
+
+
+def log_likelihood(errors: Array) -> float:
+    """Of innovations (W, N), each window with the level that suits it best."""
+    return float(-0.5 * errors.shape[1] * np.log(np.mean(errors**2, axis=1)).sum())
+
+
+def fitted(parameters: Parameters, windows: FlightWindows, start: Array) -> GrayBoxFit:
+    """The most probable parameters, from ``start`` (k,) on; ``LinAlgError`` where there is no steady filter there."""
+    objective = _LogJoint(parameters, windows)
+    damping = Damping(first=1e-2, factor=6.0, attempts=12, limited=objective.limited, careful=True)
+    first = run_to_end(objective.resumable_quadratic(start, np.empty(0)))
+    trace, _ = run_to_end(resumable_gauss_newton(objective, first, damping, MAX_ITERATIONS, CONVERGED_NATS))
+    return objective.about(trace[-1].at)
+
+
+def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[Parameters, Array]:
+    """Directions of the motors' effect, and the parameters to begin with.
+
+    By linear regression on the innovations at the prior's mean. Without ``effect_directions`` (r,) the X or plus
+    whose motors agree best with it, if any does.
+    """
+    r = windows.inputs.shape[2]
+    plain = Parameters(np.ones(r), UNLIKE, WINDS[0], FLOOR * float(np.sqrt(windows.rate.var(axis=1).mean())))
+    mean, _ = plain.prior
+    # Effects 0 and, one after the other, 1: log effect 0 and deviations −1, but for the motor's own.
+    points = np.repeat(mean[None], r + 1, axis=0)
+    points[:, 0] = 0.0
+    points[:, 1 : r + 1] = -1.0 + np.eye(r + 1, r, k=-1)
+    errors, _ = plain.innovations(points, windows)
+    target = errors[0].ravel()
+    slopes = (errors[0] - errors[1:]).reshape(r, -1).T
+    gram = slopes.T @ slopes
+    ridge = 1e-9 * np.trace(gram) / r * np.eye(r)
+    effect = np.linalg.solve(gram + ridge, slopes.T @ target)
+    directions, deviation = effect, UNLIKE
+    if effect_directions is not None:
+        directions, deviation = np.asarray(effect_directions, np.float64), ALIKE
+    elif (turning := _recognised(effect, gram)) is not None:
+        directions, deviation = turning, ALIKE
+    directions = directions / np.abs(directions).mean()
+    along = float(directions @ gram @ effect) / float(directions @ gram @ directions + ridge[0, 0])
+    # The autopilot's parameters may count turns the other way round.
+    directions = directions if along >= 0 else -directions
+    parameters = plain._replace(directions=directions, deviation=deviation)
+    start, _ = parameters.prior
+    start[0] = np.log(max(abs(along), 1e-6))
+    return parameters, start
+
+
+def _recognised(effect: Array, gram: Array) -> Array | None:
+    """(r,) the direction of the geometry, an X before a plus, that explains the regression's ``effect`` (r,)."""
+    turnings = [prior.turning for prior in mixer_priors(len(effect)) if prior.turning is not None]
+    explained = np.array([float(each @ gram @ effect) ** 2 / float(each @ gram @ each) for each in turnings])
+    whole = float(effect @ gram @ effect)
+    if not turnings or explained.max() < RECOGNISED * whole:
+        return None
+    return turnings[int(np.argmax(explained > explained.max() - ALMOST * whole))]

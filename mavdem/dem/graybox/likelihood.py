@@ -1,0 +1,232 @@
+"""The likelihood of the gray-box model: one-step prediction errors of windows of a flight, all windows at once.
+
+    rate' = −damping · rate + torque + constant + wind,    torque' = (effect · u(t − delay) − torque) / lag,
+
+torque and wind per moment of inertia, rad/s², the rate measured with white noise. The wind is coloured noise of one or
+two components. Each window has a constant of its own, which balances its trim, and a level of its own of wind and noise
+together; both are solved for. What remains is the same in all windows. Maximising the likelihood of the one-step
+prediction errors is consistent in closed loop as far as the wind's spectrum is right (Ljung, System Identification, 2nd
+ed., secs. 8.4, 13.4).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.signal import lfilter
+
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.model import Transition, discretize
+from mavdem.dem.graybox.coloured import Coloured
+
+SETTLING_SECONDS = 0.25  # of each window, whose prediction errors do not count: the filter finds the state
+MAX_DOUBLINGS = 40  # of the steps over which the filter becomes steady
+SHORTEST_LAG = 0.5  # steps of the stream
+BLOCK = 64  # steps whose drive is worked out together
+
+EFFECT, DAMPING, LAG, DELAY = (0.0, 2.0), (np.log(2.0), 1.0), (np.log(0.03), 1.0), (0.006, 0.004)
+SIZE, NOISE = (np.log(0.5), 1.5), (np.log(0.005), 2.0)
+"""Mean and standard deviation beforehand, in s, rad/s and rad/s², of logarithms but for the delay: as of common
+multirotors and their autopilots. Damping of a rotor in air is positive, and so are the lag and the effect along the
+mixer's direction. The effect's mean is that of a first estimate."""
+
+TIMES = ((np.log(1.0), 1.0), (np.log(0.07), 1.0))
+"""Likewise of the time of each component of the wind: the drift of the air, and gusts."""
+
+REFINEMENTS = {"thrust curve": (0.0, 0.3), "spin-up": (0.0, 0.3), "voltage": (1.0, 1.0)}
+"""Refinements, each a parameter: relative change of the effect for one standard deviation of the inputs; by how much
+rotors spin up faster than down, as a share of the lag; and the power of the voltage that the effect goes with."""
+
+
+class FlightWindows(NamedTuple):
+    """FlightWindows of equal length: N samples of each of W."""
+
+    inputs: Array  # (W, N, r) deviations from the trim, in units of their common standard deviation
+    rate: Array  # (W, N) rad/s
+    voltage: Array | None  # (W, N) relative to its mean
+    dt: float
+
+    def of(self, places: slice | NDArray[np.intp]) -> FlightWindows:
+        """Some of them."""
+        voltage = None if self.voltage is None else self.voltage[places]
+        return FlightWindows(self.inputs[places], self.rate[places], voltage, self.dt)
+
+
+class Parameters(NamedTuple):
+    """What the entries of θ are.
+
+    Log effect, deviation of each motor, log damping, log lag, delay; log size and log time of each component of the
+    wind; log noise; refinements. The effect of motor i is exp(log effect) · (direction i + deviation i).
+    """
+
+    directions: Array  # (r,) mean of magnitudes 1
+    deviation: float  # standard deviation beforehand of each motor's effect from its direction
+    wind: tuple[Coloured, ...]
+    least_noise: float  # rad/s
+    refinements: tuple[str, ...] = ()
+
+    @property
+    def motors(self) -> int:
+        """Number of inputs r."""
+        return len(self.directions)
+
+    @property
+    def prior(self) -> tuple[Array, Array]:
+        """Mean and standard deviation (k,)."""
+        of_wind = [each for time in TIMES[: len(self.wind)] for each in (SIZE, time)]
+        of_motors = [(0.0, self.deviation)] * self.motors
+        refined = [REFINEMENTS[name] for name in self.refinements]
+        mean, sd = np.array([EFFECT, *of_motors, DAMPING, LAG, DELAY, *of_wind, NOISE, *refined]).T
+        return mean, sd
+
+    @property
+    def of_noise(self) -> int:
+        """Place of the log noise."""
+        return self.motors + 4 + 2 * len(self.wind)
+
+    @property
+    def logarithms(self) -> list[int]:
+        """Places of logarithms."""
+        r = self.motors
+        return [0, r + 1, r + 2, *range(r + 4, self.of_noise + 1)]
+
+    def effect(self, thetas: Array) -> Array:
+        """(…, r) effect of each motor, rad/s² per unit of ``FlightWindows.inputs``."""
+        return np.exp(thetas[..., :1]) * (self.directions + thetas[..., 1 : self.motors + 1])
+
+    def lag(self, thetas: Array, dt: float) -> Array:
+        """(…) lag, s: no shorter than half a step, which a stream cannot tell from a delay."""
+        return np.hypot(np.exp(thetas[..., self.motors + 2]), SHORTEST_LAG * dt)
+
+    def sizes(self, theta: Array) -> Array:
+        """(…, components) standard deviations of the wind's components, rad/s²."""
+        return np.exp(theta[..., self.motors + 4 : self.of_noise : 2])
+
+    def times(self, theta: Array) -> Array:
+        """(…, components) their times, s."""
+        return np.exp(theta[..., self.motors + 5 : self.of_noise : 2])
+
+    def filters(self, thetas: Array, dt: float) -> tuple[Transition, Array, Array]:
+        """Transition, gain (b, n) and variance (b,) of the innovations of the steady filter, for parameters (b, k).
+
+        The transition has two inputs: the torque that the motors settle at, and a constant acceleration.
+        """
+        r = self.motors
+        n = 2 + sum(len(each.A) for each in self.wind)
+        A, B, drive = (np.zeros((len(thetas), n, width)) for width in (n, 2, n))
+        rate = 1 / self.lag(thetas, dt)
+        A[:, 0, 0], A[:, 0, 1], A[:, 1, 1] = -np.exp(thetas[:, r + 1]), 1.0, -rate
+        B[:, 1, 0], B[:, 0, 1] = rate, 1.0
+        start = 2
+        for each, size, time in zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True):
+            of = slice(start, start + len(each.A))
+            A[:, of, of] = each.A / time[:, None, None]
+            drive[:, of, of] = each.drive / time[:, None, None]
+            A[:, 0, of] = each.C * size[:, None]
+            start = of.stop
+        transition = discretize(A, B, dt)
+        # Van Loan, "Computing integrals involving the matrix exponential", 1978.
+        flow = expm(np.block([[-A, drive], [np.zeros_like(A), np.swapaxes(A, 1, 2)]]) * dt)
+        process = np.swapaxes(flow[:, n:, n:], 1, 2) @ flow[:, :n, n:]
+        noise = np.exp(2 * thetas[:, self.of_noise]) + self.least_noise**2
+        P = steady_covariance(transition.state, process, noise)
+        variance = P[:, 0, 0] + noise
+        return transition, (transition.state @ P[:, :, :1])[:, :, 0] / variance[:, None], variance
+
+    def commanded(self, theta: Array, windows: FlightWindows) -> Array:
+        """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
+        inputs = windows.inputs
+        for name, value in zip(self.refinements, theta[self.of_noise + 1 :], strict=True):
+            if name == "thrust curve":
+                inputs = inputs + value * windows.inputs**2 / 2
+            elif name == "spin-up":
+                # To first order: the lag divided by 1 ± value where the rotor speeds up or slows down.
+                lag = float(self.lag(theta, windows.dt))
+                inputs = inputs + value * np.abs(windows.inputs - lagged(windows.inputs, lag, windows.dt))
+            elif windows.voltage is not None:
+                inputs = inputs * (windows.voltage**value)[:, :, None]
+        return np.asarray(inputs @ self.effect(theta))
+
+    def innovations(self, thetas: Array, windows: FlightWindows) -> tuple[Array, Array]:
+        """(b, W, N′) of all windows but for their beginnings, for parameters (b, k); and their variance (b,).
+
+        They are without what a constant acceleration in each window explains.
+        """
+        transition, gain, variance = self.filters(thetas, windows.dt)
+        step = transition.state.copy()
+        step[:, :, 0] -= gain
+        step = np.swapaxes(step, 1, 2)
+        now, later = transition.input_now, transition.input_next
+        number, (W, N) = len(thetas), windows.rate.shape
+        # The last row is the response to a constant acceleration of 1 rad/s².
+        early, late = np.ones((2, N - 1, number, W + 1))
+        for k, theta in enumerate(thetas):
+            torque = self.commanded(theta, windows).T
+            early[:, k, :W], late[:, k, :W] = delayed(torque, theta[self.motors + 3] / windows.dt)
+        measured = np.zeros((N, 1, W + 1))
+        measured[:, 0, :W] = windows.rate.T
+        which = np.append(np.zeros(W, np.intp), 1)
+        of_early, of_late = (np.swapaxes(each[:, :, which], 1, 2) for each in (now, later))
+        x = np.zeros((number, W + 1, gain.shape[1]))
+        x[:, :, 0] = measured[0]
+        predicted = np.empty((N - 1, number, W + 1))
+        for begin in range(0, N - 1, BLOCK):
+            rows = slice(begin, min(begin + BLOCK, N - 1))
+            drive = early[rows, :, :, None] * of_early + late[rows, :, :, None] * of_late
+            drive += measured[rows, :, :, None] * gain[:, None]
+            for k, row in enumerate(drive, start=begin):
+                x = x @ step + row
+                predicted[k] = x[:, :, 0]
+        settled = round(SETTLING_SECONDS / windows.dt)
+        errors = (measured[1:, :, :W] - predicted[:, :, :W])[settled:].transpose(1, 2, 0)
+        response = predicted[settled:, :, W].T
+        share = np.einsum("kwn,kn->kw", errors, response) / np.einsum("kn,kn->k", response, response)[:, None]
+        return errors - share[:, :, None] * response[:, None], variance
+
+
+def lagged(inputs: Array, lag: float, dt: float) -> Array:
+    """(W, N, r) inputs after a first-order lag, s, from where they begin."""
+    keeps = float(np.exp(-dt / lag))
+    begin = keeps * inputs[:, :1]
+    return np.asarray(lfilter([1 - keeps], [1, -keeps], inputs, axis=1, zi=begin)[0])
+
+
+def delayed(inputs: Array, steps: float) -> tuple[Array, Array]:
+    """Commands (T − 1, r) as they act at the beginning and the end of each step, interpolated.
+
+    A command that reacts to a sample must not help to predict it: within a step the last command before it holds.
+    """
+    last = np.arange(len(inputs) - 1, dtype=np.float64)
+    ends = []
+    for place in (last - max(steps, 0.0), last + min(1 - steps, 0.0)):
+        whole = np.floor(place)
+        share = (place - whole)[:, None]
+        at = whole.astype(np.intp)
+        low, high = np.maximum(at, 0), np.clip(at + 1, 0, len(inputs) - 1)
+        ends.append((1 - share) * inputs[low] + share * inputs[high])
+    return ends[0], ends[1]
+
+
+def steady_covariance(F: Array, process: Array, noise: Array) -> Array:
+    """(b, n, n) of the predicted state, of the steady filter; the first state is measured with ``noise`` (b,).
+
+    By doubling of the steps (Anderson, "Second-order convergent algorithms for the steady-state Riccati equation",
+    International Journal of Control 28, 1978).
+    """
+    across, gained, P = np.swapaxes(F, 1, 2), np.zeros_like(F), process
+    gained[:, 0, 0] = 1 / noise
+    for _ in range(MAX_DOUBLINGS):
+        solved = np.linalg.inv(np.eye(F.shape[-1]) + gained @ P)
+        half = across @ solved
+        back = np.swapaxes(across, 1, 2)
+        doubled = P + back @ P @ solved @ across
+        gained = gained + half @ gained @ back
+        across = half @ across
+        done = np.abs(doubled - P).max() <= 1e-11 * np.abs(doubled).max()
+        P = (doubled + np.swapaxes(doubled, 1, 2)) / 2
+        if done:
+            break
+    return P
