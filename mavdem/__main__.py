@@ -10,8 +10,8 @@ from mavdem.cli.signals import ending_at_once, unwind_when_terminated
 
 def run() -> int:
     """Runs the command of the process and returns its exit code."""
-    # Read when NumPy and SciPy are imported. For matrices as small as these more threads only wait for each other: on two
-    # busy cores they doubled the time that `mavdem learn` takes.
+    # Read when NumPy and SciPy are imported. For matrices as small as these more threads only wait for each other: on
+    # two busy cores they doubled the time that `mavdem learn` takes.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with ending_at_once():
         from mavdem.cli.commands import main

@@ -98,8 +98,8 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
     if name == "effect" and figures.spread["lag"] > REPORTED_SPREAD["lag"]:
         yield (
             "not identifiable",
-            f"The lag changes by {_factor(figures.spread['lag'])} with the spectrum that the wind is taken to have, and "
-            "the effect cannot be told from it: steer more, or fly in calmer air.",
+            f"The lag changes by {_factor(figures.spread['lag'])} with the spectrum that the wind is taken to have, "
+            "and the effect cannot be told from it: steer more, or fly in calmer air.",
         )
     if name == "lag" and figures.lag < RESOLVED_LAG * figures.dt:
         yield (
