@@ -30,6 +30,7 @@ class Flight:
         setpoints: (T, q) what was asked of the axis, by the controllers' outer loops or the pilot: at each sample the
             last value until then, NaN where there is none. None where the source has no setpoints.
         setpoint_names, setpoint_units: one string a column of ``setpoints``.
+        voltage: (T,) of the battery, V; NaN where it is not known. None where the source has none.
 
     Raises:
         ValueError: names the argument whose shape, order or values are wrong.
@@ -48,6 +49,7 @@ class Flight:
     setpoints: NDArray[np.float64] | None = None
     setpoint_names: tuple[str, ...] = ()
     setpoint_units: tuple[str, ...] = ()
+    voltage: NDArray[np.float64] | None = None
 
     def __init__(
         self,
@@ -64,6 +66,7 @@ class Flight:
         setpoints: ArrayLike | None = None,
         setpoint_names: tuple[str, ...] | None = None,
         setpoint_units: tuple[str, ...] | None = None,
+        voltage: ArrayLike | None = None,
     ) -> None:
         if not (provenance is None or isinstance(provenance, Mapping)):
             raise ValueError(f"provenance must be values by name, not {provenance!r}")
@@ -86,6 +89,7 @@ class Flight:
             "setpoints": asked,
             "setpoint_names": _labels(setpoint_names, "setpoint_names", none, "setpoint"),
             "setpoint_units": _labels(setpoint_units, "setpoint_units", none, None),
+            "voltage": None if voltage is None else _series(voltage, "voltage", len(time)),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
@@ -98,6 +102,7 @@ class Flight:
         outputs: ArrayLike,
         dt: float | None = None,
         setpoints: ArrayLike | None = None,
+        voltage: ArrayLike | None = None,
         **labels: Any,
     ) -> tuple[Flight, ...]:
         """Cuts arrays with gaps into one ``Flight`` for each segment between them, all with the same ``dt``.
@@ -109,6 +114,7 @@ class Flight:
             inputs, outputs: (T, r), (T, m).
             dt: sampling step, s; the mean step without the gaps unless given.
             setpoints: (T, q), if there are any.
+            voltage: (T,) V, if it is known.
             labels: names, units and provenance, as for a ``Flight``.
 
         Raises:
@@ -123,9 +129,13 @@ class Flight:
         dt = float(steps[~gaps].mean()) if dt is None else dt
         cuts = np.flatnonzero(gaps) + 1
         parts = zip(*(np.split(values, cuts) for values in (stamps, *tables)), strict=True)
-        asked = None if setpoints is None else np.split(_table(setpoints, "setpoints", len(stamps), missing=True), cuts)
+        further: dict[str, list[Any]] = {}
+        if setpoints is not None:
+            further["setpoints"] = np.split(_table(setpoints, "setpoints", len(stamps), missing=True), cuts)
+        if voltage is not None:
+            further["voltage"] = np.split(_series(voltage, "voltage", len(stamps)), cuts)
         return tuple(
-            cls(t, u, y, dt, setpoints=None if asked is None else asked[place], **labels)
+            cls(t, u, y, dt, **labels, **{name: values[place] for name, values in further.items()})
             for place, (t, u, y) in enumerate(parts)
             if len(t) > 1
         )
@@ -142,7 +152,7 @@ class Flight:
             raise ValueError(f"the slice {part.start}:{part.stop} of a flight of {len(self)} samples is empty")
         # Not validated anew: a part of what is uniform is uniform, and keeps the step of the whole.
         cut = copy(self)
-        for name in ("time", "inputs", "outputs", "setpoints"):
+        for name in ("time", "inputs", "outputs", "setpoints", "voltage"):
             if (values := getattr(self, name)) is not None:
                 object.__setattr__(cut, name, values[part])
         object.__setattr__(cut, "provenance", dict(self.provenance))
@@ -179,6 +189,13 @@ def _column(values: ArrayLike, name: str) -> NDArray[np.float64]:
     array = _frozen(values, name)
     if array.ndim != 1 or not len(array):
         raise ValueError(f"{name} must be a non-empty array of shape (T,), not {array.shape}")
+    return array
+
+
+def _series(values: ArrayLike, name: str, length: int) -> NDArray[np.float64]:
+    array = _frozen(values, name, missing=True)
+    if array.shape != (length,):
+        raise ValueError(f"{name} must have shape ({length},) to match time, not {array.shape}")
     return array
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
+from mavdem.alignment.columns import Signal
 from mavdem.alignment.segments import STAMP_SECONDS, Segment, is_sampled, within
 from mavdem.alignment.setpoints import Setpoint, held
 from mavdem.alignment.signals import Signals, axis_outputs
@@ -20,6 +21,7 @@ LOW_PASS_RATIO = 1.5
 band in which the stream itself is already aliased."""
 CUTOFF_RATIO = 0.4
 """Cut-off of that filter in grid rates: 0.5 is the Nyquist frequency, and 0.1 (5 Hz at 50) passes unchanged."""
+VOLTAGE_SECONDS = 10.0  # How long a measured voltage is known: autopilots send it at 0.5 Hz and faster
 FILTER_EDGE_STEPS = 5
 """Grid steps after which the filter has forgotten its start to a hundredth. Its slowest pole, at a rate of 2 pi
 ``CUTOFF_RATIO`` sin(22.5°), decays by a factor e a step."""
@@ -93,6 +95,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
         },
         effect_directions=None if layout.positions_assumed else layout.effect(axis),
         **_asked(signals.setpoints, segment.boot, time),
+        voltage=None if signals.voltage is None else _voltage_at(signals.voltage, segment.boot, time),
     )
 
 
@@ -105,6 +108,18 @@ def _asked(setpoints: Sequence[Setpoint], boot: int, time: NDArray[np.float64]) 
         "setpoint_names": tuple(one.name for one in setpoints),
         "setpoint_units": tuple(one.unit for one in setpoints),
     }
+
+
+def _voltage_at(signal: Signal, boot: int, time: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The voltage (T,) at ``time`` (T,) s of ``boot``, linear between messages, NaN far from any; None if all are."""
+    here = signal.boot == boot
+    stamps, volts = signal.time[here], signal.values[here]
+    if not len(stamps):
+        return None
+    after = np.clip(np.searchsorted(stamps, time), 0, len(stamps) - 1)
+    away = np.minimum(np.abs(time - stamps[after]), np.abs(time - stamps[np.maximum(after - 1, 0)]))
+    known = away <= VOLTAGE_SECONDS
+    return np.where(known, np.interp(time, stamps, volts), np.nan) if known.any() else None
 
 
 def step(rates: Iterable[float]) -> float:

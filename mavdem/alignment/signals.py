@@ -13,17 +13,22 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.alignment.columns import Signal, floats, in_order, message_counts, preferred_message
+from mavdem.alignment.columns import Signal, by_preference, floats, in_order, message_counts, preferred_message
 from mavdem.alignment.drive import AXES, INPUTS, TILT_AXES, Motors, demand, motors, thrust_demand
 from mavdem.alignment.setpoints import Setpoint, setpoints
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.euler import euler_angles
-from mavdem.ingest.telemetry import Telemetry, rate_without_gaps
+from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps
 from mavdem.ingest.vocabulary import ARMED
 
 ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")  # Messages with the attitude, the preferred first
 CLIMB_FIELDS = {"LOCAL_POSITION_NED": ("vz", -1.0), "GLOBAL_POSITION_INT": ("vz", -0.01), "VFR_HUD": ("climb", 1.0)}
 """Messages with the vertical speed, the preferred first: the field, and the factor that makes it m/s upwards."""
+BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
+"""Messages with the battery's voltage, the preferred first. They have no stamp of their own, and get the time of the
+message before them: a few ms, for a quantity that changes over seconds."""
+NO_CELL = 65535  # mV of a cell, or battery, that is not measured
+LEAST_VOLTAGE = 1.0  # V: below, there is no battery monitor, or the simulator has no battery
 MINIMUM_RATE = 40.0
 """Hz, of attitude and of motors. Ten times the roughly 4 Hz at which a multirotor's roll loop crosses over, and what is
 left of a 50 Hz stream on a link that loses a fifth. On recorded flights motors add nothing to a forecast at 1-10 Hz and
@@ -103,6 +108,11 @@ class Signals:
     def setpoints(self) -> tuple[Setpoint, ...]:
         """What was asked of the axis; empty where that was not recorded."""
         return setpoints(self.telemetry, self.axis)
+
+    @cached_property
+    def voltage(self) -> Signal | None:
+        """Voltage of the battery, V."""
+        return voltage(self.telemetry)
 
     @cached_property
     def armed(self) -> Signal | None:
@@ -212,6 +222,28 @@ def axis_outputs(axis: str) -> tuple[tuple[str, str], ...]:
     """
     rate = (f"{axis} rate", "rad/s")
     return ((axis, "rad"), rate) if axis in TILT_AXES else (rate,)
+
+
+def voltage(telemetry: Telemetry) -> Signal | None:
+    """Voltage of the first battery, V; None where it was not measured."""
+    for message in by_preference(message_counts(telemetry, BATTERY_MESSAGES)):
+        columns = telemetry.messages[message]
+        volts = _of_cells(columns) if message == "BATTERY_STATUS" else floats(columns, "voltage_battery")
+        volts = np.where(volts == NO_CELL, np.nan, volts) / 1000
+        there = volts >= LEAST_VOLTAGE
+        time, boot, table, _ = in_order(columns["time"][there], columns["boot"][there], volts[there, None])
+        if len(time):
+            return Signal(time, boot, table[:, 0])
+    return None
+
+
+def _of_cells(columns: Columns) -> NDArray[np.float64]:
+    """(N,) mV of battery 0: the sum of its cells, or the whole in the place of the first."""
+    cells = np.atleast_2d(floats(columns, "voltages"))
+    total = np.where(cells == NO_CELL, 0.0, cells).sum(axis=1)
+    if "voltages_ext" in columns:
+        total += np.atleast_2d(floats(columns, "voltages_ext")).sum(axis=1)  # 0 where there is no cell
+    return np.where(floats(columns, "id") == 0, total, np.nan) if "id" in columns else total
 
 
 def _named(values: NDArray[np.integer], enum: str, name: str) -> NDArray[np.bool_]:

@@ -22,16 +22,17 @@ TIME_DECIMALS = 6  # of seconds in text: the stamps of autopilots are microsecon
 
 
 def columns(flight: Flight) -> dict[str, NDArray[np.float64]]:
-    """Time, inputs, outputs and setpoints (T,) by name, with units, such as "time [s]".
+    """Time, inputs, outputs, setpoints and the battery's voltage (T,) by name, with units, such as "time [s]".
 
     Raises ``ValueError`` if two names are equal.
     """
     named = {"time [s]": flight.time}
-    asked = np.empty((len(flight), 0)) if flight.setpoints is None else flight.setpoints
+    none = np.empty((len(flight), 0))
     for names, units, values in (
         (flight.input_names, flight.input_units, flight.inputs),
         (flight.output_names, flight.output_units, flight.outputs),
-        (flight.setpoint_names, flight.setpoint_units, asked),
+        (flight.setpoint_names, flight.setpoint_units, none if flight.setpoints is None else flight.setpoints),
+        (("battery",), ("V",), flight.voltage[:, None]) if flight.voltage is not None else ((), (), none),
     ):
         for name, unit, column in zip(names, units, values.T, strict=True):
             head = f"{name} [{unit}]" if unit else name

@@ -37,11 +37,12 @@ NEEDED: Mapping[str, tuple[str, ...]] = {
     "vehicle_thrust_setpoint": ("xyz[3]",),
     "vehicle_attitude_setpoint": ("q_d[4]", "q_d_valid"),
     "vehicle_rates_setpoint": ("roll", "pitch", "yaw"),
+    "battery_status": ("voltage_v", "voltage_filtered_v"),
     "manual_control_setpoint": ("roll", "pitch", "yaw", "x", "y", "r", "valid"),
 }
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
 SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint", "manual_control_setpoint"})
-"""Those that are no flight by themselves."""
+"""Those that a companion may send as well."""
 RATES_IGNORED, ATTITUDE_IGNORED = 1 | 2 | 4, 128  # Bits of ATTITUDE_TARGET.type_mask
 STICK_RANGE, NO_STICK = 1000.0, 32767.0  # Full deflection in MANUAL_CONTROL, and what stands for none
 MAX_ATTITUDE_STEP = 0.1
@@ -80,7 +81,11 @@ def messages(topics: Topics, parameters: Parameters, vehicle: str, kind: int | N
             "LOCAL_POSITION_NED": _local_position_ned(topics),
         }
         if any(columns is not None and len(columns["time"]) for columns in made.values()):
-            made |= {"ATTITUDE_TARGET": _attitude_target(topics), "MANUAL_CONTROL": _manual_control(topics)}
+            made |= {
+                "ATTITUDE_TARGET": _attitude_target(topics),
+                "MANUAL_CONTROL": _manual_control(topics),
+                "SYS_STATUS": _sys_status(topics),
+            }
     return {
         name: columns | {"boot": np.zeros(len(columns["time"]), dtype=np.int64)}
         for name, columns in made.items()
@@ -105,6 +110,7 @@ def names(topics: Topics, made: Mapping[str, Columns]) -> dict[str, str]:
         "LOCAL_POSITION_NED": "vehicle_local_position",
         "ATTITUDE_TARGET": "vehicle_rates_setpoint and vehicle_attitude_setpoint",
         "MANUAL_CONTROL": "manual_control_setpoint",
+        "SYS_STATUS": "battery_status",
     }
 
 
@@ -271,6 +277,13 @@ def _manual_control(topics: Topics) -> dict[str, NDArray[Any]] | None:
     valid = sticks.get("valid", np.ones(len(sticks["time"]))).astype(np.bool_)
     columns = {ours: np.where(valid, STICK_RANGE * sticks[field], NO_STICK) for ours, field in fields.items()}
     return {"time": sticks["time"], **columns}
+
+
+def _sys_status(topics: Topics) -> dict[str, NDArray[Any]] | None:
+    """SYS_STATUS.hpp: battery_status, mV, with the decimals the message cuts off."""
+    battery = _first(topics, "battery_status") or {}
+    field = next((name for name in ("voltage_v", "voltage_filtered_v") if name in battery), None)
+    return None if field is None else {"time": battery["time"], "voltage_battery": 1000.0 * battery[field]}
 
 
 def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]] | None:

@@ -34,6 +34,7 @@ PX4_TYPES = {
     "vehicle_attitude_setpoint": "VehicleAttitudeSetpoint",
     "vehicle_rates_setpoint": "VehicleRatesSetpoint",
     "manual_control_setpoint": "ManualControlSetpoint",
+    "battery_status": "BatteryStatus",
 }
 """px4_msgs by PX4's topics."""
 

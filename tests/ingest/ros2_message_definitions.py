@@ -110,6 +110,14 @@ float32 yaw # [rad/s] yaw rate setpoint
 float32[3] thrust_body # Normalized thrust command in body NED frame [-1,1]
 bool reset_integral # Reset roll/pitch/yaw integrals (navigation logic change)
 """,
+    "px4_msgs/msg/BatteryStatus": """\
+uint32 MESSAGE_VERSION = 1
+
+uint64 timestamp # [us] Time since system start
+bool connected # Whether or not a battery is connected
+float32 voltage_v # [V] [@invalid 0] Battery voltage
+float32 current_a # [A] [@invalid -1] Battery current
+""",
     "px4_msgs/msg/ManualControlSetpoint": """\
 uint32 MESSAGE_VERSION = 0
 
@@ -338,6 +346,13 @@ float64 y 0
 float64 z 0
 float64 w 1
 {VECTOR}""",
+    "sensor_msgs/msg/BatteryState": f"""\
+# Constants are chosen to match the enums in the linux kernel
+
+std_msgs/Header  header
+float32 voltage          # Voltage in Volts (Mandatory)
+float32 temperature      # Temperature in Degrees Celsius (If unmeasured NaN)
+{HEADER}""",
     "mavros_msgs/msg/State": f"""\
 # Current autopilot state
 #

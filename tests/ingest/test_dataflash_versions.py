@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mavdem.alignment.setpoints import setpoints
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.signals import Signals, voltage
 from mavdem.errors import Unreadable
 from mavdem.ingest.dataflash.log import read_dataflash
 from mavdem.ingest.telemetry import Telemetry
@@ -21,13 +21,21 @@ COLUMNS = {
     "RATE": ("Qffffffffff", "TimeUS,R,P,Y,ROut,POut,YOut,AOut,RDes,PDes,YDes"),
     "IMU": ("Qfff", "TimeUS,GyrX,GyrY,GyrZ"),
     "EV": ("B", "Id"),
+    "BAT": ("QBf", "TimeUS,Instance,Volt"),
+    "CURR": ("Qh", "TimeUS,Volt"),
 }
 TIMES = np.arange(20.0, 24.0, 0.02)
 ROLL_RATE = np.radians(40.0) * np.sin(5 * TIMES)  # rad/s
 
 
 def log(
-    folder: Path, rate: float = 1.0, firmware: str = "hello", gyro: bool = True, swing: float = 1.0, **columns: str
+    folder: Path,
+    rate: float = 1.0,
+    firmware: str = "hello",
+    gyro: bool = True,
+    swing: float = 1.0,
+    battery: str = "",
+    **columns: str,
 ) -> Telemetry:
     """A roll that swings, with RATE's rates in degrees/s times ``rate``; ``columns`` are other field names."""
     defined = {name: (characters, columns.get(name, fields)) for name, (characters, fields) in COLUMNS.items()}
@@ -41,6 +49,10 @@ def log(
         )
         if gyro:
             lines.append(f"IMU, {stamp}, {speed}, 0, 0")
+        if battery == "BAT":
+            lines += [f"BAT, {stamp}, {instance}, {volt}" for instance, volt in ((1, 5.0), (0, 15.25))]
+        elif battery:
+            lines.append(f"{battery}, {stamp}, 1525")
         if stamp in (21_000_000, 23_000_000):
             lines.append(f"EV, {10 if stamp == 21_000_000 else 11}")
     (folder / "flight.log").write_text("\n".join(lines) + "\n")
@@ -148,3 +160,13 @@ def test_recorded_logs_of_old_versions(name: str, notes: int) -> None:
     usual = (steps < 0.15) & (np.abs(attitude.angle[1:]) < 1)
     change, turned = np.diff(attitude.angle)[usual], (attitude.slope[1:] * steps)[usual]
     assert 0.7 < np.polyfit(turned, change, 1)[0] < 1.3
+
+
+@pytest.mark.parametrize("battery", ["BAT", "CURR"])
+def test_the_battery_in_volts_and_in_the_hundredths_of_old_logs(tmp_path: Path, battery: str) -> None:
+    vehicle = log(tmp_path, battery=battery)
+    signal = voltage(vehicle)
+    assert signal is not None and len(signal.time) == len(TIMES)
+    np.testing.assert_allclose(signal.values, 15.25)
+    assert vehicle.called("SYS_STATUS") == battery
+    assert voltage(log(tmp_path)) is None

@@ -40,7 +40,7 @@ from ulog_files import shared
 import mavdem
 from mavdem.alignment import signals
 from mavdem.alignment.setpoints import setpoints
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.signals import Signals, voltage
 from mavdem.alignment.verdict import judge
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.export.conversion import convert
@@ -769,7 +769,7 @@ def test_numbers_that_are_none_make_no_error(value: float, tmp_path: Path) -> No
 
 def test_what_is_read_of_px4s_topics_is_in_their_definitions() -> None:
     old = {"actuator_controls_0"}
-    of_old = {"rollspeed", "pitchspeed", "yawspeed", "is_rotary_wing", "q_d_valid", "x", "y", "r"}
+    of_old = {"rollspeed", "pitchspeed", "yawspeed", "is_rotary_wing", "q_d_valid", "x", "y", "r", "voltage_filtered_v"}
     for name, fields in NEEDED.items():
         if name in old:
             continue
@@ -798,6 +798,24 @@ def test_setpoints_of_px4_are_those_that_it_reports(tmp_path: Path) -> None:
     np.testing.assert_allclose(stick.signal.values, 0.1 * np.arange(4), atol=1e-7)
     np.testing.assert_allclose(rate.signal.time, 20 + 0.1 * np.arange(5), atol=1e-9)
     assert [one.signal.values[1] for one in setpoints(vehicle, "pitch")] == pytest.approx([11, 0, -0.1])
+
+
+def test_the_battery_of_either_bridge(tmp_path: Path) -> None:
+    def px4(recorder: Ros2Recorder) -> None:
+        px4_flight(recorder)
+        for row in range(3):
+            recorder.px4("battery_status", 20.0 + row, voltage_v=16.0 - row, connected=True)
+
+    def mavros(recorder: Ros2Recorder) -> None:
+        mavros_flight(recorder)
+        for row in range(3):
+            recorder.mavros("battery", "sensor_msgs/msg/BatteryState", UNIX + 20.0 + row, voltage=16.0 - row)
+
+    for write in (px4, mavros):
+        (vehicle,) = read_log(written(tmp_path, write)).vehicles
+        signal = voltage(vehicle)
+        assert signal is not None and signal.values.tolist() == pytest.approx([16, 15, 14])
+        assert np.diff(signal.time) == pytest.approx([1, 1], abs=1e-6)
 
 
 def test_setpoints_alone_are_no_vehicle(tmp_path: Path) -> None:

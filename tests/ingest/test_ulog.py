@@ -27,7 +27,7 @@ from ulog_files import (
 import mavdem
 from mavdem.alignment import drive
 from mavdem.alignment.setpoints import setpoints
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.signals import Signals, voltage
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
 
@@ -243,6 +243,13 @@ def test_setpoints_keep_their_own_stamps(tmp_path: Path) -> None:
     np.testing.assert_allclose(yaw.signal.values, 20 + np.arange(4))
     np.testing.assert_allclose(stick.signal.values, 0.2 * np.arange(4), atol=1e-7)
     assert vehicle.called("MANUAL_CONTROL") == "manual_control_setpoint"
+
+
+def test_the_battery(tmp_path: Path) -> None:
+    pieces = flight(TIMES) + [data("battery_status", 20 + row, 16 - row, 99) for row in range(3)]
+    signal = voltage(vehicle_of(log(*pieces), tmp_path))
+    assert signal is not None and signal.values.tolist() == pytest.approx([16, 15, 14])
+    assert signal.time.tolist() == pytest.approx([20, 21, 22])
 
 
 def test_landed_states(tmp_path: Path) -> None:

@@ -36,6 +36,7 @@ FORMATS = {
     "vehicle_attitude_setpoint": "uint64_t timestamp;float yaw_sp_move_rate;float[4] q_d;bool q_d_valid;",
     "vehicle_rates_setpoint": "uint64_t timestamp;float roll;float pitch;float yaw;",
     "manual_control_setpoint": "uint64_t timestamp;float x;float y;float z;float r;",
+    "battery_status": "uint64_t timestamp;float voltage_v;float voltage_filtered_v;",
     "cpuload": "uint64_t timestamp;float load;",
 }
 """As PX4 defines them, shortened."""
@@ -55,6 +56,7 @@ LAYOUTS = {
     "vehicle_attitude_setpoint": "<Q5f?",
     "vehicle_rates_setpoint": "<Q3f",
     "manual_control_setpoint": "<Q4f",
+    "battery_status": "<Q2f",
     "cpuload": "<Qf",
 }
 """What the logger writes of each: no padding at the end."""

@@ -9,6 +9,7 @@ Fields and units: https://ardupilot.org/copter/docs/logmessages.html, from ArduP
 | SERVO_OUTPUT_RAW servo1_raw to servo16_raw (µs) | RCOU C1 to C14 (Ch1 or Chan1 in old logs) |
 | ATTITUDE_TARGET body_roll_rate and so on (rad/s) | RATE RDes, PDes, YDes (°/s) |
 | ATTITUDE_TARGET q | ATT or, where faster, ANG: DesRoll, DesPitch, DesYaw (°) |
+| SYS_STATUS voltage_battery (mV) | BAT or, in old logs, CURR: Volt (V, in the oldest cV) |
 | RC_CHANNELS chan1_raw to chan14_raw (µs) | RCIN C1 to C14 |
 | ACTUATOR_CONTROL_TARGET controls of group 0 | RATE ROut, POut, YOut (-1 to 1), AOut (0 to 1): what goes to the mixer |
 | LOCAL_POSITION_NED | XKF1 or NKF1 PN, PE, PD (m), VN, VE, VD (m/s) of the core that is primary (XKF4 PI) |
@@ -51,7 +52,8 @@ DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
 RATES_IGNORED, ATTITUDE_IGNORED = 1 | 2 | 4, 128  # Bits of ATTITUDE_TARGET.type_mask
 OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
-NEEDED = (*OF_FLIGHT, "RCIN")  # DataFlash's messages that are translated
+BATTERIES = ("BAT", "CURR")
+NEEDED = (*OF_FLIGHT, "RCIN", *BATTERIES)  # DataFlash's messages that are translated
 SLOWER_SHARE = 0.9  # A message is slower than another when it has fewer than this share of the other's number
 IN_DEGREES = (3, 4)  # The first version of ArduCopter whose releases log RATE in degrees/s
 CENTIDEGREES = (15.0, 400.0)
@@ -59,6 +61,7 @@ CENTIDEGREES = (15.0, 400.0)
 gyro is not, so that it is less than 100 times as much."""
 MOVING_RATE, MIN_MOVING = 0.1, 20  # rad/s of the gyro from which a sample counts, and the samples that decide
 MAX_DEMAND = 2.0  # Demands of the range -1 to 1 lie below it, but for damaged ones
+MAX_VOLTAGE = 200.0  # V: no multirotor has more, and a battery of one cell has more hundredths
 OLD_DEMAND, OLD_THRUST = 4500.0, 1000.0  # Full demand and full thrust where they are not 1
 ARMED_EVENTS = {10: (0, ARMED), 15: (ARMED, ARMED), 11: (ARMED, 0)}
 """base_mode before and after ARMED, AUTO_ARMED and DISARMED."""
@@ -86,6 +89,7 @@ def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int
     attitude, named, notes = _attitude(tables, version)
     demands, scaled = _demands(tables)
     targets, asked = _targets(tables, version)
+    battery, measured = _battery(tables)
     position, positioned = _position(tables)
     messages = {
         "ATTITUDE": attitude,
@@ -93,13 +97,14 @@ def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int
         "ACTUATOR_CONTROL_TARGET": demands,
         "ATTITUDE_TARGET": targets,
         "RC_CHANNELS": _sticks(tables),
+        "SYS_STATUS": battery,
         "LOCAL_POSITION_NED": position,
         "VFR_HUD": _climb(tables),
         "HEARTBEAT": _heartbeats(tables, kind),
         "EXTENDED_SYS_STATE": _landed_states(tables),
     }
     names = {"ATTITUDE": named, "SERVO_OUTPUT_RAW": "RCOU", "ACTUATOR_CONTROL_TARGET": "RATE", "VFR_HUD": "CTUN"}
-    names |= {"LOCAL_POSITION_NED": positioned, "ATTITUDE_TARGET": asked, "RC_CHANNELS": "RCIN"}
+    names |= {"LOCAL_POSITION_NED": positioned, "ATTITUDE_TARGET": asked, "RC_CHANNELS": "RCIN", "SYS_STATUS": measured}
     there = {name: columns for name, columns in messages.items() if columns is not None and len(columns["time"])}
     return Translation(there, names, (*notes, *scaled))
 
@@ -171,6 +176,20 @@ def _sticks(tables: Mapping[str, Columns]) -> Columns | None:
     if not pulses:
         return None
     return _stamped(tables["RCIN"], "time_boot_ms", {f"chan{n}_raw": column for n, column in pulses.items()})
+
+
+def _battery(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
+    """SYS_STATUS of the first battery, with the decimals the message cuts off, and the name of its message."""
+    for name in BATTERIES:
+        logged = _having(tables, name, ("Volt",))
+        if logged is None:
+            continue
+        for field in ("Inst", "Instance", "I"):
+            logged = _instance(logged, field, 0) or logged
+        volts = _values(logged, ("Volt",))[:, 0]
+        hundredths = np.any(volts > 0) and np.nanmedian(volts[volts > 0]) > MAX_VOLTAGE
+        return _stamped(logged, "", {"voltage_battery": volts * (10.0 if hundredths else 1000.0)}), name
+    return None, BATTERIES[0]
 
 
 def _channels(tables: Mapping[str, Columns], name: str) -> dict[int, NDArray[np.uint16]]:

@@ -41,6 +41,7 @@ TOPICS = {
         "ACTUATOR_CONTROL_TARGET", "mavros_msgs/msg/ActuatorControl", ("group_mix", "controls[8]")
     ),
     "rc/in": MavrosTopic("RC_CHANNELS", "mavros_msgs/msg/RCIn", ("channels[18]",)),
+    "battery": MavrosTopic("SYS_STATUS", "sensor_msgs/msg/BatteryState", ("voltage",)),
     "setpoint_raw/target_attitude": MavrosTopic(
         "ATTITUDE_TARGET",
         "mavros_msgs/msg/AttitudeTarget",
@@ -78,6 +79,8 @@ def translated(message: str, fields: Fields, vehicle_autopilot: int) -> dict[str
     """The fields of one MAVLink message of ``TOPICS``, without its stamps, from those of its topic."""
     if message == "ATTITUDE_QUATERNION":
         return _attitude_quaternion(fields)
+    if message == "SYS_STATUS":
+        return {"voltage_battery": 1000.0 * fields["voltage"]}  # plugins/sys_status.cpp
     if message == "ATTITUDE_TARGET":
         return _attitude_target(fields)
     if message in ("SERVO_OUTPUT_RAW", "RC_CHANNELS"):
