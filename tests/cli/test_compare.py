@@ -201,7 +201,7 @@ def test_an_out_that_is_a_file_is_refused_before_the_work(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_ended_early_it_leaves_no_process_and_no_file(number, code, tmp_path):
     """The whole terminal's Ctrl-C or end, which reaches the workers too."""
     run = "import sys\nfrom mavdem.__main__ import run\nif __name__ == '__main__':\n    sys.exit(run())\n"

@@ -67,7 +67,7 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["info", str(FLIGHT), "--vehicle", "1:1:1"], "system and component as in 1:1"),
         (["learn", str(FLIGHT), "--out", "x", "--start", "nan"], "--start"),
         (["learn", str(FLIGHT), "--out", "x", "--train", "many"], "--train"),
-        (["info", str(FLIGHT), "--axis", "yaw"], "--axis"),
+        (["info", str(FLIGHT), "--axis", "heave"], "--axis"),
         (["info"], "SOURCE"),
         (["infos"], "infos"),
         (["--colour"], "--colour"),
@@ -175,7 +175,7 @@ def test_a_closed_pipe_is_no_error():
 @pytest.mark.slow
 def test_a_terminal_without_unicode_gets_its_answer(tmp_path):
     environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    words = [*MAVDEM, "learn", FLIGHT, "--out", tmp_path]
+    words = [*MAVDEM, "learn", FLIGHT, "--train", "700", "--out", tmp_path]
     done = subprocess.run(words, capture_output=True, env=environment, timeout=60)
     assert done.returncode == 0, done.stderr
     assert done.stdout.isascii()

@@ -19,6 +19,8 @@ from mavdem.live import LiveStream
 from mavdem.live.phase import HALF_AVERAGING_SECONDS, MIN_UPDATE_SECONDS
 
 RECORDED = sorted(SAMPLES.glob("*.tlog")) + sorted(SHARED.glob("sitl_*/*.tlog")) + sorted(SHARED.glob("logs/*.tlog"))
+AS_ANOTHER = "ardupilot_calm", "ardupilot_wind6_gusts", "ardupilot_wind5_gustmoment_strong", "px4_calm"
+"""Flown as another of the recorded flights is, in other wind."""
 TWO_VEHICLES = "px4_two_vehicles_gcslink"
 NO_CLIMB = "ap_motor"
 """Without a vertical speed: offline, a descent is settled but for its end; live, not in a mode that lands."""
@@ -78,7 +80,7 @@ def test_only_what_is_settled_is_called_so():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_what_comes_of_it_does_not_depend_on_how_the_bytes_are_cut(seed):
     frames = Flight().frames(end=18.0)
     whole, pieces = replay(frames), replay(cut(frames, seed))
@@ -158,7 +160,9 @@ def test_a_sample_flight_gives_what_it_gives_offline(path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "path", [path for path in RECORDED[3:] if path.stem not in (TWO_VEHICLES, NO_CLIMB)], ids=lambda path: path.stem
+    "path",
+    [path for path in RECORDED[3:] if path.stem not in (TWO_VEHICLES, NO_CLIMB, *AS_ANOTHER)],
+    ids=lambda path: path.stem,
 )
 def test_a_recorded_flight_gives_what_it_gives_offline(path):
     if "SUBMARINE" in {vehicle.vehicle for vehicle in read_log(path).vehicles}:
@@ -188,7 +192,6 @@ def test_of_two_vehicles_none_is_guessed():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2))
-def test_a_recorded_flight_in_random_pieces_is_the_same(seed):
+def test_a_recorded_flight_in_random_pieces_is_the_same():
     frames = recorded(SAMPLES / "px4_wind5_steps.tlog")
-    np.testing.assert_array_equal(replay(cut(frames, seed)).table(), replay(frames).table())
+    np.testing.assert_array_equal(replay(cut(frames, 0)).table(), replay(frames).table())

@@ -693,8 +693,8 @@ def test_a_viewer_that_hangs_holds_up_the_end_for_seconds_only(tmp_path: Path) -
     viewer = serving(port)
     try:
         until(lambda: not socket.socket().connect_ex(("127.0.0.1", port)))
-        flight = Flying(tmp_path, f"rerun+http://127.0.0.1:{port}/proxy", 1500)
-        until(lambda: flight.rows > 700)
+        flight = Flying(tmp_path, f"rerun+http://127.0.0.1:{port}/proxy", 600)
+        until(lambda: flight.rows > 300)
         os.killpg(viewer.pid, signal.SIGSTOP)
         assert flight.process.wait(PATIENCE) == 0
         assert "does not respond" in flight.printed[-1]
