@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from mavdem.alignment.columns import MAX_BODY_RATE
 from mavdem.alignment.drive import DEMAND_MESSAGE, TILT_AXES
 from mavdem.alignment.quality import QualityFigures
-from mavdem.alignment.signals import MAX_BODY_RATE, MINIMUM_RATE, Signals, usual_rate
+from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 
 DOUBTFUL_SNR = 20.0
 """Variance of a signal over that of its rounding, for the motors' command and for the outputs' changes. Rounding what

@@ -13,6 +13,10 @@ from mavdem.ingest.telemetry import Columns, Telemetry
 FREQUENT_ENOUGH = 0.9
 """A preferred message gives way to another only when it comes less often than this share of the other's count."""
 
+MAX_ANGLE = 2 * np.pi  # rad: no Euler angle lies beyond, whatever the convention
+MAX_BODY_RATE = np.radians(4000.0)
+"""rad/s: beyond the range of the gyroscopes that autopilots carry, 2000 °/s and at most 4000."""
+
 
 @dataclass(frozen=True, eq=False)
 class Signal:

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.alignment.columns import Signal, floats, in_order, message_counts, preferred_message
+from mavdem.alignment.columns import MAX_BODY_RATE, Signal, floats, in_order, message_counts, preferred_message
 from mavdem.ingest.mavlink.euler import euler_angles
 from mavdem.ingest.telemetry import Columns, Telemetry
 
@@ -68,6 +68,7 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
     if targets is not None:
         ignored = _ignored(targets)
         rates = np.where(ignored & IGNORED_RATES[axis], np.nan, floats(targets, RATE_FIELDS[axis]))
+        rates[np.abs(rates) > MAX_BODY_RATE] = np.nan
         found.append((f"{axis} rate setpoint", "rad/s", TARGET_MESSAGE, targets, rates))
         if axis != "yaw":
             angles = np.where(ignored & IGNORED_ATTITUDE, np.nan, _angles(targets, axis))

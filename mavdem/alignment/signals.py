@@ -13,7 +13,16 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.alignment.columns import Signal, by_preference, floats, in_order, message_counts, preferred_message
+from mavdem.alignment.columns import (
+    MAX_ANGLE,
+    MAX_BODY_RATE,
+    Signal,
+    by_preference,
+    floats,
+    in_order,
+    message_counts,
+    preferred_message,
+)
 from mavdem.alignment.drive import AXES, INPUTS, TILT_AXES, Motors, demand, motors, thrust_demand
 from mavdem.alignment.setpoints import Setpoint, setpoints
 from mavdem.ingest.mavlink.definitions import enum_name
@@ -28,14 +37,12 @@ BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
 """Messages with the battery's voltage, the preferred first. They have no stamp of their own, and get the time of the
 message before them: a few ms, for a quantity that changes over seconds."""
 NO_CELL = 65535  # mV of a cell, or battery, that is not measured
-LEAST_VOLTAGE = 1.0  # V: below, there is no battery monitor, or the simulator has no battery
+LEAST_VOLTAGE, MOST_VOLTAGE = 1.0, 1000.0
+"""V: below, there is no battery monitor, or the simulator has no battery; above, the message is damaged."""
 MINIMUM_RATE = 40.0
 """Hz, of attitude and of motors. Ten times the roughly 4 Hz at which a multirotor's roll loop crosses over, and what is
 left of a 50 Hz stream on a link that loses a fifth. On recorded flights motors add nothing to a forecast at 1-10 Hz and
 do at 50."""
-MAX_ANGLE = 2 * np.pi  # rad: no Euler angle lies beyond, whatever the convention
-MAX_BODY_RATE = np.radians(4000.0)
-"""rad/s: beyond the range of the gyroscopes that autopilots carry, 2000 °/s and at most 4000."""
 
 
 Inputs = TypeVar("Inputs")
@@ -230,7 +237,7 @@ def voltage(telemetry: Telemetry) -> Signal | None:
         columns = telemetry.messages[message]
         volts = _of_cells(columns) if message == "BATTERY_STATUS" else floats(columns, "voltage_battery")
         volts = np.where(volts == NO_CELL, np.nan, volts) / 1000
-        there = volts >= LEAST_VOLTAGE
+        there = (volts >= LEAST_VOLTAGE) & (volts <= MOST_VOLTAGE)
         time, boot, table, _ = in_order(columns["time"][there], columns["boot"][there], volts[there, None])
         if len(time):
             return Signal(time, boot, table[:, 0])

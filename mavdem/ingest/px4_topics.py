@@ -275,7 +275,8 @@ def _manual_control(topics: Topics) -> dict[str, NDArray[Any]] | None:
     if not all(field in sticks for field in fields.values()):
         return None
     valid = sticks.get("valid", np.ones(len(sticks["time"]))).astype(np.bool_)
-    columns = {ours: np.where(valid, STICK_RANGE * sticks[field], NO_STICK) for ours, field in fields.items()}
+    shares = {ours: sticks[field].astype(np.float64) for ours, field in fields.items()}
+    columns = {name: np.where(valid, STICK_RANGE * share, NO_STICK) for name, share in shares.items()}
     return {"time": sticks["time"], **columns}
 
 
@@ -283,7 +284,9 @@ def _sys_status(topics: Topics) -> dict[str, NDArray[Any]] | None:
     """SYS_STATUS.hpp: battery_status, mV, with the decimals the message cuts off."""
     battery = _first(topics, "battery_status") or {}
     field = next((name for name in ("voltage_v", "voltage_filtered_v") if name in battery), None)
-    return None if field is None else {"time": battery["time"], "voltage_battery": 1000.0 * battery[field]}
+    if field is None:
+        return None
+    return {"time": battery["time"], "voltage_battery": 1000.0 * battery[field].astype(np.float64)}
 
 
 def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]] | None:

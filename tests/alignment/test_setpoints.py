@@ -88,6 +88,14 @@ def test_an_attitude_that_is_no_quaternion_is_no_setpoint():
     assert [one.unit for one in setpoints(changed(telemetry, "ATTITUDE_TARGET", q=zero), "roll")] == ["rad/s"]
 
 
+def test_a_rate_that_no_gyroscope_measures_is_no_setpoint():
+    telemetry = with_targets(end=60.0)
+    rates = telemetry.messages["ATTITUDE_TARGET"]["body_roll_rate"].copy()
+    rates[[3, 5]] = 1e30, np.inf
+    (rate, _) = setpoints(changed(telemetry, "ATTITUDE_TARGET", body_roll_rate=rates), "roll")
+    assert len(rate.signal.time) == len(rates) - 2
+
+
 def test_before_the_first_and_long_after_the_last_nothing_is_known():
     flight = flight_of(with_targets(start=20.0, end=30.0))
     known = np.isfinite(flight.setpoints[:, 0])
