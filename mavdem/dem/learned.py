@@ -24,6 +24,7 @@ from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecasts import Forecasts, TrainingForecasts
 from mavdem.dem.graybox import Physical, physical
 from mavdem.dem.graybox.simulation import simulated
+from mavdem.dem.graybox.wind import WindTorque, wind
 from mavdem.dem.record import Record, required_steps
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.selection import Candidate
@@ -159,6 +160,20 @@ class Learned:
         try:
             return physical(self.record if self.given is None else self.given)
         except ValueError:
+            return None
+
+    @cached_property
+    def wind(self) -> WindTorque | None:
+        """The wind's torque in all that was given, by :attr:`physical`; ``None`` where that is ``None``.
+
+        Its size is as uncertain as the motors' effect: ``wind.scale_error``, and ``physical.reasons["effect"]``. See
+        :func:`mavdem.dem.graybox.wind.wind`.
+        """
+        if self.physical is None:
+            return None
+        try:
+            return wind(self.physical, self.record if self.given is None else self.given)
+        except ValueError:  # LinAlgError is one
             return None
 
     @may_overflow

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.dem import Learned, Physical
+from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.validation import LEVEL
@@ -74,6 +74,7 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
         },
         "trajectories": _simulation_fit(learned.simulation_fit),
         "physical": _physical(learned.physical),
+        "wind": _wind(learned.wind),
         "candidates": [
             {
                 "window": learned.settings.window,
@@ -108,6 +109,30 @@ def _physical(read: Physical | None) -> dict[str, Any] | None:
         "refinements": read.refinements,
         "windows": {name: column.tolist() for name, column in read.windows._asdict().items()},
     }
+
+
+def _wind(found: WindTorque | None) -> dict[str, Any] | None:
+    """The wind's torque as numbers, rad/s²; ``None`` for shares that are not known."""
+    if found is None:
+        return None
+    return {
+        "mean": found.mean,
+        "mean_band": found.mean_band,
+        "sd": found.sd,
+        "scale_error": found.scale_error,
+        "resolved": found.resolved,
+        "reason": found.reason,
+        "answered": _or_none(found.answered),
+        "answered_below_1_hz": _or_none(found.answered_slow),
+        "gusts": [gust._asdict() for gust in found.gusts],
+        "gust_threshold": found.gust_threshold,
+        "false_gusts_per_minute": found.false_gusts_per_minute,
+        "spectrum": {name: values.tolist() for name, values in found.spectrum._asdict().items()},
+    }
+
+
+def _or_none(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def _simulation_fit(fit: SimulationFit | None) -> dict[str, Any] | None:

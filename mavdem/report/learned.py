@@ -29,6 +29,7 @@ from mavdem.report.names import (
 MAX_NAMED, MIN_WEIGHT = 4, 0.3
 """Of a combination of parameters that is not identifiable: how many are named at most, and from what share of the
 largest weight."""
+UNCERTAIN_SCALE = 0.15  # standard deviation of the wind's size, relative, from which on it is said
 
 
 def learned_report(report: dict[str, Any], train: Flight, test: Flight, learned: Learned) -> list[Sentence | Table]:
@@ -59,6 +60,7 @@ def learned_report(report: dict[str, Any], train: Flight, test: Flight, learned:
         _prediction(report["prediction"], train),
         *_model(train, learned),
         *_physical(train, learned),
+        *_wind(learned),
         Sentence(
             f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}."
             f"{_convergence(learned) if learned.simulation_fit is None else ''}",
@@ -290,6 +292,39 @@ def _plus_minus(value: float, half: float) -> str:
 
 def _listed(words: Sequence[str]) -> str:
     return ", ".join(words[:-1]) + f" and {words[-1]}" if len(words) > 1 else "".join(words)
+
+
+def _wind(learned: Learned) -> list[Sentence]:
+    """The wind's torque: its level, size and gusts, and what of it the motors had answered."""
+    found, lead = learned.wind, "Wind's torque:"
+    if found is None:
+        return []
+    if found.reason is not None:
+        return [Sentence(found.reason, lead)]
+    unit = readable("rad/s²")
+    mean, half, sd = (unit.scale * value for value in (found.mean, found.mean_band, found.sd))
+    text = (
+        f"mean {mean:.3g} ± {half:.2g} {unit.name}, of equal motors and a centred load; standard deviation {sd:.3g} "
+        f"{unit.name}."
+    )
+    if found.scale_error > UNCERTAIN_SCALE:
+        text += f" Both are uncertain by {100 * found.scale_error:.0f} %, as the motor effect is."
+    if isfinite(found.answered) and isfinite(found.answered_slow):
+        text += (
+            f" The motors had answered {100 * found.answered:.0f} % of its variance, and "
+            f"{100 * found.answered_slow:.0f} % of that below 1 Hz."
+        )
+    count = len(found.gusts)
+    text += (
+        f" {count or 'No'} gust{'' if count == 1 else 's'} beyond {unit.scale * found.gust_threshold:.3g} {unit.name}"
+    )
+    if found.gusts:
+        largest = max(found.gusts, key=lambda gust: abs(gust.size))
+        text += (
+            f"; the largest {unit.scale * largest.size:.3g} {unit.name}, {largest.length:.2g} s long, "
+            f"{largest.start:.1f} s after the first sample"
+        )
+    return [Sentence(f"{text} (by chance {found.false_gusts_per_minute:.1g} a minute).", lead)]
 
 
 def _precision(learned: Learned) -> list[Sentence]:

@@ -19,7 +19,8 @@ from mavdem.dem.engine.linalg import one_thread, one_thread_if_free
 from mavdem.dem.engine.resumable import run_to_end
 from mavdem.dem.fitting import generalized
 from mavdem.dem.forecast.simulation_error import CONVERGED_NATS as NATS
-from mavdem.dem.online.learner import FIRST_LEARNING_SECONDS, HORIZONS, Estimate
+from mavdem.dem.online.estimate import Estimate
+from mavdem.dem.online.learner import FIRST_LEARNING_SECONDS, HORIZONS
 from mavdem.dem.online.memory import Memory, SlidingStatistics, engine_statistics
 from mavdem.dem.online.refit import _in_units
 from mavdem.dem.online.tracker import Tracker

@@ -10,7 +10,8 @@ import pytest
 from mavdem import Flight
 from mavdem.dem.graybox.coloured import FIRST_ORDER, SMOOTH, Coloured
 from mavdem.dem.graybox.gusts import THRESHOLD, gusts
-from mavdem.dem.graybox.plant import Plant, delayed, plant
+from mavdem.dem.graybox.likelihood import delayed
+from mavdem.dem.graybox.plant import Plant, plant
 from mavdem.dem.graybox.smoother import SteadyFilter
 from mavdem.dem.graybox.wind import _Spectra, wind
 from mavdem.dem.record import Record
@@ -155,6 +156,16 @@ def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
     assert np.all(unsure.band >= sure.band)
 
 
+def test_an_unknown_effect_leaves_the_course_resolved_where_motors_answer_the_wind():
+    known = Parameters(covariance=np.zeros((7, 7)))
+    known.covariance[:4, :4] = 0.8**2 * np.outer(EFFECT, EFFECT)
+    flight, torque = flown(10, 3000, known)
+    found = wind(known, Record.of(flight))
+    assert np.corrcoef(found.torque, torque)[0, 1] > 0.9
+    assert found.resolved
+    assert 0.4 < found.scale_error <= 0.8
+
+
 def test_segments_are_smoothed_each_for_itself():
     known = Parameters()
     flight, _ = flown(5, 2000, known)
@@ -195,7 +206,7 @@ def test_newton_metres_are_by_the_moment_of_inertia():
 def test_outputs_without_a_rate_have_no_wind():
     flight, _ = flown(9, 800, Parameters())
     with pytest.raises(ValueError, match="rate"):
-        wind(Parameters(), Record.of(Flight(flight.time, flight.inputs, flight.outputs[:, :1])))
+        wind(Parameters(), Record.of(Flight(flight.time, flight.inputs, flight.outputs[:, [0, 0]])))
 
 
 def test_the_answered_share_is_that_of_the_motors_that_follow_the_wind():

@@ -83,6 +83,10 @@ def test_the_report_is_plain_json_and_puts_the_best_first():
     reading = report["physical"]
     assert reading["effect"] == learned.physical.effect.tolist()
     assert reading["status"] == learned.physical.status
+    wind = report["wind"]
+    assert (wind["mean"], wind["sd"], wind["resolved"]) == (learned.wind.mean, learned.wind.sd, learned.wind.resolved)
+    assert wind["spectrum"]["density"] == learned.wind.spectrum.density.tolist()
+    assert len(wind["gusts"]) == len(learned.wind.gusts)
     for name, status in reading["status"].items():
         assert (reading["interval_90_percent"][name] is None) == (status == "not identifiable")
     predicted = report["prediction"]

@@ -11,6 +11,7 @@ from simulated import simulated
 
 import mavdem
 from mavdem import evaluate
+from mavdem.dem.graybox import DetectedGust
 from mavdem.dem.uncertainty import Direction
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.learned import _entry, _poles, learned_report
@@ -178,3 +179,24 @@ def test_it_says_how_far_ahead_predictions_without_the_inputs_are_worth_somethin
     report["prediction"]["half_explained_seconds"] = [0.2, 0.0]
     said = words(learned_report(report, TRAIN, TEST, learned))
     assert "of roll up to 0.2 s ahead, roll rate at no horizon, by predictions" in said
+
+
+def test_the_wind_s_torque_is_reported_or_why_it_is_not():
+    windy = simulated(samples=1500, wind=4.0, lag=0.05)
+    learned = mavdem.learn(windy[:1400], mavdem.Settings(window=9, parameter_precision=1.0))
+
+    def said(**changes: object) -> str:
+        changed = replace(learned)
+        changed.__dict__["physical"], changed.__dict__["wind"] = learned.physical, replace(learned.wind, **changes)
+        return words(
+            learned_report(evaluate.report(windy[:1400], windy[1400:], changed), windy[:1400], windy[1400:], changed)
+        )
+
+    known = said(reason=None, gusts=(DetectedGust(120, 1.2, 0.4, -9.0),), answered=0.5, answered_slow=0.9)
+    assert f"standard deviation {np.rad2deg(learned.wind.sd):.3g} °/s²" in known
+    assert "1 gust beyond" in known and "the largest -516 °/s², 0.4 s long, 1.2 s after" in known
+    assert "had answered 50 % of its variance, and 90 % of that below 1 Hz" in known
+    assert "No gusts" in said(reason=None, gusts=(), answered=float("nan"))
+    uncertain = said(reason=None, scale_error=0.4)
+    assert "uncertain by 40 %" in uncertain and "uncertain by" not in said(reason=None, scale_error=0.05)
+    assert "is not resolved" in said(resolved=False, reason="The wind's torque is not resolved: why.")

@@ -1,5 +1,7 @@
 """Gray-box model: physical parameters of the vehicle, with the wind as a coloured state."""
 
+from mavdem.dem.graybox.gusts import DetectedGust
 from mavdem.dem.graybox.parameters import Physical, physical
+from mavdem.dem.graybox.wind import WindTorque
 
-__all__ = ["Physical", "physical"]
+__all__ = ["DetectedGust", "Physical", "WindTorque", "physical"]

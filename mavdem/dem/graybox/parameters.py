@@ -172,7 +172,7 @@ def physical(train: UniformRecord | Sequence[UniformRecord]) -> Physical:
     record = Record.of(train)
     if not record.inputs.std(axis=0).any():
         raise ValueError("physical parameters need motors that move: all inputs are constant")
-    rate = _rate(record)
+    rate = rate_column(record)
     windows, starts, unit = _windows(record, rate)
     with one_thread():
         fits, refined = _chosen(windows, record.effect_directions)
@@ -180,7 +180,8 @@ def physical(train: UniformRecord | Sequence[UniformRecord]) -> Physical:
     return _result(whole, fits, windows, starts, unit)
 
 
-def _rate(record: Record) -> int:
+def rate_column(record: Record) -> int:
+    """Which output is the rate: the derivative of another, or the only one; ``ValueError`` where none is."""
     if record.outputs.shape[1] == 1:
         return 0
     pairs = derivative_pairs(record)

@@ -13,8 +13,6 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import Transition, discretize
 from mavdem.dem.graybox.coloured import Coloured
 
-MAX_DOUBLINGS = 40  # of the steps over which the filter becomes steady
-
 
 class Plant(NamedTuple):
     """x⁺ = Φ x + Γ₀ c + Γ₁ c⁺ + noise, with the state x = [rate, torque, wind's states] and the commanded torque c.
@@ -52,41 +50,3 @@ def plant(damping: float, lag: float, components: Sequence[tuple[Coloured, float
     flow = expm(np.block([[-A, drive], [np.zeros_like(A), A.T]]) * dt)
     process = step.state @ flow[:n, n:]
     return Plant(step, (process + process.T) / 2, wind, stationary)
-
-
-def delayed(inputs: Array, steps: float) -> tuple[Array, Array]:
-    """Commands (T − 1, r) as they act at the beginning and the end of each step, interpolated.
-
-    A command that reacts to a sample must not help to predict it: within a step the last command before it holds.
-    """
-    last = np.arange(len(inputs) - 1, dtype=np.float64)
-    ends = []
-    for place in (last - max(steps, 0.0), last + min(1 - steps, 0.0)):
-        whole = np.floor(place)
-        share = (place - whole)[:, None]
-        at = whole.astype(np.intp)
-        low, high = np.maximum(at, 0), np.clip(at + 1, 0, len(inputs) - 1)
-        ends.append((1 - share) * inputs[low] + share * inputs[high])
-    return ends[0], ends[1]
-
-
-def steady_covariance(F: Array, process: Array, noise: Array) -> Array:
-    """(b, n, n) of the predicted state, of the steady filter; the first state is measured with ``noise`` (b,).
-
-    By doubling of the steps (Anderson, "Second-order convergent algorithms for the steady-state Riccati equation",
-    International Journal of Control 28, 1978).
-    """
-    across, gained, P = np.swapaxes(F, 1, 2), np.zeros_like(F), process
-    gained[:, 0, 0] = 1 / noise
-    for _ in range(MAX_DOUBLINGS):
-        solved = np.linalg.inv(np.eye(F.shape[-1]) + gained @ P)
-        half = across @ solved
-        back = np.swapaxes(across, 1, 2)
-        doubled = P + back @ P @ solved @ across
-        gained = gained + half @ gained @ back
-        across = half @ across
-        done = np.abs(doubled - P).max() <= 1e-11 * np.abs(doubled).max()
-        P = (doubled + np.swapaxes(doubled, 1, 2)) / 2
-        if done:
-            break
-    return P

@@ -18,7 +18,8 @@ import numpy as np
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import recursion
-from mavdem.dem.graybox.plant import Plant, delayed, steady_covariance
+from mavdem.dem.graybox.likelihood import delayed, steady_covariance
+from mavdem.dem.graybox.plant import Plant
 
 NEGLIGIBLE = 1e-12  # of a variance: what is less of it no longer counts
 
@@ -65,6 +66,19 @@ class SteadyFilter(NamedTuple):
         closed[:, 0] -= gain
         return cls(plant, P, gain, variance, closed)
 
+    def predicted(self, commanded: Array, steps: float, rate: Array, first: Array) -> Array:
+        """(T, n) the states, each given the samples before it, from the ``first`` (n,) on; else as :meth:`smoothed`."""
+        early, late = delayed(commanded[:, None], steps)
+        pushes = early * self.plant.step.input_now[:, 0] + late * self.plant.step.input_next[:, 0]
+        return np.vstack([first, recursion(self.closed, pushes + rate[:-1, None] * self.gain, first)])
+
+    def weights(self, number: int) -> Array:
+        """(number,) of the innovations of a sample and of those after it, in the smoothed wind's torque there."""
+        found = np.zeros(number)
+        heard = _powers(self.closed, number)[:, 0] @ self.covariance @ self.plant.wind
+        found[: len(heard)] = heard / self.variance
+        return found
+
     def smoothed(self, commanded: Array, steps: float, rate: Array) -> SmoothedWind:
         """The wind's torque in a segment, from all of it.
 
@@ -78,9 +92,7 @@ class SteadyFilter(NamedTuple):
         """
         first = np.zeros(len(self.gain))
         first[:2] = rate.mean(), commanded[0]
-        early, late = delayed(commanded[:, None], steps)
-        pushes = early * self.plant.step.input_now[:, 0] + late * self.plant.step.input_next[:, 0]
-        predicted = np.vstack([first, recursion(self.closed, pushes + rate[:-1, None] * self.gain, first)])
+        predicted = self.predicted(commanded, steps, rate, first)
         errors, F, wind = rate - predicted[:, 0], self.variance, self.plant.wind
 
         powers = _powers(self.closed, len(rate))

@@ -20,9 +20,9 @@ from scipy.stats import norm
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox.coloured import Coloured
 from mavdem.dem.graybox.gusts import DetectedGust, gusts
+from mavdem.dem.graybox.parameters import rate_column
 from mavdem.dem.graybox.plant import plant
 from mavdem.dem.graybox.smoother import SteadyFilter
-from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
 from mavdem.dem.validation import LEVEL
 
@@ -35,7 +35,8 @@ spectrum that two components only approximate: chosen so that bands hold nine of
 other seeds than those of ``tools/validation/wind.py``."""
 
 MAX_ANSWER_SCATTER = 0.1  # of the answered share: with more, the motors do too much else for it to be known
-SPECTRUM_SECONDS = 8.0  # of the windows whose spectra are averaged
+SPECTRUM_SECONDS = 8.0  # of the windows whose spectra are averaged, with half of each in the next
+INDEPENDENT = 18 / 19  # of windows by Hann with half of each in the next, as many count (Welch, 1967)
 SLOW_HERTZ = 1.0  # below which the slow wind's answer counts
 
 
@@ -80,6 +81,8 @@ class WindTorque:
         mean: its mean, that of equal motors and a centred load.
         mean_band: likewise the half width for the mean.
         sd: the standard deviation of the wind's torque; the estimate's own is less, since smoothing shrinks it.
+        scale_error: standard deviation of the error of its size, relative: large where the motors' effect is not
+            identifiable, since motors that do more balance more.
         motors: (T,) the motors' torque about its mean.
         gusts: in order of time; none where the wind is not resolved.
         gust_threshold: rad/s² from the running level.
@@ -87,7 +90,7 @@ class WindTorque:
         spectrum: of the estimate and of the model.
         answered: share of its variance that the motors had cancelled; NaN where they steer too much for it to be known.
         answered_slow: likewise of its variance below 1 Hz.
-        resolved: whether its course is larger than its errors.
+        resolved: whether its course is larger than its errors, but for those of its size.
         reason: why not, one sentence; ``None`` where it is.
         dt: sampling step, s.
     """
@@ -97,6 +100,7 @@ class WindTorque:
     mean: float
     mean_band: float
     sd: float
+    scale_error: float
     motors: Array
     gusts: tuple[DetectedGust, ...]
     gust_threshold: float
@@ -141,29 +145,33 @@ def wind(physical: PlantParameters, record: Record) -> WindTorque:
         ValueError: no output is the rate of another.
         numpy.linalg.LinAlgError: there is no steady filter for these parameters.
     """
-    pairs = derivative_pairs(record)
-    if not pairs:
-        raise ValueError("the wind's torque needs an angle and its rate: no output is the derivative of another")
-    column = pairs[0][1]
+    column = rate_column(record)
     theta = np.array([*physical.effect, physical.damping, physical.lag, physical.delay])
     with one_thread():
-        course = _course(theta, physical, record, column)
+        torques = _torques(theta, physical, record, column)
         nudges = RELATIVE_STEP * np.maximum(np.abs(theta), RELATIVE_STEP)
         slopes = np.array(
             [
-                (_course(theta + nudge, physical, record, column).torque - course.torque) / nudge.sum()
+                (_torques(theta + nudge, physical, record, column).torque - torques.torque) / nudge.sum()
                 for nudge in np.diag(nudges)
             ]
         )
-    size, levels = float(course.torque.var()), slopes.mean(axis=1)
+    size, levels = float(torques.torque.var()), slopes.mean(axis=1)
     covariance = physical.covariance.copy()
     covariance[-2, -2] += (LAG_ERROR * physical.lag) ** 2
-    own = course.variance + WIND_ERROR**2 * size
+    own = torques.variance + WIND_ERROR**2 * size
 
     def with_parameters(slopes: Array) -> Array:
         return np.asarray(own + np.einsum("it,ij,jt->t", slopes, covariance, slopes))
 
-    variance, error = with_parameters(slopes), float(with_parameters(slopes - levels[:, None]).mean())
+    variance = with_parameters(slopes)
+    # Motors that do more, and balance more: an error of the size alone leaves the course as it is. Where the motors do
+    # more than balance the wind, as in steering, no more of it counts as one of the size.
+    moving, moved = slopes - levels[:, None], torques.torque - torques.torque.mean()
+    scales = moving @ moved / (len(moved) * size)
+    scales[-3:] = 0.0
+    scales /= max(1.0, abs(float(theta @ scales)))
+    error = float(with_parameters(moving - np.outer(scales, moved)).mean())
     resolved = error < MAX_ERROR_SHARE * size
     reason = None
     if not resolved:
@@ -171,18 +179,19 @@ def wind(physical: PlantParameters, record: Record) -> WindTorque:
             f"The wind's torque is not resolved: errors of about {np.sqrt(error):.2g} rad/s² are expected in an "
             f"estimate of standard deviation {np.sqrt(size):.2g} rad/s²."
         )
-    spectra = _spectra(course, record)
+    spectra = _spectra(torques, record)
     spectrum = WindSpectrum(spectra.frequency, spectra.wind, _model_density(physical, spectra.frequency))
     width = float(norm.ppf(0.5 + LEVEL / 2))
     band = width * np.sqrt(variance)
-    found = gusts(course.torque, band, record)
+    found = gusts(torques.torque, band, record)
     return WindTorque(
-        torque=course.torque,
+        torque=torques.torque,
         band=band,
-        mean=float(course.torque.mean()),
+        mean=float(torques.torque.mean()),
         mean_band=width * float(np.sqrt(levels @ covariance @ levels)),
-        sd=float(np.sqrt(size + course.variance.mean())),
-        motors=course.motors,
+        sd=float(np.sqrt(size + torques.variance.mean())),
+        scale_error=float(np.sqrt(scales @ covariance @ scales)),
+        motors=torques.motors,
         gusts=found.found if resolved else (),
         gust_threshold=found.threshold,
         false_gusts_per_minute=found.false_per_minute,
@@ -195,31 +204,39 @@ def wind(physical: PlantParameters, record: Record) -> WindTorque:
     )
 
 
-def _course(theta: Array, physical: PlantParameters, record: Record, column: int) -> _Torques:
+def _torques(theta: Array, physical: PlantParameters, record: Record, column: int) -> _Torques:
     """With effect, damping, lag and delay ``theta`` (r + 3,), of the rate in a ``column`` of the outputs."""
     effect, (damping, lag, delay) = theta[:-3], theta[-3:].tolist()
     of = SteadyFilter.of(plant(damping, lag, physical.components, record.dt), physical.noise)
     trim = record.inputs.mean(axis=0)
-    level = -float(trim @ _balancing(effect, record.effect_directions))
+    level = balanced(effect, trim, record.effect_directions)
     parts = []
     for inputs, outputs in record.segments:
         rate, commanded = outputs[:, column], (inputs - trim) @ effect
         # What is steady acts like a steady command; about it the wind's mean is 0.
-        steady = float((rate[-1] - rate[0]) / (len(rate) * record.dt) + damping * rate.mean() - commanded.mean())
-        smoothed = of.smoothed(commanded + steady, delay / record.dt, rate)
-        parts.append((smoothed.mean + steady + level, smoothed.variance, smoothed.motors - steady))
+        constant = steady(rate, commanded, damping, record.dt)
+        smoothed = of.smoothed(commanded + constant, delay / record.dt, rate)
+        parts.append((smoothed.mean + constant + level, smoothed.variance, smoothed.motors - constant))
     torque, variance, motors = (np.concatenate(each) for each in zip(*parts, strict=True))
     return _Torques(torque, variance, motors)
 
 
-def _balancing(effect: Array, directions: Array | None) -> Array:
-    """(r,) the effect of motors that are equal: along the mixer's directions, or without what all have in common.
+def steady(rate: Array, commanded: Array, damping: float, dt: float) -> float:
+    """The mean torque, rad/s², that a segment's rate (T,) has besides the ``commanded`` torque (T,)."""
+    return float((rate[-1] - rate[0]) / (len(rate) * dt) + damping * rate.mean() - commanded.mean())
 
-    The common command lifts the vehicle. A single input is the torque's own command, and 0 is none.
+
+def balanced(effect: Array, trim: Array, directions: Array | None) -> float:
+    """The wind's torque, rad/s², that inputs ``trim`` (r,) of motors with this ``effect`` (r,) balance.
+
+    Of motors that are equal: along the mixer's ``directions`` (r,), or, where these are not known, without what all
+    have in common, since the common command lifts the vehicle. A single input is the torque's own command.
     """
     if directions is not None:
-        return directions * (directions @ effect) / (directions @ directions)
-    return effect - effect.mean() if len(effect) > 1 else effect
+        effect = directions * (directions @ effect) / (directions @ directions)
+    elif len(effect) > 1:
+        effect = effect - effect.mean()
+    return -float(trim @ effect)
 
 
 class _Spectra(NamedTuple):
@@ -229,7 +246,7 @@ class _Spectra(NamedTuple):
     wind: Array
     answer: Array
     across: Array
-    windows: float
+    windows: float  # independent ones
 
     def answered(self, highest: float) -> float:
         """Share of the wind's variance up to a frequency, Hz, that the motors' torque cancels.
@@ -248,21 +265,21 @@ class _Spectra(NamedTuple):
         return 1 - (left - scatter) / all_of_it if all_of_it else float("nan")
 
 
-def _spectra(course: _Torques, record: Record) -> _Spectra:
+def _spectra(torques: _Torques, record: Record) -> _Spectra:
     """By Welch's method, of windows of ``SPECTRUM_SECONDS``, or as long as the longest segment."""
     length = min(round(SPECTRUM_SECONDS / record.dt), record.longest)
     total, windows, frequency = np.zeros((3, length // 2 + 1), complex), 0.0, np.zeros(length // 2 + 1)
     cuts = record.starts[1:]
-    for torque, motors in zip(np.split(course.torque, cuts), np.split(-course.motors, cuts), strict=True):
+    for torque, motors in zip(np.split(torques.torque, cuts), np.split(-torques.motors, cuts), strict=True):
         if len(torque) < length:
             continue
-        weight = len(torque) / length
+        weight = 2 * len(torque) // length - 1
         for own, (one, other) in zip(total, ((torque, torque), (motors, motors), (torque, motors)), strict=True):
             frequency, density = csd(one, other, 1 / record.dt, nperseg=length, detrend=detrend)
             own += weight * density
         windows += weight
     wind, answer, across = total / windows
-    return _Spectra(frequency, wind.real, answer.real, across, windows)
+    return _Spectra(frequency, wind.real, answer.real, across, INDEPENDENT * windows)
 
 
 def _model_density(physical: PlantParameters, frequency: Array) -> Array:

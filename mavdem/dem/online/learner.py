@@ -9,21 +9,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import LinearModel
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import FEWEST_SAMPLES, learn
 from mavdem.dem.online.ahead import PredictionsAhead
 from mavdem.dem.online.bands import ErrorBands
+from mavdem.dem.online.estimate import Estimate
 from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.refit import OnlineRefit
 from mavdem.dem.online.surprise import Marks, Surprise
 from mavdem.dem.online.tracker import Tracker
+from mavdem.dem.online.wind import OnlineWind
 from mavdem.dem.record import LARGEST, SHORTEST_STEP
 from mavdem.dem.selection import choices, leaves_open
 from mavdem.dem.settings import CompleteSettings, Settings
@@ -39,72 +39,7 @@ FILTER_SECONDS = 1.0  # of samples, over which a new model's filter finds the st
 MAX_GAPS = 5  # in a row, after which ``dt`` is wrong rather than samples missing
 TOO_FEW = "there are not enough samples yet"
 FIRST_RUNS = "the first learning is still running"
-USEFUL_RATIO = 0.5  # of squared errors, below which a prediction is worth showing
 REFIT_STEP_SECONDS = 0.01  # of samples for one step of a refit, which takes about a millisecond
-
-
-class Estimate(NamedTuple):
-    """Predictions, model and disturbance as of a sample; NaN, or ``None``, where there is none yet.
-
-    H horizons, m outputs, n states, g noise precisions; physical units.
-
-    Attributes:
-        time: of the sample, s.
-        expected: (m,) the sample, predicted from those before it and from its own inputs.
-        expected_band: (m,) half width of its 90 % band: the quantile of the latest errors.
-        ahead_times: (H,) times of the next two, s: the learner's horizons from here.
-        ahead: (H, m) predictions of the samples then, inputs unknown: a mixture of a joint autoregression, the last
-            sample, the mean and the model, by their own past errors. From the first sample on, also without a model.
-        ahead_band: (H, m) likewise, of the errors of ``ahead``.
-        ahead_ratio: (H, m) squared error of ``ahead``, averaged over about 10 s, over that of the better of the last
-            sample held and the mean so far; NaN before errors are known.
-        seen: time of the next three, s: the centre of the latest embedding window.
-        free_energy: F(t) without the prior and entropy terms of θ and λ, which are the same at every sample and change
-            only with the model.
-        surprise: standardised drop of F(t) below the median of its last 10 s, in units of its 5 % quantile's: above 1
-            in about one of 20 samples without a change; tens to thousands of units with a failing motor.
-        disturbance: (n,) w of each state, in its unit per second; of a rate, rad/s².
-        free_energy_action: F̄ᵒ of the memory.
-        model: the current one.
-        model_sd: DEM's own posterior standard deviations of A, B and C; too small, see ``Learned.model_sd``.
-        log_precisions: (g,) λ of the noises.
-        until: time of the last sample the model was learnt from, s.
-        unusual: whether this sample is marked: surprise stays above what is usual in this flight. Without a change, one
-            mark in five minutes is expected; see ``mavdem.dem.online.surprise.Marks``.
-    """
-
-    time: float
-    expected: Array
-    expected_band: Array
-    ahead_times: Array
-    ahead: Array
-    ahead_band: Array
-    ahead_ratio: Array
-    seen: float
-    free_energy: float
-    surprise: float
-    disturbance: Array
-    free_energy_action: float
-    model: LinearModel | None
-    model_sd: LinearModel | None
-    log_precisions: Array
-    until: float
-    unusual: bool = False
-
-    @property
-    def useful(self) -> int | None:
-        """Index of the longest horizon with a mean ``ahead_ratio`` below ``USEFUL_RATIO``; ``None`` without one."""
-        places = np.flatnonzero(self.ahead_ratio.mean(axis=-1) < USEFUL_RATIO)
-        return int(places[-1]) if len(places) else None
-
-    def __repr__(self) -> str:
-        if self.model is None:
-            return f"<Estimate: at {self.time:.6g} s, no model yet>"
-        expected, band = (np.array2string(values, precision=3) for values in (self.expected, self.expected_band))
-        return (
-            f"<Estimate: at {self.time:.6g} s, expected {expected} ± {band}, surprise {self.surprise:.3g}, by a model "
-            f"learnt until {self.until:.6g} s>"
-        )
 
 
 class OnlineLearner:
@@ -175,6 +110,7 @@ class OnlineLearner:
         self._gaps = 0
         self._bands = ErrorBands(self.horizons, n_outputs, self._dt)
         self._ahead = PredictionsAhead(self._dt, block, self.horizons, n_inputs, n_outputs)
+        self._wind = OnlineWind(self._dt, block, executor, directions)
         self._surprise, self._marks = Surprise(self._dt), Marks(self._dt)
 
     def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike) -> Estimate:
@@ -201,7 +137,10 @@ class OnlineLearner:
             self._gaps = 0
         closed = self._memory.add(u, y, time)
         self._samples += 1
-        estimate = self._estimate(time, u, y)
+        torque = self._wind.update(u, y)
+        estimate = self._estimate(time, u, y)._replace(
+            wind_torque=torque[0], wind_torque_band=torque[1], wind_time=time - self._wind.delay
+        )
         self._last = time
         if closed:
             self._bands.update()
@@ -224,6 +163,7 @@ class OnlineLearner:
         if not self._memory.drop_since(time):
             return
         self._ahead.begin_with(self._memory.blocks)
+        self._wind.drop_since(time)
         if self._pending is not None:
             self._pending.cancel()
             self._pending, self._next_choice = None, self._samples
@@ -265,6 +205,7 @@ class OnlineLearner:
             self._remember()
         self._bands.end_segment()
         self._ahead.end_segment()
+        self._wind.end_segment()
         self._last = None
 
     def _estimate(self, time: float, u: Array, y: Array) -> Estimate:
@@ -303,6 +244,7 @@ class OnlineLearner:
     def _remember(self) -> None:
         """Learns from the block that was just closed; starts a refit, unless one is running."""
         self._ahead.add(self._memory.blocks[-1])
+        self._wind.add(self._memory.blocks[-1])
         if self._refit is not None:
             self._refit.statistics.add(self._memory.blocks[-1])
             if not self._refit.running:

@@ -6,6 +6,7 @@ When a new block is full the oldest one is dropped.
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,29 @@ class MemoryBlock(NamedTuple):
     outputs: Array
     begins: bool
     until: float
+
+
+def record_of(blocks: Iterable[MemoryBlock], dt: float, effect_directions: Array | None) -> Record:
+    """The samples of consecutive blocks, of which there is one at least, every ``dt`` seconds."""
+    blocks = list(blocks)
+    lengths: list[int] = []
+    for block in blocks:
+        if block.begins or not lengths:
+            lengths.append(0)
+        lengths[-1] += len(block.outputs)
+    inputs = np.concatenate([block.inputs for block in blocks])
+    outputs = np.concatenate([block.outputs for block in blocks])
+    return Record(inputs, outputs, dt, tuple(lengths), effect_directions)
+
+
+def drop_since(blocks: deque[MemoryBlock], time: float) -> bool:
+    """Drops the latest blocks that end after ``time``, s, of the same clock; returns whether there were any."""
+    latest, dropped = np.inf, 0
+    # Where time goes back, another boot begins.
+    while blocks and time < blocks[-1].until < latest:
+        latest = blocks.pop().until
+        dropped += 1
+    return dropped > 0
 
 
 class Memory:
@@ -69,23 +93,11 @@ class Memory:
 
     def drop_since(self, time: float) -> bool:
         """Drops the latest blocks that end after ``time``, s, of the same clock; returns whether there were any."""
-        latest, dropped = np.inf, 0
-        # Where time goes back, another boot begins.
-        while self.blocks and time < self.blocks[-1].until < latest:
-            latest = self.blocks.pop().until
-            dropped += 1
-        return dropped > 0
+        return drop_since(self.blocks, time)
 
     def record(self) -> Record:
         """The samples of all blocks, of which there is one at least."""
-        lengths: list[int] = []
-        for block in self.blocks:
-            if block.begins or not lengths:
-                lengths.append(0)
-            lengths[-1] += len(block.outputs)
-        inputs = np.concatenate([block.inputs for block in self.blocks])
-        outputs = np.concatenate([block.outputs for block in self.blocks])
-        return Record(inputs, outputs, self._dt, tuple(lengths), self._effect_directions)
+        return record_of(self.blocks, self._dt, self._effect_directions)
 
     def latest(self, number: int) -> tuple[Array, Array]:
         """Inputs and outputs of so many of the latest samples since the last gap; fewer where there are fewer.

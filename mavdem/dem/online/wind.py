@@ -1,0 +1,209 @@
+"""OnlineWind: the wind's torque of a stream, a stated delay after it acted.
+
+The physical parameters are fitted now and then, by the learner's executor, to the latest minute. In between a steady
+filter follows the samples; a fixed-lag smoother adds what the innovations of the samples after it say of the wind at an
+earlier one. Its weights are the first of those of the smoother of a whole record.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from concurrent.futures import CancelledError, Executor, Future
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import norm
+
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.graybox.likelihood import delayed
+from mavdem.dem.graybox.parameters import Physical, physical, rate_column
+from mavdem.dem.graybox.plant import plant
+from mavdem.dem.graybox.smoother import SteadyFilter
+from mavdem.dem.graybox.wind import balanced, steady, wind
+from mavdem.dem.online.memory import MemoryBlock, drop_since, record_of
+from mavdem.dem.record import Record
+from mavdem.dem.validation import LEVEL
+
+DELAY_SECONDS = 0.25  # of the wind's torque, behind the latest sample
+MEMORY_SECONDS = 60.0  # of the latest samples, which the physical parameters are fitted to
+FIRST_FIT_SECONDS, LONGEST_PAUSE_SECONDS = 8.0, 20.0
+"""Of samples before the first fit; and between fits at most, each otherwise with twice as many samples as the last."""
+FILTER_SECONDS = 1.0  # of samples, over which the filter finds the state
+
+
+class WindFilter(NamedTuple):
+    """Physical parameters as filter and fixed-lag smoother.
+
+    Attributes:
+        physical: what it is made from.
+        steady: the filter.
+        weights: (lag + 1,) of the innovations of a sample and those after it, in the wind's torque there.
+        trim: (r,) of the inputs.
+        constant: torque that acts besides the commands, rad/s².
+        level: what is added to the torque that the filter finds, rad/s².
+        column: of the rate, in the outputs.
+        half_width: of the 90 % band, rad/s².
+    """
+
+    physical: Physical
+    steady: SteadyFilter
+    weights: Array
+    trim: Array
+    constant: float
+    level: float
+    column: int
+    half_width: float
+
+
+def wind_filter(record: Record) -> WindFilter:
+    """Fitted to a record; the band is wider than that of the whole record by what later samples would add.
+
+    Raises:
+        ValueError: no physical parameters can be fitted to it.
+        numpy.linalg.LinAlgError: there is no steady filter for them.
+    """
+    found, column = physical(record), rate_column(record)
+    whole = wind(found, record)
+    filtered = SteadyFilter.of(plant(found.damping, found.lag, found.components, record.dt), found.noise)
+    weights = filtered.weights(round(DELAY_SECONDS / record.dt) + 1)
+    inputs, outputs = record.segments[-1]
+    trim = record.inputs.mean(axis=0)
+    constant = steady(outputs[:, column], (inputs - trim) @ found.effect, found.damping, record.dt)
+    width = float(norm.ppf(0.5 + LEVEL / 2))
+    known = float(np.sum(filtered.weights(round(FILTER_SECONDS / record.dt)) ** 2) - np.sum(weights**2))
+    return WindFilter(
+        found,
+        filtered,
+        weights,
+        trim,
+        constant,
+        constant + balanced(found.effect, trim, record.effect_directions),
+        column,
+        width * float(np.sqrt(np.mean((whole.band / width) ** 2) + max(known, 0.0) * filtered.variance)),
+    )
+
+
+class _Tracked:
+    """The state of a filter along the samples of a segment."""
+
+    def __init__(self, of: WindFilter, dt: float, inputs: Array, outputs: Array) -> None:
+        """From the latest samples of the segment, (T, r) and (T, m), on."""
+        self._of, lag = of, len(of.weights)
+        self._steps = of.physical.delay / dt
+        self._least = round(FILTER_SECONDS / dt) + lag
+        commanded, rate = (inputs - of.trim) @ of.physical.effect + of.constant, outputs[:, of.column]
+        first = np.zeros(len(of.steady.gain))
+        first[:2] = rate[0], commanded[0]
+        states = of.steady.predicted(commanded, self._steps, rate, first)
+        self._state, self._number = states[-1], len(states)
+        self._commands = deque(commanded.tolist(), maxlen=int(np.ceil(self._steps)) + 3)
+        self._innovations = deque((rate - states[:, 0]).tolist(), maxlen=lag)
+        self._winds = deque((states @ of.steady.plant.wind).tolist(), maxlen=lag)
+
+    def add(self, inputs: Array, outputs: Array) -> None:
+        """Takes the next sample, (r,) and (m,)."""
+        of, filtered, step = self._of, self._of.steady, self._of.steady.plant.step
+        self._commands.append(float((inputs - of.trim) @ of.physical.effect) + of.constant)
+        early, late = delayed(np.array(self._commands)[:, None], self._steps)
+        self._state = step.state @ self._state + filtered.gain * self._innovations[-1]
+        self._state += step.input_now[:, 0] * early[-1] + step.input_next[:, 0] * late[-1]
+        self._innovations.append(float(outputs[of.column] - self._state[0]))
+        self._winds.append(float(filtered.plant.wind @ self._state))
+        self._number += 1
+
+    @property
+    def torque(self) -> tuple[float, float]:
+        """The wind's torque a lag before the latest sample, and its half width, rad/s²; NaN at the beginning."""
+        if self._number < self._least:
+            return np.nan, np.nan
+        of = self._of
+        return self._winds[0] + float(of.weights @ np.array(self._innovations)) + of.level, of.half_width
+
+
+class OnlineWind:
+    """Fits the physical parameters to the latest blocks of samples now and then, and follows the wind's torque.
+
+    Attributes:
+        filter: of the last fit; ``None`` before the first.
+    """
+
+    def __init__(self, dt: float, block: int, executor: Executor | None, effect_directions: Array | None) -> None:
+        """Begins without a sample.
+
+        Args:
+            dt: sampling step, s.
+            block: samples in a block.
+            executor: where the fits run; unless given, inside :meth:`add`.
+            effect_directions: (r,) relative effect of each input, where it is known.
+        """
+        self.filter: WindFilter | None = None
+        self._dt, self._executor, self._directions = dt, executor, effect_directions
+        self._blocks: deque[MemoryBlock] = deque(maxlen=max(1, round(MEMORY_SECONDS / dt / block)))
+        self._latest: deque[tuple[Array, Array]] = deque(maxlen=round((FILTER_SECONDS + DELAY_SECONDS) / dt) + 1)
+        self._tracked: _Tracked | None = None
+        self._pending: Future[WindFilter] | None = None
+        self._samples, self._next = 0, round(FIRST_FIT_SECONDS / dt)
+
+    @property
+    def delay(self) -> float:
+        """Of the torque behind the latest sample, s: ``DELAY_SECONDS`` in whole steps."""
+        return round(DELAY_SECONDS / self._dt) * self._dt
+
+    def update(self, inputs: Array, outputs: Array) -> tuple[float, float]:
+        """Takes the next sample, (r,) and (m,); returns the torque and its half width, rad/s², or NaN."""
+        self._latest.append((inputs, outputs))
+        self._samples += 1
+        if self._tracked is not None:
+            self._tracked.add(inputs, outputs)
+        else:
+            self._follow()
+        return (np.nan, np.nan) if self._tracked is None else self._tracked.torque
+
+    def end_segment(self) -> None:
+        """A gap follows."""
+        self._latest.clear()
+        self._tracked = None
+
+    def add(self, block: MemoryBlock) -> None:
+        """Keeps a block that was just closed; takes what was fitted meanwhile, and begins the next fit when due."""
+        self._blocks.append(block)
+        if self._pending is not None:
+            if not self._pending.done():
+                return
+            pending, self._pending = self._pending, None
+            self._adopt(pending)
+        if self._samples < self._next:
+            return
+        self._next = self._samples + min(self._samples, round(LONGEST_PAUSE_SECONDS / self._dt))
+        record = record_of(self._blocks, self._dt, self._directions)
+        if self._executor is None:
+            pending = Future()
+            try:
+                pending.set_result(wind_filter(record))
+            except (ValueError, np.linalg.LinAlgError) as error:
+                pending.set_exception(error)
+            self._adopt(pending)
+            return
+        try:
+            self._pending = self._executor.submit(wind_filter, record)
+        except RuntimeError:
+            return  # The executor is gone; the learner says so.
+
+    def drop_since(self, time: float) -> None:
+        """Drops the samples from ``time``, s, on: they were not what they seemed to be."""
+        if drop_since(self._blocks, time) and self._pending is not None:
+            self._pending.cancel()
+            self._pending = None
+
+    def _adopt(self, found: Future[WindFilter]) -> None:
+        try:
+            self.filter = found.result()
+        except (ValueError, RuntimeError, CancelledError):  # LinAlgError is a ValueError
+            return
+        self._follow()
+
+    def _follow(self) -> None:
+        """The filter from the latest samples on."""
+        if self.filter is not None and self._latest:
+            inputs, outputs = zip(*self._latest, strict=True)
+            self._tracked = _Tracked(self.filter, self._dt, np.array(inputs), np.array(outputs))
