@@ -1,140 +1,361 @@
 #!/usr/bin/env python
-"""Motor effect, damping and actuator lag of learnt models compared with simulated flights' truth; prints a table.
+"""Physical parameters compared with the truth of simulated flights, and those of recorded ones; prints tables.
 
-Each scenario is flown with several seeds and cut into windows of 700 samples. Where the rotors lag, the model has a
-hidden state: the motors' total effect on roll is B₁ − A₁₂ B₂ / A₂₂, and the lag is −1/A₂₂. "Inside" is the share of
-windows with the truth inside the model's 90 % interval (delta method). "Times the truth" is the median, for motors in
-the direction that rolls. The gray-box rows (`mavdem.dem.graybox`) are of the windows in which the physical parameters
-are identifiable, and of those in which they are not. With --steer the roll is excited as well.
+"Inside" is the share of 90 % intervals that hold the truth. Progress, each estimate and what is refused go to standard
+error.
 
-Usage: tools/validation/physical.py [--flights N] [--steer DEGREES] [--settings JSON] [SCENARIO]...
+The simulated flights are of each vehicle in each wind with each steering; rate and autopilot take turns, and three
+flights in ten have another thrust curve, lag, inertia and battery.
+
+Usage: tools/validation/physical.py simulated|recorded|crazyflie [--seed N] [--flights N] [--every K]
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
-from dataclasses import replace
-from typing import Any
+import struct
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
 from numpy.typing import NDArray
-from rich.progress import track
+from physical_flights import Case, cases, flown
 from scipy.stats import norm
-from scipy.stats import t as student
 
-import mavdem
-from mavdem.dem import Physical
-from mavdem.dem.engine.model import pack, unpack
-from mavdem.paper.flights import hover
-from sitl_scenarios.files import load
-from sitl_scenarios.scenario import Multisine
-from sitl_scenarios.simulation import fly
-from sitl_scenarios.truth import truth
+from mavdem import Flight, read_flight
+from mavdem.dem import Physical, physical
+from mavdem.errors import NotLearnable, Unreadable
+from mavdem.paper.flights import SHARED, recorded_flights
 
 Array = NDArray[np.float64]
 
-IDENTIFIABLE, NOT_IDENTIFIABLE = "gray-box, identifiable", "gray-box, not identifiable"
-
-SCENARIOS = ("iris_multisine", "iris_doublets", "iris_gusts", "iris_dryden", "hover_blower", "crazyflie_gusts")
-TRAIN, LEVEL = 700, 0.9
-
-
-def effect(A: Array, B: Array) -> Array:
-    """(r,) of the motors on the rate at steady state, rad/s² per µs."""
-    return np.asarray(B[1] - A[1, 2] * B[2] / A[2, 2] if len(A) > 2 else B[1])
+WINDOW_SECONDS = 7.0
+PARAMETERS = ("effect", "damping", "lag")
+STATUSES = ("reported", "biased", "not identifiable")
+LEVEL = 0.9
+WORST = 12  # reported effects that are listed
 
 
-def flown(name: str, seed: int, steer: float) -> tuple[mavdem.Flight, dict[str, float]]:
-    """A scenario's settled hover as the autopilot estimates it, with another seed, and its true parameters."""
-    scenario = load(name)
-    scenario = scenario.model_copy(update={"seed": scenario.seed + seed})
-    if steer:
-        multisine = Multisine(kind="multisine", sd=steer, lowest=0.2, highest=4.0, period=10.0)
-        scenario = scenario.model_copy(update={"excitation": multisine})
-    motion = fly(scenario)
-    flight = hover(scenario, motion)
-    known = truth(scenario, motion)
-    true = {
-        "motors": float(np.linalg.norm(known["roll_B"][1])),
-        "damping": float(known["roll_A"][1, 1]),
-        "lag": float(known["lag"][0]),
-    }
-    way = known["roll_B"][1] / true["motors"]
-    return mavdem.Flight(flight.time, flight.inputs @ np.outer(way, way), flight.outputs[:, 2:], dt=flight.dt), true
+def log(text: str) -> None:
+    click.echo(text, err=True)
 
 
-def read(physical: Physical) -> dict[str, tuple[float, float]]:
-    """Each physical parameter, and the half width of its interval, whether it is identifiable or not."""
-    motors = np.append(physical.motors, [0.0, 0.0])
-    size = float(np.linalg.norm(motors))
-    sds = [np.sqrt(motors @ physical.covariance @ motors) / size, *np.sqrt(physical.covariance.diagonal()[-2:])]
-    values = {"motors": size, "damping": -physical.damping, "lag": physical.lag}
-    halves = float(norm.ppf(0.5 + LEVEL / 2)) * np.array(sds)
-    return {name: (value, float(half)) for (name, value), half in zip(values.items(), halves, strict=True)}
+def table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    click.echo(f"{title}\n\n| {' | '.join(heads)} |\n|{'---|' * len(heads)}")
+    for row in rows:
+        click.echo(f"| {' | '.join(row)} |")
+    click.echo()
 
 
-def estimates(learned: mavdem.Learned) -> dict[str, tuple[float, float]]:
-    """Each parameter of the learnt model, and the half width of its interval."""
-    (n, r), m = learned.model.B.shape, len(learned.model.C)
-    theta = pack(learned.model.A, learned.model.B, learned.model.C)
-    scatter = learned.scatter
-    numbers: dict[str, Callable[[Array, Array], float]] = {
-        "motors": lambda A, B: float(np.linalg.norm(effect(A, B))),
-        "damping": lambda A, B: float(A[1, 1]),
-    }
-    if n > 2:
-        numbers["lag"] = lambda A, B: float(-1 / A[2, 2])
-    found = {}
-    for name, number in numbers.items():
-        value = number(*unpack(theta, n, r, m)[:2])
-        steps = 1e-6 * np.maximum(1e-3, np.abs(theta))
-        slope = [(number(*unpack(theta + step, n, r, m)[:2]) - value) / step.max() for step in np.diag(steps)]
-        if scatter is None:
-            found[name] = value, np.nan
+def mean_effect(found: Physical) -> tuple[float, float]:
+    """Mean magnitude over the motors, rad/s² per unit of input, and the half width of its interval."""
+    r = len(found.effect)
+    way = np.sign(found.effect) / r
+    mean = float(way @ found.effect)
+    if not found.identifiable:
+        return mean, np.nan
+    # Of all motors together: their errors are correlated, so that this is no mean of their half widths.
+    sd = float(np.sqrt(way @ found.covariance[:r, :r] @ way))
+    return mean, float(norm.ppf(0.5 + LEVEL / 2)) * sd + abs(found.bias * mean)
+
+
+def windows_of(flight: Flight) -> list[Flight]:
+    size = round(WINDOW_SECONDS / flight.dt)
+    return [flight[start : start + size] for start in range(0, len(flight) - size + 1, size)]
+
+
+# Simulated flights
+
+
+class Estimate(NamedTuple):
+    """What physical parameters of one window, or of a whole flight, are, and what they should be."""
+
+    case: Case
+    window: int | None
+    found: Physical
+    true: dict[str, Any]
+
+    def error(self, name: str) -> float:
+        """Relative."""
+        if name == "effect":
+            return float(mean_effect(self.found)[0] / np.abs(self.true["effect"]).mean() - 1)
+        return float(getattr(self.found, name) / np.atleast_1d(self.true[name])[0] - 1)
+
+    def inside(self, name: str) -> list[bool]:
+        """Whether intervals hold the truth: of damping or lag, of the mean effect ("mean"), of each motor's."""
+        if name == "mean":
+            mean, half = mean_effect(self.found)
+            return [bool(abs(mean - np.abs(self.true["effect"]).mean()) <= half)]
+        off = np.abs(getattr(self.found, name) - np.atleast_1d(self.true[name])[: 4 if name == "effect" else 1])
+        return [bool(each) for each in off <= getattr(self.found.interval(LEVEL), name)]
+
+    def __str__(self) -> str:
+        words = [
+            f"{name} {self.error(name):+.1%} {self.found.status[name]} {'in' if all(self.inside(name)) else 'out'}"
+            for name in PARAMETERS
+        ]
+        where = "whole" if self.window is None else f"window {self.window}"
+        more = {name: round(value, 2) for name, value in self.found.refinements.items()}
+        wind = f"wind {self.found.wind_share:.0%}"
+        return f"{self.case} | {where} | {' | '.join(words)} | {wind} | {more or ''} | {self.found.reasons['effect']}"
+
+
+def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
+    """Of all windows of each flight, and of the whole flight."""
+    for number, case in enumerate(bank, start=1):
+        log(f"{number} of {len(bank)}")
+        try:
+            flight = flown(case)
+        except (NotLearnable, Unreadable) as reason:
+            log(f"{case}: refused: {reason}")
             continue
-        sd = float(np.sqrt(np.array(slope) @ scatter.covariance @ np.array(slope)))
-        found[name] = value, float(student.ppf(0.5 + LEVEL / 2, scatter.freedom)) * sd
-    return found
+        for window, part in [(None, flight.flight), *enumerate(windows_of(flight.flight))]:
+            try:
+                found = physical(part)
+            except ValueError as reason:
+                log(f"{case}: refused: {reason}")
+                continue
+            estimate = Estimate(case, window, found, flight.true(part))
+            log(str(estimate))
+            yield estimate
 
 
-def cell(windows: list[tuple[dict[str, tuple[float, float]], dict[str, float]]], name: str) -> str:
-    """A parameter over the windows: its median over the truth, and how often its interval contains the truth."""
-    rows = [(*numbers[name], true[name]) for numbers, true in windows if name in numbers]
-    if not rows:
-        return "-"
-    value, half, truth = np.array(rows).T
-    return f"{np.median(value / truth):.2f}, {np.mean(abs(value - truth) <= half):.2f}"
+GROUPS: dict[str, Callable[[Case], bool]] = {
+    "none": lambda case: case.steering == "none",
+    "multisine, 3°": lambda case: case.steering == "multisine",
+    "multisine, 3°, 100 Hz or more": lambda case: case.steering == "multisine" and case.rate >= 100,
+    "doublets, 6°": lambda case: case.steering == "doublets",
+    "side steps, 2 m": lambda case: case.steering == "side steps",
+    "pilot's sticks, 4°": lambda case: case.steering == "sticks",
+    "all": lambda case: True,
+    "all, 50 Hz": lambda case: case.rate == 50,
+    "all, 100 Hz": lambda case: case.rate == 100,
+    "all, 200 Hz": lambda case: case.rate == 200,
+    "all, thrust curve, lag, inertia and battery varied": lambda case: bool(case.varied),
+}
+
+
+def share(of: Iterable[bool]) -> str:
+    found = list(of)
+    return f"{np.mean(found):.0%}" if found else "–"
+
+
+def by_steering(name: str, every: Sequence[Estimate]) -> list[list[str]]:
+    """Rows of the table of one parameter."""
+    rows = []
+    for label, belongs in GROUPS.items():
+        for whole in (False, True):
+            some = [each for each in every if belongs(each.case) and (each.window is None) == whole]
+            if not some:
+                continue
+            row = [label, "flights" if whole else "7 s", str(len(some))]
+            row += [f"{np.mean([each.found.status[name] == status for each in some]):.0%}" for status in STATUSES]
+            reported = [each for each in some if each.found.status[name] == "reported"]
+            for kind in (name, "mean") if name == "effect" else (name,):
+                row.append(share(held for each in reported for held in each.inside(kind)))
+            errors = np.array([each.error(name) for each in reported])
+            row += [f"{np.median(errors):+.0%}", f"{errors[np.argmax(abs(errors))]:+.0%}"] if reported else ["–", "–"]
+            biased = [each for each in some if each.found.status[name] == "biased"]
+            row.append(share(held for each in biased for held in each.inside(name)))
+            rows.append(row)
+    return rows
+
+
+def simulated(seed: int, flights: int, every: int) -> None:
+    """Share that is reported, and how often intervals hold the truth, by steering."""
+    found = list(estimates(cases(seed, flights, every)))
+    click.echo(f"{len({each.case.seed for each in found})} flights, seed {seed}.\n")
+    heads = ["steering", "of", "number", *STATUSES]
+    bars = {
+        "effect": "bars: 85–95 % inside; none off by more than 15 %; with 3° of multisine 60 % of windows and 90 % of "
+        "flights reported",
+        "damping": "bar: 85–95 % inside",
+        "lag": "bar: 85–95 % inside; truth: the mean of up and down",
+    }
+    for name, bar in bars.items():
+        insides = ["inside, each motor", "inside, mean"] if name == "effect" else ["inside"]
+        ends = ["median error of the reported", "worst", "inside, where biased"]
+        table(f"**{name.capitalize()}** ({bar})", [*heads, *insides, *ends], by_steering(name, found))
+    reported = [each for each in found if each.found.status["effect"] == "reported"]
+    worst = sorted(reported, key=lambda each: -abs(each.error("effect")))[:WORST]
+    rows = [
+        [
+            str(each.case),
+            "flight" if each.window is None else f"7 s, no. {each.window + 1}",
+            f"{each.error('effect'):+.1%}",
+            f"{each.found.wind_share:.0%}",
+        ]
+        for each in worst
+    ]
+    table("**Reported effects that are furthest off**", ["flight", "of", "error", "wind's share"], rows)
+
+
+# Recorded flights
+
+
+def other_logs() -> Iterator[tuple[str, Flight]]:
+    """Flights of the logs that ``recorded_flights`` has not: DataFlash, ULog, and those that others recorded."""
+    for path in sorted([*SHARED.glob("sitl_*/*"), *SHARED.glob("logs/*"), *SHARED.glob("real/*/*")]):
+        if "".join(path.suffixes[-2:]).lower().endswith((".bin", ".ulg", ".ulg.xz")):
+            try:
+                yield path.name, read_flight(path)
+            except (NotLearnable, Unreadable) as reason:
+                log(f"{path.name}: refused: {reason}")
+
+
+def cell(found: Physical, name: str) -> str:
+    """An estimate with its interval, marked unless it is reported."""
+    scale = 1e3 if name == "lag" else 1.0
+    value, half = mean_effect(found) if name == "effect" else _value(found, name)
+    mark = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}[found.status[name]]
+    return f"{scale * value:.3g} ± {scale * half:.2g}{mark}" if np.isfinite(half) else f"{scale * value:.3g}{mark}"
+
+
+def _value(found: Physical, name: str) -> tuple[float, float]:
+    return float(getattr(found, name)), float(getattr(found.interval(LEVEL), name))
+
+
+def row_of(label: Sequence[str], flight: Flight, found: Physical | ValueError) -> list[str]:
+    begin = [*label, f"{flight.dt * len(flight):.0f}", f"{1 / flight.dt:.0f}"]
+    if isinstance(found, ValueError):
+        return [*begin, str(found), *[""] * 5]
+    more = ", ".join(f"{name} {value:.2f}" for name, value in found.refinements.items())
+    estimates = [cell(found, name) for name in PARAMETERS]
+    return [*begin, *estimates, f"{found.wind_share:.0%}", f"{found.wind:.2g}", more]
+
+
+def tried(flight: Flight) -> Physical | ValueError:
+    try:
+        return physical(flight)
+    except ValueError as reason:
+        return reason
+
+
+def agreement(thirds: Sequence[Physical | ValueError]) -> str:
+    """Whether effects differ by no more than their intervals together."""
+    known = [each for each in thirds if isinstance(each, Physical) and each.identifiable]
+    if len(known) < 2:
+        return "–"
+    values, halves = np.array([mean_effect(each) for each in known]).T
+    off = np.abs(values[:, None] - values) / np.hypot(halves[:, None], halves)
+    return f"{'yes' if off.max() <= 1 else 'no'} ({np.ptp(values) / values.mean():.0%} apart)"
+
+
+HEADS = ("s", "Hz", "effect", "damping, 1/s", "lag, ms", "wind's share", "wind, rad/s²", "refinements")
+
+
+def recorded() -> None:
+    """Every recorded flight, whole and in thirds, where there are any (``mavdem.paper.flights.SHARED``)."""
+    rows, wholes = [], {}
+    for name, flight in chain(recorded_flights(), other_logs()):
+        log(name)
+        size = len(flight) // 3
+        thirds = [flight[number * size : (number + 1) * size] for number in range(3)]
+        found, of_thirds = tried(flight), [tried(each) for each in thirds]
+        if isinstance(found, Physical):
+            wholes[name] = found
+        rows.append([*row_of([name, "whole"], flight, found), agreement(of_thirds)])
+        for number, (part, each) in enumerate(zip(thirds, of_thirds, strict=True), start=1):
+            rows.append([*row_of(["", f"{number} of 3"], part, each), ""])
+    title = "**Recorded flights**: mean over the motors; (no): not identifiable; thirds agree: in their effects"
+    table(title, ["flight", "of", *HEADS, "thirds agree"], rows)
+    heavy = "ardupilot_inertia_wind5_steps"
+    if heavy in wholes:
+        mean, half = mean_effect(wholes[heavy])
+        ratios = []
+        for name, found in wholes.items():
+            if name.startswith("ardupilot_") and "inertia" not in name and not Path(name).suffix:
+                other, of_other = mean_effect(found)
+                ratio, off = mean / other, mean / other * np.hypot(half / mean, of_other / other)
+                ratios.append([name, found.status["effect"], f"{ratio:.2f} ± {off:.2f}"])
+        table(f"**Effect of {heavy} (doubled inertia) relative to**", ["flight", "its effect is", "ratio"], ratios)
+    ranked = ["ardupilot_calm", "ardupilot_wind5_turb", "ardupilot_wind5_gustmoment_strong"]
+    if set(ranked) <= set(wholes):
+        winds = [wholes[name].wind for name in ranked]
+        words = " < ".join(f"{name} {wind:.3g}" for name, wind in zip(ranked, winds, strict=True))
+        click.echo(f"Wind, rad/s², should be {words}: {'it is' if winds == sorted(winds) else 'it is not'}.")
+
+
+# The Crazyflie
+
+CRAZYFLIE = SHARED / "real" / "crazyflie" / "roll_pitch_excitation.usdlog"
+EXCITED = (56.0, 89.0)  # s of its clock
+AXES = {"roll": ("gyro.x", [-1.0, -1.0, 1.0, 1.0]), "pitch": ("gyro.y", [-1.0, 1.0, 1.0, -1.0])}
+EXPECTED = "318–403"  # rad/s² of roll per unit of one motor's command, by published thrust curves and inertia
+
+
+def usdlog(path: Path) -> dict[str, Array]:
+    """Columns of the fixed-frequency event of a Crazyflie's log, version 2, and ``time``, s; units as logged."""
+    data, at = path.read_bytes(), 1
+
+    def text() -> str:
+        nonlocal at
+        end = data.index(0, at)
+        at, begin = end + 1, at
+        return data[begin:end].decode()
+
+    def numbers(form: str) -> tuple[Any, ...]:
+        nonlocal at
+        found = struct.unpack_from(f"<{form}", data, at)
+        at += struct.calcsize(f"<{form}")
+        return found
+
+    _, kinds = numbers("HH")
+    forms: dict[int, str] = {}
+    names: dict[int, tuple[str, list[str]]] = {}
+    rows: dict[int, list[tuple[Any, ...]]] = {}
+    for _ in range(kinds):
+        (kind,) = numbers("H")
+        event, (count,) = text(), numbers("H")
+        # A variable is called name(letter).
+        variables = [text() for _ in range(count)]
+        forms[kind] = "Q" + "".join(each[-2] for each in variables)
+        names[kind], rows[kind] = (event, [each[:-3] for each in variables]), []
+    # A checksum, shorter than any event, ends it.
+    while at + struct.calcsize("<HQ") <= len(data):
+        (kind,) = numbers("H")
+        if at + struct.calcsize(f"<{forms[kind]}") > len(data):
+            break
+        rows[kind].append(numbers(forms[kind]))
+    kind = next(kind for kind, (event, _) in names.items() if event == "fixedFrequency")
+    columns = np.array(rows[kind]).T
+    return {"time": columns[0] / 1e6, **dict(zip(names[kind][1], columns[1:], strict=True))}
+
+
+def crazyflie() -> None:
+    """A Crazyflie 2.1 with roll and pitch excited, really flown, at three rates."""
+    logged = usdlog(CRAZYFLIE)
+    rows = []
+    for axis, (gyro, directions) in AXES.items():
+        for rate in (100.0, 200.0, 400.0):
+            time = np.arange(EXCITED[0] * rate, EXCITED[1] * rate) / rate
+            motors = [np.interp(time, logged["time"], logged[f"motor.m{motor}"] / 65535) for motor in range(1, 5)]
+            turning = np.radians(np.interp(time, logged["time"], logged[gyro]))
+            flight = Flight(
+                time, np.stack(motors, 1), turning[:, None], dt=1 / rate, effect_directions=np.array(directions)
+            )
+            log(f"{axis}, {rate:.0f} Hz")
+            rows.append(row_of([axis, "whole"], flight, tried(flight)))
+            for number, part in enumerate(windows_of(flight), start=1):
+                rows.append(row_of(["", f"7 s, no. {number}"], part, tried(part)))
+    title = f"**Crazyflie** (effect in rad/s² per unit of command; published: {EXPECTED} for roll)"
+    table(title, ["axis", "of", *HEADS], rows)
 
 
 @click.command(help=__doc__)
-@click.argument("scenarios", nargs=-1, metavar="[SCENARIO]...")
-@click.option("--flights", default=4, show_default=True, help="Flights of each scenario.")
-@click.option("--steer", default=0.0, help="Degrees of roll, standard deviation, of a multisine added to each flight.")
-@click.option("--settings", default="{}", help='Changes to the default settings, such as {"horizon": null}.')
-def main(scenarios: tuple[str, ...], flights: int, steer: float, settings: str) -> None:
-    chosen = replace(mavdem.Settings(), **json.loads(settings))
-    print("| scenario | by | windows | motors: times the truth, inside | damping | lag |")
-    print("|---|---|---|---|---|---|")
-    for name in track(scenarios or SCENARIOS, description="Flying and learning"):
-        jobs, truths = [], []
-        for seed in range(flights):
-            flight, true = flown(name, seed, steer)
-            cuts = range(0, len(flight) - TRAIN + 1, TRAIN)
-            jobs += [(flight[start : start + TRAIN], chosen) for start in cuts]
-            truths += [true] * len(cuts)
-        by: dict[str, list[Any]] = {"DEM": [], IDENTIFIABLE: [], NOT_IDENTIFIABLE: []}
-        for answer, true in zip(mavdem.learn_many(jobs), truths, strict=True):
-            if isinstance(answer, ValueError):
-                continue
-            by["DEM"].append((estimates(answer), true))
-            if (physical := answer.physical) is not None:
-                by[IDENTIFIABLE if physical.identifiable else NOT_IDENTIFIABLE].append((read(physical), true))
-        for who, rows in by.items():
-            if rows:
-                cells = " | ".join(cell(rows, parameter) for parameter in ("motors", "damping", "lag"))
-                print(f"| {name} | {who} | {len(rows)} | {cells} |", flush=True)
+@click.argument("which", type=click.Choice(["simulated", "recorded", "crazyflie"]))
+@click.option("--seed", default=0, show_default=True, help="Of the simulated flights.")
+@click.option("--flights", default=1, show_default=True, help="Simulated, of each vehicle, wind and steering.")
+@click.option("--every", default=1, show_default=True, help="One of so many of these, drawn by seed.")
+def main(which: str, seed: int, flights: int, every: int) -> None:
+    if which == "simulated":
+        simulated(seed, flights, every)
+    elif which == "recorded":
+        recorded()
+    else:
+        crazyflie()
 
 
 if __name__ == "__main__":
