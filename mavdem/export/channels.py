@@ -24,7 +24,8 @@ def write_channels(
     """Writes a flight as JSON channels of an .mcap file, on the boot clock, in the units of the flight.
 
     ``flight/outputs`` and ``flight/inputs`` are what was measured; with ``learned`` also ``learned/one_step``,
-    ``learned/process_noise`` (per second) and ``learned/free_energy`` (F(t)), and with ``test`` ``learned/forecast``.
+    ``learned/process_noise`` (per second), ``learned/free_energy`` (F(t)) and, if it is known, ``learned/wind_torque``
+    with the half width of its band (rad/s²); and with ``test`` ``learned/forecast``.
 
     The model must be of ``train``, and ``test`` the samples right after it, to be forecast. ``OSError`` if it cannot be
     written, ``ValueError`` for a time before 0, which MCAP cannot hold, or a model of another flight.
@@ -52,6 +53,10 @@ def _learned(train: Flight, learned: Learned, test: Flight | None) -> dict[str, 
         "learned/process_noise": _series(train.time[places], state_names(train, learned), noise),
         "learned/free_energy": (train.time[places], {"free_energy": learned.free_energy_of_samples}),
     }
+    if learned.wind is not None:
+        # What was given ends with the training data.
+        of_training = np.stack([learned.wind.torque, learned.wind.band], axis=1)[-len(train) :]
+        series["learned/wind_torque"] = _series(train.time, ("torque", "band"), of_training)
     if test is not None:
         series["learned/forecast"] = _series(test.time, train.output_names, learned.forecast(test.inputs))
     return series

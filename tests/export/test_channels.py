@@ -62,6 +62,7 @@ def test_what_was_learnt_stands_beside_it(tmp_path):
         "learned/forecast": (test.time, learned.forecast(test.inputs)),
         "learned/process_noise": (train.time[places], noise),
         "learned/free_energy": (train.time[places], learned.free_energy_of_samples[:, None]),
+        "learned/wind_torque": (train.time, np.stack([learned.wind.torque, learned.wind.band], axis=1)),
     }
     for topic, (time, values) in expected.items():
         assert np.allclose(series[topic][0], time, atol=1e-9), topic

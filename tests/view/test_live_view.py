@@ -72,6 +72,9 @@ def estimate(i: int, time: float) -> Estimate:
         model_sd=MODELS[i // 10 + 1],
         log_precisions=np.array([20.0, i // 10]),
         until=time - 0.1,
+        wind_torque=np.nan if i < 40 else 0.1 * i,
+        wind_torque_band=0.01 * i,
+        wind_time=time - 0.25,
         **{name: rng.normal(size=size) for name, size in sizes.items()},
     )
 
@@ -189,6 +192,14 @@ def test_what_is_judged_is_at_the_times_it_is_about(recording: Path) -> None:
     unusual = np.array([e.unusual for e in TOLD])
     np.testing.assert_allclose(lines["surprise/unusual"][0], seen[unusual], atol=1e-8)
     np.testing.assert_allclose(lines["surprise/unusual"][1][:, 0], surprise[unusual])
+
+
+def test_the_wind_s_torque_is_drawn_with_its_band_when_it_acted(recording: Path) -> None:
+    times, values = drawn(recording)["disturbance/wind_torque"]
+    np.testing.assert_allclose(times, TIME[20:] - 0.25, atol=1e-8)
+    centre, half = 0.1 * np.arange(40, 300), 0.01 * np.arange(40, 300)
+    np.testing.assert_allclose(values[20:], np.stack([centre - half, centre + half, centre], -1))
+    assert np.isnan(values[:20]).all()
 
 
 def test_a_model_is_drawn_once_with_its_band(recording: Path) -> None:

@@ -53,6 +53,7 @@ class Content:
         judged = [row for row in rows if row.estimate is not None and np.isfinite(row.estimate.seen)]
         if judged:
             self._judgement(recording, judged)
+        self._wind(recording, [row for row in rows if row.estimate is not None])
         self._model.add(recording, rows)
 
     def log(self, recording: rr.RecordingStream, line: LogLine) -> None:
@@ -115,6 +116,18 @@ class Content:
             self.groups[group.path] = group.under(self.root)
             self.groups[group.path].send_style(recording)
 
+    def _wind(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
+        """Draws the wind's torque with its band at the times it is of; NaN breaks the line where it is not known."""
+        estimates = [row.estimate for row in rows if row.estimate is not None]
+        times = np.array([estimate.wind_time for estimate in estimates]) + [row.shift for row in rows]
+        torque, half = (
+            np.array([getattr(estimate, name) for estimate in estimates])
+            for name in ("wind_torque", "wind_torque_band")
+        )
+        of_a_time = np.isfinite(times)
+        values = np.stack(around(torque, half), axis=-1)
+        self.groups["disturbance/wind_torque"].send(recording, times[of_a_time], values[of_a_time])
+
     def _judgement(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
         """Draws F(t), surprise and disturbance at the centres of their windows; NaN breaks incomplete windows."""
         estimates = [row.estimate for row in rows if row.estimate is not None]
@@ -158,6 +171,7 @@ def _groups(channels: Channels, units: list[Readable]) -> list[LineGroup]:
         LineGroup("free_energy_of_samples", ("F(t)",), (lines.MEASURED,), (1.5,)),
         LineGroup("surprise/samples", ("worst of 20", "surprise"), (lines.TRIVIAL, lines.MEASURED), (1.0, 1.5)),
         LineGroup("surprise/unusual", ("unusual",), (ALARM,), (4.0,), marked=True),
+        band("disturbance/wind_torque", "wind's torque, rad/s²", lines.FORECAST, 1.5),
         LineGroup("disturbance", disturbances, tuple(map(lines.distinct, range(len(rates)))), (1.5,) * len(rates)),
     ]
     for name in channels.output_names:
