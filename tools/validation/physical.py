@@ -61,6 +61,13 @@ def mean_effect(found: Physical) -> tuple[float, float]:
     return mean, float(norm.ppf(0.5 + LEVEL / 2)) * sd + abs(found.bias * mean)
 
 
+def estimate_of(found: Physical, name: str) -> tuple[float, float]:
+    """Of the mean effect, damping or lag, and the half width of its interval, NaN where it is not identifiable."""
+    if name == "effect":
+        return mean_effect(found)
+    return float(getattr(found, name)), float(getattr(found.interval(LEVEL), name))
+
+
 def windows_of(flight: Flight) -> list[Flight]:
     size = round(WINDOW_SECONDS / flight.dt)
     return [flight[start : start + size] for start in range(0, len(flight) - size + 1, size)]
@@ -77,25 +84,26 @@ class Estimate(NamedTuple):
     found: Physical
     true: dict[str, Any]
 
-    def error(self, name: str) -> float:
-        """Relative."""
-        if name == "effect":
-            return float(mean_effect(self.found)[0] / np.abs(self.true["effect"]).mean() - 1)
-        return float(getattr(self.found, name) / np.atleast_1d(self.true[name])[0] - 1)
+    def error(self, name: str) -> tuple[float, float]:
+        """Of the mean effect, damping or lag, and the half width of its interval; both relative to the truth."""
+        value, half = estimate_of(self.found, name)
+        true = float(np.abs(self.true["effect"]).mean() if name == "effect" else self.true[name])
+        return value / true - 1, half / true
 
-    def inside(self, name: str) -> list[bool]:
-        """Whether intervals hold the truth: of damping or lag, of the mean effect ("mean"), of each motor's."""
-        if name == "mean":
-            mean, half = mean_effect(self.found)
-            return [bool(abs(mean - np.abs(self.true["effect"]).mean()) <= half)]
-        off = np.abs(getattr(self.found, name) - np.atleast_1d(self.true[name])[: 4 if name == "effect" else 1])
-        return [bool(each) for each in off <= getattr(self.found.interval(LEVEL), name)]
+    def inside(self, name: str) -> bool:
+        """Whether the interval of the mean effect, damping or lag holds the truth."""
+        error, half = self.error(name)
+        return abs(error) <= half
+
+    def inside_by_motor(self) -> list[bool]:
+        """Whether the interval of each motor's effect does."""
+        return [
+            bool(each) for each in abs(self.found.effect - self.true["effect"]) <= self.found.interval(LEVEL).effect
+        ]
 
     def __str__(self) -> str:
-        words = [
-            f"{name} {self.error(name):+.1%} {self.found.status[name]} {'in' if all(self.inside(name)) else 'out'}"
-            for name in PARAMETERS
-        ]
+        errors = [(name, *self.error(name)) for name in PARAMETERS]
+        words = [f"{name} {error:+.1%} ± {half:.1%}, {self.found.status[name]}" for name, error, half in errors]
         where = "whole" if self.window is None else f"window {self.window}"
         more = {name: round(value, 2) for name, value in self.found.refinements.items()}
         wind = f"wind {self.found.wind_share:.0%}"
@@ -153,12 +161,13 @@ def by_steering(name: str, every: Sequence[Estimate]) -> list[list[str]]:
             row = [label, "flights" if whole else "7 s", str(len(some))]
             row += [f"{np.mean([each.found.status[name] == status for each in some]):.0%}" for status in STATUSES]
             reported = [each for each in some if each.found.status[name] == "reported"]
-            for kind in (name, "mean") if name == "effect" else (name,):
-                row.append(share(held for each in reported for held in each.inside(kind)))
-            errors = np.array([each.error(name) for each in reported])
+            if name == "effect":
+                row.append(share(held for each in reported for held in each.inside_by_motor()))
+            row.append(share(each.inside(name) for each in reported))
+            errors = np.array([each.error(name)[0] for each in reported])
             row += [f"{np.median(errors):+.0%}", f"{errors[np.argmax(abs(errors))]:+.0%}"] if reported else ["–", "–"]
             biased = [each for each in some if each.found.status[name] == "biased"]
-            row.append(share(held for each in biased for held in each.inside(name)))
+            row.append(share(each.inside(name) for each in biased))
             rows.append(row)
     return rows
 
@@ -179,16 +188,11 @@ def simulated(seed: int, flights: int, every: int) -> None:
         ends = ["median error of the reported", "worst", "inside, where biased"]
         table(f"**{name.capitalize()}** ({bar})", [*heads, *insides, *ends], by_steering(name, found))
     reported = [each for each in found if each.found.status["effect"] == "reported"]
-    worst = sorted(reported, key=lambda each: -abs(each.error("effect")))[:WORST]
-    rows = [
-        [
-            str(each.case),
-            "flight" if each.window is None else f"7 s, no. {each.window + 1}",
-            f"{each.error('effect'):+.1%}",
-            f"{each.found.wind_share:.0%}",
-        ]
-        for each in worst
-    ]
+    worst = sorted(reported, key=lambda each: -abs(each.error("effect")[0]))[:WORST]
+    rows = []
+    for each in worst:
+        (error, half), where = each.error("effect"), "flight" if each.window is None else f"7 s, no. {each.window + 1}"
+        rows.append([str(each.case), where, f"{error:+.1%} ± {half:.1%}", f"{each.found.wind_share:.0%}"])
     table("**Reported effects that are furthest off**", ["flight", "of", "error", "wind's share"], rows)
 
 
@@ -208,13 +212,9 @@ def other_logs() -> Iterator[tuple[str, Flight]]:
 def cell(found: Physical, name: str) -> str:
     """An estimate with its interval, marked unless it is reported."""
     scale = 1e3 if name == "lag" else 1.0
-    value, half = mean_effect(found) if name == "effect" else _value(found, name)
+    value, half = estimate_of(found, name)
     mark = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}[found.status[name]]
     return f"{scale * value:.3g} ± {scale * half:.2g}{mark}" if np.isfinite(half) else f"{scale * value:.3g}{mark}"
-
-
-def _value(found: Physical, name: str) -> tuple[float, float]:
-    return float(getattr(found, name)), float(getattr(found.interval(LEVEL), name))
 
 
 def row_of(label: Sequence[str], flight: Flight, found: Physical | ValueError) -> list[str]:

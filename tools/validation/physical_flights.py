@@ -116,11 +116,11 @@ class Flown(NamedTuple):
     scenario: Scenario
 
     def true(self, part: Flight) -> dict[str, Any]:
-        """Each motor's effect (r,) at the trim of ``part``, damping (1/s) and lag (s: mean, up, down)."""
+        """Each motor's effect (r,) at the trim of ``part``, damping (1/s) and lag (s), the mean of up and down."""
         within = (self.motion.time >= part.time[0]) & (self.motion.time <= part.time[-1])
         landed = np.where(within & (self.motion.landed_state == IN_AIR), IN_AIR, 1).astype(np.uint8)
         known = truth(self.scenario, replace(self.motion, landed_state=landed))
-        return {"effect": known["roll_effect"], "damping": -float(known["roll_A"][1, 1]), "lag": known["lag"]}
+        return {"effect": known["roll_effect"], "damping": -float(known["roll_A"][1, 1]), "lag": known["lag"][0]}
 
 
 def flown(case: Case) -> Flown:
