@@ -6,7 +6,7 @@ It depends on the parts of a result, not on :class:`mavdem.dem.Learned`, which c
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from types import GenericAlias
 from typing import Annotated, Any
 
@@ -203,6 +203,14 @@ DOCUMENT = TypeAdapter(
         theta="K",
         given=_part(dict, inputs=_shape("G r", most=LARGEST), outputs=_shape("G m", most=LARGEST), segments=list[Whole])
         | None,
+        of_vehicle=_part(
+            dict,
+            effect_directions=list[float] | None,
+            setpoints=list[list[float | None]] | None,
+            setpoint_names=list[str],
+            voltage=list[float | None] | None,
+        )
+        | None,
     )
 )
 """The document by its keys. Sizes: T samples, r inputs, m outputs, n states, k parameters of the vehicle, K of the
@@ -222,6 +230,7 @@ def values_of(parts: Mapping[str, Any]) -> dict[str, Any]:
         "undetermined": directions,
         **_samples_of(record),
         "given": given and _samples_of(given),
+        "of_vehicle": _of_vehicle(given or record),
     }
 
 
@@ -231,6 +240,21 @@ def _samples_of(record: Record) -> dict[str, Any]:
         "outputs": record.outputs.tolist(),
         "segments": list(record.lengths),
     }
+
+
+def _of_vehicle(record: Record) -> dict[str, Any] | None:
+    """What only the physical parameters use, if anything is known; where a setpoint is not, it is null."""
+    known = {"effect_directions": record.effect_directions, "setpoints": record.setpoints, "voltage": record.voltage}
+    if all(table is None for table in known.values()):
+        return None
+    tables = {name: None if table is None else _nulls(table) for name, table in known.items()}
+    return {**tables, "setpoint_names": list(record.setpoint_names)}
+
+
+def _nulls(table: Array) -> Any:
+    plain = table.astype(object)
+    plain[~np.isfinite(table)] = None
+    return plain.tolist()
 
 
 def parts_of(values: Any) -> dict[str, Any]:
@@ -246,6 +270,10 @@ def parts_of(values: Any) -> dict[str, Any]:
     parts["settings"] = CompleteSettings.from_dict(parts["settings"])
     parts["record"] = _record({name: parts.pop(name) for name in ("inputs", "outputs", "segments")}, parts["dt"])
     parts["given"] = parts["given"] and _record(parts["given"], parts["dt"])
+    of_vehicle = parts.pop("of_vehicle")
+    whole = "given" if parts["given"] else "record"
+    if of_vehicle:
+        parts[whole] = _with_vehicle(parts[whole], of_vehicle)
     _check(parts, sizes)
     model_sizes = sizes["n"], sizes["r"], sizes["m"]
     parts["undetermined"] = tuple(Direction(**one, sizes=model_sizes) for one in parts["undetermined"])
@@ -254,6 +282,21 @@ def parts_of(values: Any) -> dict[str, Any]:
         "free_energy": FreeEnergy(parts["free_energy"]),
         "cautions": tuple(parts["cautions"]),
     }
+
+
+def _with_vehicle(record: Record, values: Mapping[str, Any]) -> Record:
+    names = tuple(values["setpoint_names"])
+    shapes = {
+        "effect_directions": (record.inputs.shape[1],),
+        "setpoints": (len(record), len(names)),
+        "voltage": (len(record),),
+    }
+    tables = {name: None if values[name] is None else np.array(values[name], np.float64) for name in shapes}
+    for name, table in tables.items():
+        if table is not None and table.shape != shapes[name]:
+            raise ValueError(f"of_vehicle.{name} must be of shape {shapes[name]}, not {table.shape}")
+    directions, setpoints, voltage = tables.values()
+    return replace(record, effect_directions=directions, setpoints=setpoints, voltage=voltage, setpoint_names=names)
 
 
 def _record(samples: Mapping[str, Any], dt: float) -> Record:
@@ -266,7 +309,7 @@ def _current(values: Any) -> Any:
     Before ``given`` all samples that were given were the training data.
     """
     if isinstance(values, dict):
-        values = {"given": None, **values}
+        values = {"given": None, "of_vehicle": None, **values}
     if not (isinstance(values, dict) and "unseen" in values):
         return values
     kept = {name: value for name, value in values.items() if name not in ("unseen", "candidates")}

@@ -55,7 +55,8 @@ class UniformRecord(Protocol):
     @property
     def dt(self) -> float: ...  # noqa: D102
 
-    # May have ``effect_directions`` (r,) as well: the relative effect of each motor on the axis, as the mixer has it.
+    # May have as well, as a ``Flight`` has: ``effect_directions``, ``input_names``, ``setpoints``, ``setpoint_names``,
+    # ``voltage``.
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,8 @@ class Record:
     """Samples of segments of ``lengths``, one after the other: inputs (T, r), outputs (T, m), physical.
 
     ``effect_directions`` (r,) are the relative effect of each motor on the axis; ``None`` where the mixer's geometry is
-    not known. ``input_names`` are those of the flight, none where it has none.
+    not known. ``input_names`` are those of the flight, none where it has none. ``setpoints`` (T, q), of these names,
+    and ``voltage`` (T,) are NaN where they are not known, and ``None`` where any segment has none.
     """
 
     inputs: Array
@@ -72,6 +74,9 @@ class Record:
     lengths: tuple[int, ...]
     effect_directions: Array | None = None
     input_names: tuple[str, ...] = ()
+    setpoints: Array | None = None
+    setpoint_names: tuple[str, ...] = ()
+    voltage: Array | None = None
 
     @classmethod
     def of(cls, train: UniformRecord | Sequence[UniformRecord]) -> Record:
@@ -92,7 +97,18 @@ class Record:
         lengths = tuple(len(table) for table in outputs)
         directions = _directions(flights, inputs[0].shape[1])
         names = tuple(getattr(flights[0], "input_names", ()))
-        return cls(np.concatenate(inputs), np.concatenate(outputs), steps[0], lengths, directions, names)
+        asked = {tuple(getattr(flight, "setpoint_names", ())) for flight in flights}
+        return cls(
+            np.concatenate(inputs),
+            np.concatenate(outputs),
+            steps[0],
+            lengths,
+            directions,
+            names,
+            _further(flights, "setpoints") if len(asked) == 1 else None,
+            asked.pop() if len(asked) == 1 else (),
+            _further(flights, "voltage"),
+        )
 
     def __len__(self) -> int:
         return len(self.outputs)
@@ -161,6 +177,17 @@ def _table(values: ArrayLike, name: str, columns: int) -> Array:
     if not np.isfinite(table).all():
         raise ValueError(f"{name} must be finite")
     return table
+
+
+def _further(flights: Sequence[UniformRecord], name: str) -> Array | None:
+    """What all segments have under this name, one after the other; ``None`` unless all do, sample by sample."""
+    tables = []
+    for flight in flights:
+        table = getattr(flight, name, None)
+        if table is None or len(table) != len(flight.outputs):
+            return None
+        tables.append(real_numbers(table, name))
+    return np.concatenate(tables)
 
 
 def _directions(flights: Sequence[UniformRecord], motors: int) -> Array | None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from simulated import simulated
 
-from mavdem import Learned, Settings, learn
+from mavdem import Flight, Learned, Settings, learn
 from mavdem.dem import physical
 from mavdem.dem.record import Record
 
@@ -31,6 +31,8 @@ def test_nothing_of_it_is_lost():
     del before["candidates"]
     # Since then a part of what was given may be learnt from.
     assert now.pop("given") is None
+    # Since then what only the physical parameters use is kept; of this flight there is none.
+    assert now.pop("of_vehicle") is None
     # Since then forecasts may take the motors for measurements; those of this model did not.
     before["settings"]["closed_loop"] = False
     # Since then its numbers are those of the innovation form.
@@ -71,6 +73,25 @@ def test_physical_parameters_are_of_all_that_was_given():
     np.testing.assert_array_equal(again.physical.effect, expected.effect)
     np.testing.assert_array_equal(again.forecast(flight.inputs[:9]), learned.forecast(flight.inputs[:9]))
     assert learned.physical is not None and not np.array_equal(learned.physical.effect, expected.effect)
+
+
+def test_what_only_physical_parameters_use_is_kept():
+    flight = FLIGHT[:500]
+    setpoints = np.sin(flight.time)[:, None]
+    setpoints[:9] = np.nan
+    further = {"setpoints": setpoints, "setpoint_names": ("roll stick",), "voltage": np.linspace(16, 15, 500)}
+    directions = np.ones(flight.inputs.shape[1])
+    known = Flight(flight.time, flight.inputs, flight.outputs, effect_directions=directions, **further)
+    learned = learn(known, Settings(order=3, d=2, window=9, parameter_precision=1.0))
+    record = Learned.from_json(learned.to_json()).record
+    np.testing.assert_array_equal(record.setpoints, setpoints)
+    np.testing.assert_array_equal(record.voltage, further["voltage"])
+    np.testing.assert_array_equal(record.effect_directions, directions)
+    assert record.setpoint_names == ("roll stick",)
+    values = json.loads(learned.to_json())
+    values["of_vehicle"]["voltage"] = [1.0]
+    with pytest.raises(ValueError, match=r"of_vehicle.voltage must be of shape \(500,\)"):
+        Learned.from_json(json.dumps(values))
 
 
 def test_earlier_names_of_attributes_work_with_a_warning():

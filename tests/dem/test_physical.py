@@ -11,7 +11,10 @@ from mavdem.dem import physical
 from mavdem.dem.graybox.coloured import FIRST_ORDER, GUSTS, SMOOTH
 from mavdem.dem.graybox.fitting import WINDS, directed, fitted
 from mavdem.dem.graybox.identifiability import PARAMETERS, IdentifiabilityFigures, judged
+from mavdem.dem.graybox.instruments import exogenous, instrumental
 from mavdem.dem.graybox.likelihood import FlightWindows, Parameters, delayed, steady_covariance
+from mavdem.dem.graybox.windows import cut
+from mavdem.dem.record import Record
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load
 from sitl_scenarios.simulation import fly
@@ -287,3 +290,82 @@ def test_what_cannot_be_fitted_is_said():
         physical(flight[:150])
     with pytest.raises(ValueError, match="level"):
         physical(flight).interval(1.5)
+
+
+def piloted(seed: int, stick: float, answering: float = 0.0) -> Flight:
+    """As :func:`flown` in strong wind, steered by a slow stick; the setpoint may answer the rate besides."""
+    rng = np.random.default_rng(seed)
+    samples, wind = 4200, 3.0
+    keeps, slow = np.exp(-DT / FINE / 0.5), np.exp(-DT / 0.25)
+    asked = np.zeros(samples)
+    for k in range(1, samples):
+        asked[k] = slow * asked[k - 1] + np.sqrt(1 - slow**2) * stick * rng.standard_normal()
+    angle = rate = torque = drift = 0.0
+    commands, outputs, setpoints = np.zeros((samples, 4)), np.empty((samples, 2)), np.empty((samples, 1))
+    for k in range(samples):
+        outputs[k] = angle, rate + 0.005 * rng.standard_normal()
+        setpoints[k] = asked[k] - answering * angle
+        commands[k] = 12 * (setpoints[k, 0] - 3 * angle - outputs[k, 1]) * MOTORS / (MOTORS @ MOTORS)
+        for step in range(FINE):
+            command = commands[k] if step >= 5 else commands[max(k - 1, 0)]
+            torque += DT / FINE / LAG * (MOTORS @ command - torque)
+            drift = keeps * drift + np.sqrt(1 - keeps**2) * wind * rng.standard_normal()
+            rate += DT / FINE * (torque - DAMPING * rate + drift)
+            angle += DT / FINE * rate
+    time = DT * np.arange(samples)
+    return Flight(time, 1500 + commands, outputs, setpoints=setpoints, setpoint_names=("roll stick",))
+
+
+def test_a_stick_is_an_instrument_and_a_setpoint_that_answers_the_motion_is_none():
+    for answering, expected in ((0.0, [0]), (5.0, [])):
+        pieces = cut(Record.of(piloted(0, stick=1.0, answering=answering)))
+        assert pieces.setpoints is not None
+        assert exogenous(pieces.setpoints, pieces.outputs, pieces.windows.dt) == expected
+    still = pieces.setpoints * 0
+    assert exogenous(still, pieces.outputs, pieces.windows.dt) == []
+
+
+def test_instruments_hold_the_truth_in_wind_that_has_another_spectrum_than_the_model():
+    """Deviations of log effect, log damping and log lag, in their standard deviations, over flights."""
+    deviations = []
+    for seed in range(4):
+        pieces = cut(Record.of(piloted(seed, stick=1.0)))
+        plain, start = directed(pieces.windows, np.sign(MOTORS))
+        parameters = plain._replace(wind=WINDS[2])
+        wrong = fitted(parameters, pieces.windows, np.append(start[0], parameters.prior[0][1:]))
+        found = instrumental(wrong, pieces.windows, pieces.setpoints, ("roll stick",))
+        assert found is not None
+        true = np.log([np.abs(MOTORS).mean() * pieces.unit, DAMPING, LAG])
+        mean_effect = np.abs(plain.effect(found.theta)).mean()
+        estimate = np.array([np.log(mean_effect), found.theta[5], np.log(plain.lag(found.theta, DT))])
+        deviations.append((estimate - true) / np.sqrt(found.covariance.diagonal()[:3]))
+    # 12 numbers of about unit variance: below this in 99.9 % of cases.
+    assert np.mean(np.square(deviations)) < 2.8
+
+
+def test_setpoints_turn_a_withheld_effect_into_a_reported_one_and_say_so():
+    flight = piloted(1, stick=0.7)
+    alone = physical(Flight(flight.time, flight.inputs, flight.outputs))
+    found = physical(flight)
+    assert alone.status["effect"] != "reported"
+    assert found.status["effect"] == "reported"
+    assert found.reasons["effect"].startswith("Reported with the roll stick as instrument. Without:")
+    assert np.all(np.abs(found.effect - MOTORS) < found.interval(0.99).effect)
+
+
+def test_of_fast_streams_every_so_many_samples_are_taken():
+    flight = flown(0, steering=1.0, samples=1600)
+    fast = Flight(flight.time / 5, flight.inputs, flight.outputs * [1, 5])
+    assert cut(Record.of(fast)).windows.dt == pytest.approx(0.004)
+    assert cut(Record.of(flight)).windows.dt == DT
+
+
+def test_a_battery_that_sags_is_seen_where_its_voltage_is_known():
+    flight = flown(6, steering=1.0, samples=2800)
+    voltage = 16.0 - 4.0 * flight.time / flight.time[-1]
+    # The same motion with commands that make up for the voltage.
+    commands = 1500 + (flight.inputs - 1500) * (voltage.mean() / voltage[:, None]) ** 2
+    sagging = Flight(flight.time, commands, flight.outputs, voltage=voltage)
+    found = physical(sagging)
+    assert found.refinements["voltage"] == pytest.approx(2.0, abs=0.5)
+    assert np.all(np.abs(found.effect - MOTORS) < found.interval(0.99).effect)

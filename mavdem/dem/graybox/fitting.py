@@ -26,6 +26,7 @@ RECOGNISED, ALMOST = 0.5, 0.1
 """Of what a regression on all motors explains: what a geometry must explain to be recognised, and by how much less than
 the best one a more common one may."""
 FLOOR = 0.01  # of the rate: the least white noise, below which steps of the stream are modelled and not the vehicle
+EXCITED = 1e-3  # of the mean over all combinations: what a geometry's own must be moved by at least
 MAX_CHUNK = 24  # windows whose prediction errors are in memory together
 
 
@@ -171,6 +172,9 @@ def directed(windows: FlightWindows, effect_directions: Array | None) -> tuple[P
 def _recognised(effect: Array, gram: Array) -> Array | None:
     """(r,) the direction of the geometry, an X before a plus, that explains the regression's ``effect`` (r,)."""
     turnings = [prior.turning for prior in mixer_priors(len(effect)) if prior.turning is not None]
+    # Combinations that the motors hardly move in explain nothing but rounding.
+    moved = EXCITED * np.trace(gram) / len(effect)
+    turnings = [each for each in turnings if each @ gram @ each > moved * (each @ each)]
     explained = np.array([float(each @ gram @ effect) ** 2 / float(each @ gram @ each) for each in turnings])
     whole = float(effect @ gram @ effect)
     if not turnings or explained.max() < RECOGNISED * whole:

@@ -20,9 +20,9 @@ from scipy.stats import norm
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox.coloured import Coloured
 from mavdem.dem.graybox.gusts import DetectedGust, gusts
-from mavdem.dem.graybox.parameters import rate_column
 from mavdem.dem.graybox.plant import plant
 from mavdem.dem.graybox.smoother import SteadyFilter
+from mavdem.dem.graybox.windows import rate_column
 from mavdem.dem.record import Record
 from mavdem.dem.validation import LEVEL
 
