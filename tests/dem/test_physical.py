@@ -344,7 +344,7 @@ def test_instruments_hold_the_truth_in_wind_that_has_another_spectrum_than_the_m
 
 
 def test_setpoints_turn_a_withheld_effect_into_a_reported_one_and_say_so():
-    flight = piloted(1, stick=0.7)
+    flight = piloted(3, stick=0.5)
     alone = physical(Flight(flight.time, flight.inputs, flight.outputs))
     found = physical(flight)
     assert alone.status["effect"] != "reported"

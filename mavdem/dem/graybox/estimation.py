@@ -39,7 +39,7 @@ RANGE = 1.69  # of three values, in their standard deviations
 BAND_HZ, MAX_BAND_SHARE = (0.4, 6.0), 0.125  # of the roll motion; its upper end in shares of the sampling rate
 
 
-class _Estimate(NamedTuple):
+class _Theta(NamedTuple):
     """θ (k,) with its covariance (k, k), of the estimate by itself.
 
     ``between`` (3,) is the variance that the spread over windows adds to the logarithms of mean effect, damping and
@@ -100,11 +100,11 @@ def _by_instruments(whole: GrayBoxFit, pieces: Cut) -> Instrumental | None:
     return instrumental(whole, pieces.windows.of(known), asked[:, :, columns], names) if columns else None
 
 
-def _with_instruments(plain: _Estimate, found: Instrumental) -> _Estimate:
+def _with_instruments(plain: _Theta, found: Instrumental) -> _Theta:
     places, covariance = found.places, plain.covariance.copy()
     covariance[places], covariance[:, places] = 0.0, 0.0
     covariance[np.ix_(places, places)] = found.covariance
-    return _Estimate(found.theta, covariance, np.zeros(3), np.zeros(3))
+    return _Theta(found.theta, covariance, np.zeros(3), np.zeros(3))
 
 
 def _chosen(windows: FlightWindows, directions: Array | None) -> tuple[list[GrayBoxFit], GrayBoxFit]:
@@ -155,11 +155,11 @@ def _unseen(parameters: Parameters, windows: FlightWindows, start: Array) -> Arr
     return np.array(found)
 
 
-def _by_prediction_errors(whole: GrayBoxFit, fits: Sequence[GrayBoxFit], pieces: Cut) -> tuple[_Estimate, WindowTable]:
+def _by_prediction_errors(whole: GrayBoxFit, fits: Sequence[GrayBoxFit], pieces: Cut) -> tuple[_Theta, WindowTable]:
     parameters, dt = whole.parameters, pieces.windows.dt
     table, between = _over_time(whole, _ways(parameters, whole.theta, dt), pieces)
     by_wind = [_logarithms(fit.parameters, fit.theta, dt) for fit in fits]
-    return _Estimate(whole.theta, inverse(whole.curvature), between, np.ptp(by_wind, axis=0)), table
+    return _Theta(whole.theta, inverse(whole.curvature), between, np.ptp(by_wind, axis=0)), table
 
 
 def _logarithms(parameters: Parameters, theta: Array, dt: float) -> list[float]:
@@ -181,7 +181,7 @@ def _ways(parameters: Parameters, theta: Array, dt: float) -> Array:
     return ways
 
 
-def _figures(whole: GrayBoxFit, estimate: _Estimate, windows: FlightWindows) -> IdentifiabilityFigures:
+def _figures(whole: GrayBoxFit, estimate: _Theta, windows: FlightWindows) -> IdentifiabilityFigures:
     parameters, theta = whole.parameters, estimate.theta
     ways = _ways(parameters, theta, windows.dt)
     sd = np.sqrt(np.einsum("ij,jk,ik->i", ways, estimate.covariance, ways))
@@ -199,7 +199,7 @@ def _figures(whole: GrayBoxFit, estimate: _Estimate, windows: FlightWindows) -> 
     )
 
 
-def _physical(whole: GrayBoxFit, estimate: _Estimate, pieces: Cut, table: WindowTable) -> Physical:
+def _physical(whole: GrayBoxFit, estimate: _Theta, pieces: Cut, table: WindowTable) -> Physical:
     """In the units of the flight; what is still to be judged is empty."""
     parameters, theta, dt = whole.parameters, estimate.theta, pieces.windows.dt
     r, effect = parameters.motors, parameters.effect(theta)
