@@ -60,7 +60,7 @@ def all_fits(segments, order, iterations):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("order", [1, 4])
 @pytest.mark.parametrize("feedback", [None, 0.5 * np.eye(2)], ids=["open", "closed"])
 def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
     """Twice what the likelihood gains over the truth is χ² in as many parameters as data can tell (Wilks)."""
@@ -75,7 +75,7 @@ def test_a_system_is_recovered_as_well_as_can_be(order, feedback):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("order", [1, 3])
 @pytest.mark.parametrize("bound", [np.inf, 0.9])
 @pytest.mark.parametrize("train", [TRAIN, [TRAIN[:300], TRAIN[310:]], growing()], ids=["windy", "cut", "growing"])
 def test_the_likelihood_rises_and_covariances_stay_positive(order, bound, train):
@@ -93,7 +93,7 @@ def test_the_likelihood_rises_and_covariances_stay_positive(order, bound, train)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 2, 3, 4])
+@pytest.mark.parametrize("order", [1, 3])
 @pytest.mark.parametrize("feedthrough", [False, True])
 def test_with_hardly_any_noise_the_forecast_is_nearly_exact(order, feedthrough):
     """To what the least noise that EM allows leaves open, a ten-thousandth of the outputs' size at each sample."""

@@ -104,10 +104,10 @@ def test_defaults_are_of_the_flights_rate(tmp_path, monkeypatch, capsys):
 
 @pytest.mark.slow
 def test_without_train_it_is_as_much_of_the_flight_as_helps(tmp_path, capsys):
-    assert main(["learn", FLIGHT, "--out", str(tmp_path), "--start", "20"]) == 0
+    assert main(["learn", FLIGHT, "--out", str(tmp_path), "--start", "35"]) == 0
     said = capsys.readouterr().out
     report = json.loads((tmp_path / "report.json").read_text())
-    available = read_flight(FLIGHT)[2000:-150]
+    available = read_flight(FLIGHT)[3500:-150]
     assert report["available_samples"] == len(available)
     assert report["training_samples"] == evaluate.training_length(available)
     train = available[-report["training_samples"] :]
