@@ -106,6 +106,7 @@ def test_motors_in_another_geometry_are_recognised():
     assert cosine(effect(other) @ mixed, np.sign(GAIN)) > 0.97
 
 
+@pytest.mark.slow
 def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
     flight = simulated(wind=1.0, lag=0.05)[:700]
     settings = Settings(order=3, d=2, window=9, parameter_precision=1.0)

@@ -183,10 +183,11 @@ def resampled(flight: Flight, samples: int) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
+@pytest.mark.slow
 def test_a_shorter_horizon_is_better_than_none():
     """Of models of 2 s, forecasts of the next half second: the mean error over flights."""
     errors = []
-    for seed in range(8):
+    for seed in range(6):
         flight = simulated(wind=0.5, lag=0.05, seed=seed, samples=250)
         with_fit = learn(flight[:200], COMPLETE)
         without = learn(flight[:200], replace(COMPLETE, horizon=None))
@@ -249,16 +250,16 @@ def test_a_filter_that_overflows_leaves_theta_as_the_ascent_ended(monkeypatch):
         return predictor._replace(A=10 * predictor.A)
 
     monkeypatch.setattr("mavdem.dem.learning.predictor_of", unstable)
-    learned = learn(FLIGHT[:700], COMPLETE)
+    learned = learn(FLIGHT[:300], COMPLETE)
     assert learned.simulation_fit is None
     assert any("overflow" in caution for caution in learned.cautions)
-    short = learn(FLIGHT[:700], replace(COMPLETE, horizon=None))
+    short = learn(FLIGHT[:300], replace(COMPLETE, horizon=None))
     np.testing.assert_array_equal(learned.model.A, short.model.A)
 
 
 def test_a_climb_that_breaks_off_is_cautioned_against(monkeypatch):
     monkeypatch.setattr("mavdem.dem.forecast.simulation_error.CONVERGED_NATS", -1.0)
-    learned = learn(FLIGHT[:700], COMPLETE)
+    learned = learn(FLIGHT[:300], COMPLETE)
     assert not learned.converged
     assert any("simulation-error fit had not converged after" in caution for caution in learned.cautions)
 
@@ -268,7 +269,7 @@ def test_it_survives_the_document(monkeypatch, ways):
     monkeypatch.setattr(
         "mavdem.dem.forecast.simulation_error.mixer_priors", lambda rotors, _: mixer_priors(rotors)[ways]
     )
-    learned = learn(FLIGHT[:700], COMPLETE)
+    learned = learn(FLIGHT[:300], COMPLETE)
     again = Learned.from_json(learned.to_json())
     ahead = FLIGHT.inputs[700:850]
     np.testing.assert_array_equal(again.forecast(ahead), learned.forecast(ahead))
@@ -277,7 +278,7 @@ def test_it_survives_the_document(monkeypatch, ways):
 
 @pytest.fixture(scope="module")
 def document():
-    return learn(FLIGHT[:700], COMPLETE).to_json()
+    return learn(FLIGHT[:300], COMPLETE).to_json()
 
 
 @pytest.mark.parametrize(
@@ -286,7 +287,7 @@ def document():
         ("covariance", lambda rows: (-np.array(rows)).tolist()),
         ("mse", lambda rows: (-np.array(rows)).tolist()),
         ("numbers", float("inf")),
-        ("horizon", 701),
+        ("horizon", 301),
         ("terms", {}),
         ("terms", {"noise entropy": 1.0}),
         ("terms", {"noise entropy": [1.0, 2.0], "parameter entropy": [1.0]}),
