@@ -94,6 +94,7 @@ def test_no_horizon_is_worse_than_the_last_sample_and_the_mean(make):
     assert ratios(flight, predicted(flight)[0]).max() < 1.05
 
 
+@pytest.mark.slow
 def test_a_walk_is_predicted_by_its_last_sample():
     """To 0.1 s; half a second ahead any 20 s of a walk seem to return to their mean, and it errs 1.11 times as much."""
     flight, horizons = walk(0), (1, 5, 10)
@@ -187,6 +188,7 @@ def test_what_is_taken_back_is_not_learnt_from():
     np.testing.assert_allclose(ahead.ahead(*now), anew.ahead(*now))
 
 
+@pytest.mark.slow
 def test_the_learner_takes_back_what_its_memory_takes_back():
     flight = controlled(9, 1500)
     online = OnlineLearner(Settings(order=2, d=1, window=7, parameter_precision=1.0, horizon=None), dt=0.01)

@@ -63,6 +63,7 @@ def test_what_does_not_fit_is_named(path, value, message):
         Learned.from_json(json.dumps(values))
 
 
+@pytest.mark.slow
 def test_physical_parameters_are_of_all_that_was_given():
     flight = FLIGHT[:500]
     learned = learn(flight[200:], Settings(order=3, d=2, window=9, parameter_precision=1.0))

@@ -228,6 +228,7 @@ def test_the_window_that_is_left_open_is_the_shortest_in_short_segments():
         choices(Settings(window=9), record(12))
 
 
+@pytest.mark.slow
 def test_the_prior_precision_is_the_first_before_a_simulation_error_fit_and_else_the_best():
     train = simulated(wind=0.5)[:700]
     assert learn(train).settings.parameter_precision == PARAMETER_PRECISIONS[0]

@@ -127,6 +127,7 @@ def test_inputs_that_never_change_and_records_that_are_too_short_tell_nothing():
     )
 
 
+@pytest.mark.slow
 def test_what_is_learnt_along_trajectories_foresees_its_own_errors_offline_and_live():
     flight = simulated(samples=1000, wind=1.0, lag=0.05)
     settings = Settings(order=3, d=2, window=9, parameter_precision=1.0)

@@ -355,6 +355,7 @@ def test_it_forgets_and_does_not_grow():
     assert online._refit.statistics.total()[0] == 200
 
 
+@pytest.mark.slow
 def test_still_channels_are_an_obstacle_and_the_model_stays():
     online = OnlineLearner(COMPLETE, dt=0.01, memory=2.0)
     before = flown(online, WINDY[:450])[-1]

@@ -238,6 +238,7 @@ def test_gaps_are_not_filtered_across():
     assert len(apart.windows.start) == 2
 
 
+@pytest.mark.slow
 def test_windows_show_a_motor_that_weakens():
     before, after = flown(3, steering=1.0, samples=1400), flown(4, steering=1.0, samples=1400)
     weak = Flight(after.time, 1500 + 2 * (after.inputs - 1500), after.outputs)
@@ -251,12 +252,14 @@ def test_windows_show_a_motor_that_weakens():
     assert found.interval().effect.mean() > 2 * whole.interval().effect.mean()
 
 
+@pytest.mark.slow
 def test_one_output_is_the_rate():
     flight = flown(0, steering=1.0)
     alone = Flight(flight.time, flight.inputs, flight.outputs[:, 1])
     np.testing.assert_array_equal(physical(alone).effect, physical(flight).effect)
 
 
+@pytest.mark.slow
 def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not():
     flight = flown(5, steering=2.0, samples=2800)
     off = flight.inputs - 1500

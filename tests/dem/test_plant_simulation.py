@@ -98,6 +98,7 @@ def test_bands_hold_commanded_flights():
     assert np.median(errors) < 0.1
 
 
+@pytest.mark.slow
 def test_where_motors_are_not_identifiable_it_says_so_and_gives_no_band():
     flight = flown(0, steering=0.0, wind=3.0)
     learned = mavdem.learn(flight, SETTINGS)

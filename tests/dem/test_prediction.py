@@ -103,6 +103,7 @@ def test_it_is_better_than_the_last_sample_and_the_mean_at_every_horizon():
         assert own < 1.05 * four_lags, steps
 
 
+@pytest.mark.slow
 def test_bands_hold_nine_samples_in_ten_at_every_horizon():
     inside = []
     for seed in range(30):

@@ -112,6 +112,7 @@ def test_the_winds_covariance_stays_from_sample_to_sample():
     assert of.wind @ of.stationary @ of.wind == pytest.approx(1.5**2 + 0.7**2)
 
 
+@pytest.mark.slow
 def test_its_band_and_its_size_are_those_of_the_truth_where_the_model_is_true():
     known = Parameters()
     flight, torque = flown(1, 12000, known, steady=-2.5)
@@ -185,6 +186,7 @@ def test_wind_weaker_than_the_errors_is_not_resolved():
     assert found.gusts == ()
 
 
+@pytest.mark.slow
 def test_the_models_spectrum_has_its_variance():
     known = Parameters()
     flight, torque = flown(7, 12000, known)

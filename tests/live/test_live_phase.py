@@ -164,6 +164,7 @@ def test_a_learner_forgets_what_is_taken_back():
     assert learner._refit.statistics.total()[0] <= 1500
 
 
+@pytest.mark.slow
 def test_a_learner_forgets_nothing_of_an_earlier_boot():
     learner = mavdem.OnlineLearner()
     rng = np.random.default_rng(0)
