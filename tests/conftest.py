@@ -1,7 +1,9 @@
 """What holds for every test."""
 
 import os
+from collections.abc import Iterator
 
+import pytest
 from hypothesis import settings
 
 # Read when NumPy and SciPy are imported, here and in every process that a test starts: for small matrices more threads
@@ -11,3 +13,11 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"
 # A busy machine may take long over an example; the profile is otherwise the one that hypothesis chose.
 settings.register_profile("without deadline", settings(), deadline=None)
 settings.load_profile("without deadline")
+
+
+@pytest.fixture(scope="module")
+def without_wind_fits() -> Iterator[None]:
+    """For tests of other things: a learner that follows the wind spends half its time on physical parameters."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mavdem.dem.online.wind.FIRST_FIT_SECONDS", 1e9)
+        yield

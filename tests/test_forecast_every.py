@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -15,19 +16,24 @@ FLIGHT = simulated(wind=2.0)
 TRAIN, TEST = FLIGHT[:700], FLIGHT[700:820]
 COMPLETE = Settings(window=9, parameter_precision=1.0, closed_loop=False)
 """The closed loop is learnt from the record, which these tests lengthen; test_mixture.py has its own."""
-MODELS = {
-    "DEM": learn(TRAIN, COMPLETE),
-    "DEM unshrunk": learn(TRAIN, replace(COMPLETE, shrink_forecasts=False)),
-    "DEM paper": learn(TRAIN, Settings.paper()),
-    "ARX": baselines.arx(TRAIN, 2),
-    "hold": baselines.hold(TRAIN),
-    "constant mean": baselines.constant_mean(TRAIN),
+METHODS = {
+    "DEM": lambda: learn(TRAIN, COMPLETE),
+    "DEM unshrunk": lambda: learn(TRAIN, replace(COMPLETE, shrink_forecasts=False)),
+    "DEM paper": lambda: learn(TRAIN, Settings.paper()),
+    "ARX": lambda: baselines.arx(TRAIN, 2),
+    "hold": lambda: baselines.hold(TRAIN),
+    "constant mean": lambda: baselines.constant_mean(TRAIN),
 }
 
 
-@pytest.fixture(params=MODELS)
+@cache
+def learnt(method):
+    return METHODS[method]()
+
+
+@pytest.fixture(params=METHODS)
 def model(request):
-    return MODELS[request.param]
+    return learnt(request.param)
 
 
 def assert_same(actual, expected):
@@ -47,7 +53,7 @@ def test_each_piece_is_the_forecast_of_a_model_that_has_seen_all_before_it(model
 
 def test_some_models_climbed_along_trajectories_and_some_did_not():
     """Their forecasts are weighed in two ways."""
-    assert MODELS["DEM"].simulation_fit is not None and MODELS["DEM paper"].simulation_fit is None
+    assert learnt("DEM").simulation_fit is not None and learnt("DEM paper").simulation_fit is None
 
 
 @pytest.mark.parametrize("steps", [120, 10**9])
@@ -57,7 +63,7 @@ def test_one_piece_is_the_forecast(model, steps):
 
 
 def test_hold_repeats_the_sample_before_each_piece():
-    pieces = MODELS["hold"].forecast_every(50, TEST.inputs, TEST.outputs)
+    pieces = learnt("hold").forecast_every(50, TEST.inputs, TEST.outputs)
     before = np.vstack([TRAIN.outputs[-1], TEST.outputs[49], TEST.outputs[99]])
     np.testing.assert_allclose(pieces, np.repeat(before, [50, 50, 20], axis=0))
 

@@ -16,6 +16,7 @@ from mavdem.dem.online.learner import BLOCK_SECONDS, HORIZONS
 from mavdem.dem.online.memory import Memory, MemoryBlock
 from mavdem.dem.online.mixture import Mixture
 
+pytestmark = pytest.mark.usefixtures("without_wind_fits")
 SETTLED = 1200  # samples, from which predictions are judged
 
 

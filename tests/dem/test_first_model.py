@@ -12,6 +12,7 @@ import mavdem
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.dem.online.learner import FIRST_LEARNING_SECONDS, FIRST_RUNS, TOO_FEW
 
+pytestmark = pytest.mark.usefixtures("without_wind_fits")
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 
 

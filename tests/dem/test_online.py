@@ -27,6 +27,7 @@ from mavdem.dem.online.tracker import Tracker
 from mavdem.dem.record import Record
 from mavdem.dem.scaling import Scaling
 
+pytestmark = pytest.mark.usefixtures("without_wind_fits")
 COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)
 WINDY = simulated(samples=2000, wind=2.0, lag=0.05)
 

@@ -16,6 +16,7 @@ from sitl_scenarios.mixer import Four
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 
+pytestmark = pytest.mark.usefixtures("without_wind_fits")
 DT = 0.01
 QUARTER_SECOND = 3  # its place among the horizons
 

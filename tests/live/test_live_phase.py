@@ -13,6 +13,8 @@ from mavdem.ingest.formats import read_stream
 from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, CUSTOM_MODE, IN_AIR, LANDING, ON_GROUND, PX4
 from mavdem.live.phase import LivePhase
 
+pytestmark = pytest.mark.usefixtures("without_wind_fits")
+
 GUIDED, LAND = 4, 9  # modes of ArduCopter
 STANDBY, ACTIVE = 3, 4  # MAV_STATE
 IN_FLIGHT, ON_THE_GROUND = 0.58, 0.22

@@ -24,6 +24,7 @@ from mavdem.live.recording import RawRecording
 from mavdem.live.session import REPEAT_SECONDS, SILENCE_SECONDS, LiveSession
 from mavdem.live.status import UNCONFIRMED
 
+pytestmark = pytest.mark.usefixtures("without_wind_fits")
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=10.0)
 FRAMES = [(stamp / 1e6, frame) for stamp, frame in read_stream(LOG).stamped_frames()]
