@@ -27,6 +27,7 @@ from mavdem.paper import benchmark, coordinates, noise, oracle, order, predictio
 from mavdem.paper.checks import Check, ClaimStatus, claim_status, sentence
 from mavdem.paper.claims import CLAIMS, MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
 from mavdem.paper.coordinates import PairedErrors
+from mavdem.paper.drawing import THEMES
 from mavdem.paper.item import ItemResult
 from mavdem.paper.report import FIGURES, ITEMS, NUMBERS, PAGE, RECORDING, ItemReport
 from mavdem.paper.runner import PAPER, PEERS, WITH, Extent, Runner
@@ -190,7 +191,9 @@ def test_one_item_makes_a_whole_report(runner, tmp_path):
 
 
 @pytest.mark.slow
-def test_all_items_make_one_report(runner, tmp_path):
+def test_all_items_make_one_report(runner, tmp_path, monkeypatch):
+    for theme in THEMES.values():  # to lay a figure out, it is drawn once more
+        monkeypatch.setitem(theme, "figure.constrained_layout.use", False)
     # Pictures of the demonstrations take ten seconds, and have tests of their own.
     chosen = [item for item in ITEMS if item.claim.name != "demonstrations"]
     write_report(tmp_path, [ItemReport(item, item.run(runner)) for item in chosen], runner, 1.0)
