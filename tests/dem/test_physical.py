@@ -98,7 +98,7 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
     transition, _, _ = model.filters(theta[None], DT)
     n = transition.state.shape[-1]
     A, drive = np.zeros((n, n)), np.zeros((n, n))
-    A[0, 0], A[0, 1], A[1, 1], start = -1.5, 1.0, -1 / model.lag(theta, DT), 2
+    A[0, 0], A[0, 1], A[1, 1], start = -model.damping(theta), 1.0, -1 / model.lag(theta, DT), 2
     for each, size, time in zip(wind, model.sizes(theta), model.times(theta), strict=True):
         of = slice(start, start + len(each.A))
         A[of, of], drive[of, of] = each.A / time, each.drive / time
@@ -199,6 +199,7 @@ SOUND = IdentifiabilityFigures(
     changed=dict.fromkeys(PARAMETERS, 0.02),
     spread=dict.fromkeys(PARAMETERS, 0.02),
     prior={"effect": np.inf, "damping": 1.0, "lag": 1.0},
+    damping=2.0,
     lag=0.03,
     dt=0.01,
 )
@@ -212,6 +213,7 @@ SOUND = IdentifiabilityFigures(
         ({"wind_share": 0.5}, ("not identifiable",) * 3, "wind has 50%"),
         ({"aliased": 0.3}, ("not identifiable",) * 3, "too fast for 100 Hz"),
         ({"dt": 0.02}, ("biased",) * 3, "low by about 8%"),
+        ({"damping": 20.0}, ("reported", "not identifiable", "reported"), "at the bound"),
         ({"lag": 0.004}, ("reported", "reported", "not identifiable"), "shorter than half a step"),
         (
             {"sd": {"effect": 0.15, "damping": 0.9, "lag": 0.05}},
@@ -323,9 +325,10 @@ def test_a_stick_is_an_instrument_and_a_setpoint_that_answers_the_motion_is_none
     for answering, expected in ((0.0, [0]), (5.0, [])):
         pieces = cut(Record.of(piloted(0, stick=1.0, answering=answering)))
         assert pieces.setpoints is not None
-        assert exogenous(pieces.setpoints, pieces.outputs, pieces.windows.dt) == expected
+        assert exogenous(pieces.setpoints, ("roll stick",), pieces.outputs, pieces.windows.dt) == expected
+    assert exogenous(pieces.setpoints, ("roll setpoint",), pieces.outputs, pieces.windows.dt) == []
     still = pieces.setpoints * 0
-    assert exogenous(still, pieces.outputs, pieces.windows.dt) == []
+    assert exogenous(still, ("roll stick",), pieces.outputs, pieces.windows.dt) == []
 
 
 def test_instruments_hold_the_truth_in_wind_that_has_another_spectrum_than_the_model():

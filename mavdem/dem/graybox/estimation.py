@@ -17,8 +17,10 @@ from mavdem.dem.engine.linalg import Array, inverse, one_thread
 from mavdem.dem.graybox.fitting import WINDS, GrayBoxFit, directed, fitted, log_likelihood
 from mavdem.dem.graybox.identifiability import (
     PARAMETERS,
+    REPORTED_SHARE,
     SLOW_BIAS,
     SLOWEST_RATE,
+    WIND_BIAS_SD,
     IdentifiabilityFigures,
     judged,
 )
@@ -75,15 +77,16 @@ def physical(train: UniformRecord | Sequence[UniformRecord]) -> Physical:
         estimate, table = _by_prediction_errors(whole, fits, pieces)
         figures = _figures(whole, estimate, windows)
         status, reasons = judged(figures)
-        if status["effect"] != "reported" and (found := _by_instruments(whole, pieces)) is not None:
-            steered = _with_instruments(estimate, found)
+        by_wind = figures.wind_share
+        if status["effect"] != "reported" and (by := _by_instruments(whole, pieces)) is not None:
+            steered = _with_instruments(estimate, by)
             better, why = judged(_figures(whole, steered, windows)._replace(wind_share=0.0))
             if better["effect"] == "reported":
                 turned = [name for name in PARAMETERS if better[name] == "reported" != status[name]]
-                by = f"Reported with the {' and '.join(found.names)} as instrument. Without:"
-                reasons = why | {name: f"{by} {reasons[name]}" for name in turned}
-                estimate, status = steered, better
-    return _physical(whole, estimate, pieces, table)._replace(
+                said = f"Reported with the {' and '.join(by.names)} as instrument. Without:"
+                reasons = why | {name: f"{said} {reasons[name]}" for name in turned}
+                estimate, status, by_wind = steered, better, 0.0
+    return _physical(whole, estimate, pieces, table, by_wind)._replace(
         status=status, reasons=reasons, wind_share=figures.wind_share
     )
 
@@ -95,7 +98,7 @@ def _by_instruments(whole: GrayBoxFit, pieces: Cut) -> Instrumental | None:
     if not len(known):
         return None
     asked = pieces.setpoints[known]
-    columns = exogenous(asked, pieces.outputs[known], pieces.windows.dt)
+    columns = exogenous(asked, pieces.setpoint_names, pieces.outputs[known], pieces.windows.dt)
     names = tuple(pieces.setpoint_names[column] for column in columns)
     return instrumental(whole, pieces.windows.of(known), asked[:, :, columns], names) if columns else None
 
@@ -166,7 +169,7 @@ def _logarithms(parameters: Parameters, theta: Array, dt: float) -> list[float]:
     """Of mean effect, damping and lag."""
     return [
         float(np.log(np.abs(parameters.effect(theta)).mean())),
-        float(theta[parameters.motors + 1]),
+        float(np.log(parameters.damping(theta))),
         float(np.log(parameters.lag(theta, dt))),
     ]
 
@@ -176,8 +179,9 @@ def _ways(parameters: Parameters, theta: Array, dt: float) -> Array:
     r, ways = parameters.motors, np.zeros((3, len(theta)))
     effect = parameters.effect(theta)
     ways[0, 0], ways[0, 1 : r + 1] = 1.0, np.sign(effect) * np.exp(theta[0]) / np.abs(effect).sum()
-    # Less than 1 where the lag is near the shortest.
-    ways[1, r + 1], ways[2, r + 2] = 1.0, float(np.exp(theta[r + 2]) / parameters.lag(theta, dt)) ** 2
+    # Less than 1 where the damping is near the largest, and the lag near the shortest.
+    ways[1, r + 1] = float(parameters.damping(theta) / np.exp(theta[r + 1]))
+    ways[2, r + 2] = float(np.exp(theta[r + 2]) / parameters.lag(theta, dt)) ** 2
     return ways
 
 
@@ -194,16 +198,17 @@ def _figures(whole: GrayBoxFit, estimate: _Theta, windows: FlightWindows) -> Ide
         changed=changed,
         spread=spread,
         prior={"effect": np.inf, "damping": DAMPING[1], "lag": LAG[1]},
+        damping=float(parameters.damping(theta)),
         lag=float(np.exp(theta[parameters.motors + 2])),
         dt=windows.dt,
     )
 
 
-def _physical(whole: GrayBoxFit, estimate: _Theta, pieces: Cut, table: WindowTable) -> Physical:
+def _physical(whole: GrayBoxFit, estimate: _Theta, pieces: Cut, table: WindowTable, wind_share: float) -> Physical:
     """In the units of the flight; what is still to be judged is empty."""
     parameters, theta, dt = whole.parameters, estimate.theta, pieces.windows.dt
     r, effect = parameters.motors, parameters.effect(theta)
-    damping, lag = float(np.exp(theta[r + 1])), float(parameters.lag(theta, dt))
+    damping, lag = float(parameters.damping(theta)), float(parameters.lag(theta, dt))
     # Effect, damping, lag and delay by θ.
     slopes = np.zeros((r + 3, len(theta)))
     slopes[:r, 0], slopes[:r, 1 : r + 1] = effect, np.exp(theta[0]) * np.eye(r)
@@ -212,7 +217,8 @@ def _physical(whole: GrayBoxFit, estimate: _Theta, pieces: Cut, table: WindowTab
     # The range of three values is 1.7 of their standard deviations in the mean (Tippett 1925).
     more = estimate.between + (estimate.spread / RANGE) ** 2
     covariance = slopes @ estimate.covariance @ slopes.T
-    covariance[:r, :r] += np.outer(effect, effect) * more[0] + np.diag(effect**2) * EFFECT_ERROR**2
+    bias = WIND_BIAS_SD**2 if wind_share > REPORTED_SHARE else 0.0
+    covariance[:r, :r] += np.outer(effect, effect) * (more[0] + bias) + np.diag(effect**2) * EFFECT_ERROR**2
     covariance[r, r] += damping**2 * more[1] + DAMPING_ERROR**2
     covariance[r + 1, r + 1] += lag**2 * (more[2] + LAG_ERROR**2)
     covariance[-1, -1] += DELAY_ERROR**2
@@ -229,7 +235,7 @@ def _physical(whole: GrayBoxFit, estimate: _Theta, pieces: Cut, table: WindowTab
         reasons={},
         bias=SLOW_BIAS if 1 / dt < SLOWEST_RATE else 0.0,
         wind=float(np.sqrt(np.sum(sizes**2))),
-        wind_share=np.nan,
+        wind_share=wind_share,
         components=tuple(
             WindComponent(colour, float(size), float(time))
             for colour, size, time in zip(parameters.wind, sizes, parameters.times(theta), strict=True)
@@ -277,10 +283,10 @@ def _added(values: Array, variances: Array) -> float:
 
 def _wind_share(parameters: Parameters, theta: Array, windows: FlightWindows, levels: Array) -> float:
     """Of the variance of wind and motors together, in the band of the motion; windows count as they do in the fit."""
-    r, rate = parameters.motors, 1 / windows.dt
+    rate = 1 / windows.dt
     commanded, lag = parameters.commanded(theta, windows), float(parameters.lag(theta, windows.dt))
     torque = lagged(commanded[:, :, None], lag, windows.dt)[:, :, 0]
-    turning = np.gradient(windows.rate, windows.dt, axis=1) + np.exp(theta[r + 1]) * windows.rate
+    turning = np.gradient(windows.rate, windows.dt, axis=1) + parameters.damping(theta) * windows.rate
     band = butter(2, (BAND_HZ[0], min(BAND_HZ[1], MAX_BAND_SHARE * rate)), "bandpass", fs=rate, output="sos")
     of_motors, of_all = (sosfiltfilt(band, each, axis=1) for each in (torque, turning))
     wind, motors = (float(np.mean(each.var(axis=1) / levels**2)) for each in (of_all - of_motors, of_motors))

@@ -24,6 +24,10 @@ BIASED_SPREAD = {"effect": 0.30, "damping": 0.90, "lag": 0.60}
 MAX_ALIASED = 0.12  # share of the commands' variance above half of the Nyquist frequency
 SLOWEST_RATE = 80.0  # Hz, below which the commands between samples matter
 SLOW_BIAS = -0.08  # of the effect, typically, there
+WIND_BIAS_SD = 0.1
+"""Relative standard deviation of the effect's bias between ``REPORTED_SHARE`` and ``BIASED_SHARE``: more often it comes
+out high than low."""
+LARGEST_DAMPING = 15.0  # 1/s, beyond which the estimate is near its bound
 RESOLVED_LAG = 0.5  # steps of the stream
 BOUND = 0.8  # of the prior's standard deviation: what little the flight says of a parameter
 
@@ -38,6 +42,7 @@ class IdentifiabilityFigures(NamedTuple):
         changed: relative standard deviation that the spread between windows adds to that of their mean.
         spread: range of the logarithm over the wind's possible spectra.
         prior: standard deviation of the logarithm beforehand.
+        damping: estimate, 1/s.
         lag: estimate beyond the shortest that a stream can hold, s.
         dt: step of the stream, s.
         steered: share of the torque's variance that the setpoints explain; ``None`` where there are none.
@@ -49,6 +54,7 @@ class IdentifiabilityFigures(NamedTuple):
     changed: dict[str, float]
     spread: dict[str, float]
     prior: dict[str, float]
+    damping: float
     lag: float
     dt: float
     steered: float | None = None
@@ -73,7 +79,12 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
         yield (
             "not identifiable" if too_much else "biased",
             f"The wind has {share:.0%} of the torque's variance, and the motors answer it (closed loop): fly quick "
-            f"inputs on this axis (doublets, or a sweep of about 3°) in calm air, until it has {REPORTED_SHARE:.0%}.",
+            f"inputs on this axis (doublets, or a sweep of about 3°) in calm air, until it has {REPORTED_SHARE:.0%}."
+            + (
+                ""
+                if too_much or name != "effect"
+                else f" The effect may be off by {2 * WIND_BIAS_SD:.0%}, mostly high."
+            ),
         )
     if figures.aliased > MAX_ALIASED:
         yield (
@@ -101,6 +112,8 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
             f"The lag changes by {_factor(figures.spread['lag'])} with the spectrum that the wind is taken to have, "
             "and the effect cannot be told from it: steer more, or fly in calmer air.",
         )
+    if name == "damping" and figures.damping > LARGEST_DAMPING:
+        yield "not identifiable", f"It is at the bound of what rotors in air can do, {LARGEST_DAMPING:.0f} 1/s."
     if name == "lag" and figures.lag < RESOLVED_LAG * figures.dt:
         yield (
             "not identifiable",

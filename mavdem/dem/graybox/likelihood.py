@@ -25,6 +25,7 @@ from mavdem.dem.graybox.coloured import Coloured
 SETTLING_SECONDS = 0.25  # of each window, whose prediction errors do not count: the filter finds the state
 MAX_DOUBLINGS = 40  # of the steps over which the filter becomes steady
 SHORTEST_LAG = 0.5  # steps of the stream
+MAX_DAMPING = 25.0  # 1/s: five times that of the smallest published vehicles
 BLOCK = 64  # steps whose drive is worked out together
 
 EFFECT, DAMPING, LAG, DELAY = (0.0, 2.0), (np.log(2.0), 1.0), (np.log(0.03), 1.0), (0.006, 0.004)
@@ -97,6 +98,10 @@ class Parameters(NamedTuple):
         """(…, r) effect of each motor, rad/s² per unit of ``FlightWindows.inputs``."""
         return np.exp(thetas[..., :1]) * (self.directions + thetas[..., 1 : self.motors + 1])
 
+    def damping(self, thetas: Array) -> Array:
+        """(…) damping, 1/s: less than that of any multirotor's rotors in air, ``MAX_DAMPING``."""
+        return np.asarray(1 / (np.exp(-thetas[..., self.motors + 1]) + 1 / MAX_DAMPING))
+
     def lag(self, thetas: Array, dt: float) -> Array:
         """(…) lag, s: no shorter than half a step, which a stream cannot tell from a delay."""
         return np.hypot(np.exp(thetas[..., self.motors + 2]), SHORTEST_LAG * dt)
@@ -114,11 +119,10 @@ class Parameters(NamedTuple):
 
         The transition has two inputs: the torque that the motors settle at, and a constant acceleration.
         """
-        r = self.motors
         n = 2 + sum(len(each.A) for each in self.wind)
         A, B, drive = (np.zeros((len(thetas), n, width)) for width in (n, 2, n))
         rate = 1 / self.lag(thetas, dt)
-        A[:, 0, 0], A[:, 0, 1], A[:, 1, 1] = -np.exp(thetas[:, r + 1]), 1.0, -rate
+        A[:, 0, 0], A[:, 0, 1], A[:, 1, 1] = -self.damping(thetas), 1.0, -rate
         B[:, 1, 0], B[:, 0, 1] = rate, 1.0
         start = 2
         for each, size, time in zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True):
