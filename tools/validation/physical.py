@@ -269,12 +269,15 @@ def recorded() -> None:
             if name.startswith("ardupilot_") and "inertia" not in name and not Path(name).suffix:
                 other, of_other = mean_effect(found)
                 ratio, off = mean / other, mean / other * np.hypot(half / mean, of_other / other)
-                ratios.append([name, found.status["effect"], f"{ratio:.2f} ± {off:.2f}"])
+                words = f"{ratio:.2f} ± {off:.2f}" if found.identifiable else f"{ratio:.2f}"
+                ratios.append([name, found.status["effect"], words])
         table(f"**Effect of {heavy} (doubled inertia) relative to**", ["flight", "its effect is", "ratio"], ratios)
     ranked = ["ardupilot_calm", "ardupilot_wind5_turb", "ardupilot_wind5_gustmoment_strong"]
     if set(ranked) <= set(wholes):
         winds = [wholes[name].wind for name in ranked]
-        words = " < ".join(f"{name} {wind:.3g}" for name, wind in zip(ranked, winds, strict=True))
+        words = " < ".join(
+            f"{name} {wind:.2g} ({wholes[name].status['effect']})" for name, wind in zip(ranked, winds, strict=True)
+        )
         click.echo(f"Wind, rad/s², should be {words}: {'it is' if winds == sorted(winds) else 'it is not'}.")
 
 
