@@ -36,6 +36,7 @@ class Parameters(NamedTuple):
     covariance: np.ndarray = np.zeros((7, 7))
     components: tuple[tuple[Coloured, float, float], ...] = TURBULENCE
     noise: float = 0.004
+    status: dict[str, str] = {"effect": "reported"}  # noqa: RUF012
 
 
 def root_of(covariance: np.ndarray) -> np.ndarray:
@@ -155,6 +156,20 @@ def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
     sure, unsure = wind(known, Record.of(flight)), wind(uncertain, Record.of(flight))
     assert unsure.mean_band == pytest.approx(1.645 * 0.2 * abs(sure.mean), rel=0.05)
     assert np.all(unsure.band >= sure.band)
+
+
+def test_an_effect_that_is_not_identifiable_makes_the_size_uncertain():
+    known = Parameters()
+    flight, _ = flown(4, 1500, known, steady=-3.0)
+    sure, unsure = (
+        wind(known._replace(status={"effect": status}), Record.of(flight))
+        for status in ("reported", "not identifiable")
+    )
+    assert sure.scale_error == 0.0
+    # What moves too fast for the motors does not depend on their effect.
+    assert 0.15 < unsure.scale_error <= 0.3
+    assert unsure.mean_band == pytest.approx(1.645 * 0.3 * abs(sure.mean), rel=0.05)
+    assert unsure.resolved
 
 
 def test_an_unknown_effect_leaves_the_course_resolved_where_motors_answer_the_wind():

@@ -10,6 +10,7 @@ a load to one side adds to it what it takes to balance it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -28,11 +29,16 @@ from mavdem.dem.validation import LEVEL
 
 RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
 MAX_ERROR_SHARE = 0.5  # of the estimate's variance, that its errors may have before it is not resolved
-LAG_ERROR, WIND_ERROR = 0.1, 0.15
-"""Errors of the model, standard deviations: of the motors' lag, as a share of it, and of the wind's torque, as a share
-of its own. Rotors that spin up faster than they slow down, thrust that changes with the flow through the rotor, and a
-spectrum that two components only approximate: chosen so that bands hold nine of ten samples of simulated flights with
-other seeds than those of ``tools/validation/wind.py``."""
+LAG_ERROR, DELAY_ERROR, WIND_ERROR = 0.1, 0.15, 0.15
+"""Errors of the model, standard deviations: of the motors' lag, as a share of it; of their delay, as a share of the
+sampling step; and of the wind's torque, as a share of its own. Rotors that spin up faster than they slow down, commands
+between samples, thrust that changes with the flow through the rotor, and a spectrum that two components only
+approximate: chosen so that bands hold nine of ten samples of simulated flights, with other seeds than those of
+``tools/validation/wind.py``, where the motors' effect is within a tenth of the truth."""
+
+EFFECT_ERROR = {"reported": 0.0, "biased": 0.08, "not identifiable": 0.3}
+"""Standard deviation of the effect's error by its status, relative, besides its covariance, in those flights: the bias
+of the closed loop."""
 
 MAX_ANSWER_SCATTER = 0.1  # of the answered share: with more, the motors do too much else for it to be known
 SPECTRUM_SECONDS = 8.0  # of the windows whose spectra are averaged, with half of each in the next
@@ -60,6 +66,8 @@ class PlantParameters(Protocol):
     def components(self) -> tuple[tuple[Coloured, float, float], ...]: ...  # noqa: D102
     @property
     def noise(self) -> float: ...  # noqa: D102
+    @property
+    def status(self) -> Mapping[str, str]: ...  # noqa: D102
 
 
 class WindSpectrum(NamedTuple):
@@ -159,6 +167,8 @@ def wind(physical: PlantParameters, record: Record) -> WindTorque:
     size, levels = float(torques.torque.var()), slopes.mean(axis=1)
     covariance = physical.covariance.copy()
     covariance[-2, -2] += (LAG_ERROR * physical.lag) ** 2
+    covariance[-1, -1] += (DELAY_ERROR * record.dt) ** 2
+    covariance[:-3, :-3] += EFFECT_ERROR[physical.status["effect"]] ** 2 * np.outer(physical.effect, physical.effect)
     own = torques.variance + WIND_ERROR**2 * size
 
     def with_parameters(slopes: Array) -> Array:
