@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from mavdem.alignment import HoverFigures, hover, hover_figures, read_flight, read_segments
     from mavdem.dem import Learned, OnlineLearner, Settings, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
+    from mavdem.evaluate import VehicleFigures, vehicle
     from mavdem.flight import Flight
     from mavdem.forecaster import Forecaster
     from mavdem.ingest import Telemetry
@@ -22,6 +23,7 @@ __all__ = [
     "Settings",
     "Telemetry",
     "Unreadable",
+    "VehicleFigures",
     "baselines",
     "evaluate",
     "hover",
@@ -30,6 +32,7 @@ __all__ = [
     "learn_many",
     "read_flight",
     "read_segments",
+    "vehicle",
 ]
 
 _HOMES = {
@@ -42,12 +45,14 @@ _HOMES = {
     "Settings": "dem",
     "Telemetry": "ingest",
     "Unreadable": "errors",
+    "VehicleFigures": "evaluate",
     "hover": "alignment",
     "hover_figures": "alignment",
     "learn": "dem",
     "learn_many": "dem",
     "read_flight": "alignment",
     "read_segments": "alignment",
+    "vehicle": "evaluate",
 }
 
 

@@ -12,6 +12,7 @@ import click
 from click.core import ParameterSource
 
 from mavdem import evaluate
+from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import learnable_flight
 from mavdem.cli.options import chosen_settings, model_options, source_options, window_options
 from mavdem.cli.output import print_blocks, print_json, printable, progress, say
@@ -24,8 +25,11 @@ from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.evaluate import training_length
 from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, fewer_samples, samples_in
+from mavdem.evaluate.vehicle_figures import ALL, VehicleFigures, vehicle_of_log
 from mavdem.flight import Flight
+from mavdem.ingest import Log
 from mavdem.report.learned import learned_report
+from mavdem.report.vehicle import vehicle_blocks
 
 
 @click.command("learn")
@@ -68,7 +72,8 @@ def learn_command(
       how far ahead predictions are worth something without the motors
       the model dx/dt = A x + B u with 90 % intervals, and its poles
       the physical parameters (motor effect, damping, lag), or why they
-        are not identifiable
+        are not identifiable, and the wind's torque
+      how hard each motor works; with --axis all a row for each axis
 
     \b
     The folder --out receives:
@@ -81,19 +86,23 @@ def learn_command(
     Examples:
       mavdem learn flight.tlog --out result
       mavdem learn flight.tlog --out result --axis pitch --start 20
+      mavdem learn flight.tlog --out result --axis all
       mavdem learn flight.tlog --out result --preset paper --order 2
     """
     settings = chosen_settings(preset, order)
     check_folder(out)
     began = perf_counter()
-    flight, verdict = learnable_flight(read_source(source), axis, vehicle, inputs)
+    log = read_source(source)
+    flight, verdict = learnable_flight(log, "roll" if axis == ALL else axis, vehicle, inputs)
     available, following = _cut(flight, start, train, test or samples_in(TEST_SECONDS, flight.dt))
     training = available if train else _latest(available, settings)
     learned = _learn(training, settings)
     given = None if len(available) == len(training) else Record.of(available)
     learned = replace(learned, cautions=(*verdict.cautions, *learned.cautions), given=given)
+    figures = _vehicle(log, axis, vehicle, inputs)
     report = {
         **evaluate.report(training, following, learned),
+        **figures.as_dict(),
         "available_samples": len(available),
         "settings": asdict(learned.settings),
         "verdict": verdict.as_dict(),
@@ -104,9 +113,17 @@ def learn_command(
     if as_json:
         print_json(report)
     else:
-        print_blocks(learned_report(report, training, following, learned))
+        print_blocks([*learned_report(report, training, following, learned), *vehicle_blocks(figures)])
         say(f"Took {report['seconds']:.1f} s. Written: {', '.join(map(printable, report['files'].values()))}")
         say(f"Open the plots with `{shlex.join(['rerun', printable(out / 'flight.rrd')])}`.")
+
+
+def _vehicle(log: Log, axis: str, vehicle: str | None, inputs: str | None) -> VehicleFigures:
+    """The figures of all settled flight: of every axis, or of this one's motors only, whose model has the rest."""
+    if axis != ALL:
+        return vehicle_of_log(log, (), vehicle, inputs)
+    with progress("Estimating the physical parameters") as done:
+        return vehicle_of_log(log, AXES, vehicle, inputs, done)
 
 
 def _cut(flight: Flight, start: float, train: int | None, test: int) -> tuple[Flight, Flight]:

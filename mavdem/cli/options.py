@@ -14,11 +14,13 @@ from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.dem import Settings
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.evaluate.flight_windows import TEST_SECONDS
+from mavdem.evaluate.vehicle_figures import ALL
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 VEHICLE_PATTERN = re.compile(r"\d{1,3}(:\d{1,3})?", re.ASCII)  # MAVLink's ids
 MAX_STATES = 10  # A roll model has a few states; the memory of a fit increases with the fourth power of their number
+WITH_ALL = "learn"  # The command that has figures of all axes beside a model of one
 WITH_YAW = ("info", "convert")  # Commands that need no model
 AXIS_OUTPUTS = 2  # of an axis: its angle and its rate
 
@@ -53,6 +55,8 @@ def _vehicle(context: click.Context, parameter: click.Parameter, value: str | No
 
 
 def _axis(context: click.Context, parameter: click.Parameter, value: str) -> str:
+    if value == ALL and context.info_name == WITH_ALL:
+        return value
     if value not in TILT_AXES and context.info_name not in WITH_YAW:
         raise click.BadParameter(
             f"A model has an angle and a rate, and a flight of {value} has the rate only: it is for physical "
@@ -78,11 +82,12 @@ def motion_options(command: Command) -> Command:
         ),
         click.option(
             "--axis",
-            type=click.Choice(AXES),
+            type=click.Choice((*AXES, ALL)),
             default="roll",
             show_default=True,
             callback=_axis,
-            help="Axis to model; yaw, which has a rate and no angle, to judge and to convert only.",
+            help="Axis to model; yaw, which has a rate and no angle, to judge and to convert only; all, for learn, is "
+            "a model of roll with the physical parameters of roll, pitch and yaw.",
         ),
     ):
         command = decorate(command)

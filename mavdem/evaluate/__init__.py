@@ -2,7 +2,7 @@
 
 ``mspe`` is the error, ``skill`` the error ratio by horizon, ``paired`` the comparison of two methods, ``analyse_noise``
 tests whether noise is Gaussian or white, ``report`` has the figures of one learnt flight, ``training_length`` says how
-much of a flight to learn from.
+much of a flight to learn from, ``vehicle`` has the physical parameters of all axes of a log.
 """
 
 from mavdem.evaluate.flight_report import report, trivial_forecasts
@@ -22,8 +22,10 @@ from mavdem.evaluate.squared_error import (
     skill_by_horizon,
     squared_errors,
 )
+from mavdem.evaluate.vehicle_figures import AxisFigures, VehicleFigures, vehicle
 
 __all__ = [
+    "AxisFigures",
     "HORIZONS",
     "Mspe",
     "Noise",
@@ -31,6 +33,7 @@ __all__ = [
     "Significance",
     "Skill",
     "Span",
+    "VehicleFigures",
     "Window",
     "analyse_noise",
     "horizons",
@@ -45,5 +48,6 @@ __all__ = [
     "squared_errors",
     "training_length",
     "trivial_forecasts",
+    "vehicle",
     "windows",
 ]

@@ -73,8 +73,8 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
             "error_ratio": relative_mspe(train, test, learned.predict(len(test))),
         },
         "trajectories": _simulation_fit(learned.simulation_fit),
-        "physical": _physical(learned.physical),
-        "wind": _wind(learned.wind),
+        "physical": physical_values(learned.physical),
+        "wind": wind_values(learned.wind),
         "candidates": [
             {
                 "window": learned.settings.window,
@@ -87,7 +87,7 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
     }
 
 
-def _physical(read: Physical | None) -> dict[str, Any] | None:
+def physical_values(read: Physical | None) -> dict[str, Any] | None:
     """Effect, damping and lag with status and reason; no interval of what is not identifiable."""
     if read is None:
         return None
@@ -111,7 +111,7 @@ def _physical(read: Physical | None) -> dict[str, Any] | None:
     }
 
 
-def _wind(found: WindTorque | None) -> dict[str, Any] | None:
+def wind_values(found: WindTorque | None) -> dict[str, Any] | None:
     """The wind's torque as numbers, rad/s²; ``None`` for shares that are not known."""
     if found is None:
         return None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import floor, isfinite, log10, pi, sqrt
 from pathlib import Path
 from typing import Any
@@ -25,11 +24,11 @@ from mavdem.report.names import (
     state_names,
     states_are_outputs,
 )
+from mavdem.report.vehicle import physical_blocks, wind_blocks
 
 MAX_NAMED, MIN_WEIGHT = 4, 0.3
 """Of a combination of parameters that is not identifiable: how many are named at most, and from what share of the
 largest weight."""
-UNCERTAIN_SCALE = 0.15  # standard deviation of the wind's size, relative, from which on it is said
 
 
 def learned_report(report: dict[str, Any], train: Flight, test: Flight, learned: Learned) -> list[Sentence | Table]:
@@ -59,8 +58,8 @@ def learned_report(report: dict[str, Any], train: Flight, test: Flight, learned:
         ),
         _prediction(report["prediction"], train),
         *_model(train, learned),
-        *_physical(train, learned),
-        *_wind(learned),
+        *physical_blocks(train, learned.physical),
+        *wind_blocks(learned.wind),
         Sentence(
             f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}."
             f"{_convergence(learned) if learned.simulation_fit is None else ''}",
@@ -241,90 +240,6 @@ def _model(train: Flight, learned: Learned) -> list[Sentence | Table]:
         Sentence(f"{'; '.join(trims)}.", "Trim:"),
         Sentence(_poles(model.A), "Poles (1/s):"),
     ]
-
-
-def _physical(train: Flight, learned: Learned) -> list[Sentence | Table]:
-    """Effect, damping and lag, each with its interval or the reason why there is none, and the windows over time."""
-    read = learned.physical
-    if read is None:
-        return []
-    effect, damping, lag, _ = read.interval(LEVEL)
-    unit, status = readable("rad/s²"), read.status
-    per_input = f"{unit.name} per {train.input_units[0] or 'unit of input'}"
-    rows = [
-        [
-            f"effect of {short(name)}",
-            _plus_minus(unit.scale * value, unit.scale * half),
-            per_input,
-            read.status["effect"],
-        ]
-        for name, value, half in zip(train.input_names, read.effect, effect, strict=True)
-    ]
-    rows.append(["damping", _plus_minus(read.damping, damping), "1/s", status["damping"]])
-    rows.append(["lag of the motors", _plus_minus(1e3 * read.lag, 1e3 * lag), "ms", status["lag"]])
-    reasons: dict[str, list[str]] = {}
-    for name, reason in read.reasons.items():
-        reasons.setdefault(reason, []).append(f"{name} {status[name]}")
-    told = [f"{_listed(names).capitalize()}: {reason}" for reason, names in reasons.items() if reason]
-    lead = "Physical parameters (gray-box model):"
-    refined = (
-        f" Unseen windows are predicted better with: {_listed(list(read.refinements))}." if read.refinements else ""
-    )
-    return [
-        Sentence(
-            f"{len(read.windows.start)} windows of the flight, fitted together; ± is the half width of the "
-            f"{LEVEL:.0%} interval. This model has these parameters and the wind only, and is fitted beside "
-            f"DEM's.{refined} {' '.join(told)}".rstrip(),
-            lead,
-        ),
-        Table(["parameter", "estimate", "unit", "status"], rows),
-    ]
-
-
-def _plus_minus(value: float, half: float) -> str:
-    """An estimate rounded to what its half width bears; a dash where there is none."""
-    if not isfinite(half):
-        return "-"
-    digit = floor(log10(half)) - (half < 3 * 10 ** floor(log10(half)))
-    decimals = max(-digit, 0)
-    return f"{round(value, -digit):.{decimals}f} ± {round(half, -digit):.{decimals}f}"
-
-
-def _listed(words: Sequence[str]) -> str:
-    return ", ".join(words[:-1]) + f" and {words[-1]}" if len(words) > 1 else "".join(words)
-
-
-def _wind(learned: Learned) -> list[Sentence]:
-    """The wind's torque: its level, size and gusts, and what of it the motors had answered."""
-    found, lead = learned.wind, "Wind's torque:"
-    if found is None:
-        return []
-    if found.reason is not None:
-        return [Sentence(found.reason, lead)]
-    unit = readable("rad/s²")
-    mean, half, sd = (unit.scale * value for value in (found.mean, found.mean_band, found.sd))
-    text = (
-        f"mean {mean:.3g} ± {half:.2g} {unit.name}, of equal motors and a centred load; standard deviation {sd:.3g} "
-        f"{unit.name}."
-    )
-    if found.scale_error > UNCERTAIN_SCALE:
-        text += f" Both are uncertain by {100 * found.scale_error:.0f} %, as the motor effect is."
-    if isfinite(found.answered) and isfinite(found.answered_slow):
-        text += (
-            f" The motors had answered {100 * found.answered:.0f} % of its variance, and "
-            f"{100 * found.answered_slow:.0f} % of that below 1 Hz."
-        )
-    count = len(found.gusts)
-    text += (
-        f" {count or 'No'} gust{'' if count == 1 else 's'} beyond {unit.scale * found.gust_threshold:.3g} {unit.name}"
-    )
-    if found.gusts:
-        largest = max(found.gusts, key=lambda gust: abs(gust.size))
-        text += (
-            f"; the largest {unit.scale * largest.size:.3g} {unit.name}, {largest.length:.2g} s long, "
-            f"{largest.start:.1f} s after the first sample"
-        )
-    return [Sentence(f"{text} (by chance {found.false_gusts_per_minute:.1g} a minute).", lead)]
 
 
 def _precision(learned: Learned) -> list[Sentence]:

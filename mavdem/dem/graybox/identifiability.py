@@ -32,6 +32,9 @@ RESOLVED_LAG = 0.5  # steps of the stream
 BOUND = 0.8  # of the prior's standard deviation: what little the flight says of a parameter
 
 
+CHANGED = "It differs from window to window by more than chance"
+
+
 class IdentifiabilityFigures(NamedTuple):
     """What decides whether parameters are identifiable; dictionaries by name of parameter.
 
@@ -99,7 +102,7 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
     elif sd > REPORTED_SD[name]:
         yield "biased", f"Its standard deviation is {sd:.0%}: fly longer, or steer more."
     if figures.changed[name] > REPORTED_SD[name]:
-        yield "biased", "It differs from window to window by more than chance: the table over time shows when."
+        yield "biased", f"{CHANGED}: the table over time shows when."
     if spread > REPORTED_SPREAD[name]:
         yield (
             "not identifiable" if spread > BIASED_SPREAD[name] else "biased",
