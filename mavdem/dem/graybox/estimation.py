@@ -71,7 +71,7 @@ def physical(train: UniformRecord | Sequence[UniformRecord]) -> Physical:
     record = Record.of(train)
     pieces = cut(record)
     windows = pieces.windows
-    with one_thread():
+    with one_thread(), np.errstate(all="ignore"):  # what overflows is not finite, and no step goes there
         fits, refined = _chosen(windows, record.effect_directions)
         whole = fitted(refined.parameters, windows, refined.theta) if len(windows.rate) > CHOOSING_WINDOWS else refined
         estimate, table = _by_prediction_errors(whole, fits, pieces)
