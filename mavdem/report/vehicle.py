@@ -21,6 +21,8 @@ UNCERTAIN_SCALE = 0.15  # standard deviation of the wind's size, relative, from 
 
 def vehicle_blocks(found: VehicleFigures) -> list[Sentence | Table]:
     """A row an axis, the reasons for what is not reported, and a row a motor."""
+    if not found.axes:  # A table without rows says nothing.
+        return hover_blocks(found.hover)
     rows = [[name, *_axis_row(own)] for name, own in found.axes.items()]
     unit = next((own.flights[0].input_units[0] for own in found.axes.values() if own.flights), "") or "unit of input"
     header = ["axis", f"mean effect (°/s² per {unit})", "damping (1/s)", "lag (ms)", "wind's torque, sd (°/s²)"]

@@ -179,3 +179,12 @@ def test_yaw_has_no_model_and_the_sentence_says_what_it_is_for(tmp_path, capsys)
     assert said.out == "" and "it is for physical parameters. Choose roll or pitch." in said.err
     assert main(["info", FLIGHT, "--axis", "yaw"]) == 0
     assert capsys.readouterr().out.startswith("The physical parameters of yaw can be learnt from")
+
+
+def test_all_axes_are_reported_beside_the_model_of_roll(tmp_path, capsys):
+    words = ["learn", FLIGHT, "--out", str(tmp_path), "--axis", "all", "--train", "600", "--test", "100"]
+    assert main([*words, "--json"]) == 0
+    report = strict_json(capsys.readouterr().out)
+    assert report["outputs"] == ["roll", "roll rate"]
+    assert list(report["axes"]) == ["roll", "pitch", "yaw"]
+    assert len(report["hover"]["trim"]) == 4
