@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import floor, isfinite, log10
 
-import numpy as np
-
 from mavdem.alignment.trim import HoverFigures
 from mavdem.dem import Physical, WindTorque
 from mavdem.dem.graybox.identifiability import CHANGED
@@ -38,15 +36,16 @@ def _axis_row(own: AxisFigures) -> list[str]:
     read, unit = own.physical, readable("rad/s²").scale
     if read is None:
         return ["-"] * 4
-    effect, damping, lag, _ = read.interval(LEVEL)
-    mean, half = unit * np.abs(read.effect).mean(), unit * effect.mean()
+    _, damping, lag, _ = read.interval(LEVEL)
+    mean, half = (unit * value for value in read.mean_effect(LEVEL))
+    cells = {
+        "effect": _plus_minus(mean, half),
+        "damping": _plus_minus(read.damping, damping),
+        "lag": _plus_minus(1e3 * read.lag, 1e3 * lag),
+    }
+    marked = [f"{cell}{' (biased)' if read.status[name] == 'biased' else ''}" for name, cell in cells.items()]
     wind = f"{unit * own.wind.sd:.3g}" if own.wind is not None and own.wind.reason is None else "-"
-    return [
-        _plus_minus(float(mean), float(half)),
-        _plus_minus(read.damping, damping),
-        _plus_minus(1e3 * read.lag, 1e3 * lag),
-        wind,
-    ]
+    return [*marked, wind]
 
 
 def _reason(own: AxisFigures) -> str:

@@ -170,6 +170,8 @@ def test_a_steered_flight_gives_the_truth_back(known):
     assert found.caution is None
     half = found.interval(0.99)
     assert np.all(np.abs(found.effect - MOTORS) < half.effect)
+    mean, of_mean = found.mean_effect(0.99)
+    assert abs(mean - np.abs(MOTORS).mean()) < of_mean < half.effect.mean()
     assert abs(found.damping - DAMPING) < half.damping
     assert abs(found.lag - LAG) < half.lag
 
@@ -217,12 +219,12 @@ SOUND = IdentifiabilityFigures(
         ({"lag": 0.004}, ("reported", "reported", "not identifiable"), "shorter than half a step"),
         (
             {"sd": {"effect": 0.15, "damping": 0.9, "lag": 0.05}},
-            ("biased", "not identifiable", "reported"),
+            ("biased", "not identifiable", "biased"),
             "hardly more",
         ),
         (
             {"spread": {"effect": 0.2, "damping": 1.0, "lag": 0.1}},
-            ("biased", "not identifiable", "reported"),
+            ("biased", "not identifiable", "biased"),
             "spectrum",
         ),
     ],

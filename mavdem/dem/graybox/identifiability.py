@@ -69,6 +69,10 @@ def judged(figures: IdentifiabilityFigures) -> tuple[dict[str, Status], dict[str
     reasons: dict[str, str] = {}
     for name in PARAMETERS:
         found = list(_obstacles(name, figures))
+        effect = statuses.get("effect", "reported")
+        if effect != "reported" and not any(status == effect for status, _ in found):
+            # A wrong effect is made up for by a wrong lag.
+            found.append((effect, f"The effect is {effect}, and what is wrong with it is wrong with this."))
         order: tuple[Status, ...] = ("not identifiable", "biased")
         statuses[name] = next((status for status in order if any(status == each for each, _ in found)), "reported")
         reasons[name] = " ".join(reason for status, reason in found if status == statuses[name])

@@ -94,6 +94,22 @@ class Physical(NamedTuple):
         warnings.warn("Physical.motors is now Physical.effect", DeprecationWarning, stacklevel=2)
         return self.effect
 
+    def mean_effect(self, level: float = LEVEL) -> tuple[float, float]:
+        """Mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.
+
+        Narrower than the motors' own: the motors move together, and their mean is known better than each.
+
+        Raises:
+            ValueError: a level that is no probability between 0 and 1.
+        """
+        require_probability(level)
+        share = np.sign(self.effect) / len(self.effect)
+        mean, r = float(share @ self.effect), len(self.effect)
+        half = (
+            float(norm.ppf(0.5 + level / 2) * np.sqrt(share @ self.covariance[:r, :r] @ share)) + abs(self.bias) * mean
+        )
+        return mean, half if self.identifiable else np.nan
+
     @property
     def identifiable(self) -> bool:
         """Whether the motors' effect is reported, be it with a bias."""
