@@ -19,6 +19,7 @@ from mavdem.dem.graybox.identifiability import (
     PARAMETERS,
     REPORTED_SHARE,
     SLOW_BIAS,
+    SLOW_SD,
     SLOWEST_RATE,
     WIND_BIAS_SD,
     IdentifiabilityFigures,
@@ -30,10 +31,12 @@ from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable
 from mavdem.dem.graybox.windows import Cut, cut
 from mavdem.dem.record import Record, UniformRecord
 
-EFFECT_ERROR, DAMPING_ERROR, LAG_ERROR, DELAY_ERROR = 0.03, 0.3, 0.05, 0.002
-"""Standard deviations of nonlinear effects: as a share of the effect, which changes with the tilt in wind; of damping,
-1/s; as a share of the lag, since rotors spin up twice as fast as they slow down; and of the delay, s. By so much
-simulated flights differ from the same vehicle linearised, sampled at every step of their controller."""
+EFFECT_ERROR, MOTOR_ERROR = 0.025, 0.015
+DAMPING_ERROR, LAG_ERROR, DELAY_ERROR = 0.3, 0.05, 0.002
+"""Standard deviations of nonlinear effects: as a share of the effect, which changes with the tilt in wind, of all
+motors and of each; of damping, 1/s; as a share of the lag, since rotors spin up twice as fast as they slow down; and of
+the delay, s. By so much simulated flights differ from the same vehicle linearised, sampled at every step of their
+controller."""
 
 CHOOSING_WINDOWS = 10  # of which the wind's spectrum and the refinements are chosen
 MIN_REFINING_WINDOWS, MIN_GAIN_NATS = 4, 3.0  # windows below which nothing is refined, and what unseen ones must gain
@@ -218,9 +221,11 @@ def _physical(whole: GrayBoxFit, estimate: _Theta, pieces: Cut, table: WindowTab
     more = estimate.between + (estimate.spread / RANGE) ** 2
     covariance = slopes @ estimate.covariance @ slopes.T
     bias = WIND_BIAS_SD**2 if wind_share > REPORTED_SHARE else 0.0
-    covariance[:r, :r] += np.outer(effect, effect) * (more[0] + bias) + np.diag(effect**2) * EFFECT_ERROR**2
-    covariance[r, r] += damping**2 * more[1] + DAMPING_ERROR**2
-    covariance[r + 1, r + 1] += lag**2 * (more[2] + LAG_ERROR**2)
+    slow = SLOW_SD**2 if 1 / dt < SLOWEST_RATE else 0.0
+    covariance[:r, :r] += np.outer(effect, effect) * (more[0] + bias + EFFECT_ERROR**2)
+    covariance[:r, :r] += np.diag(effect**2) * MOTOR_ERROR**2
+    covariance[r, r] += damping**2 * (more[1] + slow) + DAMPING_ERROR**2
+    covariance[r + 1, r + 1] += lag**2 * (more[2] + slow + LAG_ERROR**2)
     covariance[-1, -1] += DELAY_ERROR**2
     scale = np.append(np.full(r, 1 / pieces.unit), np.ones(3))
     level = float(np.sqrt(np.mean(whole.levels**2)))

@@ -19,7 +19,7 @@ WINDS = ((FIRST_ORDER,), (FIRST_ORDER, GUSTS), (GUSTS, GUSTS))
 MAX_ITERATIONS, CONVERGED_NATS = 40, 5e-3  # Gauss-Newton steps at most, and the gain below which they have converged
 LONGEST_STEP = 0.7  # of any logarithm, in one step
 RELATIVE_STEP = 1e-4  # of a parameter, or of 0.01 if that is more: for slopes by differences
-ALIKE, UNLIKE = 0.08, 1.0
+ALIKE, UNLIKE = 0.05, 1.0
 """Standard deviation of a motor's effect from the mixer's direction, relative to the mean effect, beforehand: where the
 geometry is known or recognised, and where it is neither."""
 RECOGNISED, ALMOST = 0.5, 0.1

@@ -24,6 +24,7 @@ BIASED_SPREAD = {"effect": 0.30, "damping": 0.90, "lag": 0.60}
 MAX_ALIASED = 0.12  # share of the commands' variance above half of the Nyquist frequency
 SLOWEST_RATE = 80.0  # Hz, below which the commands between samples matter
 SLOW_BIAS = -0.08  # of the effect, typically, there
+SLOW_SD = 0.3  # relative standard deviation of what that does to damping and lag
 WIND_BIAS_SD = 0.1
 """Relative standard deviation of the effect's bias between ``REPORTED_SHARE`` and ``BIASED_SHARE``: more often it comes
 out high than low."""
@@ -130,7 +131,8 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
         yield (
             "biased",
             f"At {1 / figures.dt:.0f} Hz the commands between samples are not known: the effect is low by about "
-            f"{-SLOW_BIAS:.0%}. Record at {SLOWEST_RATE:.0f} Hz or more.",
+            f"{-SLOW_BIAS:.0%}, damping and lag may be off by {2 * SLOW_SD:.0%}. Record at {SLOWEST_RATE:.0f} Hz or "
+            "more.",
         )
 
 
