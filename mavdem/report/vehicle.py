@@ -54,6 +54,10 @@ def _reason(own: AxisFigures) -> str:
 
 def _reasons(read: Physical) -> list[str]:
     """Each reason once, with the parameters it is of."""
+    status = read.status["effect"]
+    if status != "reported" and set(read.status.values()) == {status}:
+        # What is wrong with the effect is enough to know.
+        return [f"Effect, damping and lag are {status}: {read.reasons['effect']}"]
     named: dict[str, list[str]] = {}
     for name, reason in read.reasons.items():
         named.setdefault(reason, []).append(f"{name} {read.status[name]}")
