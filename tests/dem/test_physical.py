@@ -327,10 +327,9 @@ def test_a_stick_is_an_instrument_and_a_setpoint_that_answers_the_motion_is_none
     for answering, expected in ((0.0, [0]), (5.0, [])):
         pieces = cut(Record.of(piloted(0, stick=1.0, answering=answering)))
         assert pieces.setpoints is not None
-        assert exogenous(pieces.setpoints, ("roll stick",), pieces.outputs, pieces.windows.dt) == expected
-    assert exogenous(pieces.setpoints, ("roll setpoint",), pieces.outputs, pieces.windows.dt) == []
+        assert exogenous(pieces.setpoints, pieces.outputs, pieces.windows.dt) == expected
     still = pieces.setpoints * 0
-    assert exogenous(still, ("roll stick",), pieces.outputs, pieces.windows.dt) == []
+    assert exogenous(still, pieces.outputs, pieces.windows.dt) == []
 
 
 def test_instruments_hold_the_truth_in_wind_that_has_another_spectrum_than_the_model():
@@ -358,6 +357,16 @@ def test_setpoints_turn_a_withheld_effect_into_a_reported_one_and_say_so():
     assert alone.status["effect"] != "reported"
     assert found.status["effect"] == "reported"
     assert found.reasons["effect"].startswith("Reported with the roll stick as instrument. Without:")
+    # A loop's setpoint is none, and what is not known of it does not matter.
+    unknown = np.full((len(flight), 1), np.nan)
+    names = ("roll setpoint", "roll stick")
+    both = {"setpoints": np.hstack([unknown, flight.setpoints]), "setpoint_names": names}
+    again = physical(Flight(flight.time, flight.inputs, flight.outputs, **both))
+    np.testing.assert_array_equal(again.effect, found.effect)
+    loop = Flight(
+        flight.time, flight.inputs, flight.outputs, setpoints=flight.setpoints, setpoint_names=("roll setpoint",)
+    )
+    assert physical(loop).status == alone.status
     assert np.all(np.abs(found.effect - MOTORS) < found.interval(0.99).effect)
 
 

@@ -20,6 +20,10 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.fitting import RELATIVE_STEP, GrayBoxFit
 from mavdem.dem.graybox.likelihood import FlightWindows
 
+LOOP = " setpoint"
+"""What the names of setpoints end with that loops make which hold an attitude or a position. They answer the wind, too
+slowly for a test of a minute to show it, and the effect came out 8 to 40 % low with them (docs/physical.md)."""
+
 MEMORY_SECONDS, SPACING_SECONDS = 1.0, 0.05  # of the setpoints before a sample that explain it
 AHEAD_SECONDS, CAUSE_LAGS, MAX_CAUSED = 0.1, 12, 0.02
 """A setpoint answers the motion if that of the last second, at so many lags, explains more than this share of what its
@@ -40,19 +44,10 @@ class Instrumental(NamedTuple):
     names: tuple[str, ...]  # of the setpoints
 
 
-def exogenous(setpoints: Array, names: tuple[str, ...], outputs: Array, dt: float) -> list[int]:
-    """Which columns of setpoints (W, N, q) move, and do not answer the motion ``outputs`` (W, N, m).
-
-    Those called "… setpoint" are of loops that hold an attitude or a position: they do, too slowly for a test of a
-    minute to show it, and the effect came out 8 to 40 % low with them (docs/physical.md).
-    """
-    return [
-        column
-        for column, name in enumerate(names)
-        if not name.endswith(" setpoint")
-        and setpoints[:, :, column].std(axis=1).all()
-        and _caused(setpoints[:, :, column], outputs, dt) <= MAX_CAUSED
-    ]
+def exogenous(setpoints: Array, outputs: Array, dt: float) -> list[int]:
+    """Which columns of setpoints (W, N, q) move, and do not answer the motion ``outputs`` (W, N, m)."""
+    moving = [column for column in range(setpoints.shape[2]) if setpoints[:, :, column].std(axis=1).all()]
+    return [column for column in moving if _caused(setpoints[:, :, column], outputs, dt) <= MAX_CAUSED]
 
 
 def _caused(setpoint: Array, motion: Array, dt: float) -> float:
