@@ -181,6 +181,7 @@ def test_yaw_has_no_model_and_the_sentence_says_what_it_is_for(tmp_path, capsys)
     assert capsys.readouterr().out.startswith("The physical parameters of yaw can be learnt from")
 
 
+@pytest.mark.slow
 def test_all_axes_are_reported_beside_the_model_of_roll(tmp_path, capsys):
     words = ["learn", FLIGHT, "--out", str(tmp_path), "--axis", "all", "--train", "600", "--test", "100"]
     assert main([*words, "--json"]) == 0

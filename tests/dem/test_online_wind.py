@@ -57,6 +57,7 @@ def test_weights_are_those_of_a_longer_smoother():
     assert abs(filtered.weights(2000)[-1]) < 1e-6 * np.abs(filtered.weights(1)).max()
 
 
+@pytest.mark.slow
 def test_it_is_known_from_the_first_fit_on_and_anew_after_a_gap():
     online = OnlineWind(WINDY.dt, 10, None, None)
     found = followed(online, WINDY)

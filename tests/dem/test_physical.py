@@ -350,6 +350,7 @@ def test_instruments_hold_the_truth_in_wind_that_has_another_spectrum_than_the_m
     assert np.mean(np.square(deviations)) < 2.8
 
 
+@pytest.mark.slow
 def test_setpoints_turn_a_withheld_effect_into_a_reported_one_and_say_so():
     flight = piloted(3, stick=0.5)
     alone = physical(Flight(flight.time, flight.inputs, flight.outputs))

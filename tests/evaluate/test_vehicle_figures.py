@@ -22,6 +22,7 @@ def found() -> VehicleFigures:
     return mavdem.vehicle(FLIGHT)
 
 
+@pytest.mark.slow
 def test_each_axis_is_as_by_itself_and_the_motors_are_those_of_hover(found):
     assert list(found.axes) == ["roll", "pitch", "yaw"]
     alone = physical(mavdem.read_segments(FLIGHT, axis="yaw"))

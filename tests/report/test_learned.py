@@ -188,6 +188,7 @@ def test_it_says_how_far_ahead_predictions_without_the_inputs_are_worth_somethin
     assert "of roll up to 0.2 s ahead, roll rate at no horizon, by predictions" in said
 
 
+@pytest.mark.slow
 def test_the_wind_s_torque_is_reported_or_why_it_is_not():
     windy = simulated(samples=1500, wind=4.0, lag=0.05)
     learned = mavdem.learn(windy[:1400], mavdem.Settings(window=9, parameter_precision=1.0))
