@@ -98,11 +98,12 @@ def _axis(log: Log, axis: str, vehicle: str | None, inputs: str | None) -> AxisF
         flights, _ = learnable_segments(log, axis, vehicle, inputs)
     except NotLearnable as error:
         return AxisFigures((), None, None, str(error))
+    record = Record.of(flights)
     try:
-        found = physical(flights)
+        found = physical(record)
     except ValueError as error:
         return AxisFigures(flights, None, None, f"{str(error)[:1].upper()}{str(error)[1:]}.")
     try:
-        return AxisFigures(flights, found, wind(found, Record.of(flights)), "")
+        return AxisFigures(flights, found, wind(found, record), "")
     except ValueError:  # LinAlgError is one
         return AxisFigures(flights, found, None, "")

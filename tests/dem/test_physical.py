@@ -25,6 +25,20 @@ MOTORS = np.array([-0.06, 0.06, 0.06, -0.06])
 FINE = 10
 
 
+def moved(
+    state: tuple[float, float, float, float], before: np.ndarray, now: np.ndarray, wind: float, rng: np.random.Generator
+) -> tuple[float, float, float, float]:
+    """Angle, rate, the motors' torque and the wind's a sample later; commands (4,) act half a sample late."""
+    angle, rate, torque, drift = state
+    keeps = np.exp(-DT / FINE / 0.5)
+    for step in range(FINE):
+        torque += DT / FINE / LAG * (MOTORS @ (now if step >= 5 else before) - torque)
+        drift = keeps * drift + np.sqrt(1 - keeps**2) * wind * rng.standard_normal()
+        rate += DT / FINE * (torque - DAMPING * rate + drift)
+        angle += DT / FINE * rate
+    return angle, rate, torque, drift
+
+
 def flown(
     seed: int, steering: float, samples: int = 700, wind: float = 1.0, commanded: np.ndarray | None = None
 ) -> Flight:
@@ -33,23 +47,18 @@ def flown(
     The last samples have motors that are ``commanded`` (H, 4), whatever the vehicle does.
     """
     rng = np.random.default_rng(seed)
-    keeps = np.exp(-DT / FINE / 0.5)
     reference = steering * np.sign(np.sin(2 * np.pi * np.arange(samples) * DT / 1.3))
-    angle = rate = torque = drift = 0.0
-    commands, outputs, command = np.zeros((samples, 4)), np.empty((samples, 2)), np.zeros(4)
+    state = (0.0,) * 4
+    commands, outputs = np.zeros((samples, 4)), np.empty((samples, 2))
     for k in range(samples):
+        angle, rate, *_ = state
         measured = rate + 0.005 * rng.standard_normal()
         outputs[k] = angle, measured
         wanted = 12 * (reference[k] - 3 * angle - measured)
         commands[k] = wanted * MOTORS / (MOTORS @ MOTORS) + rng.standard_normal(4)
         if commanded is not None and k >= samples - len(commanded):
             commands[k] = commanded[k - samples]
-        for step in range(FINE):
-            command = commands[k] if step >= 5 else commands[max(k - 1, 0)]
-            torque += DT / FINE / LAG * (MOTORS @ command - torque)
-            drift = keeps * drift + np.sqrt(1 - keeps**2) * wind * rng.standard_normal()
-            rate += DT / FINE * (torque - DAMPING * rate + drift)
-            angle += DT / FINE * rate
+        state = moved(state, commands[max(k - 1, 0)], commands[k], wind, rng)
     return Flight(DT * np.arange(samples), 1500 + commands, outputs)
 
 
@@ -303,22 +312,18 @@ def piloted(seed: int, stick: float, answering: float = 0.0) -> Flight:
     """As :func:`flown` in strong wind, steered by a slow stick; the setpoint may answer the rate besides."""
     rng = np.random.default_rng(seed)
     samples, wind = 4200, 3.0
-    keeps, slow = np.exp(-DT / FINE / 0.5), np.exp(-DT / 0.25)
+    slow = np.exp(-DT / 0.25)
     asked = np.zeros(samples)
     for k in range(1, samples):
         asked[k] = slow * asked[k - 1] + np.sqrt(1 - slow**2) * stick * rng.standard_normal()
-    angle = rate = torque = drift = 0.0
+    state = (0.0,) * 4
     commands, outputs, setpoints = np.zeros((samples, 4)), np.empty((samples, 2)), np.empty((samples, 1))
     for k in range(samples):
+        angle, rate, *_ = state
         outputs[k] = angle, rate + 0.005 * rng.standard_normal()
         setpoints[k] = asked[k] - answering * angle
         commands[k] = 12 * (setpoints[k, 0] - 3 * angle - outputs[k, 1]) * MOTORS / (MOTORS @ MOTORS)
-        for step in range(FINE):
-            command = commands[k] if step >= 5 else commands[max(k - 1, 0)]
-            torque += DT / FINE / LAG * (MOTORS @ command - torque)
-            drift = keeps * drift + np.sqrt(1 - keeps**2) * wind * rng.standard_normal()
-            rate += DT / FINE * (torque - DAMPING * rate + drift)
-            angle += DT / FINE * rate
+        state = moved(state, commands[max(k - 1, 0)], commands[k], wind, rng)
     time = DT * np.arange(samples)
     return Flight(time, 1500 + commands, outputs, setpoints=setpoints, setpoint_names=("roll stick",))
 

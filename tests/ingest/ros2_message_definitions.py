@@ -25,6 +25,16 @@ float64 x
 float64 y
 float64 z
 """
+QUATERNION = """\
+================================================================================
+MSG: geometry_msgs/Quaternion
+# This represents an orientation in free space in quaternion form.
+
+float64 x 0
+float64 y 0
+float64 z 0
+float64 w 1
+"""
 DEFINITIONS = {
     "px4_msgs/msg/VehicleAttitude": """\
 # This is similar to the mavlink message ATTITUDE_QUATERNION, but for onboard use
@@ -303,15 +313,7 @@ float64[9] angular_velocity_covariance # Row major about x, y, z axes
 
 geometry_msgs/Vector3 linear_acceleration
 float64[9] linear_acceleration_covariance # Row major x, y z
-{HEADER}================================================================================
-MSG: geometry_msgs/Quaternion
-# This represents an orientation in free space in quaternion form.
-
-float64 x 0
-float64 y 0
-float64 z 0
-float64 w 1
-{VECTOR}""",
+{HEADER}{QUATERNION}{VECTOR}""",
     "mavros_msgs/msg/RCOut": f"""\
 # RAW Servo out state
 
@@ -337,15 +339,7 @@ uint8 IGNORE_ATTITUDE = 128 # orientation field
 geometry_msgs/Quaternion orientation
 geometry_msgs/Vector3 body_rate
 float32 thrust
-{HEADER}================================================================================
-MSG: geometry_msgs/Quaternion
-# This represents an orientation in free space in quaternion form.
-
-float64 x 0
-float64 y 0
-float64 z 0
-float64 w 1
-{VECTOR}""",
+{HEADER}{QUATERNION}{VECTOR}""",
     "sensor_msgs/msg/BatteryState": f"""\
 # Constants are chosen to match the enums in the linux kernel
 

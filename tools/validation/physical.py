@@ -22,7 +22,6 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 from physical_flights import Case, cases, flown
-from scipy.stats import norm
 
 from mavdem import Flight, read_flight
 from mavdem.dem import Physical, physical
@@ -49,22 +48,10 @@ def table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> No
     click.echo()
 
 
-def mean_effect(found: Physical) -> tuple[float, float]:
-    """Mean magnitude over the motors, rad/s² per unit of input, and the half width of its interval."""
-    r = len(found.effect)
-    way = np.sign(found.effect) / r
-    mean = float(way @ found.effect)
-    if not found.identifiable:
-        return mean, np.nan
-    # Of all motors together: their errors are correlated, so that this is no mean of their half widths.
-    sd = float(np.sqrt(way @ found.covariance[:r, :r] @ way))
-    return mean, float(norm.ppf(0.5 + LEVEL / 2)) * sd + abs(found.bias * mean)
-
-
 def estimate_of(found: Physical, name: str) -> tuple[float, float]:
     """Of the mean effect, damping or lag, and the half width of its interval, NaN where it is not identifiable."""
     if name == "effect":
-        return mean_effect(found)
+        return found.mean_effect(LEVEL)
     return float(getattr(found, name)), float(getattr(found.interval(LEVEL), name))
 
 
@@ -238,7 +225,7 @@ def agreement(thirds: Sequence[Physical | ValueError]) -> str:
     known = [each for each in thirds if isinstance(each, Physical) and each.identifiable]
     if len(known) < 2:
         return "–"
-    values, halves = np.array([mean_effect(each) for each in known]).T
+    values, halves = np.array([each.mean_effect(LEVEL) for each in known]).T
     off = np.abs(values[:, None] - values) / np.hypot(halves[:, None], halves)
     return f"{'yes' if off.max() <= 1 else 'no'} ({np.ptp(values) / values.mean():.0%} apart)"
 
@@ -263,11 +250,11 @@ def recorded() -> None:
     table(title, ["flight", "of", *HEADS, "thirds agree"], rows)
     heavy = "ardupilot_inertia_wind5_steps"
     if heavy in wholes:
-        mean, half = mean_effect(wholes[heavy])
+        mean, half = wholes[heavy].mean_effect(LEVEL)
         ratios = []
         for name, found in wholes.items():
             if name.startswith("ardupilot_") and "inertia" not in name and not Path(name).suffix:
-                other, of_other = mean_effect(found)
+                other, of_other = found.mean_effect(LEVEL)
                 ratio, off = mean / other, mean / other * np.hypot(half / mean, of_other / other)
                 words = f"{ratio:.2f} ± {off:.2f}" if found.identifiable else f"{ratio:.2f}"
                 ratios.append([name, found.status["effect"], words])

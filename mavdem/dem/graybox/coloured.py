@@ -6,7 +6,7 @@ from math import factorial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_continuous_lyapunov
+from scipy.linalg import expm, solve_continuous_lyapunov
 
 from mavdem.dem.engine.linalg import Array
 
@@ -17,6 +17,16 @@ class Coloured(NamedTuple):
     A: Array  # (k, k)
     drive: Array  # (k, k) intensity of the white noise
     C: Array  # (k,)
+
+
+def step_covariance(A: Array, drive: Array, dt: float) -> Array:
+    """(…, n, n) covariance that white noise of intensity ``drive`` (…, n, n) adds to ẋ = A x in a step of ``dt`` s.
+
+    Van Loan, "Computing integrals involving the matrix exponential", 1978.
+    """
+    n = A.shape[-1]
+    flow = expm(np.block([[-A, drive], [np.zeros_like(A), np.swapaxes(A, -1, -2)]]) * dt)
+    return np.asarray(np.swapaxes(flow[..., n:, n:], -1, -2) @ flow[..., :n, n:])
 
 
 def _autoregressive(coefficients: Array) -> Coloured:

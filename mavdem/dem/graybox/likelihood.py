@@ -15,12 +15,11 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 from scipy.signal import lfilter
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import Transition, discretize
-from mavdem.dem.graybox.coloured import Coloured
+from mavdem.dem.graybox.coloured import Coloured, step_covariance
 
 SETTLING_SECONDS = 0.25  # of each window, whose prediction errors do not count: the filter finds the state
 MAX_DOUBLINGS = 40  # of the steps over which the filter becomes steady
@@ -132,9 +131,7 @@ class Parameters(NamedTuple):
             A[:, 0, of] = each.C * size[:, None]
             start = of.stop
         transition = discretize(A, B, dt)
-        # Van Loan, "Computing integrals involving the matrix exponential", 1978.
-        flow = expm(np.block([[-A, drive], [np.zeros_like(A), np.swapaxes(A, 1, 2)]]) * dt)
-        process = np.swapaxes(flow[:, n:, n:], 1, 2) @ flow[:, :n, n:]
+        process = step_covariance(A, drive, dt)
         noise = np.exp(2 * thetas[:, self.of_noise]) + self.least_noise**2
         P = steady_covariance(transition.state, process, noise)
         variance = P[:, 0, 0] + noise

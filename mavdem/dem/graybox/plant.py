@@ -7,11 +7,11 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
+from scipy.linalg import block_diag, solve_continuous_lyapunov
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import Transition, discretize
-from mavdem.dem.graybox.coloured import Coloured
+from mavdem.dem.graybox.coloured import Coloured, step_covariance
 
 
 class Plant(NamedTuple):
@@ -44,9 +44,6 @@ def plant(damping: float, lag: float, components: Sequence[tuple[Coloured, float
         drive[start:stop, start:stop] = noise
         stationary[start:stop, start:stop] = solve_continuous_lyapunov(own, -noise)
     A[0] += wind
-    n = len(A)
-    step = discretize(A, np.eye(n)[:, 1:2] / lag, dt)
-    # Van Loan, "Computing integrals involving the matrix exponential", 1978.
-    flow = expm(np.block([[-A, drive], [np.zeros_like(A), A.T]]) * dt)
-    process = step.state @ flow[:n, n:]
+    step = discretize(A, np.eye(len(A))[:, 1:2] / lag, dt)
+    process = step_covariance(A, drive, dt)
     return Plant(step, (process + process.T) / 2, wind, stationary)

@@ -10,6 +10,7 @@ from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
 from mavdem.dem.closed_loop.gaussian_path import GaussianPath
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import discretize, recursion
+from mavdem.dem.graybox.coloured import step_covariance
 from mavdem.dem.graybox.likelihood import delayed
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.priors import derivative_pairs
@@ -85,11 +86,7 @@ def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
         A[1, start:stop] = each.size * each.colour.C
         drive[start:stop, start:stop] = noise
         P[start:stop, start:stop] = solve_continuous_lyapunov(own, -noise)
-    n = len(A)
-    # Van Loan, "Computing integrals involving the matrix exponential", 1978.
-    flow = expm(np.block([[-A, drive], [np.zeros_like(A), A.T]]) * dt)
-    state = flow[n:, n:].T
-    process, variance = state @ flow[:n, n:], np.empty((steps, 2))
+    state, process, variance = expm(A * dt), step_covariance(A, drive, dt), np.empty((steps, 2))
     for step in range(steps):
         P = state @ P @ state.T + process
         variance[step] = P.diagonal()[:2]
