@@ -21,7 +21,6 @@ from mavdem.cli.sources import read_source
 from mavdem.dem import Learned, Settings
 from mavdem.dem import learn as learn_model
 from mavdem.dem.learning import FEWEST_SAMPLES
-from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.evaluate import training_length
 from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, fewer_samples, samples_in
@@ -97,8 +96,7 @@ def learn_command(
     available, following = _cut(flight, start, train, test or samples_in(TEST_SECONDS, flight.dt))
     training = available if train else _latest(available, settings)
     learned = _learn(training, settings)
-    given = None if len(available) == len(training) else Record.of(available)
-    learned = replace(learned, cautions=(*verdict.cautions, *learned.cautions), given=given)
+    learned = replace(learned, cautions=(*verdict.cautions, *learned.cautions))
     figures = _vehicle(log, axis, vehicle, inputs)
     report = {
         **evaluate.report(training, following, learned),

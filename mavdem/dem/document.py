@@ -201,8 +201,6 @@ DOCUMENT = TypeAdapter(
         free_energy_of_samples="windows",
         state_map="X data",
         theta="K",
-        given=_part(dict, inputs=_shape("G r", most=LARGEST), outputs=_shape("G m", most=LARGEST), segments=list[Whole])
-        | None,
         of_vehicle=_part(
             dict,
             effect_directions=list[float] | None,
@@ -219,8 +217,8 @@ engine, which may have a constant input more."""
 
 def values_of(parts: Mapping[str, Any]) -> dict[str, Any]:
     """Plain JSON values of the fields of a learnt model, ``parts`` by name."""
-    record, given = parts["record"], parts["given"]
-    values = {name: _plain(value) for name, value in parts.items() if name not in ("record", "given")}
+    record = parts["record"]
+    values = {name: _plain(value) for name, value in parts.items() if name != "record"}
     # A direction's sizes are those of the model.
     directions = [{"weights": one["weights"], "share": one["share"]} for one in values["undetermined"]]
     values |= {key: values.pop(name) for name, key in KEYS.items()}
@@ -228,17 +226,10 @@ def values_of(parts: Mapping[str, Any]) -> dict[str, Any]:
         **values,
         "free_energy": _plain(parts["free_energy"].terms),
         "undetermined": directions,
-        **_samples_of(record),
-        "given": given and _samples_of(given),
-        "of_vehicle": _of_vehicle(given or record),
-    }
-
-
-def _samples_of(record: Record) -> dict[str, Any]:
-    return {
         "inputs": record.inputs.tolist(),
         "outputs": record.outputs.tolist(),
         "segments": list(record.lengths),
+        "of_vehicle": _of_vehicle(record),
     }
 
 
@@ -268,12 +259,9 @@ def parts_of(values: Any) -> dict[str, Any]:
         raise ValueError(f"not the document of a learnt model: {problem}" if missing else problem) from None
     parts |= {name: parts.pop(key) for name, key in KEYS.items()}
     parts["settings"] = CompleteSettings.from_dict(parts["settings"])
-    parts["record"] = _record({name: parts.pop(name) for name in ("inputs", "outputs", "segments")}, parts["dt"])
-    parts["given"] = parts["given"] and _record(parts["given"], parts["dt"])
+    record = Record(parts.pop("inputs"), parts.pop("outputs"), parts["dt"], tuple(parts.pop("segments")))
     of_vehicle = parts.pop("of_vehicle")
-    whole = "given" if parts["given"] else "record"
-    if of_vehicle:
-        parts[whole] = _with_vehicle(parts[whole], of_vehicle)
+    parts["record"] = _with_vehicle(record, of_vehicle) if of_vehicle else record
     _check(parts, sizes)
     model_sizes = sizes["n"], sizes["r"], sizes["m"]
     parts["undetermined"] = tuple(Direction(**one, sizes=model_sizes) for one in parts["undetermined"])
@@ -299,17 +287,10 @@ def _with_vehicle(record: Record, values: Mapping[str, Any]) -> Record:
     return replace(record, effect_directions=directions, setpoints=setpoints, voltage=voltage, setpoint_names=names)
 
 
-def _record(samples: Mapping[str, Any], dt: float) -> Record:
-    return Record(samples["inputs"], samples["outputs"], dt, tuple(samples["segments"]))
-
-
 def _current(values: Any) -> Any:
-    """A document of today: version 0.1 wrote every candidate, "unseen" for training forecasts, and no closed loop.
-
-    Before ``given`` all samples that were given were the training data.
-    """
+    """A document of today: version 0.1 wrote every candidate, "unseen" for training forecasts, and no closed loop."""
     if isinstance(values, dict):
-        values = {"given": None, "of_vehicle": None, **values}
+        values = {"of_vehicle": None, **values}
     if not (isinstance(values, dict) and "unseen" in values):
         return values
     kept = {name: value for name, value in values.items() if name not in ("unseen", "candidates")}
@@ -335,8 +316,6 @@ def _check(parts: Mapping[str, Any], sizes: Mapping[str, int]) -> None:
     for name, size in expected.items():
         if sizes[name] != size:
             raise ValueError(f"the document's arrays must have {name} = {size}, not {sizes[name]}")
-    if parts["given"] is not None and len(parts["given"]) != sum(parts["given"].lengths):
-        raise ValueError(f"given must have segments of {len(parts['given'])} samples in all")
     if not (min(n, r, m, T, sizes["H"], sizes.get("iterations", 0)) and sizes["carried"] >= n):
         raise ValueError("the document's arrays must not be empty")
     if simulation_fit is not None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, fields
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
 from warnings import warn
 
 import numpy as np
@@ -27,7 +26,6 @@ from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.graybox.wind import WindTorque, wind
 from mavdem.dem.record import Record, required_steps
 from mavdem.dem.scaling import Scaling
-from mavdem.dem.selection import Candidate
 from mavdem.dem.settings import CompleteSettings
 from mavdem.dem.smoothness import SmoothnessEstimate
 from mavdem.dem.uncertainty import Direction, SandwichCovariance
@@ -35,14 +33,6 @@ from mavdem.dem.validation import LEVEL, json_values, require_probability
 
 may_overflow = np.errstate(over="ignore", invalid="ignore")
 """Forecasts of an unstable model, or with huge inputs, overflow to infinity or NaN without a warning."""
-
-RENAMED = {
-    "colour": "smoothness_estimate",
-    "settled": "converged",
-    "trajectory": "simulation_fit",
-    "unseen": "training_forecasts",
-}
-"""Attributes of earlier versions, which still work with a warning."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -70,7 +60,6 @@ class Learned:
         training_forecasts: forecasts of the training data, and the error to expect of others.
         cautions: limits of the model, one sentence each.
         simulation_fit: the simulation-error fit of θ, in the engine's units; ``None`` where there was none.
-        given: all samples that were given, where only the last of them are the training data; else ``None``.
         scaling, predictor, state_map, theta: what :meth:`one_step`, :meth:`forecast` and :meth:`process_noise` compute
             with, in the engine's units.
     """
@@ -97,7 +86,6 @@ class Learned:
     state_map: Array
     theta: Array
     simulation_fit: SimulationFit | None
-    given: Record | None = None
 
     def __repr__(self) -> str:
         (n, r), m, number = self.model.B.shape, len(self.model.C), len(self.cautions)
@@ -106,21 +94,6 @@ class Learned:
             f"F̄ {self.free_energy[-1]:,.0f}{'' if self.converged else ' (not converged)'}, "
             f"{number} caution{'' if number == 1 else 's'}>"
         )
-
-    @property
-    def candidates(self) -> tuple[Candidate, ...]:
-        """Deprecated: what was used is in :attr:`settings`; its only entry."""
-        warn("Learned.candidates is deprecated: Learned.settings has what was used", DeprecationWarning, stacklevel=2)
-        error = np.mean(self.training_forecasts.mse / self.record.outputs.var(axis=0))
-        return (Candidate(self.settings.window, self.settings.parameter_precision, float(error)),)
-
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            if name not in RENAMED:
-                raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
-            warn(f"Learned.{name} is now Learned.{RENAMED[name]}", DeprecationWarning, stacklevel=2)
-            return getattr(self, RENAMED[name])
 
     @property
     def model_sd(self) -> LinearModel:
@@ -153,18 +126,18 @@ class Learned:
 
     @cached_property
     def physical(self) -> Physical | None:
-        """The gray-box model of motors, damping and lag, of all that was given; ``None`` where none can be fitted.
+        """The gray-box model of motors, damping and lag; ``None`` where none can be fitted.
 
         See :func:`mavdem.dem.physical`.
         """
         try:
-            return physical(self.record if self.given is None else self.given)
+            return physical(self.record)
         except ValueError:
             return None
 
     @cached_property
     def wind(self) -> WindTorque | None:
-        """The wind's torque in all that was given, by :attr:`physical`; ``None`` where that is ``None``.
+        """The wind's torque in the training data, by :attr:`physical`; ``None`` where that is ``None``.
 
         Its size is as uncertain as the motors' effect: ``wind.scale_error``, and ``physical.reasons["effect"]``. See
         :func:`mavdem.dem.graybox.wind.wind`.
@@ -172,7 +145,7 @@ class Learned:
         if self.physical is None:
             return None
         try:
-            return wind(self.physical, self.record if self.given is None else self.given)
+            return wind(self.physical, self.record)
         except ValueError:  # LinAlgError is one
             return None
 
@@ -285,6 +258,27 @@ class Learned:
         """
         require_probability(level)
         return self._forecasts.half_widths(self.forecast_variance(inputs), level)
+
+    @may_overflow
+    def forecast_every_variance(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
+        """(H, m) expected squared error of :meth:`forecast_every` with the same arguments ``steps, inputs, outputs``.
+
+        Raises:
+            ValueError: as :meth:`forecast_every`.
+        """
+        return self._forecasts.every(steps, *self.record.following(steps, inputs, outputs)).variance
+
+    @may_overflow
+    def forecast_every_band(self, steps: int, inputs: ArrayLike, outputs: ArrayLike, level: float = LEVEL) -> Array:
+        """(H, m) half width, about :meth:`forecast_every`, of the band that holds a sample with probability ``level``.
+
+        ``steps``, ``inputs`` and ``outputs`` are the same as there.
+
+        Raises:
+            ValueError: as :meth:`forecast_every`, or a level that is no probability between 0 and 1.
+        """
+        require_probability(level)
+        return self._forecasts.half_widths(self.forecast_every_variance(steps, inputs, outputs), level, steps)
 
     @cached_property
     def _plant_forecasts(self) -> Forecasts:

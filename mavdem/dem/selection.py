@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings, Settings
 
@@ -17,14 +15,6 @@ PARAMETER_PRECISIONS = (10.0, 0.01, 1.0, 100.0)
 
 The first is used where a simulation-error fit follows, which only begins at that θ. Where none can follow, the one is
 used whose model forecasts the training data best."""
-
-
-class Candidate(NamedTuple):
-    """The entry of the deprecated ``Learned.candidates``; ``error`` is the mean squared one in training variances."""
-
-    window: int
-    parameter_precision: float
-    error: float
 
 
 def leaves_open(settings: Settings) -> bool:

@@ -1,12 +1,13 @@
 """Evaluation: the error of forecasts beside a baseline, paired tests, and tests of the noise.
 
 ``mspe`` is the error, ``skill`` the error ratio by horizon, ``paired`` the comparison of two methods, ``analyse_noise``
-tests whether noise is Gaussian or white, ``report`` has the figures of one learnt flight, ``training_length`` says how
-much of a flight to learn from, ``vehicle`` has the physical parameters of all axes of a log.
+tests whether noise is Gaussian or white, ``held_out_windows`` forecasts every part of a flight by models that were
+trained without it, ``report`` has the figures of one learnt flight, ``vehicle`` the physical parameters of all axes.
 """
 
 from mavdem.evaluate.flight_report import report, trivial_forecasts
 from mavdem.evaluate.flight_windows import Window, windows
+from mavdem.evaluate.held_out import HeldOut, held_out_test, held_out_windows
 from mavdem.evaluate.hold_out import training_length
 from mavdem.evaluate.noise import Noise, Significance, analyse_noise, process_noise
 from mavdem.evaluate.paired_test import Paired, Span, paired
@@ -27,6 +28,7 @@ from mavdem.evaluate.vehicle_figures import AxisFigures, VehicleFigures, vehicle
 __all__ = [
     "AxisFigures",
     "HORIZONS",
+    "HeldOut",
     "Mspe",
     "Noise",
     "Paired",
@@ -36,6 +38,8 @@ __all__ = [
     "VehicleFigures",
     "Window",
     "analyse_noise",
+    "held_out_test",
+    "held_out_windows",
     "horizons",
     "mspe",
     "paired",

@@ -75,13 +75,6 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
         "trajectories": _simulation_fit(learned.simulation_fit),
         "physical": physical_values(learned.physical),
         "wind": wind_values(learned.wind),
-        "candidates": [
-            {
-                "window": learned.settings.window,
-                "parameter_precision": learned.settings.parameter_precision,
-                "error": float(np.mean(learned.training_forecasts.mse / learned.record.outputs.var(axis=0))),
-            }
-        ],
         "motors_share": learned.training_forecasts.motors_share,
         "cautions": list(learned.cautions),
     }

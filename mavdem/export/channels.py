@@ -54,9 +54,8 @@ def _learned(train: Flight, learned: Learned, test: Flight | None) -> dict[str, 
         "learned/free_energy": (train.time[places], {"free_energy": learned.free_energy_of_samples}),
     }
     if learned.wind is not None:
-        # What was given ends with the training data.
-        of_training = np.stack([learned.wind.torque, learned.wind.band], axis=1)[-len(train) :]
-        series["learned/wind_torque"] = _series(train.time, ("torque", "band"), of_training)
+        torque = np.stack([learned.wind.torque, learned.wind.band], axis=1)
+        series["learned/wind_torque"] = _series(train.time, ("torque", "band"), torque)
     if test is not None:
         series["learned/forecast"] = _series(test.time, train.output_names, learned.forecast(test.inputs))
     return series

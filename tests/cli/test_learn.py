@@ -115,8 +115,6 @@ def test_without_train_it_is_as_much_of_the_flight_as_helps(tmp_path, capsys):
         assert f"the last {train.duration:.0f} s of {len(available) * train.dt:.0f} s: " in said
     kept = Learned.from_json((tmp_path / "model.json").read_text())
     np.testing.assert_array_equal(kept.record.outputs, train.outputs)
-    if kept.given is not None:
-        np.testing.assert_array_equal(kept.given.outputs, available.outputs)
 
 
 @pytest.mark.parametrize("start", ["1e9", "1e307"])

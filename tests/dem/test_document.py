@@ -1,7 +1,6 @@
 """The document of a learnt model, against one that version 0.1 wrote."""
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +8,6 @@ import pytest
 from simulated import simulated
 
 from mavdem import Flight, Learned, Settings, learn
-from mavdem.dem import physical
-from mavdem.dem.record import Record
 
 TEXT = (Path(__file__).parent / "data" / "model_0_1.json").read_text()
 FLIGHT = simulated(wind=0.5, lag=0.05)
@@ -29,8 +26,6 @@ def test_nothing_of_it_is_lost():
     # Since then there is one choice, in the settings, and the forecasts it was tried on have a name of their own.
     before["training_forecasts"] = before.pop("unseen")
     del before["candidates"]
-    # Since then a part of what was given may be learnt from.
-    assert now.pop("given") is None
     # Since then what only the physical parameters use is kept; of this flight there is none.
     assert now.pop("of_vehicle") is None
     # Since then forecasts may take the motors for measurements; those of this model did not.
@@ -50,7 +45,6 @@ def test_nothing_of_it_is_lost():
         (("settings", "window"), None, "^window must be a whole number"),
         (("scaling", "output_scale"), [1.0, 0.0], "^scaling.output_scale must be positive"),
         (("segments",), [100, 61], "must have T = 161, not 160"),
-        (("given",), {"inputs": [[1.0] * 4] * 3, "outputs": [[0.1, 0.2]] * 3, "segments": [2]}, "^given must have"),
     ],
 )
 def test_what_does_not_fit_is_named(path, value, message):
@@ -61,19 +55,6 @@ def test_what_does_not_fit_is_named(path, value, message):
     inner[path[-1]] = value
     with pytest.raises(ValueError, match=message):
         Learned.from_json(json.dumps(values))
-
-
-@pytest.mark.slow
-def test_physical_parameters_are_of_all_that_was_given():
-    flight = FLIGHT[:500]
-    learned = learn(flight[200:], Settings(order=3, d=2, window=9, parameter_precision=1.0))
-    whole = replace(learned, given=Record.of(flight))
-    again = Learned.from_json(whole.to_json())
-    expected = physical(flight)
-    assert again.physical is not None
-    np.testing.assert_array_equal(again.physical.effect, expected.effect)
-    np.testing.assert_array_equal(again.forecast(flight.inputs[:9]), learned.forecast(flight.inputs[:9]))
-    assert learned.physical is not None and not np.array_equal(learned.physical.effect, expected.effect)
 
 
 def test_what_only_physical_parameters_use_is_kept():
@@ -93,12 +74,3 @@ def test_what_only_physical_parameters_use_is_kept():
     values["of_vehicle"]["voltage"] = [1.0]
     with pytest.raises(ValueError, match=r"of_vehicle.voltage must be of shape \(500,\)"):
         Learned.from_json(json.dumps(values))
-
-
-def test_earlier_names_of_attributes_work_with_a_warning():
-    learned = Learned.from_json(TEXT)
-    for old, new in (("trajectory", "simulation_fit"), ("settled", "converged"), ("unseen", "training_forecasts")):
-        with pytest.warns(DeprecationWarning, match=f"Learned.{old} is now Learned.{new}"):
-            assert getattr(learned, old) is getattr(learned, new)
-    with pytest.raises(AttributeError, match="no attribute 'place'"):
-        learned.place  # noqa: B018

@@ -187,7 +187,7 @@ def test_something_else_is_no_learnt_model(text):
 
 def test_every_field_of_a_document_is_needed_and_checked(document):
     values = json.loads(document)
-    for name in set(values) - {"given", "of_vehicle"}:  # of which older documents have none
+    for name in set(values) - {"of_vehicle"}:  # of which older documents have none
         missing = {key: value for key, value in values.items() if key != name}
         with pytest.raises(ValueError, match="not the document of a learnt model"):
             Learned.from_json(json.dumps(missing))
@@ -236,15 +236,6 @@ def test_the_prior_precision_is_the_first_before_a_simulation_error_fit_and_else
     tried = [learn(train, replace(without, parameter_precision=precision)) for precision in PARAMETER_PRECISIONS]
     best = min(tried, key=lambda one: (one.training_forecasts.mse / train.outputs.var(axis=0)).mean())
     assert learn(train, without).settings == best.settings
-
-
-def test_names_of_version_0_1_warn_and_forward(document):
-    learned = Learned.from_json(document)
-    with pytest.deprecated_call():
-        (choice,) = learned.candidates
-    assert (choice.window, choice.parameter_precision) == (3, 1.0)
-    with pytest.deprecated_call():
-        assert learned.unseen is learned.training_forecasts
 
 
 def test_a_document_of_version_0_1_keeps_its_forecasts(document):

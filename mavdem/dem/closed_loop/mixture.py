@@ -102,14 +102,15 @@ class ClosedLoop(NamedTuple):
         before = np.concatenate([self.plant.record.outputs[-1:], outputs])[: len(outputs) : steps]
         return self._mixed(forecasts, steps, before)
 
-    def half_widths(self, variance: Array, level: float) -> Array:
-        """(H, m) of the band of probability ``level`` of a forecast of that ``variance`` (H, m).
+    def half_widths(self, variance: Array, level: float, steps: int | None = None) -> Array:
+        """(H, m) of the band of probability ``level`` of a forecast of that ``variance`` (H, m), begun every ``steps``.
 
         The variance is an estimate from as many forecasts as follow each other in the training data: Student's t.
         """
         if not self.members:
             return np.asarray(self.plant.quantile(level) * np.sqrt(variance))
-        freedom = np.maximum(len(self.plant.record) / np.arange(1, len(variance) + 1), LEAST_FREEDOM)
+        lengths = np.arange(len(variance)) % (steps or max(1, len(variance))) + 1
+        freedom = np.maximum(len(self.plant.record) / lengths, LEAST_FREEDOM)
         quantiles = np.asarray(student.ppf(0.5 + level / 2, freedom))
         return np.asarray(quantiles[:, None] * np.sqrt(variance))
 

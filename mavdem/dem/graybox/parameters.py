@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import NamedTuple
 
 import numpy as np
@@ -88,12 +87,6 @@ class Physical(NamedTuple):
     refinements: dict[str, float]
     windows: WindowTable
 
-    @property
-    def motors(self) -> Array:
-        """Deprecated name of :attr:`effect`."""
-        warnings.warn("Physical.motors is now Physical.effect", DeprecationWarning, stacklevel=2)
-        return self.effect
-
     def mean_effect(self, level: float = LEVEL) -> tuple[float, float]:
         """Mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.
 
@@ -114,12 +107,6 @@ class Physical(NamedTuple):
     def identifiable(self) -> bool:
         """Whether the motors' effect is reported, be it with a bias."""
         return self.status["effect"] != "not identifiable"
-
-    @property
-    def told(self) -> bool:
-        """Deprecated name of :attr:`identifiable`."""
-        warnings.warn("Physical.told is now Physical.identifiable", DeprecationWarning, stacklevel=2)
-        return self.identifiable
 
     @property
     def caution(self) -> str | None:

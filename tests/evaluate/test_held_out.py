@@ -1,0 +1,123 @@
+from math import ceil
+
+import numpy as np
+import pytest
+from simulated import simulated
+
+import mavdem
+from mavdem.evaluate import held_out as module
+from mavdem.evaluate import relative_mspe
+from mavdem.evaluate.held_out import CONSTANT_MEAN, FOLDS, HOLD_LAST, held_out_test, held_out_windows
+
+FLIGHT = simulated(samples=2000, wind=0.5)
+QUICK = mavdem.Settings(order=2, window=5, parameter_precision=1.0, horizon=None, iterations=4)
+STEPS = 60
+
+
+@pytest.fixture(scope="module")
+def held_out():
+    return held_out_windows([FLIGHT], QUICK, STEPS)
+
+
+def test_every_sample_after_the_first_windows_is_held_out_once(held_out):
+    time = held_out.time.ravel()
+    assert len(np.unique(time)) == len(time) and (np.diff(time) > 0).all()
+    lead = STEPS * ceil(1.5 / FLIGHT.dt / STEPS)
+    assert time[0] == FLIGHT.time[lead]
+    # Up to a window is lost at the end of each part.
+    assert len(time) > len(FLIGHT) - lead - FOLDS * STEPS
+    at = np.searchsorted(FLIGHT.time, time)
+    np.testing.assert_array_equal(held_out.measured.reshape(-1, 2), FLIGHT.outputs[at])
+    np.testing.assert_array_equal(held_out.forecasts[HOLD_LAST][:, 0], FLIGHT.outputs[at[::STEPS] - 1])
+
+
+def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
+    trained: list[set[float]] = []
+    forecasts: list[set[float]] = []
+    learn, forecast = module.learn, module._forecast
+
+    def watched(segments, settings):
+        trained.append({float(time) for segment in segments for time in segment.time})
+        return learn(segments, settings)
+
+    def seen(learned, part, inputs, outputs, steps, lead, before):
+        forecasts.append({float(time) for time in part.time[lead:]})
+        return forecast(learned, part, inputs, outputs, steps, lead, before)
+
+    monkeypatch.setattr(module, "learn", watched)
+    monkeypatch.setattr(module, "_forecast", seen)
+    held_out_windows([FLIGHT], QUICK, STEPS)
+    assert len(trained) == len(forecasts) == FOLDS
+    assert all(not one & other for one, other in zip(trained, forecasts, strict=True))
+
+
+def test_nothing_after_a_sample_is_used_to_forecast_it(held_out):
+    changed = FLIGHT.outputs.copy()
+    last = np.searchsorted(FLIGHT.time, held_out.time[-1, 0])
+    # Of the last part, which only its own model does not see.
+    changed[last:] += 0.1
+    again = held_out_windows([mavdem.Flight(FLIGHT.time, FLIGHT.inputs, changed)], QUICK, STEPS)
+    for name in ("forecast", "prediction"):
+        np.testing.assert_array_equal(again.forecasts[name][-1], held_out.forecasts[name][-1])
+
+
+def test_the_test_after_training_is_one_window_of_the_models_own_forecast():
+    train, test = FLIGHT[:600], FLIGHT[600:700]
+    learned = mavdem.learn(train, QUICK)
+    window = held_out_test(train, test, learned)
+    np.testing.assert_allclose(window.forecasts["forecast"][0], learned.forecast(test.inputs), rtol=1e-7)
+    np.testing.assert_allclose(window.forecasts["prediction"][0], learned.predict(100), rtol=1e-7)
+    np.testing.assert_allclose(window.band[0], learned.forecast_band(test.inputs), rtol=1e-7)
+    np.testing.assert_allclose(window.expected[0], learned.forecast_variance(test.inputs), rtol=1e-7)
+    np.testing.assert_array_equal(window.forecasts[HOLD_LAST][0], np.tile(train.outputs[-1], (100, 1)))
+    assert window.error_ratio() == pytest.approx(relative_mspe(train, test, learned.forecast(test.inputs)))
+    assert window.seconds == pytest.approx(test.duration)
+
+
+def test_bands_begin_anew_with_each_forecast():
+    train, test = FLIGHT[:600], FLIGHT[600:700]
+    learned = mavdem.learn(train)
+    bands = learned.forecast_every_band(50, test.inputs, test.outputs)
+    np.testing.assert_allclose(bands[:50], learned.forecast_band(test.inputs[:50]), rtol=1e-7)
+    variance = learned.forecast_every_variance(50, test.inputs, test.outputs)
+    np.testing.assert_allclose(variance[:50], learned.forecast_variance(test.inputs[:50]), rtol=1e-7)
+    # Later forecasts are from a later state with other inputs, as uncertain at first.
+    assert (bands[50] < bands[49]).all()
+
+
+def test_figures_are_those_of_the_windows(held_out):
+    errors = ((held_out.measured - held_out.forecasts["forecast"]) ** 2).mean(axis=1)
+    mean = ((held_out.measured - held_out.forecasts[CONSTANT_MEAN]) ** 2).mean(axis=1)
+    np.testing.assert_allclose(held_out.rmse(), np.sqrt(errors.mean(axis=0)))
+    own, others = (errors / held_out.variance).sum(axis=1), (mean / held_out.variance).sum(axis=1)
+    np.testing.assert_allclose(held_out.error_ratios(), own / others)
+    assert held_out.error_ratio() == pytest.approx(own.sum() / others.sum())
+    assert held_out.error_ratio(CONSTANT_MEAN) == 1.0
+    assert held_out.best_baseline in (CONSTANT_MEAN, HOLD_LAST)
+    found = held_out.as_dict()
+    assert found["median_error_ratio"] == np.median(held_out.error_ratios())
+    assert found["inside_90_percent_band"] == held_out.coverage
+
+
+def test_segments_are_held_out_together_and_filters_begin_anew_in_each():
+    first, second = FLIGHT[:900], FLIGHT[1100:]
+    held_out = held_out_windows([first, second], QUICK, STEPS)
+    inside = [(held_out.time >= one.time[0]) & (held_out.time <= one.time[-1]) for one in (first, second)]
+    # No window reaches over the gap.
+    assert all((one.all(axis=1) | ~one.any(axis=1)).all() for one in inside)
+    assert all(one.any() for one in inside)
+
+
+def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(monkeypatch):
+    def refused(segments, settings):
+        raise ValueError("the outputs must vary")
+
+    monkeypatch.setattr(module, "learn", refused)
+    held_out = held_out_windows([FLIGHT], QUICK, STEPS)
+    assert held_out.failures == ("the outputs must vary",)
+    assert held_out.error_ratio() == np.inf and held_out.coverage == 0.0
+
+
+def test_a_flight_without_room_for_a_window_is_refused():
+    with pytest.raises(ValueError, match="no held-out window of 60 samples fits"):
+        held_out_windows([FLIGHT[:150]], QUICK, STEPS)
