@@ -16,7 +16,8 @@ from mavdem.alignment.segments import longest_recorded
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import judge
 from mavdem.errors import NotLearnable, Unreadable
-from mavdem.export.tables import columns, own_columns, write_csv, write_parquet
+from mavdem.export.tables import TIME, columns, own_columns, write_csv, write_parquet
+from mavdem.extras import require
 from mavdem.files import atomic_write
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
@@ -51,6 +52,7 @@ def convert(
 
     Raises:
         Unreadable: ``source`` cannot be read, or ``out`` not written.
+        MissingExtra: ``out`` is a .parquet, and pyarrow is not installed.
         NotLearnable: there is no vehicle, or several and none was chosen, or neither attitude nor inputs.
         ValueError: ``out`` is the source, or has no known ending or that of the source.
     """
@@ -60,6 +62,8 @@ def convert(
         raise ValueError(f"{out} must end in {', '.join([*STREAMS, *TABLES])}: the ending chooses the format")
     if out.exists() and source.exists() and out.samefile(source):
         raise ValueError(f"{out} is the input: name another file")
+    if kind == ".parquet":
+        require(f"{out}", "parquet")
     if kind in TABLES:
         written = _convert_to_table(source, out, kind, axis, vehicle, inputs, progress)
     else:
@@ -107,12 +111,12 @@ def _convert_to_table(
     with _written(out) as file:
         TABLES[kind](file, table, provenance)
     return {
-        "samples": len(table["time [s]"]),
+        "samples": len(table[TIME]),
         "columns": list(table),
         "dt": provenance.get("dt"),
         "resampling": provenance.get("resampling", {}),
-        "start": float(table["time [s]"][0]),
-        "end": float(table["time [s]"][-1]),
+        "start": float(table[TIME][0]),
+        "end": float(table[TIME][-1]),
         "learnable": verdict.learnable,
         "cautions": cautions,
     }
@@ -123,9 +127,5 @@ def _written(out: Path) -> Iterator[BinaryIO]:
     try:
         with atomic_write(out) as file:
             yield file
-    except ImportError:
-        raise Unreadable(
-            f"{out} cannot be written without pyarrow: pip install 'mavdem[parquet]', or use .csv."
-        ) from None
     except OSError as error:
         raise Unreadable(f"{out} cannot be written ({error.strerror or error}): name another file.") from None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import re
 from collections.abc import Mapping
 from typing import Any, BinaryIO
 
@@ -17,16 +18,26 @@ from mavdem.flight import Flight
 from mavdem.ingest.telemetry import rows_by
 
 Table = Mapping[str, NDArray[np.float64]]
-"""Columns (T,) by name, with units, such as "time [s]", which is the first."""
-TIME_DECIMALS = 6  # of seconds in text: the stamps of autopilots are microseconds at best
+"""Columns (T,) by name, with units, such as "roll_rate_rad_s"; the first is "time_s"."""
+TIME = "time_s"
+DECIMALS = {"_rad_s": 5, "_rad": 6, "_us": 2, "_v": 3, "_s": 6}
+"""Of numbers in text, by the unit at the end of a name, the first that fits: a tenth of what gyroscopes, attitude,
+outputs and battery monitors resolve, or less; stamps of autopilots are microseconds at best."""
+SIGNIFICANT = 7  # digits of other numbers: autopilots send and log them as float32
+
+
+def column_name(name: str, unit: str) -> str:
+    """A name that needs no quotes: "motor_1_us" of "motor 1 (front left)" and "µs"."""
+    plain = f"{name.split(' (')[0]} {unit}".replace("µ", "u")
+    return "_".join(re.findall(r"[^\W_]+", plain.lower()))
 
 
 def columns(flight: Flight) -> dict[str, NDArray[np.float64]]:
-    """Time, inputs, outputs, setpoints and the battery's voltage (T,) by name, with units, such as "time [s]".
+    """Time, inputs, outputs, setpoints and the battery's voltage (T,) by :func:`column_name`.
 
     Raises ``ValueError`` if two names are equal.
     """
-    named = {"time [s]": flight.time}
+    named = {TIME: flight.time}
     none = np.empty((len(flight), 0))
     for names, units, values in (
         (flight.input_names, flight.input_units, flight.inputs),
@@ -35,7 +46,7 @@ def columns(flight: Flight) -> dict[str, NDArray[np.float64]]:
         (("battery",), ("V",), flight.voltage[:, None]) if flight.voltage is not None else ((), (), none),
     ):
         for name, unit, column in zip(names, units, values.T, strict=True):
-            head = f"{name} [{unit}]" if unit else name
+            head = column_name(name, unit)
             if head in named:
                 raise ValueError(f"two columns of the flight are called {head}: name them apart")
             named[head] = column
@@ -49,17 +60,16 @@ def own_columns(signals: Signals) -> dict[str, NDArray[np.float64]]:
     """
     streams: list[tuple[Attitude | Motors, list[str], NDArray[np.float64]]] = []
     if (drive := signals.drive) is not None:
-        unit = f" [{drive.scale.unit}]" if drive.scale.unit else ""
-        streams.append((drive, [f"{name}{unit}" for name in drive.layout.names], drive.outputs))
+        streams.append((drive, [column_name(name, drive.scale.unit) for name in drive.layout.names], drive.outputs))
     if (seen := signals.attitude) is not None:
-        names = [f"{name} [{unit}]" for name, unit in axis_outputs(signals.axis)]
+        names = [column_name(*output) for output in axis_outputs(signals.axis)]
         streams.append((seen, names, np.column_stack([seen.angle, seen.rate])[:, -len(names) :]))
     boots = rows_by(np.concatenate([np.zeros(0, dtype=np.int64), *(stream.boot for stream, _, _ in streams)]))
     if not boots:
         return {}
     boot = max(boots, key=lambda one: len(boots[one]))
     time = np.unique(np.concatenate([stream.time[stream.boot == boot] for stream, _, _ in streams]))
-    table = {"time [s]": time}
+    table = {TIME: time}
     for stream, names, values in streams:
         here = stream.boot == boot
         placed = np.full((len(time), len(names)), np.nan)
@@ -69,21 +79,21 @@ def own_columns(signals: Signals) -> dict[str, NDArray[np.float64]]:
 
 
 def write_csv(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> None:
-    """Writes a head and one line a sample, without the provenance.
-
-    Time is rounded to microseconds; other numbers have the fewest digits that read back as the same float32, the
-    precision in which autopilots send and log them.
-    """
-    time, *others = table.values()
-    texts = [
-        np.round(time, TIME_DECIMALS).tolist(),
-        *(column.astype(np.float32).astype(str).tolist() for column in others),
-    ]
+    """Writes a head and one line a sample, rounded to ``DECIMALS``, without the provenance."""
+    texts = [_rounded(name, column) for name, column in table.items()]
     text = io.TextIOWrapper(file, encoding="utf-8", newline="")
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(table)
     lines.writerows(zip(*texts, strict=True))
     text.detach()
+
+
+def _rounded(name: str, column: NDArray[np.float64]) -> list[float] | list[str]:
+    decimals = next((number for end, number in DECIMALS.items() if name.endswith(end)), None)
+    if decimals is None:
+        return [f"{value:.{SIGNIFICANT}g}" for value in column.tolist()]
+    rounded: list[float] = (np.round(column, decimals) + 0.0).tolist()  # + 0.0: no minus before zero
+    return rounded
 
 
 def write_parquet(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -> None:

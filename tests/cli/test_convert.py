@@ -18,7 +18,7 @@ from hover import Hover
 from mavdem import read_flight
 from mavdem.cli.commands import main
 from mavdem.export import conversion
-from mavdem.export.tables import write_csv
+from mavdem.export.tables import column_name, write_csv
 from mavdem.ingest.log import log_of_vehicles
 
 LOGS = Path(__file__).parents[2] / "logs"
@@ -70,26 +70,46 @@ def test_a_table_is_the_flight(axis, tmp_path, capsys):
     with out.open(newline="", encoding="utf-8") as file:
         head, *rows = csv.reader(file)
     assert head == told["columns"]
-    measured = [f"{axis} [rad]", f"{axis} rate [rad/s]"]
-    assert head[0] == "time [s]" and head[5:] == (measured[1:] if axis == "yaw" else measured)
+    measured = [f"{axis}_rad", f"{axis}_rate_rad_s"]
+    assert head[:5] == ["time_s", "motor_1_us", "motor_2_us", "motor_3_us", "motor_4_us"]
+    assert head[5:] == (measured[1:] if axis == "yaw" else measured)
     values = np.array(rows, dtype=np.float64)
     assert told["samples"] == len(values)
-    assert np.array_equal(values[:, 0], np.round(flight.time, 6))
-    assert np.array_equal(np.float32(values[:, 1:]), np.float32(np.column_stack([flight.inputs, flight.outputs])))
+    for name, column, exact in zip(head, values.T, (flight.time, *flight.inputs.T, *flight.outputs.T), strict=True):
+        step = {"s": 1e-5 if "rate" in name else 1e-6, "us": 0.01, "rad": 1e-6}[name.rpartition("_")[2]]
+        assert np.abs(column - exact).max() <= 0.5 * step * (1 + 1e-6)
 
 
 def test_text_has_no_digits_that_are_no_data():
-    time = 44.45 + 0.0386666 * np.arange(4)
-    table = {"time [s]": time, "roll [rad]": np.array([0.1, np.float32(0.1), 1 / 3, 44.565999999999995])}
+    table = {
+        "time_s": 44.45 + 0.0386666 * np.arange(3),
+        "roll_rad": np.array([np.float32(0.1), 1 / 3, -1e-9]),
+        "roll_rate_rad_s": np.array([2 / 3, np.nan, 1.0]),
+        "motor_1_us": np.array([1494.0, 1457.8334, 1500.0]),
+        "motor_2": np.array([613.2733333, 0.123456789, 1000.0]),
+    }
     file = io.BytesIO()
     write_csv(file, table, {})
     assert file.getvalue().decode().splitlines() == [
-        "time [s],roll [rad]",
-        "44.45,0.1",
-        "44.488667,0.1",
-        "44.527333,0.33333334",
-        "44.566,44.566",
+        "time_s,roll_rad,roll_rate_rad_s,motor_1_us,motor_2",
+        "44.45,0.1,0.66667,1494.0,613.2733",
+        "44.488667,0.333333,nan,1457.83,0.1234568",
+        "44.527333,0.0,1.0,1500.0,1000",
     ]
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "plain"),
+    [
+        ("time", "s", "time_s"),
+        ("motor 1 (front right)", "µs", "motor_1_us"),
+        ("roll rate setpoint", "rad/s", "roll_rate_setpoint_rad_s"),
+        ("roll stick", "", "roll_stick"),
+        ("battery", "V", "battery_v"),
+    ],
+)
+def test_the_names_of_columns_need_no_quotes(name, unit, plain):
+    assert column_name(name, unit) == plain
 
 
 def test_a_parquet_table_is_the_flight(tmp_path, capsys):
@@ -196,7 +216,7 @@ def test_rates_far_apart_are_kept_and_nothing_is_made_up_between(tmp_path, monke
     monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
     told = convert(capsys, "made-up.tlog", tmp_path / "both.csv")
     head, values = table_of(tmp_path / "both.csv")
-    time, motor, roll = values[:, 0], values[:, 1], values[:, head.index("roll [rad]")]
+    time, motor, roll = values[:, 0], values[:, 1], values[:, head.index("roll_rad")]
     assert told["dt"] is None and (np.diff(time) > 0).all()
     assert np.allclose(time[np.isfinite(roll)], hover.stamps(50.0), atol=1e-6)
     assert np.allclose(time[np.isfinite(motor)], hover.stamps(10.0), atol=1e-6)
