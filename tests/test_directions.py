@@ -62,7 +62,7 @@ def test_dem_imports_array_libraries_and_itself_only(path):
 
 
 FLOORS = (
-    {"errors", "files", "flight", "forecaster"},
+    {"errors", "extras", "files", "flight", "forecaster"},
     {"ingest"},
     {"alignment"},
     {"dem"},

@@ -15,6 +15,7 @@ from click.shell_completion import shell_complete
 from mavdem.cli.output import complain, prepare_streams, say_aside
 from mavdem.cli.signals import INTERRUPTED, ending_at_once
 from mavdem.errors import NotLearnable, Unreadable
+from mavdem.extras import MissingExtra
 
 DONE, UNSUPPORTED, UNUSABLE, PIPE_CLOSED = 0, 1, 2, 141
 """Exit codes: done; the data cannot support the request; bad usage, unreadable input or output that fails; and as a
@@ -123,7 +124,7 @@ def _run(command: click.Command, words: list[str], as_json: bool) -> int:
     except NotLearnable as error:
         complain(error.reason, error.remedy, as_json)
         return UNSUPPORTED
-    except Unreadable as error:
+    except (Unreadable, MissingExtra) as error:
         complain(str(error), "", as_json)
         return UNUSABLE
     except KeyboardInterrupt:

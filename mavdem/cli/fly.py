@@ -21,6 +21,7 @@ from mavdem.cli.scenario import in_toml, in_words
 from mavdem.cli.signals import ending_at_once
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
+from mavdem.extras import require
 from mavdem.files import atomic_writes, replaceable
 from sitl_scenarios.files import load, names, scenario_of
 from sitl_scenarios.holding import Holding
@@ -190,6 +191,8 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     truth = None if out is None else out.with_suffix(".truth.npz")
     check_file(truth, "--out", (".npz",))
     check_file(rrd, "--rrd", (".rrd",))
+    if rrd is not None:
+        require("--rrd", "view")
     # The log appears last, with its companions in place.
     files = [path for path in (truth, rrd, out) if path is not None]
     if len({replaceable(path) for path in files}) < len(files):

@@ -15,8 +15,8 @@ from mavdem import evaluate
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import learnable_flight
 from mavdem.cli.options import chosen_settings, model_options, source_options, window_options
-from mavdem.cli.output import print_blocks, print_json, printable, progress, say
-from mavdem.cli.output_files import RESULT_FILES, check_folder, folder_named, write_results
+from mavdem.cli.output import print_blocks, print_json, printable, progress, say, say_aside
+from mavdem.cli.output_files import RECORDING, check_folder, folder_named, result_files, write_results
 from mavdem.cli.sources import read_source
 from mavdem.dem import Learned, Settings
 from mavdem.dem import learn as learn_model
@@ -25,6 +25,7 @@ from mavdem.errors import NotLearnable
 from mavdem.evaluate import training_length
 from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, fewer_samples, samples_in
 from mavdem.evaluate.vehicle_figures import ALL, VehicleFigures, vehicle_of_log
+from mavdem.extras import advice
 from mavdem.flight import Flight
 from mavdem.ingest import Log
 from mavdem.report.learned import learned_report
@@ -105,15 +106,18 @@ def learn_command(
         "settings": asdict(learned.settings),
         "verdict": verdict.as_dict(),
         "seconds": round(perf_counter() - began, 3),
-        "files": {name: str(out / name) for name in RESULT_FILES},
+        "files": {name: str(out / name) for name in result_files()},
     }
     write_results(out, report, training, following, learned)
+    if hint := advice(f"{RECORDING} was not written, since it", "view"):
+        say_aside(hint)
     if as_json:
         print_json(report)
     else:
         print_blocks([*learned_report(report, training, following, learned), *vehicle_blocks(figures)])
         say(f"Took {report['seconds']:.1f} s. Written: {', '.join(map(printable, report['files'].values()))}")
-        say(f"Open the plots with `{shlex.join(['rerun', printable(out / 'flight.rrd')])}`.")
+        if RECORDING in report["files"]:
+            say(f"Open the plots with `{shlex.join(['rerun', printable(out / RECORDING)])}`.")
 
 
 def _vehicle(log: Log, axis: str, vehicle: str | None, inputs: str | None) -> VehicleFigures:

@@ -19,6 +19,7 @@ from mavdem.cli.output_files import check_file, writing
 from mavdem.cli.signals import asked_to_end, ending_at_once
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
+from mavdem.extras import MissingExtra, advice
 from mavdem.files import atomic_write
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.link import Link
@@ -27,24 +28,32 @@ from mavdem.live.session import LearningProcess, LiveSession
 from mavdem.live.status import ACCOUNT, horizons, sentence
 
 if TYPE_CHECKING:
-    from mavdem.view.live import LiveView, RecordingFile
+    from mavdem.view.live import LiveView, RecordingFile, Sink
 
 
 class Dashboard:
-    """Shows a live flight in a viewer, browsers and an .rrd file; without a screen and these options, nowhere."""
+    """Shows a live flight in a viewer, browsers and an .rrd file; without Rerun, or a screen and these, nowhere."""
 
     def __init__(self, link: str, axis: str, rrd: Path | None, serve: bool, connect: str | None) -> None:
-        """Opens the sinks; raises ``Unreadable`` for a port that is taken, ``BadParameter`` for an invalid URL."""
+        """Opens the sinks.
+
+        Raises ``Unreadable`` for a port that is taken, ``BadParameter`` for an invalid URL, ``MissingExtra`` where
+        Rerun is asked for and not installed.
+        """
+        self._link, self._axis = link, axis
+        self._view: LiveView | None = None
+        self._troubles: list[str] = []
+        self._sinks: list[Sink] = []
+        self._file: RecordingFile | None = None
+        self._where = advice("The dashboard", "view")
+        if self._where:
+            if rrd is not None or serve or connect is not None:
+                raise MissingExtra(self._where)
+            return
         # Rerun takes a second to load.
         with ending_at_once():
             from mavdem.view.live import RecordingFile, WebServer, sinks_for
             from mavdem.view.viewer import has_screen
-        self._link, self._axis = link, axis
-        self._view: LiveView | None = None
-        self._troubles: list[str] = []
-        self._sinks = []
-        self._file: RecordingFile | None = None
-        self._where = ""
         if rrd is None and not serve and connect is None and not has_screen():
             self._where = "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
             return
@@ -80,8 +89,10 @@ class Dashboard:
         if self._where:
             say_aside(self._where)
 
-    def open(self, setup: Setup) -> LiveView:
-        """Shows the rows of a setup from now on."""
+    def open(self, setup: Setup) -> LiveView | None:
+        """Shows the rows of a setup from now on; None where nothing can be shown."""
+        if not self._sinks:
+            return None
         from mavdem.view.live import Channels, LiveView
 
         names = setup.layout.names

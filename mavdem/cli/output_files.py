@@ -16,10 +16,12 @@ from mavdem.cli.signals import ending_at_once
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.export.channels import write_channels
+from mavdem.extras import missing
 from mavdem.files import atomic_writes, replaceable
 from mavdem.flight import Flight
 
-RESULT_FILES = ("model.json", "report.json", "flight.rrd", "flight.mcap")  # of the files of a learnt flight
+RECORDING = "flight.rrd"
+RESULT_FILES = ("model.json", "report.json", RECORDING, "flight.mcap")  # of the files of a learnt flight
 
 
 def folder_named(context: click.Context, parameter: click.Parameter, value: str | None) -> Path | None:
@@ -45,16 +47,26 @@ def check_folder(folder: Path, names: Sequence[str] = RESULT_FILES) -> None:
 
 
 def write_results(folder: Path, report: dict[str, Any], train: Flight, test: Flight, learned: Learned) -> None:
-    """Writes the four ``RESULT_FILES``, as :func:`files_in` does."""
-    # Rerun takes a second to load, and a flight that cannot be learnt needs none of it.
-    with ending_at_once():
-        from mavdem.view import write_recording
+    """Writes the :func:`result_files`, as :func:`files_in` does."""
+    names = result_files()
+    with files_in(folder, names) as paths:
+        place = dict(zip(names, paths, strict=True))
+        place["model.json"].write_text(learned.to_json() + "\n")
+        place["report.json"].write_text(json_text(report) + "\n")
+        if RECORDING in names:
+            # Rerun takes a second to load, and a flight that cannot be learnt needs none of it.
+            with ending_at_once():
+                from mavdem.view import write_recording
 
-    with files_in(folder, RESULT_FILES) as (model_json, report_json, recording, channels):
-        model_json.write_text(learned.to_json() + "\n")
-        report_json.write_text(json_text(report) + "\n")
-        write_recording(recording, train, test, learned)
-        write_channels(channels, train, learned, test)
+            write_recording(place[RECORDING], train, test, learned)
+        write_channels(place["flight.mcap"], train, learned, test)
+    if RECORDING not in names:
+        (folder / RECORDING).unlink(missing_ok=True)  # of a run before, it would not go with the others
+
+
+def result_files() -> tuple[str, ...]:
+    """The ``RESULT_FILES`` that can be written: the recording needs Rerun."""
+    return tuple(name for name in RESULT_FILES if name != RECORDING or not missing("view"))
 
 
 @contextmanager

@@ -16,14 +16,12 @@ from mavdem.cli.output import STDERR, json_text, print_json, print_table, say
 from mavdem.cli.output_files import check_folder, writing
 from mavdem.cli.signals import ending_at_once
 from mavdem.dem.parallel import pool, spare_cores
-from mavdem.errors import Unreadable
+from mavdem.extras import require
 from mavdem.paper.claims import CLAIMS
 
 if TYPE_CHECKING:
     from mavdem.paper.report import ItemReport
     from mavdem.paper.runner import Runner
-
-EXTRA = ("jinja2", "matplotlib")  # the packages of the extra ``paper``
 
 
 @click.command("reproduce")
@@ -54,7 +52,7 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
             say(f"{claim.name:14}  {claim.title} ({claim.section})")
         return
     with ending_at_once():
-        require_extra()
+        require("`mavdem reproduce`", "paper")
         from mavdem.paper.report import FIGURES, ITEMS, NUMBERS, PAGE, RECORDING, ItemReport, document
         from mavdem.paper.runner import Extent, Runner
 
@@ -72,15 +70,6 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
         return
     _print(reports)
     say(f"Took {perf_counter() - began:.0f} s. Written: {out / PAGE}")
-
-
-def require_extra() -> None:
-    """Raises ``Unreadable``, with the command that installs it, if a package of the extra ``paper`` is missing."""
-    for name in EXTRA:
-        try:
-            __import__(name)
-        except ModuleNotFoundError:
-            raise Unreadable(f"`mavdem reproduce` needs {name}: pip install 'mavdem[paper]'.") from None
 
 
 def write_report(out: Path, reports: Sequence[ItemReport], runner: Runner, seconds: float) -> None:

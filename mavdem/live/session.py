@@ -101,7 +101,7 @@ class LiveSession:
     link: Link  # open
     stream: LiveStream  # of one vehicle
     settings: Settings  # of the learner
-    show: Callable[[Setup], Display]  # called with the first setup and each new one; returns the display for its rows
+    show: Callable[[Setup], Display | None]  # called with the first setup and each new one; the display of its rows
     report: Callable[[SessionStatus], None]  # called once a second with the status
     say: Callable[[str], None]  # called with each sentence
     executor: Executor | None = None  # for batch learning

@@ -222,7 +222,7 @@ def test_what_cannot_be_done_is_one_document_and_no_work(words, named, tmp_path,
     assert named in json.loads(out)["error"]["reason"]
 
 
-@pytest.mark.parametrize("package", ["jinja2", "matplotlib"])
+@pytest.mark.parametrize("package", ["rerun", "matplotlib"])
 def test_a_missing_extra_is_one_sentence_with_the_command_that_installs_it(package, monkeypatch, tmp_path, capsys):
     monkeypatch.setitem(sys.modules, package, None)
     assert main(["reproduce", "noise", "--out", str(tmp_path / "out")]) == 2

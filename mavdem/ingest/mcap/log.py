@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
+from mavdem.extras import require
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.log import Log, listed
 from mavdem.ingest.mavlink.compose import FrameSender
@@ -44,20 +45,17 @@ NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
 def read_mcap(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
     """Reads the MAVLink in an MCAP recording, or else the flights in its ROS 2 topics.
 
-    Cut and damaged recordings are read as far as possible. Raises Unreadable: the file cannot be opened, contains
-    neither, or contains ROS 2 and its reader is not installed.
+    Cut and damaged recordings are read as far as possible. Raises Unreadable: the file cannot be opened or contains
+    neither; MissingExtra: it contains ROS 2 and its reader is not installed.
     """
     recording = McapRecording(file_bytes(path))
     stream, seen = _stream(os.fspath(path), recording, progress)
     if stream is None:
         if not flight_topics(recording.channels.values(), recording.schemas):
             raise Unreadable(_nothing_in(path, recording, seen))
-        try:
-            from mavdem.ingest.ros2.log import read_ros2
-        except ImportError:
-            raise Unreadable(
-                f'{os.fspath(path)} is a ROS 2 recording, which needs another package: pip install "mavdem[ros2]".'
-            ) from None
+        require(f"{os.fspath(path)} is a ROS 2 recording, which", "ros2")
+        from mavdem.ingest.ros2.log import read_ros2
+
         return read_ros2(recording, os.fspath(path), _within(progress, 0.5, 1.0))
     index = FrameIndex(len(stream.data), seeds())
     index.add(stream.frames)

@@ -1,0 +1,93 @@
+"""Extras: what is missing is named with the command that installs it, and everything else works."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from mavdem.cli.commands import main
+from mavdem.cli.live import Dashboard
+from mavdem.extras import EXTRAS, MissingExtra, advice, require
+
+ROOT = Path(__file__).parents[1]
+LOG = ROOT / "logs" / "ardupilot_wind5_steps.tlog"
+INSTALL = "pip install 'mavdem[view]'."
+
+
+@pytest.fixture
+def without_rerun(monkeypatch):
+    monkeypatch.setitem(sys.modules, "rerun", None)
+
+
+def test_every_extra_of_the_package_is_named_and_all_has_them_all():
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    everything = extras.pop("all")
+    assert set(extras) == set(EXTRAS)
+    assert set(re.findall(r"\w+", everything[0])) == {"mavdem", *EXTRAS}
+
+
+def test_what_is_installed_is_not_asked_for(without_rerun):
+    assert advice("It", "plot") == ""
+    require("It", "plot")
+    assert advice("It", "paper") == "It needs rerun: pip install 'mavdem[paper]'."
+    with pytest.raises(MissingExtra, match=r"It needs rerun: pip install 'mavdem\[view\]'\."):
+        require("It", "view")
+
+
+def test_without_rerun_learning_writes_all_but_its_recording(without_rerun, tmp_path, capsys):
+    (tmp_path / "flight.rrd").write_text("of a run before")
+    words = ["learn", str(LOG), "--out", str(tmp_path), "--preset", "paper", "--train", "200", "--test", "20", "--json"]
+    assert main(words) == 0
+    out, said = capsys.readouterr()
+    assert INSTALL in said and "flight.rrd" in said
+    written = {path.name for path in tmp_path.iterdir()}
+    assert written == set(json.loads(out)["files"]) >= {"model.json", "report.json", "flight.mcap"}
+    assert "flight.rrd" not in written
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("fly", "hover_blower", "--rrd", "flight.rrd"),
+        ("live", "udpin:127.0.0.1:0", "--rrd", "flight.rrd"),
+        ("live", "udpin:127.0.0.1:0", "--serve"),
+    ],
+)
+def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(words, without_rerun, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(list(words)) == 2
+    out, said = capsys.readouterr()
+    assert not out and said.count("\n") == 1 and said.endswith(f" needs rerun: {INSTALL}\n")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_rerun_a_live_flight_is_learnt_from_without_a_dashboard(without_rerun, capsys):
+    dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, False, None)
+    dashboard.say_where()
+    assert capsys.readouterr().err.endswith(f"{INSTALL}\n")
+    assert dashboard.open(None) is None and not dashboard.opened  # type: ignore[arg-type]
+    dashboard.close()
+
+
+def test_no_module_but_its_own_needs_an_extra():
+    """What is imported first by any command or by ``import mavdem`` is there in a core installation."""
+    libraries = sorted({library for modules in EXTRAS.values() for library in modules})
+    program = (
+        "import sys\n"
+        f"for name in {libraries}: sys.modules[name] = None\n"
+        "import mavdem\n"
+        "for name in mavdem.__all__: getattr(mavdem, name)\n"
+        "from mavdem.cli import compare, convert, fly, info, learn, live, order, reproduce\n"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True, timeout=60)
+
+
+def test_the_package_runs_as_a_module():
+    done = subprocess.run([sys.executable, "-m", "mavdem", "--version"], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0 and "version" in done.stdout
