@@ -24,8 +24,8 @@ ROOMS_OF_LIBRARIES = {
     "pyarrow": {"export"},
     "click": {"cli"},
     "rich": {"cli"},
-    "matplotlib": {"paper"},
-    "jinja2": {"paper"},
+    "matplotlib": {"page", "paper"},
+    "jinja2": {"page"},
 }
 """The only rooms that may import a library."""
 
@@ -70,6 +70,7 @@ FLOORS = (
     {"comparison"},
     {"report"},
     {"export", "view"},
+    {"page"},
     {"paper"},
     {"__init__"},
     {"cli"},

@@ -13,6 +13,7 @@ from click.core import ParameterSource
 
 from mavdem import evaluate
 from mavdem.alignment.drive import AXES
+from mavdem.alignment.inventory import inventory
 from mavdem.alignment.read import learnable_flight
 from mavdem.cli.options import chosen_settings, model_options, source_options, window_options
 from mavdem.cli.output import print_blocks, print_json, printable, progress, say, say_aside
@@ -28,6 +29,7 @@ from mavdem.evaluate.vehicle_figures import ALL, VehicleFigures, vehicle_of_log
 from mavdem.extras import advice
 from mavdem.flight import Flight
 from mavdem.ingest import Log
+from mavdem.page.learned_page import learned_page
 from mavdem.report.learned import learned_report
 from mavdem.report.vehicle import vehicle_blocks
 
@@ -79,6 +81,7 @@ def learn_command(
     The folder --out receives:
       model.json   the model, with all it needs to forecast
       report.json  the figures
+      report.html  the report as one page, to read in a browser and to mail
       flight.rrd   the plots: open them with `rerun flight.rrd`
       flight.mcap  the same time series, for Foxglove or PlotJuggler
 
@@ -108,13 +111,15 @@ def learn_command(
         "seconds": round(perf_counter() - began, 3),
         "files": {name: str(out / name) for name in result_files()},
     }
-    write_results(out, report, training, following, learned)
+    blocks = [*learned_report(report, training, following, learned), *vehicle_blocks(figures)]
+    page = learned_page(training, blocks, learned.settings, inventory(log, flight.provenance["axis"], vehicle, inputs))
+    write_results(out, report, page, training, following, learned)
     if hint := advice(f"{RECORDING} was not written, since it", "view"):
         say_aside(hint)
     if as_json:
         print_json(report)
     else:
-        print_blocks([*learned_report(report, training, following, learned), *vehicle_blocks(figures)])
+        print_blocks(blocks)
         say(f"Took {report['seconds']:.1f} s. Written: {', '.join(map(printable, report['files'].values()))}")
         if RECORDING in report["files"]:
             say(f"Open the plots with `{shlex.join(['rerun', printable(out / RECORDING)])}`.")

@@ -21,7 +21,7 @@ from mavdem.files import atomic_writes, replaceable
 from mavdem.flight import Flight
 
 RECORDING = "flight.rrd"
-RESULT_FILES = ("model.json", "report.json", RECORDING, "flight.mcap")  # of the files of a learnt flight
+RESULT_FILES = ("model.json", "report.json", "report.html", RECORDING, "flight.mcap")  # of the files of a learnt flight
 
 
 def folder_named(context: click.Context, parameter: click.Parameter, value: str | None) -> Path | None:
@@ -46,13 +46,16 @@ def check_folder(folder: Path, names: Sequence[str] = RESULT_FILES) -> None:
             raise Unreadable(f"{path} is a folder, where a file is to be written: move it, or name another --out.")
 
 
-def write_results(folder: Path, report: dict[str, Any], train: Flight, test: Flight, learned: Learned) -> None:
-    """Writes the :func:`result_files`, as :func:`files_in` does."""
+def write_results(
+    folder: Path, report: dict[str, Any], page: str, train: Flight, test: Flight, learned: Learned
+) -> None:
+    """Writes the :func:`result_files`, as :func:`files_in` does; ``page`` is the HTML."""
     names = result_files()
     with files_in(folder, names) as paths:
         place = dict(zip(names, paths, strict=True))
         place["model.json"].write_text(learned.to_json() + "\n")
         place["report.json"].write_text(json_text(report) + "\n")
+        write_page(place["report.html"], page)
         if RECORDING in names:
             # Rerun takes a second to load, and a flight that cannot be learnt needs none of it.
             with ending_at_once():
@@ -62,6 +65,11 @@ def write_results(folder: Path, report: dict[str, Any], train: Flight, test: Fli
         write_channels(place["flight.mcap"], train, learned, test)
     if RECORDING not in names:
         (folder / RECORDING).unlink(missing_ok=True)  # of a run before, it would not go with the others
+
+
+def write_page(path: Path, page: str) -> None:
+    """Writes HTML; a file's name need not be UTF-8, and the page must be."""
+    path.write_text(page, encoding="utf-8", errors="replace")
 
 
 def result_files() -> tuple[str, ...]:

@@ -9,9 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, select_autoescape
-
 from mavdem.dem import learn
+from mavdem.page.document import environment
 from mavdem.paper import benchmark, coordinates, noise, oracle, order, prediction
 from mavdem.paper.checks import ClaimStatus, claim_status, findings, sentence
 from mavdem.paper.item import Item, ItemResult
@@ -99,9 +98,7 @@ def write(folder: Path, reports: Sequence[ItemReport], runner: Runner, seconds: 
 def _page(
     reports: Sequence[ItemReport], files: dict[str, dict[str, str]], summary: dict[str, Any], recorded: str
 ) -> str:
-    environment = Environment(
-        loader=PackageLoader("mavdem.paper", ""), autoescape=select_autoescape(), trim_blocks=True, lstrip_blocks=True
-    )
-    return environment.get_template("page.html").render(
+    template = environment("mavdem.paper").get_template("page.html")
+    return template.render(
         reports=reports, files=files, summary=summary, numbers=NUMBERS, recording=RECORDING, recorded=recorded
     )

@@ -19,7 +19,7 @@ from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, samples_
 
 LOGS = Path(__file__).parents[2] / "logs"
 FLIGHT = str(LOGS / "ardupilot_wind5_steps.tlog")
-FILES = {"model.json", "report.json", "flight.rrd", "flight.mcap"}
+FILES = {"model.json", "report.json", "report.html", "flight.rrd", "flight.mcap"}
 
 
 def strict_json(text: str) -> dict:

@@ -1,0 +1,105 @@
+"""The document: blocks, drawings and folded chapters as one HTML file, with nothing to fetch and no script."""
+
+from __future__ import annotations
+
+import platform
+import re
+from collections.abc import Iterator, Sequence
+from importlib.metadata import version
+from typing import NamedTuple
+
+from jinja2 import ChoiceLoader, Environment, PackageLoader
+from markupsafe import Markup, escape
+
+from mavdem.report.blocks import Sentence, Table
+
+RATINGS = {
+    "good": ("GOOD", "ok", "reported", "reproduced"),
+    "fair": ("LIMITED", "biased", "drift"),
+    "bad": ("NOT IDENTIFIABLE", "not identifiable", "fault", "unstable"),
+}
+"""Words that are set off by a colour where a cell of a table begins with one, by that colour's class."""
+WARNINGS = ("Caution", "Warning")
+"""How the lead of a sentence begins that is set off at its side."""
+
+_NUMBER = re.compile(r"[-+−±(<>≤≥~≈]?\s*[\d.∞]|-$|–$|nan$|inf$")
+
+
+class Drawing(NamedTuple):
+    """A figure of the page."""
+
+    title: str
+    svg: Markup  # of ``mavdem.page.inline_svg.inline_svg``
+    caption: str  # how to read it
+    wide: bool = False  # over all columns of the page
+
+
+class Chapter(NamedTuple):
+    """A part of the page after its result."""
+
+    title: str
+    blocks: Sequence[Sentence | Table] = ()
+    drawings: Sequence[Drawing] = ()
+    folded: bool = False  # shown as its title until it is opened
+
+
+def render_page(
+    title: str, subtitle: str, blocks: Sequence[Sentence | Table], chapters: Sequence[Chapter] = (), colours: str = ""
+) -> str:
+    """The HTML of a page: the result in ``blocks``, then chapters; ``colours`` is the CSS that drawings refer to.
+
+    All text is escaped. The same arguments give the same bytes with the same versions of mavdem and Python.
+    """
+    return (
+        environment()
+        .get_template("document.html")
+        .render(
+            title=title,
+            subtitle=subtitle,
+            blocks=blocks,
+            chapters=[one for one in chapters if one.blocks or one.drawings],
+            colours=Markup(colours),
+            made_by=f"mavdem {version('mavdem')}, Python {platform.python_version()}",
+        )
+    )
+
+
+def environment(package: str = "mavdem.page") -> Environment:
+    """Jinja's environment for templates of a package, which may extend this one's ``base.html``; it escapes all."""
+    loader = ChoiceLoader([PackageLoader(one, "") for one in dict.fromkeys((package, "mavdem.page"))])
+    made = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    made.tests |= {"table": lambda block: isinstance(block, Table), "warning": _is_warning}
+    made.filters |= {"of_text": _of_text, "rating": _rating, "prose": _prose}
+    return made
+
+
+def _is_warning(block: Sentence) -> bool:
+    return block.lead.startswith(WARNINGS)
+
+
+def _of_text(table: Table) -> list[bool]:
+    """Which columns hold words: the first, and those whose cells are not mostly numbers."""
+    columns = zip(*table.rows, strict=True) if table.rows else [()] * len(table.header)
+    filled = [[cell for cell in column if cell] for column in columns]
+    words = [2 * sum(not _NUMBER.match(cell) for cell in cells) > len(cells) for cells in filled]
+    return [True, *words[1:]]
+
+
+def _prose(text: str) -> Markup:
+    """Text with what stands between backquotes as code."""
+    parts = [Markup("<code>{}</code>").format(part) if odd else escape(part) for part, odd in _quoted(text)]
+    return Markup("").join(parts)
+
+
+def _quoted(text: str) -> Iterator[tuple[str, bool]]:
+    """The parts of a text, and whether each was between backquotes."""
+    parts = text.split("`")
+    if len(parts) % 2:
+        yield from ((part, bool(place % 2)) for place, part in enumerate(parts))
+    else:
+        yield text, False
+
+
+def _rating(cell: str) -> str:
+    """The class of a cell that rates something; empty for others."""
+    return next((name for name, words in RATINGS.items() if cell.startswith(words)), "")
