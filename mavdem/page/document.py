@@ -26,29 +26,37 @@ _NUMBER = re.compile(r"[-+−±(<>≤≥~≈]?\s*[\d.∞]|-$|–$|nan$|inf$")
 
 
 class Drawing(NamedTuple):
-    """A figure of the page."""
+    """A figure of the page.
+
+    ``svg`` is of ``inline_svg``; a ``caption`` says how to read it; ``wide`` ones take all columns. Its ``title`` is
+    above it.
+    """
 
     title: str
-    svg: Markup  # of ``mavdem.page.inline_svg.inline_svg``
-    caption: str  # how to read it
-    wide: bool = False  # over all columns of the page
+    svg: Markup
+    caption: str
+    wide: bool = False
 
 
 class Chapter(NamedTuple):
-    """A part of the page after its result."""
+    """A part of the page after its result: ``title``, ``blocks``, ``drawings``.
+
+    Of a ``folded`` one only the title is shown until it is opened.
+    """
 
     title: str
     blocks: Sequence[Sentence | Table] = ()
     drawings: Sequence[Drawing] = ()
-    folded: bool = False  # shown as its title until it is opened
+    folded: bool = False
 
 
 def render_page(
     title: str, subtitle: str, blocks: Sequence[Sentence | Table], chapters: Sequence[Chapter] = (), colours: str = ""
 ) -> str:
-    """The HTML of a page: the result in ``blocks``, then chapters; ``colours`` is the CSS that drawings refer to.
+    """The HTML of a page: its title and subtitle, the result in ``blocks``, then chapters.
 
-    All text is escaped. The same arguments give the same bytes with the same versions of mavdem and Python.
+    ``colours`` is the CSS with the properties that drawings refer to. All text is escaped. The same arguments give the
+    same bytes with the same versions of mavdem and Python.
     """
     return (
         environment()
