@@ -18,6 +18,7 @@ from sitl_scenarios.mixer import MAX_PULSE, MIN_PULSE
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import Axis, Scenario
+from sitl_scenarios.simulation import CYCLES
 from sitl_scenarios.vehicles import CHARGED, airframe
 
 AXES: tuple[Axis, ...] = ("roll", "pitch", "yaw")
@@ -36,7 +37,9 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     - ``roll_disturbance`` (N,): angular acceleration that wind and moments add to that, rad/s²;
     - ``roll_effect`` (4,): roll acceleration by each motor's command, rad/s² per µs, at the mean commands, rotor speeds
       and air of the hover, which in wind is tilted; where a motor weakens in hover, until then, and
-      ``roll_effect_weak`` from then on;
+      ``roll_effect_weak`` from then on; ``weak`` (N,) says when;
+    - ``delay``: from a command to the measurement of what it does, s: that of the sensors, and half the autopilot's
+      cycle, for which a command is held;
     - ``voltage`` (N,) of the battery, V;
     - likewise ``pitch_…``; and ``yaw_…``, whose only state is the rate, but for the rotors': (1, 1), (1, 4), (2, 2),
       (2, 4).
@@ -48,7 +51,9 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     arrays: dict[str, NDArray[Any]] = {field.name: getattr(motion, field.name) for field in fields(motion)}
     arrays["scenario"] = np.array(scenario.model_dump_json())
     arrays["trim"] = np.full(4, 1000 + 1000 * body.hover_command / body.full)
-    arrays |= _effects(scenario, motion)
+    weak = _weak(scenario, motion)
+    arrays |= _effects(scenario, motion, weak) | {"weak": weak}
+    arrays["delay"] = np.array(scenario.sensors.delay + CYCLES[scenario.stream.speaks] / 2)
     arrays["voltage"] = CHARGED * motion.battery
     arrays["lag"] = np.array([(up + down) / 2, up, down])
     for number, name in enumerate(AXES):
@@ -61,11 +66,16 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
+def _weak(scenario: Scenario, motion: Motion) -> NDArray[np.bool_]:
+    """(N,) when a motor is weak."""
+    spec = scenario.vehicle
+    return np.asarray((motion.time >= BOOT_SECONDS + spec.weak_from) & (spec.weak_motor > 0))
+
+
+def _effects(scenario: Scenario, motion: Motion, weak: NDArray[np.bool_]) -> dict[str, Array]:
     """``roll_effect`` and its likes."""
     spec, body = scenario.vehicle, airframe(scenario.vehicle)
     hover = motion.landed_state == IN_AIR
-    weak = (motion.time >= BOOT_SECONDS + spec.weak_from) & (spec.weak_motor > 0)
     parts = {"": hover & ~weak, "_weak": hover & weak}
     if not parts[""].any():
         # Weak in all of the hover.

@@ -1,0 +1,78 @@
+"""The report of estimates beside the truth of a simulated flight."""
+
+from __future__ import annotations
+
+from math import floor, isfinite, log10
+
+from mavdem.evaluate.truth import ComparedParameter, ComparedWind, TruthComparison
+from mavdem.report.blocks import Sentence, Table
+from mavdem.report.names import readable
+
+LARGEST_ERROR = 10.0  # of the truth, from which on it is not shown in percent
+
+
+def truth_blocks(found: TruthComparison) -> list[Sentence | Table]:
+    """A row a parameter with the truth beside it, and how the wind's torque compares."""
+    held = [one.inside for one in found.parameters if one.inside is not None]
+    count = f" {sum(held)} of {len(held)} intervals hold the truth." if held else ""
+    blocks: list[Sentence | Table] = [
+        Sentence(f"of {found.source}; ± is the half width of the 90 % interval.{count}", "Truth:")
+    ]
+    rows = [_row(one) for one in found.parameters]
+    if found.wind is not None:
+        rows.append(_row(found.wind.mean))
+    if rows:
+        blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], rows))
+    return [*blocks, *([] if found.wind is None else [_wind(found.wind)])]
+
+
+def _row(one: ComparedParameter) -> list[str]:
+    unit, scale = _shown(one.unit)
+    known = isfinite(one.half_width)
+    estimate, half, truth = (scale * value for value in (one.estimate, one.half_width, one.truth))
+    digit = _last_digit(half if known else truth / 10)
+
+    def rounded(value: float) -> str:
+        return f"{round(value, -digit) + 0.0:.{max(-digit, 0)}f}"
+
+    inside = {None: one.status, True: "yes", False: "no"}[one.inside]
+    return [
+        one.name,
+        f"{rounded(estimate)} ± {rounded(half)}" if known else rounded(estimate),
+        rounded(truth),
+        _error(estimate, truth),
+        unit,
+        f"{inside}, biased" if one.status == "biased" else inside,
+    ]
+
+
+def _error(estimate: float, truth: float) -> str:
+    """In percent of the truth, where that is no number near 0."""
+    return f"{100 * (estimate / truth - 1):+.0f} %" if abs(estimate - truth) < LARGEST_ERROR * abs(truth) else ""
+
+
+def _shown(unit: str) -> tuple[str, float]:
+    """A unit to show, and what to multiply values by: degrees for radians, ms for s."""
+    if unit == "s":
+        return "ms", 1e3
+    angle, _, per = unit.partition(" per ")
+    shown = readable(angle)
+    return f"{shown.name}{f' per {per}' if per else ''}", shown.scale
+
+
+def _last_digit(half: float) -> int:
+    """The power of ten that the last digit shown stands for: two digits of a half width of 10 to 29, else one."""
+    if not half:
+        return 0
+    first = floor(log10(abs(half)))
+    return first - 1 if abs(half) < 3 * 10.0**first else first
+
+
+def _wind(found: ComparedWind) -> Sentence:
+    scale = readable("rad/s²").scale
+    resolved = "" if found.resolved else " The estimate is not resolved: its expected errors are as large as itself."
+    return Sentence(
+        f"correlation {found.correlation:.2f}; standard deviation {scale * found.sd:.3g} °/s², truth "
+        f"{scale * found.true_sd:.3g} °/s²; {100 * found.inside:.0f} % of the samples inside the 90 % band.{resolved}",
+        "Wind's torque beside its truth:",
+    )

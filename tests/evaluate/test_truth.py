@@ -1,0 +1,148 @@
+"""Estimates beside the truth of a simulated flight: the right numbers side by side, and no other flight's."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mavdem import Flight
+from mavdem.dem import physical
+from mavdem.dem.graybox.wind import wind
+from mavdem.dem.record import Record
+from mavdem.errors import Unreadable
+from mavdem.evaluate.truth import compare_with_truth, read_truth
+from mavdem.paper.flights import hover
+from mavdem.report.truth import truth_blocks
+from sitl_scenarios.files import load
+from sitl_scenarios.simulation import fly
+from sitl_scenarios.truth import truth, write_truth
+
+MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load("iris_multisine").model_copy(update={"duration": 30.0})
+
+
+@pytest.fixture(scope="module")
+def motion(scenario):
+    return fly(scenario)
+
+
+@pytest.fixture(scope="module")
+def flight(scenario, motion):
+    flown = hover(scenario, motion)
+    names = {"input_names": MOTORS, "output_names": ("roll", "roll rate")}
+    return Flight(flown.time, flown.inputs, flown.outputs[:, 2:], dt=flown.dt, **names)
+
+
+@pytest.fixture(scope="module")
+def learned(flight):
+    record = Record.of(flight)
+    found = physical(record)
+    return SimpleNamespace(record=record, physical=found, wind=wind(found, record))
+
+
+@pytest.fixture(scope="module")
+def path(scenario, motion, tmp_path_factory):
+    written = tmp_path_factory.mktemp("truth") / "flight.truth.npz"
+    write_truth(written, scenario, motion)
+    return written
+
+
+def test_each_estimate_stands_beside_its_truth(learned, flight, scenario, motion, path):
+    found, known = compare_with_truth(learned, flight, path), truth(scenario, motion)
+    by_name = {one.name: one for one in found.parameters}
+    assert [by_name[f"effect of motor {k}"].truth for k in (1, 2, 3, 4)] == known["roll_effect"].tolist()
+    assert [by_name[f"effect of motor {k}"].estimate for k in (1, 2, 3, 4)] == learned.physical.effect.tolist()
+    assert by_name["mean effect"].truth == pytest.approx(np.abs(known["roll_effect"]).mean())
+    assert by_name["mean effect"].inside and by_name["mean effect"].half_width == learned.physical.mean_effect()[1]
+    assert by_name["damping"].truth == -known["roll_A"][1, 1]
+    assert by_name["lag of the motors"].truth == known["lag"][0]
+    # Commands are held for a cycle of 4 ms, and sensors are 4 ms late.
+    assert by_name["delay"].truth == pytest.approx(0.006)
+    true = np.interp(flight.time, motion.time, known["roll_disturbance"])
+    assert found.wind.true_sd == true.std() and found.wind.mean.truth == true.mean()
+    assert found.wind.correlation == np.corrcoef(true, learned.wind.torque)[0, 1] > 0.5
+    assert found.wind.inside == np.mean(np.abs(true - learned.wind.torque) <= learned.wind.band)
+    document = json.loads(json.dumps(found.as_dict(), allow_nan=False))
+    assert document["parameters"][0]["truth"] == known["roll_effect"][0] and "truth" not in document["wind"]
+
+
+def test_in_segments_it_is_the_same(learned, flight, path):
+    whole, halved = (compare_with_truth(learned, parts, path) for parts in (flight, [flight[:700], flight[700:]]))
+    assert halved.parameters == whole.parameters and halved.wind.correlation == whole.wind.correlation
+    with pytest.raises(ValueError, match="what the model was learnt from"):
+        compare_with_truth(learned, flight[:700], path)
+
+
+def test_an_interval_that_misses_and_one_that_is_not_there_are_told_apart(learned, flight, path):
+    read = learned.physical
+    off = read._replace(damping=9.0, status=read.status | {"lag": "not identifiable", "damping": "biased"})
+    changed = SimpleNamespace(record=learned.record, physical=off, wind=learned.wind)
+    found = {one.name: one for one in compare_with_truth(changed, flight, path).parameters}
+    assert found["damping"].inside is False and found["lag of the motors"].inside is None
+    table = truth_blocks(compare_with_truth(changed, flight, path))[1]
+    rows = {row[0]: row[1:] for row in table.rows}
+    assert rows["damping"][-1] == "no, biased" and rows["lag of the motors"][-1] == "not identifiable"
+    assert "±" in rows["damping"][0] and "±" not in rows["lag of the motors"][0]
+    assert rows["lag of the motors"][1] == "18.8" and rows["lag of the motors"][3] == "ms"
+
+
+def test_a_demand_has_no_effect_of_motors(learned, flight, path):
+    demand = Flight(flight.time, flight.inputs[:, :1], flight.outputs, dt=flight.dt, output_names=("roll", "roll rate"))
+    found = compare_with_truth(learned, demand, path)
+    assert [one.name for one in found.parameters] == ["damping", "lag of the motors", "delay"]
+
+
+def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(learned, flight, motion, scenario, path, tmp_path):
+    weak = dict(np.load(path)) | {"weak": motion.time > 20.0, "roll_effect_weak": np.array([1.0, 2.0, 3.0, 4.0])}
+    np.savez(tmp_path / "weak.npz", **weak)
+    late = flight[round((20.5 - flight.time[0]) / flight.dt) :]
+    cut = SimpleNamespace(record=Record.of(late), physical=learned.physical, wind=None)
+    effects = [one.truth for one in compare_with_truth(cut, late, tmp_path / "weak.npz").parameters[:4]]
+    assert effects == [1.0, 2.0, 3.0, 4.0]
+    early = compare_with_truth(learned, flight, tmp_path / "weak.npz").parameters[:4]
+    assert [one.truth for one in early] == weak["roll_effect"].tolist()
+
+
+def test_the_truth_of_another_flight_is_refused(learned, flight, scenario, motion, path, tmp_path):
+    other = dict(np.load(path)) | {"known_rates": np.roll(motion.known_rates, 1000, axis=0)}
+    np.savez(tmp_path / "other.npz", **other)
+    with pytest.raises(Unreadable, match="other.npz is the truth of another flight: from .* its roll rate is not"):
+        compare_with_truth(learned, flight, tmp_path / "other.npz")
+    with pytest.raises(Unreadable, match="of another flight"):
+        compare_with_truth(learned, later(flight, 100.0), path)
+
+
+def later(flight: Flight, shift: float) -> Flight:
+    return Flight(flight.time + shift, flight.inputs, flight.outputs, dt=flight.dt, output_names=flight.output_names)
+
+
+@pytest.mark.parametrize("change", ["missing", "shape", "nan", "pickle"])
+def test_what_is_no_truth_file_is_refused_in_a_sentence(change, path, tmp_path):
+    parts = dict(np.load(path))
+    if change == "missing":
+        del parts["pitch_effect"]
+    parts |= {
+        "shape": {"outputs": parts["outputs"][:-1]},
+        "nan": {"pitch_disturbance": np.full(len(parts["time"]), np.nan)},
+        "pickle": {"time": np.array([{}], object)},
+    }.get(change, {})
+    np.savez(tmp_path / "odd.npz", **parts)
+    with pytest.raises(Unreadable, match=r"^odd\.npz is (no truth file|damaged)[^\n]*\.$"):
+        read_truth(tmp_path / "odd.npz", "pitch")
+
+
+def test_files_of_other_kinds_and_none_are_refused(tmp_path):
+    (tmp_path / "text.npz").write_text("no archive")
+    (tmp_path / "cut.npz").write_bytes(b"PK\x03\x04" + bytes(50))
+    np.save(tmp_path / "array.npy", np.zeros(3))
+    for name in ("text.npz", "cut.npz", "array.npy"):
+        with pytest.raises(Unreadable, match="is no truth file"):
+            read_truth(tmp_path / name, "roll")
+    for name in ("nowhere.npz", "."):
+        with pytest.raises(Unreadable, match="cannot be read"):
+            read_truth(tmp_path / name, "roll")
