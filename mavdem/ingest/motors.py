@@ -46,7 +46,7 @@ class MotorGeometry:
             return self.labels
         if not self.positions:
             return tuple(f"motor {motor}" for motor in self.motors)
-        return tuple(f"motor {motor} ({_place(at)})" for motor, at in zip(self.motors, self.positions, strict=True))
+        return tuple(f"motor {motor} ({place_name(at)})" for motor, at in zip(self.motors, self.positions, strict=True))
 
     def effect(self, axis: str) -> NDArray[np.float64] | None:
         """(k,) weights of the motors in the torque about ``axis``, magnitudes summing to 1; None when unknown.
@@ -114,7 +114,8 @@ def motor_geometry(
     return MotorGeometry(motors, channels, positions, basis, channels_assumed, assumed, spins=spins)
 
 
-def _place(position: Position) -> str:
+def place_name(position: Position) -> str:
+    """Where a motor is, in words: ``front right``."""
     bearing = degrees(atan2(position[1], position[0]))
     return _COMPASS[round(bearing / 45) % 8]
 

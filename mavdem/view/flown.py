@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from mavdem.files import atomic_write
 from mavdem.ingest.mavlink.euler import euler_angles
-from mavdem.view import lines
-from mavdem.view.lines import FLIGHT_TIME, LABELS_IF_LOW, Line, collapsed_panels, readable_range, time_plot, utf8
+from mavdem.ingest.motors import place_name
+from mavdem.report import palette
+from mavdem.view.time_plot import FLIGHT_TIME, Line, Plot, collapsed_panels, range_of, utf8
 
 Array = NDArray[np.float64]
 
@@ -26,13 +27,14 @@ FRAMES_A_SECOND = 50  # of the 3D view
 TRAIL, POINTS_A_SECOND = 4.0, 20  # seconds of the way behind the vehicle that are drawn, anew ten times a second
 WIND_SCALE = 0.4  # length of the wind's arrow for 1 m/s, in lengths of an arm
 WIND_AWAY = 1.4  # where that arrow ends before the vehicle, in lengths of an arm
-THRUST_SCALE = 1.1  # length of a rotor's arrow where it carries its quarter of the weight, in lengths of an arm
+THRUST_SCALE = 1.0  # length of a rotor's arrow where it carries its quarter of the weight, in lengths of an arm
 EYE_POSITION = (-5.2, 2.2, -3.5)  # in lengths of an arm, north, east and down: from the south-east and above
-EYE_TARGET = (0.0, 0.6, -0.2)  # what is looked at, likewise: a little to the east, where there is room for the wind
+EYE_TARGET = (0.0, 0.9, -0.2)  # what is looked at, likewise: a little to the east, where there is room for the wind
+PLOT_HEIGHTS = (5, 5, 5, 7, 6, 6)  # a legend of more lines takes more
 MAX_GROUND_METRES, GROUND_MARGIN_METRES = 50.0, 8.0  # the ground is drawn so far from the start, around the flight
 
 BODY, NOSE, GROUND = (210, 214, 220), (255, 107, 107), (70, 74, 80)
-TRAIL_COLOUR, WIND_COLOUR = (94, 214, 120), (72, 219, 219)
+TRAIL_COLOUR = (94, 214, 120)
 SLOW, HOVERING, FAST = (60, 110, 255), (165, 165, 170), (255, 150, 30)  # a rotor, by its speed beside the hover's
 
 
@@ -67,6 +69,11 @@ class Pose:
     rotors: Array
 
     @property
+    def motors(self) -> tuple[str, ...]:
+        """The motors by their places, as ``front right``."""
+        return tuple(place_name((float(forward), float(right))) for forward, right in self.rotors)
+
+    @property
     def arm(self) -> float:
         """How far the farthest rotor is from the centre of mass, m."""
         return float(np.hypot(*self.rotors.T).max())
@@ -93,66 +100,55 @@ def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:
     """
     recording = rr.RecordingStream("mavdem_flight")
     memory = recording.memory_recording()
-    shown = list(_plots(pose))
+    shown = _plots(pose)
     recording.send_blueprint(_blueprint(pose, shown), make_active=False)
     recording.send_recording_name(utf8(name))
     draw_scene(recording, pose)
     for plot in shown:
-        plot.draw(recording, pose)
+        plot.draw(recording)
     with atomic_write(path) as file:
         # Rerun does not report when a file it writes fails, as on a full disk; Python does.
         file.write(memory.drain_as_bytes())
 
 
-class _Plot:
-    """One picture over time at the entity ``origin``: ``series`` of name, colour, width and values (N,)."""
-
-    def __init__(self, origin: str, title: str, series: list[tuple[str, lines.Colour, float, Array]]) -> None:
-        self.origin, self.title, self.series = origin, title, series
-
-    def draw(self, recording: rr.RecordingStream, pose: Pose) -> None:
-        rows = pose.at(np.inf)
-        for place, (name, colour, width, values) in enumerate(self.series):
-            # Drawn in the order of their paths.
-            path = rr.new_entity_path([self.origin, f"{place} {name}"])
-            Line(path, name, colour, width).over_time(recording, pose.time[rows], values[rows])
-
-    def view(self, end: float, carries: NDArray[np.bool_]) -> rrb.View:
-        """Over the whole flight, with room for the legend beside it, and the range of what is in the air."""
-        values = [values[carries] for *_, values in self.series]
-        low, high = min(float(one.min()) for one in values), max(float(one.max()) for one in values)
-        return time_plot(self.title, self.origin, (0.0, 1.22 * end), readable_range(low, high, LABELS_IF_LOW))
-
-
-def _plots(pose: Pose) -> Iterator[_Plot]:
-    rolls = (euler_angles(attitude)[0] for attitude in (pose.attitude, pose.known_attitude))
-    yield _Plot("roll", "Roll, °", _true_and_estimated(*rolls))
-    rates = _true_and_estimated(pose.rates[:, 0], pose.known_rates[:, 0])
-    yield _Plot("roll_rate", "Roll rate, °/s", rates)
-    yield _Plot("motors", "Motor outputs, µs", _several("motor 1,motor 2,motor 3,motor 4", pose.outputs))
-    yield _Plot("wind", "Wind at the vehicle, m/s (the direction it blows to)", _several("north,east,down", pose.wind))
-    moment = _several("roll,pitch,yaw", 1e3 * pose.moment)
-    yield _Plot("moment", "Disturbance moment, mN m", moment)
-
-
-def _true_and_estimated(true: Array, estimated: Array) -> list[tuple[str, lines.Colour, float, Array]]:
+def _plots(pose: Pose) -> list[Plot]:
+    """What was flown, and the errors of what the autopilot knew of it; ranges are those in the air."""
+    rows, carries = pose.at(np.inf), pose.carries()
+    roll, known = (np.degrees(euler_angles(attitude)[0]) for attitude in (pose.attitude, pose.known_attitude))
+    rate, known_rate = (np.degrees(rates[:, 0]) for rates in (pose.rates, pose.known_rates))
+    motors = pose.outputs - pose.outputs.mean(axis=1, keepdims=True)
+    errors = {"roll rate": known_rate - rate, "roll": known - roll}
+    tables = (
+        ("roll", "Roll, °", {"roll": roll}),
+        ("roll_rate", "Roll rate, °/s", {"roll rate": rate}),
+        ("errors", "Errors of the autopilot's estimates, ° and °/s", errors),
+        ("motors", "Motor outputs, each beyond the mean of all, µs", _columns(pose.motors, motors)),
+        ("wind", "Wind, m/s: where the air moves to", _columns(("north", "east", "down"), pose.wind)),
+        ("moment", "Disturbance moment, mN m", _columns(("roll", "pitch", "yaw"), 1e3 * pose.moment)),
+    )
     return [
-        ("true", lines.PREDICTED, 4.0, np.degrees(true)),
-        ("estimated", lines.MEASURED, 1.2, np.degrees(estimated)),
+        Plot(
+            origin,
+            title,
+            range_of(*(values[carries] for values in series.values())),
+            [
+                Line(name, palette.distinct(i), pose.time[rows], values[rows], 1.0)
+                for i, (name, values) in enumerate(series.items())
+            ],
+        )
+        for origin, title, series in tables
     ]
 
 
-def _several(names: str, table: Array) -> list[tuple[str, lines.Colour, float, Array]]:
-    return [(name, lines.distinct(i), 1.2, table[:, i]) for i, name in enumerate(names.split(","))]
+def _columns(names: Sequence[str], table: Array) -> dict[str, Array]:
+    return dict(zip(names, table.T, strict=True))
 
 
-def _blueprint(pose: Pose, plots: list[_Plot]) -> rrb.Blueprint:
+def _blueprint(pose: Pose, plots: list[Plot]) -> rrb.Blueprint:
     """The vehicle to the left, and the plots to the right, one above the other."""
-    end, carries = float(pose.time[-1]), pose.carries()
+    views = [plot.view(float(pose.time[-1])) for plot in plots]
     return rrb.Blueprint(
-        rrb.Horizontal(
-            scene_view(pose), rrb.Vertical(*(plot.view(end, carries) for plot in plots)), column_shares=[45, 55]
-        ),
+        rrb.Horizontal(scene_view(pose), rrb.Vertical(*views, row_shares=PLOT_HEIGHTS), column_shares=[45, 55]),
         *collapsed_panels(play_state="playing", loop_mode="all"),
         auto_views=False,
         auto_layout=False,
@@ -170,9 +166,10 @@ def draw_scene(recording: rr.RecordingStream, pose: Pose) -> None:
 
 
 def scene_view(pose: Pose) -> rrb.View:
-    """The view that the scene is seen in."""
+    """The view that the scene is seen in, with the scale of its arrows."""
     return rrb.Spatial3DView(
-        name="Vehicle, rotor thrust, flight path (green), wind (turquoise)",
+        name=f"Thrust arrows: {100 * pose.arm:.2g} cm at hover. Wind arrow: {100 * WIND_SCALE * pose.arm:.2g} cm for "
+        "1 m/s. Ground: 1 m. Green: the last 4 s",
         # What moves along with the vehicle but does not turn with it: the eye does too.
         origin="world/here",
         contents="world/**",
@@ -218,7 +215,8 @@ def _vehicle(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.intp]) 
     thrust = (speeds[rows] / max(hover, 1e-9)) ** 2
     vectors = np.zeros((len(rows), count, 3))
     vectors[:, :, 2] = -THRUST_SCALE * arm * thrust
-    recording.log("world/here/vehicle/thrust", rr.Arrows3D.from_fields(origins=hubs, radii=[0.025 * arm]), static=True)
+    style = rr.Arrows3D.from_fields(origins=hubs, radii=[0.025 * arm], labels=pose.motors, show_labels=True)
+    recording.log("world/here/vehicle/thrust", style, static=True)
     arrows = rr.Arrows3D.columns(vectors=vectors.reshape(-1, 3), colors=colours.reshape(-1, 3))
     recording.send_columns("world/here/vehicle/thrust", index, arrows.partition([count] * len(rows)))
 
@@ -240,8 +238,12 @@ def _surroundings(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.in
     # Its head stays out of the rotors.
     speed = np.linalg.norm(vectors, axis=1, keepdims=True)
     away = WIND_AWAY * arm * vectors / np.maximum(speed, 1e-9)
-    recording.log("world/here/wind", rr.Arrows3D.from_fields(radii=[0.05 * arm], colors=[WIND_COLOUR]), static=True)
-    columns = rr.Arrows3D.columns(vectors=vectors, origins=-away - vectors)
+    style = rr.Arrows3D.from_fields(
+        radii=[0.05 * arm], colors=[palette.channels(palette.DISTURBANCE)], show_labels=True
+    )
+    recording.log("world/here/wind", style, static=True)
+    labels = [f"wind {one:.1f} m/s" for one in np.linalg.norm(pose.wind[rows], axis=1)]
+    columns = rr.Arrows3D.columns(vectors=vectors, origins=-away - vectors, labels=labels)
     recording.send_columns("world/here/wind", _index(pose.time[rows]), columns)
     now = pose.at(10)
     before = np.searchsorted(pose.time, pose.time[now] - TRAIL)

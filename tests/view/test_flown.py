@@ -58,12 +58,14 @@ def test_thrust_points_up_and_the_wind_at_the_vehicle(columns):
     assert (heads[:, 1] > 0.2).all() and np.allclose(heads[:, [0, 2]], 0)
 
 
-def test_lines_are_what_was_flown(columns):
-    true, known = (columns[f"/roll/{name}"] for name in ("0 true", "1 estimated"))
-    assert np.array(true["scalars"]).max() == pytest.approx(np.degrees(0.2), abs=0.1)
-    assert true["scalars"] == known["scalars"]
-    for n in range(4):
-        np.testing.assert_array_equal(np.ravel(columns[f"/motors/{n} motor {n + 1}"]["scalars"]), MOTION.outputs[:, n])
+def test_lines_are_what_was_flown_and_errors_what_was_not_known(columns):
+    assert np.ravel(columns["/roll/0 roll"]["scalars"]).max() == pytest.approx(np.degrees(0.2), abs=0.1)
+    for name in ("0 roll rate", "1 roll"):
+        np.testing.assert_array_equal(np.ravel(columns[f"/errors/{name}"]["scalars"]), 0.0)
+    mean = MOTION.outputs.mean(axis=1)
+    for n, place in enumerate(("front right", "rear left", "front left", "rear right")):
+        beyond = np.ravel(columns[f"/motors/{n} {place}"]["scalars"])
+        np.testing.assert_allclose(beyond, MOTION.outputs[:, n] - mean, atol=1e-9)
 
 
 def test_a_flight_that_never_takes_off_and_a_name_that_is_no_text(tmp_path):
