@@ -7,11 +7,13 @@ from importlib.util import find_spec
 EXTRAS = {
     "control": ("control",),
     "dask": ("distributed",),
+    "pandas": ("pandas",),
     "paper": ("matplotlib", "rerun"),
     "parquet": ("pyarrow",),
     "plot": ("matplotlib",),
     "ros2": ("mcap_ros2",),
     "view": ("rerun",),
+    "xarray": ("xarray",),
 }
 """Modules by the name of the extra in pyproject.toml."""
 

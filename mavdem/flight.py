@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mavdem.downstream import FlightDownstream
+
 MAX_VALUE = 1e100
 """Of any number of a flight: differences and squares of larger ones overflow."""
 
 
 @dataclass(frozen=True, eq=False)
-class Flight:
+class Flight(FlightDownstream):
     """Uniformly sampled inputs and outputs of one segment of flight; immutable. Slicing gives a ``Flight``.
 
     Attributes:

@@ -30,7 +30,7 @@ from mavdem.dem.engine.trace import FreeEnergy, Learning
 from mavdem.dem.forecast.mixer import MixerPrior
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecasts import TrainingForecasts
-from mavdem.dem.record import LARGEST, SHORTEST_STEP, Record
+from mavdem.dem.record import LABELS, LARGEST, SHORTEST_STEP, Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
 from mavdem.dem.smoothness import SmoothnessEstimate
@@ -209,6 +209,7 @@ DOCUMENT = TypeAdapter(
             voltage=list[float | None] | None,
         )
         | None,
+        labels=_part(dict, begins=list[float], **dict.fromkeys(LABELS, list[str])) | None,
     )
 )
 """The document by its keys. Sizes: T samples, r inputs, m outputs, n states, k parameters of the vehicle, K of the
@@ -230,6 +231,7 @@ def values_of(parts: Mapping[str, Any]) -> dict[str, Any]:
         "outputs": record.outputs.tolist(),
         "segments": list(record.lengths),
         "of_vehicle": _of_vehicle(record),
+        "labels": {name: list(getattr(record, name)) for name in (*LABELS, "begins")},
     }
 
 
@@ -260,7 +262,8 @@ def parts_of(values: Any) -> dict[str, Any]:
     parts |= {name: parts.pop(key) for name, key in KEYS.items()}
     parts["settings"] = CompleteSettings.from_dict(parts["settings"])
     record = Record(parts.pop("inputs"), parts.pop("outputs"), parts["dt"], tuple(parts.pop("segments")))
-    of_vehicle = parts.pop("of_vehicle")
+    of_vehicle, labels = parts.pop("of_vehicle"), parts.pop("labels")
+    record = _with_labels(record, labels) if labels else record
     parts["record"] = _with_vehicle(record, of_vehicle) if of_vehicle else record
     _check(parts, sizes)
     model_sizes = sizes["n"], sizes["r"], sizes["m"]
@@ -270,6 +273,17 @@ def parts_of(values: Any) -> dict[str, Any]:
         "free_energy": FreeEnergy(parts["free_energy"]),
         "cautions": tuple(parts["cautions"]),
     }
+
+
+def _with_labels(record: Record, values: Mapping[str, Any]) -> Record:
+    inputs, outputs = record.inputs.shape[1], record.outputs.shape[1]
+    columns = {"input": inputs, "output": outputs}
+    sizes = {name: columns[name.split("_")[0]] for name in LABELS} | {"begins": len(record.lengths)}
+    for name, size in sizes.items():
+        if len(values[name]) not in (0, size):
+            raise ValueError(f"labels.{name} must be {size}, or none, not {len(values[name])}")
+    known: dict[str, Any] = {name: tuple(values[name]) for name in sizes}
+    return replace(record, **known)
 
 
 def _with_vehicle(record: Record, values: Mapping[str, Any]) -> Record:
@@ -290,7 +304,7 @@ def _with_vehicle(record: Record, values: Mapping[str, Any]) -> Record:
 def _current(values: Any) -> Any:
     """A document of today: version 0.1 wrote every candidate, "unseen" for training forecasts, and no closed loop."""
     if isinstance(values, dict):
-        values = {"of_vehicle": None, **values}
+        values = {"of_vehicle": None, "labels": None, **values}
     if not (isinstance(values, dict) and "unseen" in values):
         return values
     kept = {name: value for name, value in values.items() if name not in ("unseen", "candidates")}

@@ -24,6 +24,9 @@ SAME_STEP = 1e-6  # how far the sampling steps of segments may differ, relative 
 ROUNDING = 1e-9  # relative to its size: a channel that varies by less is constant
 SMALLEST_RANGE = 1e-50  # likewise in any unit: squares and derivatives would underflow
 
+LABELS = ("input_names", "output_names", "input_units", "output_units")
+"""Of a flight and of a record: one string a column."""
+
 
 class Spread(NamedTuple):
     """Mean, variance and range of each column; (k,) each."""
@@ -56,7 +59,7 @@ class UniformRecord(Protocol):
     def dt(self) -> float: ...  # noqa: D102
 
     # May have as well, as a ``Flight`` has: ``effect_directions``, ``input_names``, ``setpoints``, ``setpoint_names``,
-    # ``voltage``.
+    # ``voltage``, ``time``, ``output_names``, ``input_units``, ``output_units``.
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +68,9 @@ class Record:
 
     ``effect_directions`` (r,) are the relative effect of each motor on the axis; ``None`` where the mixer's geometry is
     not known. ``input_names`` are those of the flight, none where it has none. ``setpoints`` (T, q), of these names,
-    and ``voltage`` (T,) are NaN where they are not known, and ``None`` where any segment has none.
+    and ``voltage`` (T,) are NaN where they are not known, and ``None`` where any segment has none. ``output_names``,
+    ``input_units`` and ``output_units`` are the flight's as well, and ``begins`` (segments,) the times of the segments'
+    first samples on its clock, s; none where it has none.
     """
 
     inputs: Array
@@ -77,6 +82,10 @@ class Record:
     setpoints: Array | None = None
     setpoint_names: tuple[str, ...] = ()
     voltage: Array | None = None
+    output_names: tuple[str, ...] = ()
+    input_units: tuple[str, ...] = ()
+    output_units: tuple[str, ...] = ()
+    begins: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, train: UniformRecord | Sequence[UniformRecord]) -> Record:
@@ -96,7 +105,8 @@ class Record:
             raise ValueError(f"dt must be the same in every segment, not between {min(steps)} and {max(steps)} s")
         lengths = tuple(len(table) for table in outputs)
         directions = _directions(flights, inputs[0].shape[1])
-        names = tuple(getattr(flights[0], "input_names", ()))
+        labels = {name: tuple(getattr(flights[0], name, ())) for name in LABELS}
+        times: list[Sequence[float]] = [getattr(flight, "time", ()) for flight in flights]
         asked = {tuple(getattr(flight, "setpoint_names", ())) for flight in flights}
         return cls(
             np.concatenate(inputs),
@@ -104,10 +114,14 @@ class Record:
             steps[0],
             lengths,
             directions,
-            names,
+            labels["input_names"],
             _further(flights, "setpoints") if len(asked) == 1 else None,
             asked.pop() if len(asked) == 1 else (),
             _further(flights, "voltage"),
+            labels["output_names"],
+            labels["input_units"],
+            labels["output_units"],
+            tuple(float(time[0]) for time in times) if all(map(len, times)) else (),
         )
 
     def __len__(self) -> int:

@@ -21,6 +21,27 @@ class Labelled(Protocol):
     def output_units(self) -> tuple[str, ...]: ...  # noqa: D102
 
 
+class Labels(NamedTuple):
+    """Names and units of channels, one a column; a unit that is not known is empty."""
+
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    input_units: tuple[str, ...]
+    output_units: tuple[str, ...]
+
+    @classmethod
+    def of(cls, learned: Learned) -> Labels:
+        """Those of the training data; numbers where it has no names."""
+        record = learned.record
+        inputs, outputs = record.inputs.shape[1], record.outputs.shape[1]
+        return cls(
+            record.input_names or tuple(f"input {i + 1}" for i in range(inputs)),
+            record.output_names or tuple(f"output {i + 1}" for i in range(outputs)),
+            record.input_units or ("",) * inputs,
+            record.output_units or ("",) * outputs,
+        )
+
+
 class Readable(NamedTuple):
     """A unit to show values in: what is shown is ``scale`` times the value."""
 

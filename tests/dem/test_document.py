@@ -8,6 +8,7 @@ import pytest
 from simulated import simulated
 
 from mavdem import Flight, Learned, Settings, learn
+from mavdem.dem.record import LABELS
 
 TEXT = (Path(__file__).parent / "data" / "model_0_1.json").read_text()
 FLIGHT = simulated(wind=0.5, lag=0.05)
@@ -28,6 +29,7 @@ def test_nothing_of_it_is_lost():
     del before["candidates"]
     # Since then what only the physical parameters use is kept; of this flight there is none.
     assert now.pop("of_vehicle") is None
+    assert set(now.pop("labels")) == {*LABELS, "begins"}
     # Since then forecasts may take the motors for measurements; those of this model did not.
     before["settings"]["closed_loop"] = False
     # Since then its numbers are those of the innovation form.
@@ -70,6 +72,8 @@ def test_what_only_physical_parameters_use_is_kept():
     np.testing.assert_array_equal(record.voltage, further["voltage"])
     np.testing.assert_array_equal(record.effect_directions, directions)
     assert record.setpoint_names == ("roll stick",)
+    assert record.begins == (flight.time[0],)
+    assert {name: getattr(record, name) for name in LABELS} == {name: getattr(known, name) for name in LABELS}
     values = json.loads(learned.to_json())
     values["of_vehicle"]["voltage"] = [1.0]
     with pytest.raises(ValueError, match=r"of_vehicle.voltage must be of shape \(500,\)"):
