@@ -16,7 +16,7 @@ from mavdem.files import atomic_write
 from mavdem.ingest.mavlink.euler import euler_angles
 from mavdem.ingest.motors import place_name
 from mavdem.report import palette
-from mavdem.view.time_plot import FLIGHT_TIME, Line, Plot, collapsed_panels, range_of, utf8
+from mavdem.view.time_plot import FLIGHT_TIME, Plot, PlotLine, collapsed_panels, range_of, utf8
 
 Array = NDArray[np.float64]
 
@@ -132,7 +132,7 @@ def _plots(pose: Pose) -> list[Plot]:
             title,
             range_of(*(values[carries] for values in series.values())),
             [
-                Line(name, palette.distinct(i), pose.time[rows], values[rows], 1.0)
+                PlotLine(name, palette.distinct(i), pose.time[rows], values[rows], 1.0)
                 for i, (name, values) in enumerate(series.items())
             ],
         )

@@ -30,7 +30,7 @@ AXIS_MARGIN = 0.05  # margin beyond the values, as a share of their span
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class PlotLine:
     """A line of a plot: values (N,) at times (N,), s; NaN breaks it."""
 
     name: str  # in the legend
@@ -40,11 +40,11 @@ class Line:
     width: float = 1.5  # points
 
 
-def area(name: str, colour: str, time: Array, low: Array, high: Array) -> Line:
+def area(name: str, colour: str, time: Array, low: Array, high: Array) -> PlotLine:
     """The filled area between two lines (N,); opaque, since strokes that overlap would add up."""
     step = ceil(len(time) / MAX_STROKES)
     edges = np.stack([low[::step], high[::step]], axis=-1)
-    return Line(name, colour, np.repeat(time[::step], 2), edges.ravel(), FILL_WIDTH)
+    return PlotLine(name, colour, np.repeat(time[::step], 2), edges.ravel(), FILL_WIDTH)
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Plot:
     origin: str
     title: str
     range: tuple[float, float]
-    lines: Sequence[Line]
+    lines: Sequence[PlotLine]
 
     def draw(self, recording: rr.RecordingStream) -> None:
         """Draws the lines."""
