@@ -13,16 +13,17 @@ import click
 
 from mavdem.cli.options import motion_options, window_options
 from mavdem.cli.output import json_text, print_blocks, print_json, printable, progress
-from mavdem.cli.output_files import check_folder, files_in, folder_named
+from mavdem.cli.output_files import check_folder, files_in, folder_named, page_bytes
 from mavdem.cli.sources import end_report, names_of, nothing_left, of_each
 from mavdem.comparison import METHODS, Comparison, outcomes
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, Window, fewer_samples, samples_in, windows
 from mavdem.flight import Flight
+from mavdem.page.comparison_page import comparison_page
 from mavdem.report.comparison import comparison_report
 
-COMPARISON_FILES = ("comparison.json", "windows.csv")
+COMPARISON_FILES = ("comparison.json", "comparison.html", "windows.csv")
 
 
 @click.command("compare")
@@ -37,7 +38,7 @@ COMPARISON_FILES = ("comparison.json", "windows.csv")
     is_flag=True,
     help="Start forecasts from state 0, as the paper's figures do, not from the state at the end of training.",
 )
-@click.option("--out", type=click.Path(), callback=folder_named, help="Folder for comparison.json and windows.csv.")
+@click.option("--out", type=click.Path(), callback=folder_named, help="Folder for the files of the comparison.")
 @click.pass_context
 def compare_command(
     context: click.Context,
@@ -66,8 +67,9 @@ def compare_command(
     identification; prediction error minimisation (PEM); expectation maximisation (EM); ARX; joint VAR; and three
     forecasts without a model.
 
-    --out receives comparison.json (the document of --json) and windows.csv (a line for each window, method and
-    horizon). In --json an error that is infinite, or of a missing forecast, is null.
+    --out receives comparison.json (the document of --json), comparison.html (a page to read in a browser and to mail)
+    and windows.csv (a line for each window, method and horizon). In --json an error that is infinite, or of a missing
+    forecast, is null.
 
     \b
     Examples:
@@ -96,7 +98,7 @@ def compare_command(
         "seconds": round(perf_counter() - began, 3),
     }
     if out is not None:
-        _write(out, report, compared)
+        _write(out, report, compared, comparison_page(compared, from_zero))
     if as_json:
         print_json(report)
     else:
@@ -133,9 +135,10 @@ def _compare(cut: Sequence[Window]) -> Comparison:
     return Comparison.of(cut, found)
 
 
-def _write(out: Path, report: dict[str, Any], compared: Comparison) -> None:
-    with files_in(out, COMPARISON_FILES) as (document, table):
+def _write(out: Path, report: dict[str, Any], compared: Comparison, page: str) -> None:
+    with files_in(out, COMPARISON_FILES) as (document, html, table):
         document.write_text(json_text(report) + "\n")
+        html.write_bytes(page_bytes(page))
         rows = compared.rows()
         with table.open("w", newline="") as file:
             writer = csv.DictWriter(file, rows[0], lineterminator="\n")

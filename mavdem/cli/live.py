@@ -15,7 +15,7 @@ import click
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import chosen_settings, file_option, model_options, motion_options, no_option
 from mavdem.cli.output import print_json, printable, say_aside
-from mavdem.cli.output_files import check_file, writing
+from mavdem.cli.output_files import check_file, write_page, writing
 from mavdem.cli.signals import asked_to_end, ending_at_once
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
@@ -26,6 +26,8 @@ from mavdem.live.link import Link
 from mavdem.live.recording import RawRecording
 from mavdem.live.session import LearningProcess, LiveSession
 from mavdem.live.status import ACCOUNT, horizons, sentence
+from mavdem.page.live_page import live_page
+from mavdem.page.session_history import SessionHistory
 
 if TYPE_CHECKING:
     from mavdem.view.live import LiveView, RecordingFile, Sink
@@ -148,6 +150,11 @@ def _number(context: click.Context, parameter: click.Parameter, value: float | N
 @click.option("--connect", metavar="URL", callback=no_option, help="Show it in the Rerun viewer at this address.")
 @file_option("--record", "Raw stream to record: FILE.tlog or FILE.mcap.")
 @file_option("--model", "Where to write the model at the end. [default: beside --rrd or --record, .model.json]")
+@file_option(
+    "--html",
+    "Page to write at the end, of what happened and how well it was predicted. [default: beside --rrd, --record or "
+    "--model, .html]",
+)
 @click.option(
     "--request-rate",
     type=click.FloatRange(1, 1000),
@@ -172,6 +179,7 @@ def live_command(
     connect: str | None,
     record: Path | None,
     model: Path | None,
+    html: Path | None,
     request_rate: float | None,
     duration: float | None,
 ) -> None:
@@ -197,7 +205,7 @@ def live_command(
       mavdem fly iris_multisine --udp 127.0.0.1:14550
     """
     settings = chosen_settings(preset, order)
-    model_path = _check_files(rrd, record, model)
+    model_path, html_path = _check_files(rrd, record, model, html)
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)
@@ -211,8 +219,9 @@ def live_command(
         dashboard = ends.enter_context(closing(Dashboard(link, axis, rrd, serve, connect)))
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(LearningProcess())
-        show, report = dashboard.open, dashboard.report
-        session = LiveSession(opened, stream, settings, show, report, say_aside, executor, recording, request_rate)
+        history = SessionHistory(dashboard.open, say_aside)
+        show, report, say = history.open, dashboard.report, history.say
+        session = LiveSession(opened, stream, settings, show, report, say, executor, recording, request_rate)
         ends.callback(session.end)
         dashboard.say_where()
         say_aside(f"Listening on {link}; Ctrl-C ends it.")
@@ -233,6 +242,8 @@ def live_command(
         # The model is written first: what follows may fail or take its time.
         written, code = _write_model(session, model_path)
         ends.close()
+        if html_path is not None and not _write_page(html_path, live_page(link, axis, history.of, status, account)):
+            html_path, code = None, UNUSABLE
         if rrd is not None and not dashboard.opened:
             say_aside(f"There was nothing to show, so {rrd} was not written.")
         if as_json:
@@ -253,6 +264,7 @@ def live_command(
                     "rrd": str(rrd) if dashboard.recorded else None,
                     "record": None if recording is None else {"file": str(record), "frames": recording.frames},
                     "model": None if written is None else str(written),
+                    "html": None if html_path is None else str(html_path),
                 }
             )
     if session.recording is not recording or dashboard.broken:
@@ -260,14 +272,29 @@ def live_command(
     click.get_current_context().exit(code)
 
 
-def _check_files(rrd: Path | None, record: Path | None, model: Path | None) -> Path | None:
-    """Refuses, before the flight, files that could not be written after it; returns the path of the model."""
+def _check_files(
+    rrd: Path | None, record: Path | None, model: Path | None, html: Path | None
+) -> tuple[Path | None, Path | None]:
+    """Refuses, before the flight, files that could not be written after it; returns the paths of model and page."""
     check_file(rrd, "--rrd", (".rrd",))
     check_file(record, "--record", tuple(STREAMS))
     beside = rrd or record
     path = model or (None if beside is None else beside.with_suffix(".model.json"))
     check_file(path, "--model", (".json",))
-    return path
+    beside = beside or model
+    page = html or (None if beside is None else beside.with_suffix(".html"))
+    check_file(page, "--html", (".html",))
+    return path, page
+
+
+def _write_page(path: Path, text: str) -> bool:
+    try:
+        write_page(path, text)
+    except Unreadable as error:
+        say_aside(f"The page is lost: {error}")
+        return False
+    say_aside(f"Wrote the page to {printable(path)}.")
+    return True
 
 
 def _write_model(session: LiveSession, path: Path | None) -> tuple[Path | None, int]:

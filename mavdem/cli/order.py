@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from contextlib import closing
 from functools import partial
+from pathlib import Path
 from time import perf_counter
 
 import click
 
-from mavdem.cli.options import motion_options
-from mavdem.cli.output import print_blocks, print_json, progress
+from mavdem.cli.options import file_option, motion_options
+from mavdem.cli.output import print_blocks, print_json, printable, progress
+from mavdem.cli.output_files import check_file, write_page
 from mavdem.cli.sources import Refused, end_report, names_of, nothing_left, of_each
 from mavdem.dem.order.choice import DEFAULT_MAX_ORDER, LARGEST_ORDER, FlightOrders, OrderChoice, orders_of
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
+from mavdem.page.comparison_page import order_page
 from mavdem.report.order import order_report
 
 
@@ -33,6 +36,7 @@ from mavdem.report.order import order_report
     is_flag=True,
     help="Treat the motors as unknown inputs, as the paper's black-box estimation does: η̃ᵛ = 0, P̃ᵛ = e².",
 )
+@file_option("--html", "Page to write: the report, to read in a browser and to mail.")
 @click.pass_context
 def order_command(
     context: click.Context,
@@ -43,6 +47,7 @@ def order_command(
     as_json: bool,
     max_order: int,
     unknown_inputs: bool,
+    html: Path | None,
 ) -> None:
     """Finds the model order (number of states) by the free energy.
 
@@ -60,6 +65,7 @@ def order_command(
     A SOURCE without an order is reported, and the others are used. Exit code: 0 if an order was found, 1 if no flight
     has one, 2 if a SOURCE cannot be read.
     """
+    check_file(html, "--html", (".html",))
     began = perf_counter()
     channels: list[int] = []
 
@@ -81,13 +87,17 @@ def order_command(
         "axis": axis,
         "known_inputs": not unknown_inputs,
         "refused": [one.values for one in refused],
+        "html": None if html is None else str(html),
         "seconds": round(perf_counter() - began, 3),
     }
+    if html is not None:
+        write_page(html, order_page(choice, list(found)))
     if as_json:
         print_json(report)
     else:
         print_blocks(order_report(choice, list(found)))
-    end_report(context, refused, "no order", f"Took {report['seconds']:.1f} s.", as_json)
+    written = "" if html is None else f" Written: {printable(html)}"
+    end_report(context, refused, "no order", f"Took {report['seconds']:.1f} s.{written}", as_json)
 
 
 def _orders(

@@ -17,7 +17,7 @@ from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.export.channels import write_channels
 from mavdem.extras import missing
-from mavdem.files import atomic_writes, replaceable
+from mavdem.files import atomic_write, atomic_writes, replaceable
 from mavdem.flight import Flight
 
 RECORDING = "flight.rrd"
@@ -55,7 +55,7 @@ def write_results(
         place = dict(zip(names, paths, strict=True))
         place["model.json"].write_text(learned.to_json() + "\n")
         place["report.json"].write_text(json_text(report) + "\n")
-        write_page(place["report.html"], page)
+        place["report.html"].write_bytes(page_bytes(page))
         if RECORDING in names:
             # Rerun takes a second to load, and a flight that cannot be learnt needs none of it.
             with ending_at_once():
@@ -68,8 +68,14 @@ def write_results(
 
 
 def write_page(path: Path, page: str) -> None:
-    """Writes HTML; a file's name need not be UTF-8, and the page must be."""
-    path.write_text(page, encoding="utf-8", errors="replace")
+    """Writes HTML, whole or not at all; raises ``Unreadable`` where it cannot be written."""
+    with writing(path), atomic_write(path) as file:
+        file.write(page_bytes(page))
+
+
+def page_bytes(page: str) -> bytes:
+    """HTML in UTF-8, which a file's name in it need not be."""
+    return page.encode(errors="replace")
 
 
 def result_files() -> tuple[str, ...]:

@@ -77,7 +77,7 @@ def environment(package: str = "mavdem.page") -> Environment:
     loader = ChoiceLoader([PackageLoader(one, "") for one in dict.fromkeys((package, "mavdem.page"))])
     made = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     made.tests |= {"table": lambda block: isinstance(block, Table), "warning": _is_warning}
-    made.filters |= {"of_text": _of_text, "rating": _rating, "prose": _prose}
+    made.filters |= {"of_text": _of_text, "rating": _rating, "prose": _prose, "headline": _headline}
     return made
 
 
@@ -97,6 +97,12 @@ def _prose(text: str) -> Markup:
     """Text with what stands between backquotes as code."""
     parts = [Markup("<code>{}</code>").format(part) if odd else escape(part) for part, odd in _quoted(text)]
     return Markup("").join(parts)
+
+
+def _headline(text: str) -> tuple[str, str]:
+    """The first sentence, and the others."""
+    first, *others = re.split(r"(?<=[.:!?]) (?=[A-Z])", text, maxsplit=1)
+    return first, "".join(others)
 
 
 def _quoted(text: str) -> Iterator[tuple[str, bool]]:

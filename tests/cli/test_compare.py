@@ -112,7 +112,8 @@ def test_all_methods_on_all_cores_are_reported_with_their_losses_first(tmp_path,
         "roll rate, °/s",
     ):
         assert fact in said
-    assert {path.name for path in out.iterdir()} == {"comparison.json", "windows.csv"}
+    assert {path.name for path in out.iterdir()} == {"comparison.json", "comparison.html", "windows.csv"}
+    assert "<h1>DEM and other methods</h1>" in (out / "comparison.html").read_text()
     kept = strict_json((out / "comparison.json").read_text())
     assert {one["method"] for one in kept["flights"][0]["standings"]} == {method.name for method in METHODS}
     assert not [one for one in kept["flights"][0]["standings"] if one["failed"]]

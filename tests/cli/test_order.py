@@ -20,10 +20,12 @@ STEPS, SLOW = LOGS / "ardupilot_wind5_steps.tlog", LOGS / "ardupilot_default_rat
 
 
 @pytest.mark.slow
-def test_the_order_and_why_are_reported(capsys):
-    assert main(["order", str(STEPS), str(SLOW), "--max-order", "3", "--json"]) == 0
+def test_the_order_and_why_are_reported(tmp_path, capsys):
+    page = tmp_path / "order.html"
+    assert main(["order", str(STEPS), str(SLOW), "--max-order", "3", "--html", str(page), "--json"]) == 0
     out, err = capsys.readouterr()
     document = json.loads(out)
+    assert document["html"] == str(page) and "ardupilot_wind5_steps" in page.read_text()
     assert document["flights"] == ["ardupilot_wind5_steps"]
     heights = np.array(document["free_energy"][0])
     assert document["orders"] == [1, 2, 3] and np.isfinite(heights).all()
@@ -57,6 +59,7 @@ def test_a_flight_that_cannot_tell_ends_with_one(capsys):
         ["order", "nowhere.tlog"],
         ["order", str(STEPS), str(STEPS)],
         ["order", str(STEPS), "--max-order", "0"],
+        ["order", str(STEPS), "--html", "page.txt"],
         ["order", str(STEPS), "--max-order", "99"],
         ["order", "udpin:127.0.0.1:14550"],
     ],

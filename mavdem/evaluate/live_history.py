@@ -1,0 +1,150 @@
+"""The history of a live flight: what happened when, which parts were learnt from, and how well it was predicted."""
+
+from __future__ import annotations
+
+from array import array
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.dem import Estimate
+from mavdem.dem.engine.linalg import Array
+
+MAX_ROWS = 100_000
+"""Rows kept of the lines; when there are more, every second one is dropped, and from then on every second one kept."""
+SETTLED_GAP = 1.0  # s between two learnt samples from which on they belong to different parts of the flight
+
+
+class DatedSentence(NamedTuple):
+    """A ``sentence`` on something that happened, ``seconds`` after the beginning."""
+
+    seconds: float
+    sentence: str
+
+
+class HorizonErrors(NamedTuple):
+    """Errors of the predictions ``seconds`` ahead, inputs unknown; (m,) each, over ``samples``.
+
+    ``mse`` is the mean squared error, ``held`` that of the last sample held, ``inside`` the share inside the 90 % band.
+    """
+
+    seconds: float
+    samples: int
+    mse: Array
+    held: Array
+    inside: Array
+
+
+class HistoryLines(NamedTuple):
+    """Lines over time, (N,) each, s from the beginning; NaN where there is nothing and across gaps.
+
+    ``predicted`` is of the first output, the horizon of the history before its time; ``torque`` is the wind's, rad/s².
+    The bands are half widths.
+    """
+
+    time: Array
+    measured: Array
+    predicted: Array
+    predicted_band: Array
+    torque: Array
+    torque_band: Array
+
+
+class _Pending(NamedTuple):
+    """A prediction whose time has not come."""
+
+    time: float
+    predicted: Array
+    band: Array
+    last: Array
+
+
+class LiveHistory:
+    """Collects what happens in a live flight; memory is bounded."""
+
+    def __init__(self, horizon: float) -> None:
+        """The lines show predictions about ``horizon`` s ahead."""
+        self.events: list[DatedSentence] = []
+        self._horizon = horizon
+        self._columns = tuple(array("d") for _ in HistoryLines._fields)
+        self._segments = array("q")  # of each row
+        self._stride, self._skipped = 1, 0
+        self._offsets: dict[int, float] = {}
+        """Of each segment, s from the boot clock to the time since the beginning. The first rows of one may come late,
+        all at once: the smallest difference is right."""
+        self._learnt: list[tuple[int, float, float]] = []
+        self._pending: dict[float, deque[_Pending]] = {}
+        self._sums: dict[float, tuple[int, Array]] = {}
+
+    def note(self, now: float, sentence: str) -> None:
+        """Takes an event ``now``, s from the beginning."""
+        self.events.append(DatedSentence(now, sentence))
+
+    def take(self, now: float, segment: int, time: float, outputs: Array, estimate: Estimate | None) -> None:
+        """Takes a row of the boot clock's ``time``, which came ``now``, s; without an estimate it was not learnt from.
+
+        ``segment`` counts the gaps before it; ``outputs`` (m,) are the measured ones.
+        """
+        if segment not in self._offsets:
+            self._pending.clear()
+            self._append(segment, time, np.nan)
+        self._offsets[segment] = min(now - time, self._offsets.get(segment, np.inf))
+        predicted = self._judged(time, outputs)
+        angle, band = (np.nan, np.nan) if predicted is None else (predicted.predicted[0], predicted.band[0])
+        torque = (np.nan, np.nan) if estimate is None else (estimate.wind_torque, estimate.wind_torque_band)
+        self._skipped += 1
+        if self._skipped >= self._stride:
+            self._append(segment, time, float(outputs[0]), float(angle), float(band), *torque)
+        if estimate is None:
+            return
+        if self._learnt and self._learnt[-1][0] == segment and time - self._learnt[-1][2] < SETTLED_GAP:
+            self._learnt[-1] = (*self._learnt[-1][:2], time)
+        else:
+            self._learnt.append((segment, time, time))
+        for ahead, values, width in zip(estimate.ahead_times, estimate.ahead, estimate.ahead_band, strict=True):
+            if np.isfinite(values).all() and np.isfinite(width).all():
+                seconds = round(float(ahead) - time, 6)
+                self._pending.setdefault(seconds, deque()).append(_Pending(float(ahead), values, width, outputs))
+
+    def errors(self) -> list[HorizonErrors]:
+        """Of each horizon, the shortest first."""
+        return [HorizonErrors(seconds, count, *(sums / count)) for seconds, (count, sums) in sorted(self._sums.items())]
+
+    @property
+    def learnt(self) -> list[tuple[float, float]]:
+        """The parts learnt from: first and last sample, s."""
+        return [(first + self._offsets[i], last + self._offsets[i]) for i, first, last in self._learnt]
+
+    @property
+    def lines(self) -> HistoryLines:
+        """The lines so far."""
+        time, *others = (np.array(column) for column in self._columns)
+        return HistoryLines(time + np.array([self._offsets[segment] for segment in self._segments]), *others)
+
+    def _judged(self, time: float, outputs: Array) -> _Pending | None:
+        """Compares predictions of ``time`` with what was measured; returns that of the history's horizon."""
+        found = None
+        for seconds, waiting in self._pending.items():
+            while waiting and waiting[0].time < time + 1e-6:
+                one = waiting.popleft()
+                if one.time < time - 1e-6:
+                    continue
+                error = outputs - one.predicted
+                sums = np.stack([error**2, (outputs - one.last) ** 2, np.abs(error) <= one.band])
+                count, before = self._sums.get(seconds, (0, np.zeros_like(sums)))
+                self._sums[seconds] = count + 1, before + sums
+                if abs(seconds - self._horizon) == min(abs(other - self._horizon) for other in self._pending):
+                    found = one
+        return found
+
+    def _append(self, segment: int, time: float, *values: float) -> None:
+        self._skipped = 0
+        self._segments.append(segment)
+        row = (time, *values, *[np.nan] * (len(self._columns) - 1 - len(values)))
+        for column, value in zip(self._columns, row, strict=True):
+            column.append(value)
+        if len(self._columns[0]) > MAX_ROWS:
+            self._columns = tuple(column[::2] for column in self._columns)
+            self._segments = self._segments[::2]
+            self._stride *= 2

@@ -1,0 +1,77 @@
+"""The history of a live flight: errors as they are by hand, lines with their gaps, and bounded memory."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mavdem.evaluate import live_history
+from mavdem.evaluate.live_history import LiveHistory
+
+DT, AHEAD = 0.01, (0.01, 0.25)
+
+
+def flown(history, seconds, segment=0, start=100.0, learnt=True, late=0.0):
+    """Takes rows of a sine whose predictions are off by 0.1 and 0.2; the first come ``late``."""
+    time = start + DT * np.arange(round(seconds / DT))
+    motion = np.stack([np.sin(time), np.cos(time)], axis=-1)
+    for i, (now, row) in enumerate(zip(time, motion, strict=True)):
+        later = now + np.array(AHEAD)
+        estimate = SimpleNamespace(
+            time=now,
+            ahead_times=later,
+            ahead=np.stack([np.sin(later) + 0.1, np.cos(later) - 0.2], axis=-1),
+            ahead_band=np.array([[0.05, 0.3]] * 2),
+            wind_torque=1.0,
+            wind_torque_band=0.5,
+        )
+        history.take(now - 90 + max(late - 2 * DT * i, 0.0), segment, now, row, estimate if learnt else None)
+    return time, motion
+
+
+def test_errors_are_those_of_the_samples_whose_time_has_come():
+    history = LiveHistory(0.25)
+    _, motion = flown(history, 5.0)
+    short, long = history.errors()
+    assert (short.seconds, long.seconds) == AHEAD
+    assert (short.samples, long.samples) == (499, 475)
+    np.testing.assert_allclose(long.mse, [0.01, 0.04])
+    np.testing.assert_allclose(long.held, np.mean((motion[25:] - motion[:-25]) ** 2, axis=0))
+    np.testing.assert_allclose(long.inside, [0, 1])
+
+
+def test_nothing_is_compared_across_a_gap_and_lines_break_there():
+    history = LiveHistory(0.25)
+    flown(history, 1.0)
+    flown(history, 2.0, segment=1, start=103.0)
+    assert [one.samples for one in history.errors()] == [298, 250]
+    lines = history.lines
+    assert np.isnan(lines.measured).sum() == 2  # the beginning and the gap
+    shown = np.isfinite(lines.predicted)
+    np.testing.assert_allclose(lines.predicted[shown], lines.measured[shown] + 0.1)
+    assert history.learnt == [pytest.approx((10.0, 10.99)), pytest.approx((13.0, 14.99))]
+
+
+def test_rows_that_come_late_are_dated_by_those_that_do_not():
+    history = LiveHistory(0.25)
+    flown(history, 3.0, late=2.0)
+    assert history.learnt == [pytest.approx((10.0, 12.99))]
+
+
+def test_what_is_not_learnt_from_is_shown_and_not_judged():
+    history = LiveHistory(0.25)
+    flown(history, 1.0, learnt=False)
+    assert history.errors() == [] and history.learnt == []
+    assert np.isfinite(history.lines.measured).sum() == 100
+
+
+def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
+    monkeypatch.setattr(live_history, "MAX_ROWS", 100)
+    history = LiveHistory(0.25)
+    flown(history, 10.0)
+    lines = history.lines
+    assert len(lines.time) <= 100
+    assert lines.time[0] == pytest.approx(10.0) and lines.time[-1] == pytest.approx(20.0, abs=0.2)
+    assert history.errors()[0].samples == 999
