@@ -57,9 +57,9 @@ def compare_command(
 
     Each SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. Its longest settled flight is
     cut into windows. In each window every method is trained on --train samples and forecasts the --test samples after
-    them. The report begins with the cases in which DEM is worse. It has the error ratio (mean squared error over that
-    of a constant forecast) at horizons from one step to the whole test part, and a paired test of DEM against each
-    method.
+    them. The report begins with what a paired test of DEM against each method says: whose error is lower, higher, or
+    not distinguishable. It has the error ratio (mean squared error over that of a constant forecast) at horizons from
+    one step to the whole test part.
 
     The same without the inputs of the time ahead: what comes next, by the methods that can predict it.
 

@@ -15,6 +15,7 @@ from mavdem.comparison.outcome import Method, Outcome, judge
 from mavdem.comparison.summaries import Loss, MethodSummary, OverFlights, flight_summaries, losses, over_flights
 from mavdem.dem.parallel import parallel_map
 from mavdem.evaluate.flight_windows import Window
+from mavdem.evaluate.paired_test import FEWEST_PAIRS, Paired, Span, paired
 
 
 def outcomes(
@@ -134,6 +135,20 @@ class Comparison:
         """Where the first method's median error on a flight is larger than another's; ``from_zero`` as above."""
         return losses(self._summaries[from_zero], self.methods[0])
 
+    def verdicts(self, from_zero: bool = False) -> dict[str, Paired]:
+        """The first method beside each other one over the whole test part, by name; ``from_zero`` as above.
+
+        Pairs are flights where there are enough of them to distinguish anything, and else windows of all flights.
+        """
+        if len(self.flights) >= FEWEST_PAIRS:
+            return {one.method: one.reference for one in self.over_flights(from_zero) if one.method != self.methods[0]}
+        spans = [Span(window.flight, window.start, window.stop) for window in self.windows]
+        ours, *others = (
+            [(one.skill_from_zero if from_zero else one.skill[-1]).relative for one in column]
+            for column in zip(*self.outcomes, strict=True)
+        )
+        return {method: paired(ours, own, spans) for method, own in zip(self.methods[1:], others, strict=True)}
+
     def over_flights(self, from_zero: bool = False) -> tuple[OverFlights, ...]:
         """Each method's summary over all flights, the lowest error first; ``from_zero`` as above."""
         return over_flights(self._summaries[from_zero])
@@ -144,7 +159,8 @@ class Comparison:
             "reference": self.methods[0],
             "methods": list(self.methods),
             "start": "zero" if from_zero else "data",
-            "losses": [loss._asdict() | {"paired": loss.paired._asdict()} for loss in self.losses(from_zero)],
+            "verdicts": {method: one.to_dict() for method, one in self.verdicts(from_zero).items()},
+            "losses": [loss._asdict() | {"paired": loss.paired.to_dict()} for loss in self.losses(from_zero)],
             "over_flights": [one.to_dict() for one in self.over_flights(from_zero)],
             "flights": [self._flight(flight, from_zero) for flight in self.flights],
             "predictions": None if self.predictions is None else self.predictions.to_dict(),

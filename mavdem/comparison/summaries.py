@@ -77,7 +77,7 @@ class MethodSummary:
     def to_dict(self) -> dict[str, Any]:
         """As plain JSON values by name."""
         return asdict(self) | {
-            "horizons": [one._asdict() | {"reference": one.reference._asdict()} for one in self.horizons]
+            "horizons": [one._asdict() | {"reference": one.reference.to_dict()} for one in self.horizons]
         }
 
 
@@ -129,7 +129,7 @@ class OverFlights:
 
     def to_dict(self) -> dict[str, Any]:
         """As plain JSON values by name."""
-        return asdict(self) | {"reference": self.reference._asdict()}
+        return asdict(self) | {"reference": self.reference.to_dict()}
 
 
 def flight_summaries(

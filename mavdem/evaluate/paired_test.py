@@ -15,13 +15,20 @@ References:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import rankdata, wilcoxon
 
 from mavdem.dem.engine.linalg import Array
+
+SIGNIFICANCE = 0.05
+"""The level of the test. Of fewer than ``FEWEST_PAIRS`` pairs no p-value is below it, whatever they are."""
+
+FEWEST_PAIRS = 6
+
+Verdict = Literal["lower", "higher", "not distinguishable"]
 
 
 class Span(NamedTuple):
@@ -49,6 +56,17 @@ class Paired(NamedTuple):
     windows: int
     tested: int
     p_value: float
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether our error is lower or higher than theirs, or the two cannot be told apart."""
+        if not self.p_value < SIGNIFICANCE:
+            return "not distinguishable"
+        return "lower" if self.ratio < 1 else "higher"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain JSON values by name."""
+        return self._asdict() | {"verdict": self.verdict}
 
 
 def paired(ours: ArrayLike, theirs: ArrayLike, spans: Sequence[Span] | None = None) -> Paired:

@@ -1,4 +1,4 @@
-"""The report of a comparison, in sentences and tables; first where DEM is worse than other methods."""
+"""The report of a comparison, in sentences and tables; first what the paired test says of DEM and each other method."""
 
 from __future__ import annotations
 
@@ -9,20 +9,24 @@ from mavdem.comparison.comparison import Comparison
 from mavdem.comparison.methods import GENERALIZED_COORDINATES
 from mavdem.comparison.summaries import Loss, MethodSummary, OverFlights, over
 from mavdem.evaluate import HORIZONS, Paired
+from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.names import named, readable
 
 GIVEN, PREDICTED = "What happened, given the inputs:", "What comes next, inputs unknown:"
-MAX_LISTED = 5  # cases in which DEM is worse that are listed in a sentence; the table after them has all
+MIN_COVERAGE = 0.75  # of a 90 % band: with less it has failed
 
 
 def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[Sentence | Table]:
-    """Where the first method is worse, then the errors over flights and of each flight, and what the columns mean."""
+    """The verdict on the first method, then the errors over flights and of each flight, and what the columns mean."""
     several = len(comparison.flights) > 1
     predictions = None if from_zero else comparison.predictions
     return [
-        *_losses(comparison, from_zero),
-        *([] if predictions is None else [_predicted_losses(predictions)]),
+        Sentence("", lead=_verdict(comparison, from_zero)),
+        *([] if predictions is None else [Sentence(_verdict(predictions), PREDICTED)]),
+        *([] if from_zero else _failed_bands(comparison, "forecasts")),
+        *([] if predictions is None else _failed_bands(predictions, "predictions")),
+        *([] if from_zero else _losses_by_horizon(comparison)),
         *(_over_flights(comparison, from_zero) if several else []),
         *_generalized_coordinates(comparison, from_zero),
         *(block for flight in comparison.flights for block in _flight(comparison, flight, from_zero)),
@@ -30,43 +34,55 @@ def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[S
     ]
 
 
-def _losses(comparison: Comparison, from_zero: bool) -> list[Sentence | Table]:
-    reference, losses = comparison.methods[0], comparison.losses(from_zero)
-    several, silent = len(comparison.flights) > 1, _silent(comparison)
-    if not losses:
-        horizons = "" if from_zero else ", at every horizon"
-        where = "on every flight" if several else "on this flight"
-        others = len(comparison.methods) - len(silent)
-        without = f" No forecast was made by {', '.join(silent)}." if silent else ""
-        return [
-            Sentence("", lead=f"{reference} has the lowest error of all {others} methods {where}{horizons}.{without}")
-        ]
-    longest = {window.flight: len(window.test) for window in comparison.windows}
-    whole = [loss for loss in losses if loss.steps == longest[loss.flight]]
-    if whole:
-        listed = "; ".join(_loss(loss, comparison) for loss in whole[:MAX_LISTED])
-        more = f"; and {len(whole) - MAX_LISTED} more" if len(whole) > MAX_LISTED else ""
-        on = f" on {len({loss.flight for loss in whole})} of {len(comparison.flights)} flights" if several else ""
-        lead = f"{reference} is not the best method{on} over the whole test part. Its median error is {listed}{more}."
-    else:
-        lead = f"{reference} has the lowest error over the whole test part. At shorter horizons others are better."
-    return [Sentence("", lead=lead), *([] if from_zero else [_losses_by_horizon(comparison, losses)])]
+def _verdict(comparison: Comparison, from_zero: bool = False) -> str:
+    """Than which methods' errors the first one's is lower or higher, and from which it is not distinguishable."""
+    silent = _silent(comparison)
+    found = {method: one for method, one in comparison.verdicts(from_zero).items() if method not in silent}
+    if not found:
+        return f"No forecast was made by {_listed(silent)}."
+    reference, where = comparison.methods[0], _on_flights(comparison)
+    without = f" No forecast was made by {_listed(silent)}." if silent else ""
+    pairs = min(one.tested for one in found.values())
+    if pairs < FEWEST_PAIRS:
+        apart = "1 window does" if pairs == 1 else f"{pairs} windows do"
+        return (
+            f"{reference}'s error{where} is not distinguishable from another method's: only {apart} not overlap, and "
+            f"it takes {FEWEST_PAIRS}.{without}"
+        )
+    parts = []
+    for verdict in ("higher", "not distinguishable", "lower"):
+        names = [name for name, one in found.items() if one.verdict == verdict]
+        if verdict == "higher":
+            listed = _listed([f"{name} ({_times(found[name])})" for name in names])
+        else:
+            listed = f"all {len(found)} other methods" if 1 < len(names) == len(found) else _listed(names)
+        if names:
+            parts.append(f"{verdict} {'from' if verdict == 'not distinguishable' else 'than'} that of {listed}")
+    return f"{reference}'s error{where} over the whole test part is {'; '.join(parts)}.{without}"
 
 
-def _predicted_losses(predictions: Comparison) -> Sentence:
-    """Where the first method predicts worse than another, without the inputs."""
-    reference, losses = predictions.methods[0], predictions.losses()
-    if not losses:
-        others = len(predictions.methods)
-        return Sentence(f"{reference} has the lowest error of {others} methods at every horizon.", PREDICTED)
-    cases = sum(len(predictions.summaries(flight)[0].horizons) for flight in predictions.flights)
-    lost, worst = len({(loss.flight, loss.steps) for loss in losses}), losses[0]
-    where = f" on {worst.flight}" if len(predictions.flights) > 1 else ""
-    return Sentence(
-        f"{reference} is not the best method in {lost} of {cases} cases, a flight at a horizon; its error is at most "
-        f"{_ratio(worst.ratio)} times another's ({worst.method} at {worst.steps} steps{where}).",
-        PREDICTED,
-    )
+def _times(one: Paired) -> str:
+    return f"{_ratio(one.ratio)} times, p = {_p(one.p_value)}"
+
+
+def _on_flights(comparison: Comparison) -> str:
+    return f" on {len(comparison.flights)} flights" if len(comparison.flights) > 1 else ""
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names[:-1]) + f" and {names[-1]}" if len(names) > 1 else "".join(names)
+
+
+def _failed_bands(comparison: Comparison, what: str) -> list[Sentence]:
+    """A caution for each flight on which the first method's band, of ``what``, holds too few samples."""
+    reference, found = comparison.methods[0], []
+    for flight in comparison.flights:
+        share = next(one for one in comparison.summaries(flight) if one.method == reference).horizons[-1].inside
+        if share is not None and share < MIN_COVERAGE:
+            where = f" on {flight}" if len(comparison.flights) > 1 else ""
+            text = f"the 90 % band of {reference}'s {what} holds {share:.0%} of the samples{where}: it is too narrow."
+            found.append(Sentence(text, "Caution:"))
+    return found
 
 
 def _silent(comparison: Comparison) -> list[str]:
@@ -74,35 +90,41 @@ def _silent(comparison: Comparison) -> list[str]:
     return [one.method for one in comparison.over_flights() if one.failed == one.windows]
 
 
-def _loss(loss: Loss, comparison: Comparison) -> str:
-    where = f" on {loss.flight}" if len(comparison.flights) > 1 else ""
-    return (
-        f"{_ratio(loss.ratio)} times that of {loss.method}{where} (paired by window "
-        f"{_ratio(loss.paired.ratio)} times, p = {_p(loss.paired.p_value)})"
-    )
-
-
-def _losses_by_horizon(comparison: Comparison, losses: Sequence[Loss]) -> Table:
+def _losses_by_horizon(comparison: Comparison) -> list[Sentence | Table]:
     """The ratios of one flight; of several flights, on how many the first method is worse."""
-    reference = comparison.methods[0]
+    reference, losses = comparison.methods[0], comparison.losses()
     methods = list(dict.fromkeys(loss.method for loss in losses))
+    if not losses:
+        return []
     if len(comparison.flights) == 1:
         horizons = [at.steps for at in comparison.summaries(comparison.flights[0])[0].horizons]
-        ratio = {(loss.method, loss.steps): _ratio(loss.ratio) for loss in losses}
-        return Table(
-            [f"{reference}'s error / the method's, where above 1; steps:", *map(str, horizons)],
-            [[method, *(ratio.get((method, steps), "") for steps in horizons)] for method in methods],
-        )
+        ratio = {(loss.method, loss.steps): _marked(loss) for loss in losses}
+        return [
+            Table(
+                [f"{reference}'s error / the method's, where above 1; steps:", *map(str, horizons)],
+                [[method, *(ratio.get((method, steps), "") for steps in horizons)] for method in methods],
+            )
+        ]
     steps_of = {flight: [at.steps for at in comparison.summaries(flight)[0].horizons] for flight in comparison.flights}
     header, places = _shared_horizons(list(steps_of.values()))
-    counts = {(method, place): 0 for method in methods for place in places}
+    counts = {(method, place): [0, 0] for method in methods for place in places}
     for loss in losses:
         for place in places:
-            counts[loss.method, place] += loss.steps == steps_of[loss.flight][place]
-    return Table(
-        [f"flights of {len(comparison.flights)} with {reference} worse; steps:", *header],
-        [[method, *(str(counts[method, place] or "") for place in places)] for method in methods],
-    )
+            here = loss.steps == steps_of[loss.flight][place]
+            counts[loss.method, place][0] += here
+            counts[loss.method, place][1] += here and loss.paired.verdict == "higher"
+    cells = {key: f"{worse} ({sure})" if worse else "" for key, (worse, sure) in counts.items()}
+    return [
+        Table(
+            [f"flights of {len(comparison.flights)} with {reference} worse (distinguishably); steps:", *header],
+            [[method, *(cells[method, place] for place in places)] for method in methods],
+        )
+    ]
+
+
+def _marked(loss: Loss) -> str:
+    """The ratio, with ≈ where the two errors are not distinguishable."""
+    return f"{'' if loss.paired.verdict == 'higher' else '≈ '}{_ratio(loss.ratio)}"
 
 
 def _shared_horizons(steps: Sequence[Sequence[int]]) -> tuple[list[str], list[int]]:
@@ -257,7 +279,8 @@ def _legend(reference: str, from_zero: bool, several: bool, predicted: bool) -> 
         "The tables have the median over windows, the worst window and the number of windows above 1. “unstable” "
         "counts models with a growing mode. At k steps, the test part is forecast in pieces of k steps, each from the "
         f"data before it. {reference} / method: the median over windows of the ratio of their errors. p: Wilcoxon's "
-        f"signed-rank test on these ratios, two-sided, for each method by itself.{overall}{unknown} In its 90 % "
+        f"signed-rank test on these ratios, two-sided, for each method by itself; from {SIGNIFICANCE:g} on, the two "
+        f"errors are not distinguishable (≈).{overall}{unknown} In its 90 % "
         "band: the share of the first k samples after training, mean over windows."
     )
 

@@ -12,7 +12,7 @@ import pytest
 from simulated import simulated
 
 from mavdem import Flight, baselines
-from mavdem.comparison import METHODS, Comparison, Method, compare, judge, outcomes
+from mavdem.comparison import METHODS, Comparison, Method, Outcome, compare, judge, outcomes
 from mavdem.evaluate import HORIZONS, Paired, mspe, relative_mspe
 from mavdem.evaluate.flight_windows import windows
 from mavdem.report.blocks import Sentence, Table
@@ -45,7 +45,14 @@ def is_lost(train: Flight) -> baselines.Identified:
     return replace(held, model=held.model._replace(offset=np.full(2, np.nan)))
 
 
-REFUSES, BREAKS, EXPLODES, IS_LOST = (Method(made.__name__, made) for made in (refuses, breaks, explodes, is_lost))
+def is_off(train: Flight) -> baselines.Identified:
+    mean = baselines.constant_mean(train)
+    return replace(mean, model=mean.model._replace(output_trim=mean.model.output_trim + 100.0))
+
+
+REFUSES, BREAKS, EXPLODES, IS_LOST, IS_OFF = (
+    Method(made.__name__, made) for made in (refuses, breaks, explodes, is_lost, is_off)
+)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -165,10 +172,10 @@ def test_losses_are_where_the_median_is_larger_the_worst_first(compared):
         )
         assert loss.ratio == pytest.approx(ours / theirs) and loss.ratio > 1
     assert [loss.ratio for loss in losses] == sorted((loss.ratio for loss in losses), reverse=True)
-    told = comparison_report(compared)[0]
-    assert isinstance(told, Sentence) and told.lead.startswith(
-        "hold is not the best method on 2 of 2 flights over the whole test part. Its median error is "
-    )
+    (table,) = [one for one in comparison_report(compared) if "with hold worse" in getattr(one, "header", [""])[0]]
+    assert {row[0] for row in table.rows} == {loss.method for loss in losses}
+    # Of two windows that do not overlap nothing is certain.
+    assert {cell for row in table.rows for cell in row[1:]} <= {"", "1 (0)", "2 (0)"}
 
 
 def test_over_flights_each_counts_once(compared):
@@ -190,7 +197,16 @@ def test_from_zero_the_whole_test_part_is_judged(compared):
 
 def test_the_document_is_plain_json_and_rows_a_table(compared):
     told = json.loads(json.dumps(compared.to_dict()))
-    assert list(told) == ["reference", "methods", "start", "losses", "over_flights", "flights", "predictions"]
+    assert list(told) == [
+        "reference",
+        "methods",
+        "start",
+        "verdicts",
+        "losses",
+        "over_flights",
+        "flights",
+        "predictions",
+    ]
     assert [len(flight["windows"]) for flight in told["flights"]] == [3, 3]
     of_window = told["flights"][1]["windows"][2]
     assert (of_window["start"], of_window["time"]) == (850, pytest.approx(8.5))
@@ -215,12 +231,91 @@ def test_the_report_has_a_row_for_every_method_and_says_what_went_wrong(compared
     assert ("All flights:" in said) == (flights == "ab")
 
 
-def test_a_first_that_wins_everywhere_is_reported_too():
-    won = comparison_report(compare(WINDOWS[:1], [HOLD, EXPLODES, REFUSES]))[0]
-    assert isinstance(won, Sentence)
-    assert won.lead == (
-        "hold has the lowest error of all 2 methods on this flight, at every horizon. No forecast was made by refuses."
+MANY = windows("a", FLIGHTS["a"], 200, 50)
+AGAIN = HOLD._replace(name="hold again")
+
+
+@pytest.fixture(scope="module")
+def distinguished():
+    return compare(MANY, [HOLD, AGAIN, IS_OFF, REFUSES])
+
+
+def test_the_report_begins_with_what_the_test_distinguishes(distinguished):
+    found = distinguished.verdicts()
+    assert {name: (one.tested, one.verdict) for name, one in found.items()} == {
+        "hold again": (6, "not distinguishable"),
+        "is_off": (6, "lower"),
+        "refuses": (6, "lower"),
+    }
+    assert comparison_report(distinguished)[0].lead == (
+        "hold's error over the whole test part is not distinguishable from that of hold again; lower than that of "
+        "is_off. No forecast was made by refuses."
     )
+    other = replace_first(distinguished, 2)
+    times = [other.verdicts()[name].ratio for name in ("hold", "hold again")]
+    assert comparison_report(other)[0].lead.startswith(
+        f"is_off's error over the whole test part is higher than that of hold ({times[0]:.3g} times, p = 0.031) and "
+        f"hold again ({times[1]:.3g} times, p = 0.031). No"
+    )
+
+
+def replace_first(comparison: Comparison, place: int) -> Comparison:
+    """With another method first."""
+    order = [place, *(other for other in range(len(comparison.methods)) if other != place)]
+    rows = tuple(tuple(row[other] for other in order) for row in comparison.outcomes)
+    return Comparison(comparison.windows, tuple(comparison.methods[other] for other in order), rows)
+
+
+def test_a_worse_error_by_horizon_is_marked_where_it_may_be_chance(distinguished, compared):
+    other = replace_first(distinguished, 2)
+    assert not any("≈" in cell for row in worse(other) for cell in row)
+    chance = [cell for row in worse(compared.of_flight("a")) for cell in row[1:] if cell]
+    assert chance and all(cell.startswith("≈ ") for cell in chance)
+
+
+def worse(comparison: Comparison) -> list[list[str]]:
+    """The rows of the table of where the first method is worse."""
+    (table,) = [one for one in comparison_report(comparison) if "where above 1" in getattr(one, "header", [""])[0]]
+    return table.rows
+
+
+def test_of_few_windows_nothing_is_distinguished():
+    lead = comparison_report(compare(WINDOWS[:1], [HOLD, EXPLODES, REFUSES]))[0].lead
+    assert lead == (
+        "hold's error is not distinguishable from another method's: only 1 window does not overlap, and it takes 6. No "
+        "forecast was made by refuses."
+    )
+
+
+def test_of_six_flights_each_is_a_pair():
+    parts = [window for name in "abcdef" for window in windows(name, FLIGHTS["a"][100 * ord(name) - 9700 :], 200, 50)]
+    found = compare(parts, [HOLD, IS_OFF])
+    assert found.verdicts()["is_off"] == found.over_flights()[1].reference and found.verdicts()["is_off"].tested == 6
+    assert comparison_report(found)[0].lead == (
+        "hold's error on 6 flights over the whole test part is lower than that of is_off."
+    )
+
+
+def test_a_band_that_failed_is_cautioned_against(predicted):
+    def cautions(comparison: Comparison) -> list[str]:
+        return [block.text for block in comparison_report(comparison) if getattr(block, "lead", "") == "Caution:"]
+
+    def held(share: float, unknown: float) -> Comparison:
+        def changed(one: Outcome) -> Outcome:
+            if one.predicted is None or one.band is None:
+                return one
+            part = one.predicted._replace(inside=(unknown,) * len(one.inside))
+            return replace(one, inside=(share,) * len(one.inside), predicted=part)
+
+        rows = tuple(tuple(map(changed, row)) for row in predicted.outcomes)
+        return Comparison(predicted.windows, predicted.methods, rows)
+
+    assert cautions(held(0.75, 0.9)) == []
+    assert cautions(held(0.9, 0.5)) == [
+        f"the 90 % band of joint VAR(4)'s predictions holds 50% of the samples on {flight}: it is too narrow."
+        for flight in "ab"
+    ]
+    assert "forecasts holds 74%" in cautions(held(0.74, 0.9).of_flight("a"))[0]
 
 
 def test_the_influence_of_generalized_coordinates_is_a_table_of_its_own():

@@ -68,3 +68,9 @@ def test_nothing_to_compare_is_no_evidence():
 def test_what_are_no_errors_of_the_same_windows_is_refused(ours, theirs):
     with pytest.raises(ValueError, match="^ours"):
         paired(ours, theirs)
+
+
+def test_what_is_distinguished_takes_six_pairs_and_a_side():
+    assert paired([1.0] * 6, [2.0] * 6).verdict == "lower" and paired([2.0] * 6, [1.0] * 6).verdict == "higher"
+    assert paired([1.0] * 5, [2.0] * 5).verdict == paired([], []).verdict == "not distinguishable"
+    assert paired([1.0, 2.0] * 10, [2.0, 1.0] * 10).to_dict()["verdict"] == "not distinguishable"
