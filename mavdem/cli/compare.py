@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from mavdem.cli.options import motion_options, window_options
+from mavdem.cli.options import Length, motion_options, window_options
 from mavdem.cli.output import json_text, print_blocks, print_json, printable, progress
 from mavdem.cli.output_files import check_folder, files_in, folder_named, page_bytes
 from mavdem.cli.sources import end_report, names_of, nothing_left, of_each
@@ -29,7 +29,7 @@ COMPARISON_FILES = ("comparison.json", "comparison.html", "windows.csv")
 @click.command("compare")
 @motion_options
 @click.argument("sources", metavar="SOURCE...", type=click.Path(), nargs=-1, required=True)
-@window_options(f"those of {TRAIN_SECONDS:g} s")
+@window_options(f"{TRAIN_SECONDS:g}s", "Held-out test data after them: seconds or samples.")
 @click.option(
     "--hop", type=click.IntRange(1), help="Samples from one window to the next. [default: half of --train and --test]"
 )
@@ -47,8 +47,8 @@ def compare_command(
     vehicle: str | None,
     inputs: str | None,
     as_json: bool,
-    train: int | None,
-    test: int | None,
+    train: Length | None,
+    test: Length | None,
     hop: int | None,
     from_zero: bool,
     out: Path | None,
@@ -56,7 +56,7 @@ def compare_command(
     """Compares DEM with other methods, window by window.
 
     Each SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. Its longest settled flight is
-    cut into windows. In each window every method is trained on --train samples and forecasts the --test samples after
+    cut into windows. In each window every method is trained on --train and forecasts the --test samples after
     them. The report begins with what a paired test of DEM against each method says: whose error is lower, higher, or
     not distinguishable. It has the error ratio (mean squared error over that of a constant forecast) at horizons from
     one step to the whole test part.
@@ -107,12 +107,14 @@ def compare_command(
     end_report(context, refused, "not compared", f"Took {report['seconds']:.1f} s.{written}", as_json)
 
 
-def _windows(name: str, flight: Flight, train: int | None, test: int | None, hop: int | None) -> tuple[Window, ...]:
-    cut = windows(name, flight, train, test, hop)
+def _windows(
+    name: str, flight: Flight, train: Length | None, test: Length | None, hop: int | None
+) -> tuple[Window, ...]:
+    given = train.samples(flight.dt) if train else samples_in(TRAIN_SECONDS, flight.dt)
+    ahead = test.samples(flight.dt) if test else samples_in(TEST_SECONDS, flight.dt)
+    cut = windows(name, flight, given, ahead, hop)
     if cut:
         return cut
-    given = train or samples_in(TRAIN_SECONDS, flight.dt)
-    ahead = test or samples_in(TEST_SECONDS, flight.dt)
     fewer_train, fewer_test = fewer_samples(len(flight), given, ahead)
     fits = fewer_train >= FEWEST_SAMPLES
     raise NotLearnable(

@@ -6,14 +6,14 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import click
 
 from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.dem import Settings
 from mavdem.dem.learning import FEWEST_SAMPLES
-from mavdem.evaluate.flight_windows import TEST_SECONDS
+from mavdem.evaluate.flight_windows import TEST_SECONDS, samples_in
 from mavdem.evaluate.vehicle_figures import ALL
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -135,16 +135,54 @@ def chosen_settings(preset: str, order: int | None) -> Settings:
     return settings if order is None else replace(settings, order=order)
 
 
-def window_options(train_default: str) -> Callable[[Command], Command]:
-    """Adds --train and --test, numbers of samples, to a command."""
+class Length(NamedTuple):
+    """A length of flight as it was asked for: a number of samples, or of seconds."""
+
+    number: float
+    in_seconds: bool
+
+    def samples(self, dt: float) -> int:
+        """The number of samples ``dt`` s apart, at least 1."""
+        return samples_in(self.number, dt) if self.in_seconds else int(self.number)
+
+
+class LengthType(click.ParamType):  # type: ignore[type-arg]  # generic from click 8.4 on
+    """Seconds, as in ``7s``, or samples, as in ``700``; the latter at least ``fewest``."""
+
+    name = "length"
+
+    def __init__(self, fewest: int) -> None:
+        self.fewest = fewest
+
+    def convert(self, value: Any, parameter: click.Parameter | None, context: click.Context | None) -> Length:
+        """From the words of a command line."""
+        if isinstance(value, Length):
+            return value
+        found = LENGTH_PATTERN.fullmatch(str(value))
+        if found is None:
+            self.fail(f"{value!r} is no length: give seconds, as in 7s, or samples, as in 700.", parameter, context)
+        number, in_seconds = float(found["number"]), bool(found["unit"])
+        if not in_seconds and (number != round(number) or number < self.fewest):
+            self.fail(f"{value} is not a whole number of at least {self.fewest} samples.", parameter, context)
+        if in_seconds and not 0 < number < LONGEST_SECONDS:
+            self.fail(f"{value} is not a length of flight.", parameter, context)
+        return Length(number, in_seconds)
+
+
+LENGTH_PATTERN = re.compile(r"(?P<number>\d{1,9}(\.\d{1,9})?)(?P<unit>s?)", re.ASCII)
+LONGEST_SECONDS = 1e6
+
+
+def window_options(train_default: str, test_help: str) -> Callable[[Command], Command]:
+    """Adds --train and --test, lengths in samples or seconds, to a command."""
 
     def decorate(command: Command) -> Command:
         for option, default, fewest, what in (
-            ("--test", f"those of {TEST_SECONDS:g} s", 1, "Held-out test samples after them."),
-            ("--train", train_default, FEWEST_SAMPLES, "Training samples."),
+            ("--test", f"{TEST_SECONDS:g}s", 1, test_help),
+            ("--train", train_default, FEWEST_SAMPLES, "Training data: seconds (7s) or samples (700)."),
         ):
             text = f"{what} [default: {default}]"
-            command = click.option(option, type=click.IntRange(fewest), help=text)(command)
+            command = click.option(option, type=LengthType(fewest), metavar="LENGTH", help=text)(command)
         return command
 
     return decorate

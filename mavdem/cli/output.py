@@ -121,7 +121,7 @@ def _grid(table: Table) -> Grid:
     grid = Grid(box=None, pad_edge=False)
     grid.add_column(first, no_wrap=True)
     for other in others:
-        grid.add_column(other, justify="right")
+        grid.add_column(other, justify="left" if table.words else "right")
     for row in table.rows:
         grid.add_row(*row)
     return grid

@@ -15,6 +15,7 @@ from mavdem.cli.output import json_text
 from mavdem.cli.signals import ending_at_once
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
+from mavdem.evaluate import HeldOut
 from mavdem.export.channels import write_channels
 from mavdem.extras import missing
 from mavdem.files import atomic_write, atomic_writes, replaceable
@@ -47,7 +48,7 @@ def check_folder(folder: Path, names: Sequence[str] = RESULT_FILES) -> None:
 
 
 def write_results(
-    folder: Path, report: dict[str, Any], page: str, train: Flight, test: Flight, learned: Learned
+    folder: Path, report: dict[str, Any], page: str, flights: Sequence[Flight], learned: Learned, held_out: HeldOut
 ) -> None:
     """Writes the :func:`result_files`, as :func:`files_in` does; ``page`` is the HTML."""
     names = result_files()
@@ -61,8 +62,8 @@ def write_results(
             with ending_at_once():
                 from mavdem.view import write_recording
 
-            write_recording(place[RECORDING], train, test, learned)
-        write_channels(place["flight.mcap"], train, learned, test)
+            write_recording(place[RECORDING], flights, learned, held_out)
+        write_channels(place["flight.mcap"], flights, learned, held_out)
     if RECORDING not in names:
         (folder / RECORDING).unlink(missing_ok=True)  # of a run before, it would not go with the others
 

@@ -5,10 +5,9 @@ tests whether noise is Gaussian or white, ``held_out_windows`` forecasts every p
 trained without it, ``report`` has the figures of one learnt flight, ``vehicle`` the physical parameters of all axes.
 """
 
-from mavdem.evaluate.flight_report import report, trivial_forecasts
+from mavdem.evaluate.flight_report import report
 from mavdem.evaluate.flight_windows import Window, windows
 from mavdem.evaluate.held_out import HeldOut, held_out_test, held_out_windows
-from mavdem.evaluate.hold_out import training_length
 from mavdem.evaluate.noise import Noise, Significance, analyse_noise, process_noise
 from mavdem.evaluate.paired_test import Paired, Span, paired
 from mavdem.evaluate.squared_error import (
@@ -50,8 +49,6 @@ __all__ = [
     "skill",
     "skill_by_horizon",
     "squared_errors",
-    "training_length",
-    "trivial_forecasts",
     "vehicle",
     "windows",
 ]

@@ -1,7 +1,8 @@
-"""The figures of one learnt flight, beside those of forecasts without a model."""
+"""The figures of one learnt vehicle, beside those of forecasts without a model."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isnan
 from typing import Any
 
@@ -11,46 +12,44 @@ from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.validation import LEVEL
-from mavdem.evaluate.squared_error import mspe, relative_mspe
+from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LAST, PREDICTION, HeldOut, ratio
+from mavdem.evaluate.squared_error import mspe
 from mavdem.flight import Flight
 
+DEM = "DEM"  # the name of the model's own forecasts, beside the baselines
 HALF = 0.5  # of an output's variance: up to the horizon at which the expected squared error reaches it
 
 
-def trivial_forecasts(train: Flight, horizon: int) -> dict[str, Array]:
-    """Forecasts (horizon, m) without a model: the mean of ``train``, its last sample held, and zero."""
-    shape = (horizon, train.outputs.shape[1])
-    return {
-        "constant mean": np.broadcast_to(train.outputs.mean(axis=0), shape),
-        "hold last": np.broadcast_to(train.outputs[-1], shape),
-        "zero": np.zeros(shape),
-    }
+def report(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> dict[str, Any]:
+    """The figures of one learnt vehicle, as plain JSON values; angles in rad, rates in rad/s, time in s.
 
-
-def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
-    """The figures of one learnt flight, as plain JSON values; angles in rad, rates in rad/s, time in s.
-
-    ``learned`` is the model of the training data ``train``; ``test`` is the held-out test set, right after these.
+    ``learned`` is the model of the training data ``flights``; ``held_out`` are windows that its like, or it itself, has
+    forecast without having seen them.
     """
-    forecasts = {"DEM": learned.forecast(test.inputs), **trivial_forecasts(train, len(test))}
+    first, measured = flights[0], learned.record.outputs
+    after_first = np.setdiff1d(np.arange(len(measured)), learned.record.starts)
+    before = after_first - 1
     one_step = {
-        "DEM": learned.one_step()[1:],
-        "hold last": train.outputs[:-1],
-        "constant mean": np.broadcast_to(train.outputs.mean(axis=0), train.outputs[1:].shape),
+        DEM: learned.one_step()[after_first],
+        HOLD_LAST: measured[before],
+        CONSTANT_MEAN: np.broadcast_to(measured.mean(axis=0), measured[after_first].shape),
     }
-    inside = np.abs(test.outputs - forecasts["DEM"]) <= learned.forecast_band(test.inputs)
+    variance = measured.var(axis=0)
     model, sd, half_width = learned.model, learned.model_sd, learned.model_interval(LEVEL)
-    forecast_errors = _ranked(train, test, forecasts)
-    expected = learned.forecast_variance(test.inputs).mean(axis=0) / train.outputs.var(axis=0)
+    expected = float((held_out.expected / held_out.variance).mean())
+    names = {FORECAST: DEM, **{name: name for name in BASELINES}}
+    forecast_errors = _ranked(
+        {names[name]: held_out.squared_errors(name).mean(axis=0) for name in names}, held_out.variance
+    )
     return {
-        "flight": dict(train.provenance),
-        "inputs": list(train.input_names),
-        "outputs": list(train.output_names),
-        "dt": train.dt,
-        "training_samples": len(train),
-        "forecast_samples": len(test),
+        "flight": dict(first.provenance),
+        "segments": [{"start": float(one.time[0]), "samples": len(one)} for one in flights],
+        "inputs": list(first.input_names),
+        "outputs": list(first.output_names),
+        "dt": first.dt,
+        "training_samples": len(measured),
+        "forecast_samples": held_out.time.shape[1],
         "order": learned.settings.order,
-        "settled": learned.converged,
         "converged": learned.converged,
         "model": {name: value.tolist() for name, value in model._asdict().items()},
         "model_sd": {name: getattr(sd, name).tolist() for name in ("A", "B", "C")},
@@ -63,16 +62,19 @@ def report(train: Flight, test: Flight, learned: Learned) -> dict[str, Any]:
             "gained": learned.free_energy.gained,
             "terms": {name: float(term[-1]) for name, term in learned.free_energy.terms.items()},
         },
-        "one_step_mspe": _ranked(train, train[1:], one_step),
+        "held_out": held_out.as_dict(),
+        "one_step_mspe": _ranked(
+            {name: mspe(measured[after_first], predicted).per_output for name, predicted in one_step.items()}, variance
+        ),
         "forecast_mspe": forecast_errors,
-        "forecast_over_constant_mean": forecast_errors["DEM"]["relative"],
-        "expected_error": float(expected.mean()),
-        "inside_90_percent_band": float(inside.mean()),
+        "forecast_over_constant_mean": forecast_errors[DEM]["relative"],
+        "expected_error": expected,
+        "inside_90_percent_band": held_out.coverage,
         "prediction": {
-            "half_explained_seconds": (learned.prediction.useful_steps(HALF) * train.dt).tolist(),
-            "error_ratio": relative_mspe(train, test, learned.predict(len(test))),
+            "half_explained_seconds": (learned.prediction.useful_steps(HALF) * first.dt).tolist(),
+            "error_ratio": held_out.error_ratio(PREDICTION),
         },
-        "trajectories": _simulation_fit(learned.simulation_fit),
+        "simulation_fit": _simulation_fit(learned.simulation_fit),
         "physical": physical_values(learned.physical),
         "wind": wind_values(learned.wind),
         "motors_share": learned.training_forecasts.motors_share,
@@ -135,7 +137,7 @@ def _simulation_fit(fit: SimulationFit | None) -> dict[str, Any] | None:
     turning = None if fit.layout is None else fit.layout.turning
     return {
         "samples": fit.horizon,
-        "settled": fit.settled,
+        "converged": fit.settled,
         "numbers": fit.numbers,
         "parameters": len(fit.places),
         "turning": None if turning is None else turning.tolist(),
@@ -143,11 +145,15 @@ def _simulation_fit(fit: SimulationFit | None) -> dict[str, Any] | None:
     }
 
 
-def _ranked(train: Flight, measured: Flight, predictions: dict[str, Array]) -> dict[str, Any]:
-    """The errors of each prediction by name, the lowest error ratio first."""
-    errors = {}
-    for name, predicted in predictions.items():
-        per_output, total = mspe(measured.outputs, predicted)
-        relative = relative_mspe(train, measured, predicted)
-        errors[name] = {"per_output": per_output.tolist(), "total": total, "relative": relative}
-    return dict(sorted(errors.items(), key=lambda named: named[1]["relative"]))
+def _ranked(errors: dict[str, Array], variance: Array) -> dict[str, Any]:
+    """Mean squared errors (m,) by name, with the ratio to the constant mean's, the lowest first."""
+    sizes = {name: float((each / variance).sum()) for name, each in errors.items()}
+    found = {
+        name: {
+            "per_output": each.tolist(),
+            "total": float(each.sum()),
+            "relative": ratio(sizes[name], sizes[CONSTANT_MEAN]),
+        }
+        for name, each in errors.items()
+    }
+    return dict(sorted(found.items(), key=lambda named: named[1]["relative"]))

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem import Learned
+from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.files import atomic_write
 from mavdem.flight import Flight
 from mavdem.ingest.mcap.writer import Series, write_series
@@ -19,45 +20,52 @@ Array = NDArray[np.float64]
 
 
 def write_channels(
-    path: str | os.PathLike[str], train: Flight, learned: Learned | None = None, test: Flight | None = None
+    path: str | os.PathLike[str],
+    flights: Sequence[Flight],
+    learned: Learned | None = None,
+    held_out: HeldOut | None = None,
 ) -> None:
-    """Writes a flight as JSON channels of an .mcap file, on the boot clock, in the units of the flight.
+    """Writes flights of one boot as JSON channels of an .mcap file, on the boot clock, in the units of the flight.
 
-    ``flight/outputs`` and ``flight/inputs`` are what was measured; with ``learned`` also ``learned/one_step``,
-    ``learned/process_noise`` (per second), ``learned/free_energy`` (F(t)) and, if it is known, ``learned/wind_torque``
-    with the half width of its band (rad/s²); and with ``test`` ``learned/forecast``.
+    ``flight/outputs`` and ``flight/inputs`` are what was measured; with ``learned``, the model of these ``flights``,
+    also ``learned/one_step``, ``learned/process_noise`` (per second), ``learned/free_energy`` (F(t)) and, if it is
+    known, ``learned/wind_torque`` with the half width of its band (rad/s²); and with ``held_out`` windows
+    ``held_out/measured``, ``held_out/forecast`` and ``held_out/band``, the half width of its 90 % band.
 
-    The model must be of ``train``, and ``test`` the samples right after it, to be forecast. ``OSError`` if it cannot be
-    written, ``ValueError`` for a time before 0, which MCAP cannot hold, or a model of another flight.
+    ``OSError`` if ``path`` cannot be written, ``ValueError`` for a time before 0, which MCAP cannot hold, or a model of
+    other flights.
     """
-    flights = [train] if test is None else [train, test]
-    if train.time[0] < 0:
+    first = flights[0]
+    if first.time[0] < 0:
         raise ValueError("time must not be negative: MCAP counts from 0")
     time = np.concatenate([flight.time for flight in flights])
     series = {
-        "flight/outputs": _series(time, train.output_names, np.vstack([flight.outputs for flight in flights])),
-        "flight/inputs": _series(time, train.input_names, np.vstack([flight.inputs for flight in flights])),
+        "flight/outputs": _series(time, first.output_names, np.vstack([flight.outputs for flight in flights])),
+        "flight/inputs": _series(time, first.input_names, np.vstack([flight.inputs for flight in flights])),
     }
     if learned is not None:
-        series |= _learned(train, learned, test)
+        series |= _learned(first, time, learned)
+    if held_out is not None:
+        inside = held_out.time.ravel()
+        of_windows = {"measured": held_out.measured, "forecast": held_out.forecasts[FORECAST], "band": held_out.band}
+        for name, values in of_windows.items():
+            series[f"held_out/{name}"] = _series(inside, first.output_names, values.reshape(len(inside), -1))
     with atomic_write(path) as file:
         write_series(file, series)
 
 
-def _learned(train: Flight, learned: Learned, test: Flight | None) -> dict[str, Series]:
-    if len(learned.record.outputs) != len(train):
-        raise ValueError(f"the model was learnt from {len(learned.record.outputs)} samples, not these {len(train)}")
+def _learned(flight: Flight, time: Array, learned: Learned) -> dict[str, Series]:
+    if len(learned.record) != len(time):
+        raise ValueError(f"the model was learnt from {len(learned.record)} samples, not these {len(time)}")
     places, noise = learned.process_noise()
     series = {
-        "learned/one_step": _series(train.time, train.output_names, learned.one_step()),
-        "learned/process_noise": _series(train.time[places], state_names(train, learned), noise),
-        "learned/free_energy": (train.time[places], {"free_energy": learned.free_energy_of_samples}),
+        "learned/one_step": _series(time, flight.output_names, learned.one_step()),
+        "learned/process_noise": _series(time[places], state_names(flight, learned), noise),
+        "learned/free_energy": (time[places], {"free_energy": learned.free_energy_of_samples}),
     }
     if learned.wind is not None:
         torque = np.stack([learned.wind.torque, learned.wind.band], axis=1)
-        series["learned/wind_torque"] = _series(train.time, ("torque", "band"), torque)
-    if test is not None:
-        series["learned/forecast"] = _series(test.time, train.output_names, learned.forecast(test.inputs))
+        series["learned/wind_torque"] = _series(time, ("torque", "band"), torque)
     return series
 
 

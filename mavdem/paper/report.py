@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mavdem.dem import learn
+from mavdem.evaluate import held_out_test
 from mavdem.page.document import environment
 from mavdem.paper import benchmark, coordinates, noise, oracle, order, prediction
 from mavdem.paper.checks import ClaimStatus, claim_status, findings, sentence
@@ -91,7 +92,9 @@ def write(folder: Path, reports: Sequence[ItemReport], runner: Runner, seconds: 
         for picture in one.result.pictures
     }
     window = runner.sample
-    write_recording(folder / RECORDING, window.train, window.test, learn(window.train, PAPER))
+    learned = learn(window.train, PAPER)
+    held_out = held_out_test(window.train, window.test, learned)
+    write_recording(folder / RECORDING, (window.train,), learned, held_out)
     (folder / PAGE).write_text(_page(reports, files, document(reports, seconds), window.flight))
 
 

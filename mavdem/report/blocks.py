@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 
@@ -13,7 +14,42 @@ class Sentence(NamedTuple):
 
 
 class Table(NamedTuple):
-    """Formatted cells: the first column names the rows, the others are numbers."""
+    """Formatted cells: the first column names the rows, the others are numbers or, with ``words``, are read as text."""
 
     header: list[str]
     rows: list[list[str]]
+    words: bool = False
+
+
+Block = Sentence | Table
+
+
+def text_of(blocks: Iterable[Block]) -> str:
+    """Plain text: columns aligned, an empty line between blocks."""
+    return "\n\n".join(map(_plain, blocks))
+
+
+def _plain(block: Block) -> str:
+    if isinstance(block, Sentence):
+        return f"{block.lead} {block.text}".strip()
+    table = [block.header, *block.rows]
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    return "\n".join(
+        "  ".join(
+            cell.ljust(width) if block.words or not place else cell.rjust(width)
+            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in table
+    )
+
+
+def markdown(blocks: Iterable[Block]) -> str:
+    """Markdown, an empty line between blocks."""
+    return "\n\n".join(map(_markdown, blocks))
+
+
+def _markdown(block: Block) -> str:
+    if isinstance(block, Sentence):
+        return f"**{block.lead}** {block.text}".rstrip() if block.lead else block.text
+    rule = ["---", *["---" if block.words else "---:"] * (len(block.header) - 1)]
+    return "\n".join("| " + " | ".join(row) + " |" for row in [block.header, rule, *block.rows])

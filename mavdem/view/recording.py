@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from math import floor, log10
 from pathlib import Path
 
@@ -13,10 +14,12 @@ from numpy.typing import NDArray
 
 from mavdem.dem import Learned
 from mavdem.dem.priors import hyperparameter_groups
+from mavdem.evaluate.held_out import HeldOut
 from mavdem.files import atomic_write
 from mavdem.flight import Flight
-from mavdem.report.learned import summary
+from mavdem.report.blocks import markdown
 from mavdem.report.names import entries, left_free, named, short, state_names, state_rate_units
+from mavdem.report.screen import Channels, screen, title
 from mavdem.view import lines
 from mavdem.view.lines import (
     ITERATIONS_A_SECOND,
@@ -34,25 +37,28 @@ from mavdem.view.series import OutputSeries, by_group, estimate_band, output_ser
 Array = NDArray[np.float64]
 
 
-def write_recording(path: str | os.PathLike[str], train: Flight, test: Flight, learned: Learned) -> None:
-    """Writes the model of ``train`` and its forecast of ``test``, the samples right after, as an .rrd file.
+def write_recording(
+    path: str | os.PathLike[str], flights: Sequence[Flight], learned: Learned, held_out: HeldOut
+) -> None:
+    """Writes the model of ``flights`` and the forecasts of ``held_out`` windows as an .rrd file.
 
     The file appears whole or not at all, replaces one that is there, and opens with its own blueprint. Angles are in
     degrees where they are measured or forecast, in rad in the model.
 
-    The folder of ``path`` must be there; ``learned`` is the model of ``train``. ``OSError`` if it cannot be written.
+    The folder of ``path`` must be there; ``learned`` is the model of ``flights``. ``OSError`` if it cannot be written.
     """
-    seen = output_series(train, test, learned)
+    train, seen = flights[0], output_series(flights, learned, held_out)
+    time = np.concatenate([flight.time for flight in flights]) - train.time[0]
     recording = rr.RecordingStream("mavdem")
     memory = recording.memory_recording()
-    recording.send_blueprint(_blueprint(train, test, learned, seen), make_active=False)
+    recording.send_blueprint(_blueprint(flights, learned, seen), make_active=False)
     recording.send_recording_name(utf8(Path(str(train.provenance.get("source", path))).name))
-    document = rr.TextDocument(utf8(summary(train, test, learned)), media_type=rr.MediaType.MARKDOWN)
+    document = rr.TextDocument(utf8(_result(flights, learned, held_out)), media_type=rr.MediaType.MARKDOWN)
     recording.log("result", document, static=True)
     for output in seen:
         _output(recording, output)
-    _inputs(recording, train, test)
-    _of_samples(recording, train, learned)
+    _inputs(recording, flights, time)
+    _of_samples(recording, train, time, learned)
     _parameters(recording, train, learned)
     _free_energy(recording, learned)
     _noise_precisions(recording, train, learned)
@@ -62,31 +68,34 @@ def write_recording(path: str | os.PathLike[str], train: Flight, test: Flight, l
         file.write(contents)
 
 
+def _result(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> str:
+    return markdown([title(flights), *screen(Channels.of(flights[0]), learned, held_out)])
+
+
 def _output(recording: rr.RecordingStream, output: OutputSeries) -> None:
     root = rr.new_entity_path(["outputs", output.name])
-    before, after = np.split(output.time, [len(output.one_step)])
+    before, after = output.time, output.held_out_time
     for name, label, colour, width, time, values in (
         ("band", "90 % band", lines.BAND, 1.5, after, output.band),
         ("constant_mean", "constant mean", lines.TRIVIAL, 1.5, after, output.constant_mean),
         ("dem_forecast", "DEM: forecast", lines.FORECAST, 2.5, after, output.forecast),
         ("dem_one_step", "DEM: one step ahead", lines.PREDICTED, 5.0, before, output.one_step),
-        ("held_out", "held-out test set", lines.BOUNDARY, 1.5, [output.boundary] * 2, output.range),
         # Drawn in the order of their paths: this one last, thin on the thick prediction.
         ("measured", "measured", lines.MEASURED, 1.5, output.time, output.measured),
     ):
         Line(f"{root}/{name}", label, colour, width).over_time(recording, time, values)
 
 
-def _inputs(recording: rr.RecordingStream, train: Flight, test: Flight) -> None:
-    time = np.append(train.time, test.time) - train.time[0]
-    for i, (name, values) in enumerate(zip(train.input_names, np.vstack([train.inputs, test.inputs]).T, strict=True)):
+def _inputs(recording: rr.RecordingStream, flights: Sequence[Flight], time: Array) -> None:
+    inputs = np.vstack([flight.inputs for flight in flights])
+    for i, (name, values) in enumerate(zip(flights[0].input_names, inputs.T, strict=True)):
         Line(rr.new_entity_path(["inputs", name]), name, lines.distinct(i)).over_time(recording, time, values)
 
 
-def _of_samples(recording: rr.RecordingStream, train: Flight, learned: Learned) -> None:
+def _of_samples(recording: rr.RecordingStream, train: Flight, time: Array, learned: Learned) -> None:
     """The process noise and F(t) of each sample."""
     places, noise = learned.process_noise()
-    time = train.time[places] - train.time[0]
+    time = time[places]
     units = state_rate_units(train, learned)
     for i, (name, unit) in enumerate(zip(state_names(train, learned), units, strict=True)):
         line = Line(rr.new_entity_path(["process_noise", name]), named(name, unit), lines.distinct(i))
@@ -146,6 +155,7 @@ BESIDE_LEGEND, BESIDE_WIDE_LEGEND, BESIDE_WIDEST_LEGEND = 1.5, 1.8, 2.7
 
 TO_LAST_NUMBER = 1.06  # the same without a legend, for the last number of the axis not to be cut off
 
+FORECAST_SECONDS = 8.0  # of the picture of forecasts
 FORECAST_HEIGHT, AROUND_PLOT, LEGEND_ENTRY = 190.0, 48.0, 29.5
 """Points: a picture of a forecast; title and axis of any; what one line of a legend, which may fill four fifths of a
 plot, takes of it."""
@@ -153,13 +163,13 @@ plot, takes of it."""
 MOST_ENTRIES = 12  # lines of a legend that are given room; in a longer one, scroll
 
 
-def _blueprint(train: Flight, test: Flight, learned: Learned, series: list[OutputSeries]) -> rrb.Blueprint:
+def _blueprint(flights: Sequence[Flight], learned: Learned, series: list[OutputSeries]) -> rrb.Blueprint:
     """The result in words, the flight, its forecast, and how the model was learnt, in columns from left to right."""
     last = float(len(learned.free_energy) - 1)
     return rrb.Blueprint(
         rrb.Horizontal(
             rrb.TextDocumentView(origin="result", name="Result"),
-            rrb.Vertical(*_flight_views(train, test, learned, series)),
+            rrb.Vertical(*_flight_views(flights, learned, series)),
             _forecasts_and_parameters(series, learned, last),
             rrb.Vertical(*_learning_views(learned, last), row_shares=[1, 2, 1]),
             column_shares=[25, 29, 22, 24],
@@ -170,8 +180,9 @@ def _blueprint(train: Flight, test: Flight, learned: Learned, series: list[Outpu
     )
 
 
-def _flight_views(train: Flight, test: Flight, learned: Learned, series: list[OutputSeries]) -> list[rrb.View]:
+def _flight_views(flights: Sequence[Flight], learned: Learned, series: list[OutputSeries]) -> list[rrb.View]:
     """One above the other over the same seconds."""
+    train = flights[0]
     end = BESIDE_LEGEND * float(series[0].time[-1])
     return [
         *(
@@ -184,7 +195,10 @@ def _flight_views(train: Flight, test: Flight, learned: Learned, series: list[Ou
             for output in series
         ),
         time_plot(
-            named("Motors", _common(train.input_units)), "inputs", (0.0, end), _range_of(train.inputs, test.inputs)
+            named("Motors", _common(train.input_units)),
+            "inputs",
+            (0.0, end),
+            _range_of(*(flight.inputs for flight in flights)),
         ),
         time_plot(
             "Process noise w: wind and unmodelled dynamics",
@@ -220,9 +234,9 @@ def _forecasts_and_parameters(series: list[OutputSeries], learned: Learned, last
 
 
 def _forecast_view(output: OutputSeries) -> rrb.View:
-    """The held-out test set, after a third as much training; in the colours of the view to its left."""
-    end = float(output.time[-1])
-    start = output.boundary - (end - output.boundary) / 3
+    """The last held-out windows; in the colours of the view to its left."""
+    end = float(output.held_out_time[-1])
+    start = max(end - FORECAST_SECONDS, float(output.time[0]))
     origin = rr.new_entity_path(["outputs", output.name])
     title = f"Forecast of {named(output.name, output.unit)}"
     return time_plot(title, origin, (start, end), output.range, legend=False)

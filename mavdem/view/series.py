@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from mavdem import evaluate
 from mavdem.dem import Learned
 from mavdem.dem.priors import hyperparameter_prior
 from mavdem.dem.validation import LEVEL
+from mavdem.evaluate.held_out import CONSTANT_MEAN, FORECAST, HeldOut
 from mavdem.flight import Flight
 from mavdem.report.names import readable
 from mavdem.view.lines import readable_range
@@ -23,21 +23,17 @@ MAX_BEYOND = 0.25  # how far a plot extends below and above the measured values 
 
 
 class OutputSeries(NamedTuple):
-    """One output of the T training and H held-out samples; times in s from the first training sample."""
+    """One output of T training samples and of held-out windows of H samples in all, a NaN after each window."""
 
     name: str
     unit: str
-    time: Array  # (T + H,)
-    measured: Array  # (T + H,)
+    time: Array  # (T,) s from the first sample
+    measured: Array  # (T,)
     one_step: Array  # (T,)
+    held_out_time: Array  # (H,) s from the first sample
     forecast: Array  # (H,)
     band: Array  # (H, 2) lower and upper edge
     constant_mean: Array  # (H,)
-
-    @property
-    def boundary(self) -> float:
-        """Start of the held-out test set, s."""
-        return float(self.time[len(self.one_step)])
 
     @property
     def range(self) -> tuple[float, float]:
@@ -51,19 +47,40 @@ class OutputSeries(NamedTuple):
         return wider if wider[1] - wider[0] <= (1 + 2 * MAX_BEYOND) * (measured[1] - measured[0]) else measured
 
 
-def output_series(train: Flight, test: Flight, learned: Learned) -> list[OutputSeries]:
-    """One for each output of a flight."""
-    time = np.append(train.time, test.time) - train.time[0]
-    measured = np.vstack([train.outputs, test.outputs])
-    one_step, forecast = learned.one_step(), learned.forecast(test.inputs)
-    half = learned.forecast_band(test.inputs, LEVEL)
-    band = np.stack([forecast - half, forecast + half], axis=-1)
-    constant = evaluate.trivial_forecasts(train, len(test))["constant mean"]
-    arrays = (measured, one_step, forecast, band, constant)
-    return [
-        OutputSeries(name, unit.name, time, *(unit.scale * values[:, i] for values in arrays))
-        for i, (name, unit) in enumerate(zip(train.output_names, map(readable, train.output_units), strict=True))
+def output_series(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> list[OutputSeries]:
+    """One for each output of the flights that a model was learnt from."""
+    first = flights[0]
+    time = np.concatenate([flight.time for flight in flights]) - first.time[0]
+    measured = np.vstack([flight.outputs for flight in flights])
+    half, forecast = held_out.band, held_out.forecasts[FORECAST]
+    inside = [
+        _with_gaps(values)
+        for values in (
+            forecast,
+            np.stack([forecast - half, forecast + half], axis=-1),
+            held_out.forecasts[CONSTANT_MEAN],
+        )
     ]
+    held_out_time = _with_gaps(held_out.time) - first.time[0]
+    one_step = learned.one_step()
+    return [
+        OutputSeries(
+            name,
+            unit.name,
+            time,
+            unit.scale * measured[:, i],
+            unit.scale * one_step[:, i],
+            held_out_time,
+            *(unit.scale * values[:, i] for values in inside),
+        )
+        for i, (name, unit) in enumerate(zip(first.output_names, map(readable, first.output_units), strict=True))
+    ]
+
+
+def _with_gaps(windows: Array) -> Array:
+    """Windows (W, H, …) one after the other, (W (H + 1), …); after each a value that draws no line."""
+    gap = windows[:, -1:] if windows.ndim == 2 else np.full_like(windows[:, -1:], np.nan)
+    return np.concatenate([windows, gap], axis=1).reshape(-1, *windows.shape[2:])
 
 
 def prior_outweighs_data(learned: Learned) -> NDArray[np.bool_]:

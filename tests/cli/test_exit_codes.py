@@ -56,7 +56,6 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (["learn", str(FLIGHT)], "--out"),
         (["learn", str(FLIGHT), "--out", "x", "--order", "0"], "--order"),
         (["learn", str(FLIGHT), "--out", "x", "--order", "1"], "--order"),
         (["learn", str(FLIGHT), "--out", "x", "--order", "10"], "--order: 10 is not in 2 to 4"),
@@ -66,7 +65,9 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["info", str(FLIGHT), "--vehicle", ""], "'' is no vehicle"),
         (["info", str(FLIGHT), "--vehicle", "1:1:1"], "system and component as in 1:1"),
         (["learn", str(FLIGHT), "--out", "x", "--start", "nan"], "--start"),
-        (["learn", str(FLIGHT), "--out", "x", "--train", "many"], "--train"),
+        (["learn", str(FLIGHT), "--out", "x", "--train", "many"], "'many' is no length: give seconds, as in 7s"),
+        (["learn", str(FLIGHT), "--train", "49"], "49 is not a whole number of at least 50 samples"),
+        (["compare", str(FLIGHT), "--test", "0s"], "0s is not a length of flight"),
         (["info", str(FLIGHT), "--axis", "heave"], "--axis"),
         (["info"], "SOURCE"),
         (["infos"], "infos"),
@@ -105,7 +106,7 @@ def test_what_is_no_log_is_answered_by_what_can_be_read(tmp_path, capsys):
 
 def test_a_result_is_distinguished_from_a_log(tmp_path, capsys):
     flight = read_flight(FLIGHT)[:100]
-    write_channels(tmp_path / "flight.mcap", flight)
+    write_channels(tmp_path / "flight.mcap", [flight])
     assert main(["info", str(tmp_path / "flight.mcap")]) == 2
     said = capsys.readouterr().err
     assert "was written by `mavdem learn`" in said and "name the log" in said
@@ -120,7 +121,7 @@ def test_help_teaches_and_succeeds(words, capsys):
 def test_the_help_says_what_an_option_takes_and_which_logs_are_read(capsys):
     main(["learn", "--help"])
     said = " ".join(capsys.readouterr().out.split())
-    defaults = ("2 to 4; for paper 1 to 10", "as many before the test samples as help", "those of 1.5 s")
+    defaults = ("2 to 4; for paper 1 to 10", "the whole settled flight", "[default: 1.5s]", "named after the log")
     for told in (*defaults, ".ulg.xz", "ROS 2"):
         assert told in said
     main(["info", "--help"])
@@ -132,7 +133,7 @@ def test_the_example_of_the_help_keeps_its_lines(capsys):
     assert "  mavdem info flight.tlog\n" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("words", [["info", "missing.tlog", "--json"], ["learn", str(FLIGHT), "--json"]])
+@pytest.mark.parametrize("words", [["info", "missing.tlog", "--json"], ["learn", "missing.tlog", "--json"]])
 def test_with_json_a_failure_is_a_document_too(words, capsys):
     assert main(words) == 2
     assert json.loads(capsys.readouterr().out)["error"]["reason"]

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import json
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from mavdem import Flight, Learned, Settings, evaluate
+from mavdem import Learned, Settings, evaluate
 from mavdem import learn as learn_model
 from mavdem.alignment.read import read_flight
 from mavdem.cli import output_files
 from mavdem.cli.commands import main
+from mavdem.cli.learn import named_after
 from mavdem.cli.output import json_text
+from mavdem.evaluate.findings import PURPOSES
 from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, samples_in
 
 LOGS = Path(__file__).parents[2] / "logs"
@@ -37,13 +40,15 @@ def names(folder: Path) -> set[str]:
 @pytest.mark.parametrize("preset", ["real", "paper"])
 def test_the_document_is_the_report_of_the_library(preset, tmp_path, capsys):
     out = tmp_path / "new" / "folder"
-    words = ["learn", FLIGHT, "--out", str(out), "--preset", preset, "--start", "2", "--train", "600", "--test", "100"]
+    words = ["learn", FLIGHT, "--out", str(out), "--preset", preset, "--start", "2s", "--train", "6s", "--test", "100"]
     assert main([*words, "--json"]) == 0
     report = strict_json(capsys.readouterr().out)
     flight = read_flight(FLIGHT)
     train, test = flight[200:800], flight[800:900]
     learned = learn_model(train, Settings.paper() if preset == "paper" else Settings())
-    expected = json.loads(json_text(evaluate.report(train, test, learned)))
+    held_out = evaluate.held_out_test(train, test, learned)
+    expected = json.loads(json_text(evaluate.report([train], learned, held_out)))
+    del expected["cautions"]  # in the command's document those of the log come first
     assert {name: report[name] for name in expected} == expected
     assert names(out) == FILES
     assert strict_json((out / "report.json").read_text()) == report
@@ -51,22 +56,29 @@ def test_the_document_is_the_report_of_the_library(preset, tmp_path, capsys):
     np.testing.assert_allclose(kept.forecast(test.inputs), learned.forecast(test.inputs))
 
 
-def test_people_see_model_errors_and_files(tmp_path, capsys):
-    assert main(["learn", FLIGHT, "--out", str(tmp_path), "--axis", "pitch", "--order", "2", "--train", "700"]) == 0
-    said = capsys.readouterr()
-    for fact in (
-        "150 steps ahead",
-        "constant mean",
-        "pitch rate",
-        "µs",
-        "±",
-        "fixed",
-        "nats",
-        "flight.rrd",
-        "700 samples",
-    ):
-        assert fact in said.out
-    assert "Traceback" not in said.err
+def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    words = ["learn", FLIGHT, "--axis", "pitch", "--order", "2", "--train", "700"]
+    assert main(words) == 0
+    screen = capsys.readouterr()
+    for fact in ("motor effectiveness", "because", "constant mean", "pitch rate", "per µs", "±", "headroom"):
+        assert fact in screen.out
+    assert len(screen.out.splitlines()) < 40 and "nats" not in screen.out
+    # The folder has the log's name; what was written and what to do next is talk.
+    assert names(tmp_path / "ardupilot_wind5_steps") == FILES
+    assert "flight.rrd" in screen.err and "Next:" in screen.err and "flight.rrd" not in screen.out
+    assert main([*words, "--verbose"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith(screen.out)
+    assert "ẋ = A x + B (u − u₀)" in said and "nats" in said
+
+
+@pytest.mark.parametrize(
+    ("source", "folder"),
+    [("a/flight.tlog", "flight"), ("f.ulg.xz", "f"), ("flight", "flight-learnt"), (".tlog", ".tlog-learnt")],
+)
+def test_the_folder_is_named_after_the_log(source, folder):
+    assert str(named_after(source)) == folder
 
 
 def test_a_flight_too_short_names_the_command_that_fits(tmp_path, capsys):
@@ -88,33 +100,28 @@ def test_a_default_window_lasts_as_long_at_every_rate(rate, train, test):
 
 
 @pytest.mark.slow
-def test_defaults_are_of_the_flights_rate(tmp_path, monkeypatch, capsys):
-    fast = read_flight(FLIGHT)
-    fast = Flight(fast.time / 4, fast.inputs, fast.outputs)
-    judged = type("Judged", (), {"cautions": (), "as_dict": lambda self: {}})()
-    monkeypatch.setattr("mavdem.cli.learn.learnable_flight", lambda *_: (fast, judged))
-    words = ["learn", FLIGHT, "--out", str(tmp_path), "--json"]
+def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it(tmp_path, capsys):
+    words = ["learn", FLIGHT, "--out", str(tmp_path), "--start", "35", "--json"]
     assert main(words) == 0
-    report = json.loads(capsys.readouterr().out)
-    assert (report["training_samples"], report["forecast_samples"]) == (2800, 600)
-    assert main([*words, "--train", "700"]) == 0
-    report = json.loads(capsys.readouterr().out)
-    assert (report["training_samples"], report["forecast_samples"]) == (700, 600)
-
-
-@pytest.mark.slow
-def test_without_train_it_is_as_much_of_the_flight_as_helps(tmp_path, capsys):
-    assert main(["learn", FLIGHT, "--out", str(tmp_path), "--start", "35"]) == 0
-    said = capsys.readouterr().out
-    report = json.loads((tmp_path / "report.json").read_text())
-    available = read_flight(FLIGHT)[3500:-150]
-    assert report["available_samples"] == len(available)
-    assert report["training_samples"] == evaluate.training_length(available)
-    train = available[-report["training_samples"] :]
-    if len(train) < len(available):
-        assert f"the last {train.duration:.0f} s of {len(available) * train.dt:.0f} s: " in said
+    report = strict_json(capsys.readouterr().out)
+    flight = read_flight(FLIGHT)[3500:]
+    assert report["training_samples"] == len(flight)
     kept = Learned.from_json((tmp_path / "model.json").read_text())
-    np.testing.assert_array_equal(kept.record.outputs, train.outputs)
+    np.testing.assert_array_equal(kept.record.outputs, flight.outputs)
+    held_out = evaluate.held_out_windows([flight])
+    assert report["held_out"] == json.loads(json_text(held_out.as_dict()))
+    assert [one["purpose"] for one in report["findings"]] == list(PURPOSES)
+
+
+def test_segments_of_one_boot_are_learnt_from_together(tmp_path, monkeypatch, capsys):
+    whole = read_flight(FLIGHT)
+    boots = {"segment": {"boot": 0}, "cautions": []}, {"segment": {"boot": 1}, "cautions": []}
+    parts = [replace(whole[a:b], provenance=boots[boot]) for a, b, boot in ((0, 900, 0), (1000, 1900, 0), (0, 800, 1))]
+    judged = type("Judged", (), {"cautions": (), "as_dict": lambda self: {}})()
+    monkeypatch.setattr("mavdem.cli.learn.learnable_segments", lambda *_: (tuple(parts), judged))
+    assert main(["learn", FLIGHT, "--out", str(tmp_path), "--json", "--preset", "paper"]) == 0
+    report = json.loads(capsys.readouterr().out)
+    assert [one["samples"] for one in report["segments"]] == [900, 900]
 
 
 @pytest.mark.parametrize("start", ["1e9", "1e307"])

@@ -10,6 +10,7 @@ import pytest
 from mcap.reader import make_reader
 
 import mavdem
+from mavdem.evaluate import held_out_test
 from mavdem.export.channels import write_channels
 from mavdem.flight import Flight
 
@@ -37,7 +38,7 @@ def read(path: Path) -> dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]:
 
 def test_a_flight_reads_back(tmp_path):
     flight = mavdem.read_flight(LOG)[:200]
-    write_channels(tmp_path / "flight.mcap", flight)
+    write_channels(tmp_path / "flight.mcap", [flight])
     series = read(tmp_path / "flight.mcap")
     assert set(series) == {"flight/outputs", "flight/inputs"}
     time, outputs = series["flight/outputs"]
@@ -53,13 +54,16 @@ def test_what_was_learnt_stands_beside_it(tmp_path):
     flight = mavdem.read_flight(LOG)
     train, test = flight[:300], flight[300:350]
     learned = mavdem.learn(train, mavdem.Settings.paper())
-    write_channels(tmp_path / "flight.mcap", train, learned, test)
+    held_out = held_out_test(train, test, learned)
+    write_channels(tmp_path / "flight.mcap", [train], learned, held_out)
     series = read(tmp_path / "flight.mcap")
-    assert len(series["flight/outputs"][0]) == 350
+    assert len(series["flight/outputs"][0]) == 300
     places, noise = learned.process_noise()
     expected = {
         "learned/one_step": (train.time, learned.one_step()),
-        "learned/forecast": (test.time, learned.forecast(test.inputs)),
+        "held_out/measured": (test.time, test.outputs),
+        "held_out/forecast": (test.time, held_out.forecasts["forecast"][0]),
+        "held_out/band": (test.time, held_out.band[0]),
         "learned/process_noise": (train.time[places], noise),
         "learned/free_energy": (train.time[places], learned.free_energy_of_samples[:, None]),
         "learned/wind_torque": (train.time, np.stack([learned.wind.torque, learned.wind.band], axis=1)),
@@ -68,7 +72,7 @@ def test_what_was_learnt_stands_beside_it(tmp_path):
         assert np.allclose(series[topic][0], time, atol=1e-9), topic
         assert np.array_equal(np.column_stack(list(series[topic][1].values())), values), topic
     with pytest.raises(ValueError, match="300 samples"):
-        write_channels(tmp_path / "other.mcap", flight[:299], learned)
+        write_channels(tmp_path / "other.mcap", [flight[:299]], learned)
     assert [path.name for path in tmp_path.iterdir()] == ["flight.mcap"]
 
 
@@ -76,7 +80,7 @@ def test_names_are_kept_apart_and_no_time_is_before_0(tmp_path):
     time = np.arange(10) * 0.1
     values = np.arange(20.0).reshape(10, 2)
     flight = Flight(time, values, values, input_names=("u (left)", "u (right)"))
-    write_channels(tmp_path / "named.mcap", flight)
+    write_channels(tmp_path / "named.mcap", [flight])
     assert list(read(tmp_path / "named.mcap")["flight/inputs"][1]) == ["u_1", "u_2"]
     with pytest.raises(ValueError, match="negative"):
-        write_channels(tmp_path / "early.mcap", Flight(time - 1, values, values))
+        write_channels(tmp_path / "early.mcap", [Flight(time - 1, values, values)])

@@ -1,0 +1,134 @@
+"""Findings: what a flight's model is good for, purpose by purpose, each with the reason."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Literal, NamedTuple
+
+from mavdem.dem import Learned, Physical
+from mavdem.dem.validation import LEVEL
+from mavdem.evaluate.held_out import HeldOut
+
+Grade = Literal["GOOD", "LIMITED", "NOT IDENTIFIABLE"]
+GOOD: Grade = "GOOD"
+LIMITED: Grade = "LIMITED"
+NONE: Grade = "NOT IDENTIFIABLE"
+
+EFFECT_ERROR = 0.15  # half width of the interval over the estimate, up to which the motors' effect is good
+MOTION_ERROR = 1 / 3  # likewise of damping and lag, which matter less and are harder to identify
+WIND_ERROR = 0.15  # relative standard deviation of the wind's size, up to which it is good
+GOOD_RATIO = 0.5  # of the squared error of the better baseline
+MOST_WORSE = 0.1  # share of the windows that may be worse than the constant mean
+LEAST_COVERAGE = 0.75  # of a 90 % band
+MOST_OVER_EXPECTED = 3.0  # squared error over the one to expect
+AT_BOUND = 1.05  # of the shortest lag that a flight can show, half a sampling step
+
+
+class Finding(NamedTuple):
+    """A ``purpose``, whether the model serves it, and why: one sentence with the figures that decide."""
+
+    purpose: str
+    grade: Grade
+    reason: str
+
+
+def findings(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]:
+    """Motor effectiveness, damping and lag, wind and, where ``held_out`` windows were forecast, prediction."""
+    read = learned.physical
+    found = [_effect(read), _motion(read), _wind(learned)]
+    if held_out is not None:
+        found.append(_prediction(held_out))
+    return tuple(
+        Finding(purpose, grade, _first_sentence(reason))
+        for purpose, (grade, reason) in zip(PURPOSES, found, strict=False)
+    )
+
+
+def _first_sentence(text: str) -> str:
+    return text.split(". ")[0].rstrip(".") + "."
+
+
+PURPOSES = ("motor effectiveness", "damping and lag", "wind", "prediction")
+NO_PARAMETERS = "No physical parameters can be fitted to this flight."
+
+
+def _effect(read: Physical | None) -> tuple[Grade, str]:
+    if read is None:
+        return NONE, NO_PARAMETERS
+    if read.status["effect"] != "reported":
+        return (NONE if read.status["effect"] == "not identifiable" else LIMITED), read.reasons["effect"]
+    mean, half = read.mean_effect(LEVEL)
+    grade = GOOD if half <= EFFECT_ERROR * mean else LIMITED
+    return grade, f"Known to ±{100 * half / mean:.0f} %."
+
+
+def _motion(read: Physical | None) -> tuple[Grade, str]:
+    if read is None:
+        return NONE, NO_PARAMETERS
+    _, damping, lag, _ = read.interval(LEVEL)
+    known = {
+        name: half / value
+        for name, value, half in (("damping", read.damping, damping), ("lag", read.lag, lag))
+        if value
+    }
+    status = [read.status[name] for name in ("damping", "lag")]
+    if status.count("not identifiable") == len(status):
+        reason = read.reasons["damping"] or read.reasons["lag"]
+        return NONE, "For the same reason." if reason == read.reasons["effect"] else reason
+    shown = ", ".join(f"{name} to ±{100 * share:.0f} %" for name, share in known.items() if isfinite(share))
+    missing = [name for name in ("damping", "lag") if read.status[name] == "not identifiable"]
+    reason = f"Known: {shown}" if shown else "Known: nothing"
+    reason += "".join(f"; not {name}: {read.reasons[name]}" for name in missing)
+    good = status == ["reported"] * 2 and all(share <= MOTION_ERROR for share in known.values())
+    return (GOOD if good else LIMITED), reason
+
+
+def _wind(learned: Learned) -> tuple[Grade, str]:
+    found = learned.wind
+    if found is None:
+        return NONE, NO_PARAMETERS
+    if found.reason is not None:
+        return NONE, found.reason
+    size = f"Its size is known to ±{100 * found.scale_error:.0f} % (standard deviation)"
+    if not found.resolved:
+        return LIMITED, f"{size}; its course is not resolved."
+    return (GOOD if found.scale_error <= WIND_ERROR else LIMITED), f"{size}."
+
+
+def _prediction(held_out: HeldOut) -> tuple[Grade, str]:
+    best = held_out.best_baseline
+    ratio, worse = held_out.error_ratio() / held_out.error_ratio(best), float((held_out.error_ratios() > 1).mean())
+    shown = (
+        f"{ratio:.2g} times the squared error of “{best}”" if isfinite(ratio) else "No model of a part could be learnt"
+    )
+    reason = f"{shown}; worse than the mean in {100 * worse:.0f} % of {len(held_out)} windows."
+    if not ratio < 1:
+        return NONE, reason
+    good = ratio <= GOOD_RATIO and worse <= MOST_WORSE and held_out.coverage >= LEAST_COVERAGE
+    return (GOOD if good else LIMITED), reason
+
+
+def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
+    """What must be known before the model is used, one sentence each; mostly none.
+
+    Bands that failed and errors beyond what was to be expected, in ``held_out`` windows; a ``learned`` model that is
+    unstable, or a parameter at the bound of what the flight can show.
+    """
+    found = []
+    if held_out is not None:
+        found += [f"No model of a part of the flight could be learnt: {failure}." for failure in held_out.failures]
+        if held_out.coverage < LEAST_COVERAGE:
+            found.append(
+                f"The 90 % band held {100 * held_out.coverage:.0f} % of the held-out samples: do not rely on it."
+            )
+        if held_out.over_expected > MOST_OVER_EXPECTED:
+            found.append(
+                f"Forecasts had {held_out.over_expected:.1f} times the squared error that was to be expected: the "
+                "flight changed, or the model is wrong."
+            )
+    if not learned.stable:
+        found.append("The model is unstable: long forecasts grow without bound.")
+    read = learned.physical
+    if read is not None and read.status["lag"] == "reported" and read.lag <= AT_BOUND * learned.dt / 2:
+        found.append("The motors' lag is at its lower bound, half a sampling step: faster motor outputs would show it.")
+    return tuple(found)

@@ -1,0 +1,191 @@
+"""One screen: what a vehicle does in wind, how sure that is, and what must be known before the model is used."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.alignment.trim import HoverFigures
+from mavdem.dem import Learned, Physical
+from mavdem.dem.validation import LEVEL
+from mavdem.evaluate.findings import Finding, findings, warnings_of
+from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
+from mavdem.flight import Flight
+from mavdem.report.blocks import Block, Sentence, Table, text_of
+from mavdem.report.names import named, readable
+from mavdem.report.rounding import plus_minus, rounded
+from mavdem.report.vehicle import hover_columns, lean, wind_blocks
+
+ROWS = {FORECAST: "forecast, motors recorded", PREDICTION: "prediction, motors unknown"}
+"""Of the table of errors, beside the baselines."""
+
+
+class Channels(NamedTuple):
+    """Names and units of a model's inputs and outputs."""
+
+    input_names: tuple[str, ...]
+    input_units: tuple[str, ...]
+    output_names: tuple[str, ...]
+    output_units: tuple[str, ...]
+
+    @classmethod
+    def of(cls, flight: Flight) -> Channels:
+        """Those of a flight."""
+        return cls(flight.input_names, flight.input_units, flight.output_names, flight.output_units)
+
+    @classmethod
+    def of_learned(cls, learned: Learned) -> Channels:
+        """Those that a model alone knows: its inputs' names, and that two outputs are an angle and its rate."""
+        r, m = learned.model.B.shape[1], len(learned.model.C)
+        names = learned.record.input_names or tuple(f"input {i + 1}" for i in range(r))
+        if m == 2:
+            return cls(names, ("",) * r, ("angle", "rate"), ("rad", "rad/s"))
+        return cls(names, ("",) * r, tuple(f"output {i + 1}" for i in range(m)), ("",) * m)
+
+
+def screen(
+    channels: Channels, learned: Learned, held_out: HeldOut | None = None, hover: HoverFigures | None = None
+) -> list[Block]:
+    """The findings by purpose, the vehicle, the wind, prediction, and warnings.
+
+    ``channels`` are those of the training data of ``learned``; ``held_out`` windows and the motors' ``hover`` figures
+    are left out where there are none.
+    """
+    return [
+        *finding_blocks(findings(learned, held_out)),
+        *_vehicle(channels, learned.physical, hover),
+        *wind_blocks(learned.wind, learned.physical),
+        *_prediction(channels, held_out),
+        *(Sentence(warning, "Warning:") for warning in warnings_of(learned, held_out)),
+    ]
+
+
+def title(flights: Sequence[Flight]) -> Sentence:
+    """Which log, axis and how much of it."""
+    first = flights[0]
+    seconds, source = sum(flight.duration for flight in flights), first.provenance.get("source")
+    parts = f" in {len(flights)} segments" if len(flights) > 1 else ""
+    return Sentence(
+        f"{first.output_names[0]}, {seconds:.0f} s of settled flight{parts} at {1 / first.dt:.0f} Hz.",
+        f"{Path(str(source)).name if source else 'Arrays'}:",
+    )
+
+
+def summary(learned: Learned) -> str:
+    """The screen as text, of what the model alone knows: without windows that it has not seen."""
+    blocks = screen(Channels.of_learned(learned), learned)
+    cautions = [Sentence(caution, "Caution:") for caution in learned.cautions]
+    return text_of([*blocks, *cautions])
+
+
+def finding_blocks(found: Sequence[Finding]) -> list[Block]:
+    """A row a purpose."""
+    return [
+        Table(
+            ["purpose", "verdict", "because"],
+            [[one.purpose, one.grade, one.reason] for one in found],
+            words=True,
+        )
+    ]
+
+
+def key_figures(channels: Channels, learned: Learned, held_out: HeldOut | None = None) -> list[tuple[str, str]]:
+    """The few figures to see at a glance, each with its label and unit, for a strip of a dashboard or a page."""
+    read, wind, degrees = learned.physical, learned.wind, readable("rad/s²")
+    figures = []
+    if read is not None:
+        mean, half = read.mean_effect(LEVEL)
+        figures = [
+            ("motor effect", _known(degrees.scale * mean, degrees.scale * half, _per_input(channels))),
+            ("damping", _known(read.damping, read.interval(LEVEL).damping, "1/s")),
+            ("lag of the motors", _known(1e3 * read.lag, 1e3 * read.interval(LEVEL).lag, "ms")),
+        ]
+    if wind is not None and wind.reason is None:
+        figures.append(("wind's torque, sd", f"{rounded(degrees.scale * wind.sd)} {degrees.name}"))
+        figures.append(("gusts", str(len(wind.gusts))))
+    if held_out is not None:
+        unit = readable(channels.output_units[0])
+        best = held_out.best_baseline
+        ours, theirs = (unit.scale * held_out.rmse(name)[0] for name in (FORECAST, best))
+        label = f"RMSE of {channels.output_names[0]}, {held_out.seconds:.2g} s ahead"
+        figures.append((label, f"{rounded(ours)}{unit.name} ({best} {rounded(theirs)}{unit.name})"))
+        figures.append(("90 % band holds", f"{100 * held_out.coverage:.0f} %"))
+    return figures
+
+
+def _known(value: float, half: float, unit: str) -> str:
+    return f"{plus_minus(value, half)} {unit}" if np.isfinite(half) else "not identifiable"
+
+
+def _per_input(channels: Channels) -> str:
+    return f"{readable('rad/s²').name} per {channels.input_units[0] or 'unit of input'}"
+
+
+def _vehicle(channels: Channels, read: Physical | None, hover: HoverFigures | None) -> list[Block]:
+    """A row a motor: effect, imbalance, trim, headroom and saturation; and what is of all motors."""
+    blocks: list[Block] = []
+    columns = hover_columns(hover, channels.input_names)
+    header, cells = ["vehicle"], [[name] for name in channels.input_names]
+    if read is not None:
+        unit, half = readable("rad/s²").scale, read.interval(LEVEL).effect
+        header.append(f"effect ({_per_input(channels)})")
+        for row, value, width in zip(cells, read.effect, half, strict=True):
+            row.append(plus_minus(unit * value, unit * width))
+    for head, column in columns.items():
+        header.append(head)
+        for row, cell in zip(cells, column, strict=True):
+            row.append(cell)
+    if len(header) > 1:
+        blocks.append(Table(header, cells))
+    rest = []
+    if read is not None:
+        interval = read.interval(LEVEL)
+        rest += [
+            f"{name} {_known(scale * value, scale * half, unit)}"
+            for name, value, half, scale, unit in (
+                ("damping", read.damping, interval.damping, 1.0, "1/s"),
+                ("lag of the motors", read.lag, interval.lag, 1e3, "ms"),
+                ("delay", read.delay, interval.delay, 1e3, "ms"),
+            )
+        ]
+        rest[0] = rest[0].capitalize()
+    if leaning := lean(hover):
+        rest.append(f"mean lean {leaning}")
+    if rest:
+        blocks.append(Sentence(f"{'; '.join(rest)}. ± is the half width of the {LEVEL:.0%} interval."))
+    return blocks
+
+
+def _prediction(channels: Channels, held_out: HeldOut | None) -> list[Block]:
+    """RMSE beside the baselines over all held-out windows, and how windows differ."""
+    if held_out is None:
+        return []
+    units = [readable(unit) for unit in channels.output_units]
+    names = [named(name, unit.name) for name, unit in zip(channels.output_names, units, strict=True)]
+    ranked = sorted(held_out.forecasts, key=held_out.error_ratio)
+    count = f"{len(held_out)} held-out windows" if len(held_out) > 1 else "one held-out window"
+    rows = [
+        [
+            ROWS.get(name, name),
+            *(rounded(unit.scale * rmse) for unit, rmse in zip(units, held_out.rmse(name), strict=True)),
+            rounded(held_out.error_ratio(name)),
+        ]
+        for name in ranked
+    ]
+    blocks: list[Block] = [Table([f"RMSE, {held_out.seconds:.2g} s ahead, {count}", *names, "error ratio"], rows)]
+    band = f"The 90 % band holds {100 * held_out.coverage:.0f} % of the samples."
+    if len(held_out) > 1:
+        ratios = held_out.error_ratios()
+        low, median, high = np.percentile(ratios, [25, 50, 75])
+        worse = ", ".join(
+            f"{100 * float((held_out.error_ratios(baseline=name) > 1).mean()):.0f} % worse than “{name}”"
+            for name in BASELINES
+        )
+        band = (
+            f"Of single windows the forecast's error ratio is {rounded(median)} in the median, {rounded(low)} to "
+            f"{rounded(high)} in the middle half; {worse}. {band}"
+        )
+    return [*blocks, Sentence(band)]

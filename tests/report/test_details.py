@@ -1,0 +1,146 @@
+"""The details of a learnt flight: the model as textbooks print it, and how it was learnt."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+from simulated import simulated
+
+import mavdem
+from mavdem import evaluate
+from mavdem.dem.uncertainty import Direction
+from mavdem.evaluate import held_out_test
+from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.details import _poles, detail_blocks
+from mavdem.report.screen import Channels
+
+DT = 0.01
+
+
+def flight(samples: int = 500) -> mavdem.Flight:
+    rng = np.random.default_rng(0)
+    motors = 1500 + 50 * gaussian_filter1d(rng.standard_normal((samples, 2)), 6, axis=0)
+    rate = np.cumsum((motors - 1500) @ [0.02, -0.02]) * DT
+    return mavdem.Flight(
+        DT * np.arange(samples),
+        motors,
+        np.stack([np.cumsum(rate) * DT, rate], axis=1),
+        input_units=("µs", "µs"),
+        output_names=("roll", "roll rate"),
+        output_units=("rad", "rad/s"),
+    )
+
+
+TRAIN, TEST = flight()[:400], flight()[400:]
+
+
+@pytest.fixture(scope="module")
+def learned() -> mavdem.Learned:
+    return mavdem.learn(TRAIN, mavdem.Settings(window=9, parameter_precision=1.0))
+
+
+def altered(learned: mavdem.Learned, **fields: object) -> mavdem.Learned:
+    """With other fields, and its physical parameters, which take time to fit and are of the data alone."""
+    other = replace(learned, **fields)
+    vars(other)["physical"] = learned.physical
+    return other
+
+
+def told(learned: mavdem.Learned) -> list[Block]:
+    """The details of a model of ``TRAIN``."""
+    report = evaluate.report([TRAIN], learned, held_out_test(TRAIN, TEST, learned))
+    return detail_blocks(Channels.of(TRAIN), learned, report)
+
+
+def words(blocks: list[Block]) -> str:
+    return "\n".join(f"{block.lead} {block.text}" for block in blocks if isinstance(block, Sentence))
+
+
+@pytest.mark.slow
+def test_which_rotors_work_against_which_is_reported():
+    made = simulated(wind=0.5, lag=0.05)
+    train, test = made[:700], made[700:]
+    learned = mavdem.learn(train, mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0))
+    report = evaluate.report([train], learned, held_out_test(train, test, learned))
+    assert "input 1 and input 4 against input 2 and input 3." in words(
+        detail_blocks(Channels.of(train), learned, report)
+    )
+
+
+def test_cautions_come_first(learned):
+    assert told(altered(learned, cautions=("It is raining.",)))[0] == Sentence("It is raining.", "Caution:")
+
+
+def test_the_model_can_be_used_from_what_is_reported(learned):
+    tables = {block.header[0]: block for block in told(learned) if isinstance(block, Table)}
+    assert tables["A"].header == ["A", "roll", "roll rate", "hidden 1"]
+    assert tables["B"].header == ["B", "input 1", "input 2", "d"]
+    half = learned.model_interval(0.9)
+    for name, values, width in (("A", learned.model.A, half.A), ("B", learned.model.B, half.B)):
+        rows = tables[name].rows
+        assert [row[0] for row in rows] == ["d/dt roll", "d/dt roll rate", "d/dt hidden 1"]
+        for row, cells in enumerate(rows):
+            for column, cell in enumerate(cells[1 : 1 + values.shape[1]]):
+                tolerance = 0.6 * width[row, column] if "±" in cell else 6e-3 * abs(values[row, column])
+                power = float(cell.partition("e")[0] == cell or 10.0 ** float(cell.partition(")e")[2] or 0))
+                shown = power * float(cell.lstrip("(").split()[0])
+                assert shown == pytest.approx(values[row, column], abs=tolerance + 1e-12), cell
+    trims = {block.lead: block.text for block in told(learned) if isinstance(block, Sentence)}
+    assert trims["y₀:"].startswith(f"roll {TRAIN.outputs[:, 0].mean():.4g} rad (")
+    assert trims["u₀:"].endswith(f"input 2 {TRAIN.inputs[:, 1].mean():.4g} µs.")
+
+
+def test_what_is_not_known_of_the_parameters_is_not_reported(learned):
+    def cells(one: mavdem.Learned) -> str:
+        return " ".join(cell for block in told(one) if isinstance(block, Table) for row in block.rows for cell in row)
+
+    assert "±" in cells(learned)
+    unknown = cells(altered(learned, scatter=None))
+    assert "±" not in unknown and "nan" not in unknown
+
+
+@pytest.mark.slow
+def test_the_least_determined_combination_is_named(learned):
+    weights = np.zeros(len(learned.known))
+    weights[[9, 10]] = -0.8, 0.6  # B: roll from inputs 1 and 2
+    blocks = told(altered(learned, undetermined=tuple(Direction(weights, share, (3, 2, 2)) for share in (0.1, 0.2))))
+    text = next(block.text for block in blocks if isinstance(block, Sentence) and block.lead == "Not identifiable:")
+    assert "2 combinations of parameters" in text
+    assert "0.8 (B: roll from input 1) - 0.6 (B: roll from input 2)" in text
+    assert "Not identifiable" not in words(told(altered(learned, undetermined=())))
+
+
+def test_outputs_are_reported_where_c_is_free_and_only_there(learned):
+    def headers(one: mavdem.Learned) -> list[list[str]]:
+        return [block.header for block in told(one) if isinstance(block, Table)]
+
+    assert ["C", "state 1", "state 2"] in headers(mavdem.learn(TRAIN, mavdem.Settings.paper()))
+    assert not [header for header in headers(learned) if header[0] == "C"]
+
+
+def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():
+    swing = 2 * np.pi * 1.5
+    assert _poles(np.diag([-2.0, -0.1])) == "-0.1: time constant 10 s; -2: time constant 0.5 s. The model is stable."
+    assert _poles(np.array([[-4.0, swing], [-swing, -4.0]])) == (
+        "-4 ± 9.42j: 1.6 Hz, damping ratio 0.39. The model is stable."
+    )
+    assert _poles(np.array([[0.5, swing], [-swing, 0.5]])) == (
+        "0.5 ± 9.42j: 1.5 Hz, damping ratio -0.053. The model is unstable."
+    )
+    assert _poles(np.diag([0.5, 0.0, -1.0])) == (
+        "0.5: grows with time constant 2 s; 0: integrator; -1: time constant 1 s. The model is unstable."
+    )
+
+
+def test_it_says_how_far_ahead_predictions_without_the_inputs_are_worth_something(learned):
+    steps = learned.prediction.useful_steps(0.5)
+    assert (steps > 0).all()
+    expected = f"roll up to {steps[0] * DT:.2g} s ahead, roll rate up to {steps[1] * DT:.2g} s ahead"
+    assert f"they explain at least half of the variance of {expected}, by predictions inside" in words(told(learned))
+    report = evaluate.report([TRAIN], learned, held_out_test(TRAIN, TEST, learned))
+    report["prediction"]["half_explained_seconds"] = [0.2, 0.0]
+    said = words(detail_blocks(Channels.of(TRAIN), learned, report))
+    assert "of roll up to 0.2 s ahead, roll rate at no horizon, by predictions" in said
