@@ -36,7 +36,7 @@ from mavdem.flight import Flight
 from mavdem.ingest import Log
 from mavdem.page.learned_page import learned_page
 from mavdem.report.details import detail_blocks
-from mavdem.report.screen import Channels, screen, title
+from mavdem.report.screen import screen, title
 from mavdem.report.vehicle import vehicle_blocks
 
 
@@ -142,11 +142,10 @@ def learn_command(
         "seconds": round(perf_counter() - began, 3),
         "files": {name: str(folder / name) for name in result_files()},
     }
-    channels = Channels.of(flights[0])
-    blocks = [title(flights), *screen(channels, learned, held_out, figures.hover)]
+    blocks = [title(flights), *screen(learned, held_out, figures.hover)]
     if axis == ALL:
         blocks += vehicle_blocks(figures)
-    details = detail_blocks(channels, learned, report)
+    details = detail_blocks(learned, report)
     held = inventory(log, verdict.axis, vehicle, inputs)
     page = learned_page(flights[0], blocks, details, learned.settings, held)
     write_results(folder, report, page, flights, learned, held_out)

@@ -15,6 +15,7 @@ from mavdem.dem.validation import LEVEL
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.names import (
     THREE_STATES,
+    Labels,
     named,
     parameter_names,
     readable,
@@ -23,7 +24,6 @@ from mavdem.report.names import (
     states_are_outputs,
 )
 from mavdem.report.rounding import plus_minus, with_unit
-from mavdem.report.screen import Channels
 from mavdem.report.vehicle import answer_blocks, physical_blocks
 
 MAX_NAMED, MIN_WEIGHT = 4, 0.3
@@ -31,14 +31,14 @@ MAX_NAMED, MIN_WEIGHT = 4, 0.3
 largest weight."""
 
 
-def detail_blocks(channels: Channels, learned: Learned, report: dict[str, Any]) -> list[Block]:
+def detail_blocks(learned: Learned, report: dict[str, Any]) -> list[Block]:
     """Cautions, the errors of ``mavdem.evaluate.report`` one step ahead, the model, and how it was learnt."""
-    energy = learned.free_energy
+    labels, energy = Labels.of(learned), learned.free_energy
     return [
         *(Sentence(caution, "Caution:") for caution in learned.cautions),
-        _one_step(report["one_step_mspe"], channels),
-        _prediction(report["prediction"], channels),
-        *_model(channels, learned),
+        _one_step(report["one_step_mspe"], labels),
+        _prediction(report["prediction"], labels),
+        *_model(labels, learned),
         *physical_blocks(learned.physical),
         *answer_blocks(learned.wind),
         Sentence(
@@ -46,7 +46,7 @@ def detail_blocks(channels: Channels, learned: Learned, report: dict[str, Any]) 
             f"{_convergence(learned) if learned.simulation_fit is None else ''}",
             "Free energy action F̄:",
         ),
-        *_simulation_fit(channels, learned),
+        *_simulation_fit(labels, learned),
     ]
 
 
@@ -55,7 +55,7 @@ def _convergence(learned: Learned) -> str:
     return " Converged." if learned.converged else " Not converged."
 
 
-def _simulation_fit(channels: Channels, learned: Learned) -> list[Block]:
+def _simulation_fit(labels: Labels, learned: Learned) -> list[Block]:
     """The simulation-error fit after DEM, and the mixer geometry in its prior."""
     fit = learned.simulation_fit
     if fit is None:
@@ -72,7 +72,7 @@ def _simulation_fit(channels: Channels, learned: Learned) -> list[Block]:
     turning = None if fit.layout is None else fit.layout.turning
     if turning is not None:
         up, down = (
-            " and ".join(short(name) for name, way in zip(channels.input_names, turning, strict=True) if sign * way > 0)
+            " and ".join(short(name) for name, way in zip(labels.input_names, turning, strict=True) if sign * way > 0)
             for sign in (1, -1)
         )
         source = "Estimated from the data" if learned.record.effect_directions is None else "Known for these inputs"
@@ -80,11 +80,11 @@ def _simulation_fit(channels: Channels, learned: Learned) -> list[Block]:
     return blocks
 
 
-def _prediction(found: dict[str, Any], channels: Channels) -> Sentence:
+def _prediction(found: dict[str, Any], labels: Labels) -> Sentence:
     """How far ahead predictions are worth something without the inputs."""
     each = ", ".join(
         f"{name} up to {seconds:.2g} s ahead" if seconds else f"{name} at no horizon"
-        for name, seconds in zip(channels.output_names, found["half_explained_seconds"], strict=True)
+        for name, seconds in zip(labels.output_names, found["half_explained_seconds"], strict=True)
     )
     return Sentence(
         f"they explain at least half of the variance of {each}, by predictions inside the training data.",
@@ -92,10 +92,10 @@ def _prediction(found: dict[str, Any], channels: Channels) -> Sentence:
     )
 
 
-def _one_step(errors: dict[str, Any], channels: Channels) -> Table:
+def _one_step(errors: dict[str, Any], labels: Labels) -> Table:
     """RMSE by output on the training data, and the error ratio, by which the rows are ranked."""
-    units = [readable(unit) for unit in channels.output_units]
-    names = [named(name, unit.name) for name, unit in zip(channels.output_names, units, strict=True)]
+    units = [readable(unit) for unit in labels.output_units]
+    names = [named(name, unit.name) for name, unit in zip(labels.output_names, units, strict=True)]
     rows = [
         [
             name,
@@ -112,21 +112,21 @@ def _in_degrees(value: float, unit: str) -> str:
     return f" ({with_unit(value, shown, 3)})" if shown.name != unit else ""
 
 
-def _model(channels: Channels, learned: Learned) -> list[Block]:
+def _model(labels: Labels, learned: Learned) -> list[Block]:
     """The model with all it takes to use it elsewhere: a table a matrix, a row a derivative."""
-    model, states = learned.model, state_names(channels, learned)
+    model, states = learned.model, state_names(labels, learned)
     (n, r), m = model.B.shape, len(model.C)
     known = unpack(learned.known, n, r, m)
     A, B, C = (
         [[_entry(*cell) for cell in zip(*row, strict=True)] for row in zip(values, half, fixed, strict=True)]
         for values, half, fixed in zip(model[:3], learned.model_interval(LEVEL)[:3], known, strict=True)
     )
-    derivatives, inputs = [f"d/dt {state}" for state in states], [short(name) for name in channels.input_names]
+    derivatives, inputs = [f"d/dt {state}" for state in states], [short(name) for name in labels.input_names]
     constant = learned.scaling.constant
     if constant:
         inputs.append("d")
         B = [[*row, f"{value:.3g}"] for row, value in zip(B, model.offset, strict=True)]
-    units = ", ".join(dict.fromkeys(unit for unit in (*channels.output_units, *channels.input_units) if unit))
+    units = ", ".join(dict.fromkeys(unit for unit in (*labels.output_units, *labels.input_units) if unit))
     blocks: list[Block] = [
         Sentence(
             f"ẋ = A x + B (u − u₀){' + d' if constant else ''}, y = C x + y₀"
@@ -138,17 +138,17 @@ def _model(channels: Channels, learned: Learned) -> list[Block]:
         Table(["A", *states], [[name, *cells] for name, cells in zip(derivatives, A, strict=True)]),
         Table(["B", *inputs], [[name, *cells] for name, cells in zip(derivatives, B, strict=True)]),
     ]
-    if states_are_outputs(learned) and len(states) == len(channels.output_names) + 1:
+    if states_are_outputs(learned) and len(states) == len(labels.output_names) + 1:
         blocks.append(Sentence(f"hidden 1 is the lag of the motors. {THREE_STATES}", "States:"))
     if not states_are_outputs(learned):
         blocks.append(
-            Table(["C", *states], [[name, *cells] for name, cells in zip(channels.output_names, C, strict=True)])
+            Table(["C", *states], [[name, *cells] for name, cells in zip(labels.output_names, C, strict=True)])
         )
     return [
         *blocks,
-        *_not_identifiable(channels, learned),
-        Sentence(f"{_trim(channels.output_names, model.output_trim, channels.output_units)}.", "y₀:"),
-        Sentence(f"{_trim(channels.input_names, model.input_trim, channels.input_units)}.", "u₀:"),
+        *_not_identifiable(labels, learned),
+        Sentence(f"{_trim(labels.output_names, model.output_trim, labels.output_units)}.", "y₀:"),
+        Sentence(f"{_trim(labels.input_names, model.input_trim, labels.input_units)}.", "u₀:"),
         Sentence(_poles(model.A), "Poles of A (1/s):"),
     ]
 
@@ -160,10 +160,10 @@ def _trim(names: Sequence[str], values: Array, units: Sequence[str]) -> str:
     )
 
 
-def _not_identifiable(channels: Channels, learned: Learned) -> list[Sentence]:
+def _not_identifiable(labels: Labels, learned: Learned) -> list[Sentence]:
     if not learned.undetermined:
         return []
-    directions, entries = learned.undetermined, parameter_names(channels, learned)
+    directions, entries = learned.undetermined, parameter_names(labels, learned)
     least = directions[0].weights
     largest = np.argsort(-np.abs(least))[:MAX_NAMED]
     least = least * np.sign(least[largest[0]])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from mavdem.evaluate.findings import Finding, findings, warnings_of
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, text_of
-from mavdem.report.names import named, readable
+from mavdem.report.names import Labels, named, readable
 from mavdem.report.rounding import plus_minus, rounded
 from mavdem.report.vehicle import hover_columns, lean, wind_blocks
 
@@ -23,42 +22,17 @@ ROWS = {FORECAST: "forecast, motors recorded", PREDICTION: "prediction, motors u
 """Of the table of errors, beside the baselines."""
 
 
-class Channels(NamedTuple):
-    """Names and units of a model's inputs and outputs."""
-
-    input_names: tuple[str, ...]
-    input_units: tuple[str, ...]
-    output_names: tuple[str, ...]
-    output_units: tuple[str, ...]
-
-    @classmethod
-    def of(cls, flight: Flight) -> Channels:
-        """Those of a flight."""
-        return cls(flight.input_names, flight.input_units, flight.output_names, flight.output_units)
-
-    @classmethod
-    def of_learned(cls, learned: Learned) -> Channels:
-        """Those that a model alone knows: its inputs' names, and that two outputs are an angle and its rate."""
-        r, m = learned.model.B.shape[1], len(learned.model.C)
-        names = learned.record.input_names or tuple(f"input {i + 1}" for i in range(r))
-        if m == 2:
-            return cls(names, ("",) * r, ("angle", "rate"), ("rad", "rad/s"))
-        return cls(names, ("",) * r, tuple(f"output {i + 1}" for i in range(m)), ("",) * m)
-
-
-def screen(
-    channels: Channels, learned: Learned, held_out: HeldOut | None = None, hover: HoverFigures | None = None
-) -> list[Block]:
+def screen(learned: Learned, held_out: HeldOut | None = None, hover: HoverFigures | None = None) -> list[Block]:
     """The findings by purpose, the vehicle, the wind, prediction, and warnings.
 
-    ``channels`` are those of the training data of ``learned``; ``held_out`` windows and the motors' ``hover`` figures
-    are left out where there are none.
+    ``held_out`` windows and the motors' ``hover`` figures are left out where there are none.
     """
+    labels = Labels.of(learned)
     return [
         *finding_blocks(findings(learned, held_out)),
-        *_vehicle(channels, learned.physical, hover),
+        *_vehicle(labels, learned.physical, hover),
         *wind_blocks(learned.wind, learned.physical),
-        *_prediction(channels, held_out),
+        *_prediction(labels, held_out),
         *(Sentence(warning, "Warning:") for warning in warnings_of(learned, held_out)),
     ]
 
@@ -76,7 +50,7 @@ def title(flights: Sequence[Flight]) -> Sentence:
 
 def summary(learned: Learned) -> str:
     """The screen as text, of what the model alone knows: without windows that it has not seen."""
-    blocks = screen(Channels.of_learned(learned), learned)
+    blocks = screen(learned)
     cautions = [Sentence(caution, "Caution:") for caution in learned.cautions]
     return text_of([*blocks, *cautions])
 
@@ -92,14 +66,14 @@ def finding_blocks(found: Sequence[Finding]) -> list[Block]:
     ]
 
 
-def key_figures(channels: Channels, learned: Learned, held_out: HeldOut | None = None) -> list[tuple[str, str]]:
+def key_figures(learned: Learned, held_out: HeldOut | None = None) -> list[tuple[str, str]]:
     """The few figures to see at a glance, each with its label and unit, for a strip of a dashboard or a page."""
-    read, wind, degrees = learned.physical, learned.wind, readable("rad/s²")
+    labels, read, wind, degrees = Labels.of(learned), learned.physical, learned.wind, readable("rad/s²")
     figures = []
     if read is not None:
         mean, half = read.mean_effect(LEVEL)
         figures = [
-            ("motor effect", _known(degrees.scale * mean, degrees.scale * half, _per_input(channels))),
+            ("motor effect", _known(degrees.scale * mean, degrees.scale * half, _per_input(labels))),
             ("damping", _known(read.damping, read.interval(LEVEL).damping, "1/s")),
             ("lag of the motors", _known(1e3 * read.lag, 1e3 * read.interval(LEVEL).lag, "ms")),
         ]
@@ -107,10 +81,10 @@ def key_figures(channels: Channels, learned: Learned, held_out: HeldOut | None =
         figures.append(("wind's torque, sd", f"{rounded(degrees.scale * wind.sd)} {degrees.name}"))
         figures.append(("gusts", str(len(wind.gusts))))
     if held_out is not None:
-        unit = readable(channels.output_units[0])
+        unit = readable(labels.output_units[0])
         best = held_out.best_baseline
         ours, theirs = (unit.scale * held_out.rmse(name)[0] for name in (FORECAST, best))
-        label = f"RMSE of {channels.output_names[0]}, {held_out.seconds:.2g} s ahead"
+        label = f"RMSE of {labels.output_names[0]}, {held_out.seconds:.2g} s ahead"
         figures.append((label, f"{rounded(ours)}{unit.name} ({best} {rounded(theirs)}{unit.name})"))
         figures.append(("90 % band holds", f"{100 * held_out.coverage:.0f} %"))
     return figures
@@ -120,18 +94,18 @@ def _known(value: float, half: float, unit: str) -> str:
     return f"{plus_minus(value, half)} {unit}" if np.isfinite(half) else "not identifiable"
 
 
-def _per_input(channels: Channels) -> str:
-    return f"{readable('rad/s²').name} per {channels.input_units[0] or 'unit of input'}"
+def _per_input(labels: Labels) -> str:
+    return f"{readable('rad/s²').name} per {labels.input_units[0] or 'unit of input'}"
 
 
-def _vehicle(channels: Channels, read: Physical | None, hover: HoverFigures | None) -> list[Block]:
+def _vehicle(labels: Labels, read: Physical | None, hover: HoverFigures | None) -> list[Block]:
     """A row a motor: effect, imbalance, trim, headroom and saturation; and what is of all motors."""
     blocks: list[Block] = []
-    columns = hover_columns(hover, channels.input_names)
-    header, cells = ["vehicle"], [[name] for name in channels.input_names]
+    columns = hover_columns(hover, labels.input_names)
+    header, cells = ["vehicle"], [[name] for name in labels.input_names]
     if read is not None:
         unit, half = readable("rad/s²").scale, read.interval(LEVEL).effect
-        header.append(f"effect ({_per_input(channels)})")
+        header.append(f"effect ({_per_input(labels)})")
         for row, value, width in zip(cells, read.effect, half, strict=True):
             row.append(plus_minus(unit * value, unit * width))
     for head, column in columns.items():
@@ -159,12 +133,12 @@ def _vehicle(channels: Channels, read: Physical | None, hover: HoverFigures | No
     return blocks
 
 
-def _prediction(channels: Channels, held_out: HeldOut | None) -> list[Block]:
+def _prediction(labels: Labels, held_out: HeldOut | None) -> list[Block]:
     """RMSE beside the baselines over all held-out windows, and how windows differ."""
     if held_out is None:
         return []
-    units = [readable(unit) for unit in channels.output_units]
-    names = [named(name, unit.name) for name, unit in zip(channels.output_names, units, strict=True)]
+    units = [readable(unit) for unit in labels.output_units]
+    names = [named(name, unit.name) for name, unit in zip(labels.output_names, units, strict=True)]
     ranked = sorted(held_out.forecasts, key=held_out.error_ratio)
     count = f"{len(held_out)} held-out windows" if len(held_out) > 1 else "one held-out window"
     rows = [

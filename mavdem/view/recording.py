@@ -19,7 +19,7 @@ from mavdem.files import atomic_write
 from mavdem.flight import Flight
 from mavdem.report.blocks import markdown
 from mavdem.report.names import entries, left_free, named, short, state_names, state_rate_units
-from mavdem.report.screen import Channels, screen, title
+from mavdem.report.screen import screen, title
 from mavdem.view import lines
 from mavdem.view.lines import (
     ITERATIONS_A_SECOND,
@@ -69,7 +69,7 @@ def write_recording(
 
 
 def _result(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> str:
-    return markdown([title(flights), *screen(Channels.of(flights[0]), learned, held_out)])
+    return markdown([title(flights), *screen(learned, held_out)])
 
 
 def _output(recording: rr.RecordingStream, output: OutputSeries) -> None:

@@ -117,7 +117,7 @@ def test_segments_of_one_boot_are_learnt_from_together(tmp_path, monkeypatch, ca
     whole = read_flight(FLIGHT)
     boots = {"segment": {"boot": 0}, "cautions": []}, {"segment": {"boot": 1}, "cautions": []}
     parts = [replace(whole[a:b], provenance=boots[boot]) for a, b, boot in ((0, 900, 0), (1000, 1900, 0), (0, 800, 1))]
-    judged = type("Judged", (), {"cautions": (), "as_dict": lambda self: {}})()
+    judged = type("Judged", (), {"axis": "roll", "as_dict": lambda self: {}})()
     monkeypatch.setattr("mavdem.cli.learn.learnable_segments", lambda *_: (tuple(parts), judged))
     assert main(["learn", FLIGHT, "--out", str(tmp_path), "--json", "--preset", "paper"]) == 0
     report = json.loads(capsys.readouterr().out)

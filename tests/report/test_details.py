@@ -15,7 +15,6 @@ from mavdem.dem.uncertainty import Direction
 from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.details import _poles, detail_blocks
-from mavdem.report.screen import Channels
 
 DT = 0.01
 
@@ -52,7 +51,7 @@ def altered(learned: mavdem.Learned, **fields: object) -> mavdem.Learned:
 def told(learned: mavdem.Learned) -> list[Block]:
     """The details of a model of ``TRAIN``."""
     report = evaluate.report([TRAIN], learned, held_out_test(TRAIN, TEST, learned))
-    return detail_blocks(Channels.of(TRAIN), learned, report)
+    return detail_blocks(learned, report)
 
 
 def words(blocks: list[Block]) -> str:
@@ -65,9 +64,7 @@ def test_which_rotors_work_against_which_is_reported():
     train, test = made[:700], made[700:]
     learned = mavdem.learn(train, mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0))
     report = evaluate.report([train], learned, held_out_test(train, test, learned))
-    assert "input 1 and input 4 against input 2 and input 3." in words(
-        detail_blocks(Channels.of(train), learned, report)
-    )
+    assert "input 1 and input 4 against input 2 and input 3." in words(detail_blocks(learned, report))
 
 
 def test_cautions_come_first(learned):
@@ -142,5 +139,5 @@ def test_it_says_how_far_ahead_predictions_without_the_inputs_are_worth_somethin
     assert f"they explain at least half of the variance of {expected}, by predictions inside" in words(told(learned))
     report = evaluate.report([TRAIN], learned, held_out_test(TRAIN, TEST, learned))
     report["prediction"]["half_explained_seconds"] = [0.2, 0.0]
-    said = words(detail_blocks(Channels.of(TRAIN), learned, report))
+    said = words(detail_blocks(learned, report))
     assert "of roll up to 0.2 s ahead, roll rate at no horizon, by predictions" in said

@@ -18,7 +18,7 @@ from mavdem.evaluate.findings import GOOD, LIMITED, NONE, findings, warnings_of
 from mavdem.ingest.motors import OutputScale
 from mavdem.report.blocks import Sentence, Table, text_of
 from mavdem.report.rounding import plus_minus, rounded
-from mavdem.report.screen import Channels, key_figures, screen, summary
+from mavdem.report.screen import key_figures, screen, summary
 
 FLIGHT = simulated(samples=1500, wind=4.0, lag=0.05)
 TRAIN, TEST = FLIGHT[:1400], FLIGHT[1400:]
@@ -122,7 +122,7 @@ def test_warnings_are_only_where_they_mean_something(learned):
 def test_the_screen_has_a_row_a_motor_and_fits_a_screen(learned):
     scale = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
     hover = hover_figures([TRAIN], scale)
-    blocks = screen(Channels.of(TRAIN), with_parts(learned, read(learned)), held_out(), hover)
+    blocks = screen(with_parts(learned, read(learned)), held_out(), hover)
     vehicle = next(block for block in blocks if isinstance(block, Table) and block.header[0] == "vehicle")
     assert [row[0] for row in vehicle.rows] == list(TRAIN.input_names)
     assert vehicle.header[2:] == ["trim (µs)", "beyond the mean (%)", "headroom (%)", "saturated (% of time)"]
@@ -138,16 +138,16 @@ def test_the_screen_has_a_row_a_motor_and_fits_a_screen(learned):
 
 def test_what_is_not_identifiable_has_no_number(learned):
     nothing = read(learned, effect="not identifiable", damping="not identifiable", lag="not identifiable")
-    blocks = screen(Channels.of(TRAIN), with_parts(learned, nothing))
+    blocks = screen(with_parts(learned, nothing))
     vehicle = next(block for block in blocks if isinstance(block, Table) and block.header[0] == "vehicle")
     assert [row[1] for row in vehicle.rows] == ["-"] * 4
     assert "Damping not identifiable; lag of the motors not identifiable; delay" in text_of(blocks)
-    assert dict(key_figures(Channels.of(TRAIN), with_parts(learned, nothing)))["motor effect"] == "not identifiable"
+    assert dict(key_figures(with_parts(learned, nothing)))["motor effect"] == "not identifiable"
 
 
 def test_the_wind_s_torque_and_its_gusts_are_reported(learned):
     def said(**changes: object) -> str:
-        return text_of(screen(Channels.of(TRAIN), with_parts(learned, wind=replace(learned.wind, **changes))))
+        return text_of(screen(with_parts(learned, wind=replace(learned.wind, **changes))))
 
     known = said(reason=None, gusts=(DetectedGust(120, 1.2, 0.4, -9.0),))
     assert f"torque {rounded(np.rad2deg(learned.wind.sd))} °/s² (standard deviation)" in known
@@ -190,7 +190,7 @@ def test_numbers_without_an_interval_have_two_digits(value, shown):
 
 
 def test_a_test_after_training_is_one_window(learned):
-    blocks = screen(Channels.of(TRAIN), learned, held_out_test(TRAIN, TEST, learned))
+    blocks = screen(learned, held_out_test(TRAIN, TEST, learned))
     sentences = [block.text for block in blocks if isinstance(block, Sentence)]
     assert "one held-out window" in text_of(blocks)
     assert not any("in the median" in text for text in sentences)

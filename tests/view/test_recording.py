@@ -16,7 +16,7 @@ from scipy.stats import norm
 import mavdem
 from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import markdown
-from mavdem.report.screen import Channels, screen, title
+from mavdem.report.screen import screen, title
 from mavdem.view import show, write_recording
 from mavdem.view.lines import ITERATIONS_A_SECOND
 from mavdem.view.series import output_series, prior_outweighs_data
@@ -223,7 +223,7 @@ def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned: mav
 
 
 def test_the_result_in_words_is_the_screen(recording: Path, learned: mavdem.Learned) -> None:
-    channels, held_out = Channels.of(TRAIN), held_out_test(TRAIN, TEST, learned)
+    held_out = held_out_test(TRAIN, TEST, learned)
     assert document(recording) == markdown([title([TRAIN]), *screen(channels, learned, held_out)])
 
 
