@@ -224,7 +224,7 @@ def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned: mav
 
 def test_the_result_in_words_is_the_screen(recording: Path, learned: mavdem.Learned) -> None:
     held_out = held_out_test(TRAIN, TEST, learned)
-    assert document(recording) == markdown([title([TRAIN]), *screen(channels, learned, held_out)])
+    assert document(recording) == markdown([title([TRAIN]), *screen(learned, held_out)])
 
 
 def test_the_one_blueprint_in_the_file_shows_lines_that_are_there(recording: Path) -> None:
