@@ -66,6 +66,12 @@ def short(name: str) -> str:
     return name.split(" (")[0]
 
 
+def place(name: str) -> str:
+    """Where a motor is: "front right" for "motor 1 (front right)", and the name where that is not known."""
+    _, bracket, where = name.partition(" (")
+    return where.removesuffix(")") if bracket else name
+
+
 def left_free(learned: Learned) -> dict[str, NDArray[np.bool_]]:
     """Which entries of A, B and C are estimated from the data, each in the order of θ."""
     model = learned.model

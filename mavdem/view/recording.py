@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from math import floor, log10
 from pathlib import Path
 
 import numpy as np
@@ -13,28 +12,34 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from mavdem.dem import Learned
-from mavdem.dem.priors import hyperparameter_groups
-from mavdem.evaluate.held_out import HeldOut
+from mavdem.dem.validation import LEVEL
+from mavdem.evaluate.findings import findings
+from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.files import atomic_write
 from mavdem.flight import Flight
+from mavdem.report.axis_command import AxisCommand
 from mavdem.report.blocks import markdown
-from mavdem.report.names import entries, left_free, named, short, state_names, state_rate_units
-from mavdem.report.screen import screen, title
-from mavdem.view import lines
-from mavdem.view.lines import (
-    ITERATIONS_A_SECOND,
-    LABELS,
-    LABELS_ACROSS,
-    LABELS_IF_LOW,
-    Line,
-    collapsed_panels,
-    readable_range,
-    time_plot,
-    utf8,
+from mavdem.report.names import Labels, named, place, readable, state_names
+from mavdem.report.palette import (
+    BAND_OPACITY,
+    BOUND,
+    COMMAND,
+    DISTURBANCE,
+    GUST,
+    HELD_OUT_OPACITY,
+    MEASURED,
+    PREDICTED,
+    distinct,
 )
-from mavdem.view.series import OutputSeries, by_group, estimate_band, output_series, prior_outweighs_data
+from mavdem.report.rounding import plus_minus
+from mavdem.report.screen import key_figures, screen, title
+from mavdem.view.chart import bar_chart
+from mavdem.view.learning import learning_view
+from mavdem.view.time_plot import Plot, PlotLine, area, collapsed_panels, faint, range_of, spans, utf8
 
 Array = NDArray[np.float64]
+
+BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
 
 
 def write_recording(
@@ -42,238 +47,219 @@ def write_recording(
 ) -> None:
     """Writes the model of ``flights`` and the forecasts of ``held_out`` windows as an .rrd file.
 
-    The file appears whole or not at all, replaces one that is there, and opens with its own blueprint. Angles are in
-    degrees where they are measured or forecast, in rad in the model.
+    The file appears whole or not at all, replaces one that is there, and opens with its own blueprint: the flight over
+    its seconds, more of it, how the model was learnt, and the report. Angles are in degrees.
 
     The folder of ``path`` must be there; ``learned`` is the model of ``flights``. ``OSError`` if it cannot be written.
     """
-    train, seen = flights[0], output_series(flights, learned, held_out)
-    time = np.concatenate([flight.time for flight in flights]) - train.time[0]
     recording = rr.RecordingStream("mavdem")
     memory = recording.memory_recording()
-    recording.send_blueprint(_blueprint(flights, learned, seen), make_active=False)
-    recording.send_recording_name(utf8(Path(str(train.provenance.get("source", path))).name))
-    document = rr.TextDocument(utf8(_result(flights, learned, held_out)), media_type=rr.MediaType.MARKDOWN)
-    recording.log("result", document, static=True)
-    for output in seen:
-        _output(recording, output)
-    _inputs(recording, flights, time)
-    _of_samples(recording, train, time, learned)
-    _parameters(recording, train, learned)
-    _free_energy(recording, learned)
-    _noise_precisions(recording, train, learned)
+    recording.send_recording_name(utf8(Path(str(flights[0].provenance.get("source", path))).name))
+    series = FlightSeries(flights, learned, held_out)
+    tabs = rrb.Tabs(
+        _flight(recording, series),
+        _details(recording, series),
+        learning_view(recording, learned),
+        _text(recording, "report", "Report", markdown([title(flights), *screen(learned, held_out)])),
+        active_tab=0,
+    )
+    recording.send_blueprint(
+        rrb.Blueprint(tabs, *collapsed_panels(play_state="paused"), auto_views=False, auto_layout=False),
+        make_active=False,
+    )
     # Rerun does not report when a file it writes fails, as on a full disk; Python does.
     contents = memory.drain_as_bytes()
     with atomic_write(path) as file:
         file.write(contents)
 
 
-def _result(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> str:
-    return markdown([title(flights), *screen(learned, held_out)])
+class FlightSeries:
+    """The series of a learnt flight over seconds from its first sample, in degrees, as plots."""
+
+    def __init__(self, flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> None:
+        self.flights, self.learned, self.held_out = flights, learned, held_out
+        self.labels = Labels.of(learned)
+        self._start = float(flights[0].time[0])
+        times = [flight.time - self._start for flight in flights]
+        self.windows = held_out.time - self._start
+        after = self.windows[:, 0] > times[-1][-1]
+        # A gap after each segment.
+        self.time = np.concatenate([np.append(one, one[-1]) for one in [*times, *self.windows[after]]])
+        self._outputs = _with_gaps([*(flight.outputs for flight in flights), *held_out.measured[after]])
+        self.end = float(self.time[-1])
+
+    def output(self, i: int) -> list[Plot]:
+        """An output and its forecasts in held-out windows, and what these leave."""
+        name, unit = self.labels.output_names[i], readable(self.labels.output_units[i])
+        measured, time = unit.scale * self._outputs[:, i], _with_gaps(self.windows, last=True)
+        in_windows, forecast, half = (
+            unit.scale * _with_gaps(values[:, :, i])
+            for values in (self.held_out.measured, self.held_out.forecasts[FORECAST], self.held_out.band)
+        )
+        low, high = range_of(measured)
+        span = high - low
+        forecast = np.clip(forecast, low - 9 * span, high + 9 * span)  # it may diverge beyond all numbers
+        inner = range_of(np.clip(forecast, low - BEYOND * span, high + BEYOND * span), measured)
+        residual = in_windows - forecast
+        outer = range_of(np.clip(residual, -span, span))
+        colour = faint(PREDICTED, BAND_OPACITY)
+        seconds = f"{self.held_out.seconds:.2g} s"
+        return [
+            Plot(
+                rr.new_entity_path(["outputs", name]),
+                f"{named(name.capitalize(), unit.name)}: measured, and forecast in held-out windows of {seconds}",
+                inner,
+                [
+                    *self._held_out(inner),
+                    area("90 % band", colour, time, *np.clip([forecast - half, forecast + half], *_wider(inner))),
+                    PlotLine("measured", MEASURED, self.time, measured, 1.2),
+                    PlotLine("forecast", PREDICTED, time, forecast, 1.8),
+                ],
+            ),
+            Plot(
+                rr.new_entity_path(["residuals", name]),
+                f"{named('Residual: measured minus forecast', unit.name)}",
+                outer,
+                [
+                    *self._held_out(outer),
+                    area("90 % band", colour, time, *np.clip([-half, half], *_wider(outer))),
+                    PlotLine("residual", PREDICTED, time, residual, 1.2),
+                ],
+            ),
+        ]
+
+    def _held_out(self, values: tuple[float, float]) -> list[PlotLine]:
+        """What is held out, behind the lines."""
+        starts, ends = self.windows[:, 0], self.windows[:, -1]
+        apart = starts[1:] - ends[:-1] > 1.5 * self.learned.dt
+        parts = list(zip(starts[np.append(True, apart)], ends[np.append(apart, True)], strict=True))
+        return spans("held out", faint(MEASURED, HELD_OUT_OPACITY), parts, values)
+
+    def command(self) -> Plot:
+        """By how much the motors that turn the vehicle one way run above the others."""
+        command = AxisCommand.of(self.learned)
+        inputs = command.series(np.vstack([flight.inputs for flight in self.flights]))
+        title = f"{named(command.name.capitalize(), command.unit)}: the motors' difference, about its mean"
+        return self._of_flights("command", title, {command.name: (COMMAND, inputs)})
+
+    def motors(self) -> Plot:
+        """What drives the vehicle: several inputs, each beyond the mean of all, by their places."""
+        inputs, unit = np.vstack([flight.inputs for flight in self.flights]), self.labels.input_units[0]
+        several = inputs.shape[1] > 1
+        values = inputs - inputs.mean(axis=1, keepdims=True) if several else inputs
+        names = map(place, self.labels.input_names)
+        title = named("Inputs, each beyond the mean of all" if several else "Input", unit)
+        return self._of_flights("inputs", title, {name: (distinct(i), values[:, i]) for i, name in enumerate(names)})
+
+    def wind(self) -> Plot | None:
+        """The wind's torque with its band, and gusts behind it; None where it is not known."""
+        wind, unit = self.learned.wind, readable("rad/s²")
+        if wind is None or wind.reason is not None or len(wind.torque) != sum(map(len, self.flights)):
+            return None
+        torque, band = unit.scale * wind.torque, unit.scale * wind.band
+        plot = self._of_flights("wind", f"Disturbance torque (wind), {unit.name}", {"torque": (DISTURBANCE, torque)})
+        time, shown = plot.lines[0].time, plot.range
+        edges = self._with_gaps_of_flights(np.stack([torque - band, torque + band]).T)
+        clock = np.concatenate([flight.time for flight in self.flights]) - self._start
+        gusts = [(clock[gust.sample], clock[gust.sample] + gust.length) for gust in wind.gusts]
+        behind = [
+            *spans(f"gust ({len(gusts)})", faint(GUST, 0.5), gusts, shown),
+            area("90 % band", faint(DISTURBANCE, BAND_OPACITY), time, *np.clip(edges.T, *_wider(shown))),
+        ]
+        return Plot(plot.origin, plot.title, shown, [*behind, *plot.lines])
+
+    def dem(self) -> list[Plot]:
+        """What DEM makes of each sample: F(t) and the process noise w."""
+        places, noise = self.learned.process_noise()
+        clock = np.concatenate([flight.time for flight in self.flights])[places] - self._start
+        energy = self.learned.free_energy_of_samples
+        names = state_names(self.labels, self.learned)
+        shown = [PlotLine(name, distinct(i), clock, np.degrees(noise[:, i]), 1.0) for i, name in enumerate(names)]
+        return [
+            Plot("process_noise", "Process noise w of DEM, ° and s", range_of(np.degrees(noise)), shown),
+            Plot(
+                "free_energy_of_samples",
+                "Free energy F(t) of each sample, nats",
+                range_of(energy),
+                [PlotLine("F(t)", BOUND, clock, energy, 1.2)],
+            ),
+        ]
+
+    def _of_flights(self, origin: str, title: str, lines: dict[str, tuple[str, Array]]) -> Plot:
+        """Series (T,) over the training data, by name with their colours."""
+        time = np.concatenate([np.append(one.time, one.time[-1]) for one in self.flights]) - self._start
+        drawn = [
+            PlotLine(name, colour, time, self._with_gaps_of_flights(values), 1.2)
+            for name, (colour, values) in lines.items()
+        ]
+        return Plot(origin, title, range_of(*(line.values for line in drawn)), drawn)
+
+    def _with_gaps_of_flights(self, values: Array) -> Array:
+        return _with_gaps(np.split(values, np.cumsum([len(flight) for flight in self.flights])[:-1]))
 
 
-def _output(recording: rr.RecordingStream, output: OutputSeries) -> None:
-    root = rr.new_entity_path(["outputs", output.name])
-    before, after = output.time, output.held_out_time
-    for name, label, colour, width, time, values in (
-        ("band", "90 % band", lines.BAND, 1.5, after, output.band),
-        ("constant_mean", "constant mean", lines.TRIVIAL, 1.5, after, output.constant_mean),
-        ("dem_forecast", "DEM: forecast", lines.FORECAST, 2.5, after, output.forecast),
-        ("dem_one_step", "DEM: one step ahead", lines.PREDICTED, 5.0, before, output.one_step),
-        # Drawn in the order of their paths: this one last, thin on the thick prediction.
-        ("measured", "measured", lines.MEASURED, 1.5, output.time, output.measured),
-    ):
-        Line(f"{root}/{name}", label, colour, width).over_time(recording, time, values)
-
-
-def _inputs(recording: rr.RecordingStream, flights: Sequence[Flight], time: Array) -> None:
-    inputs = np.vstack([flight.inputs for flight in flights])
-    for i, (name, values) in enumerate(zip(flights[0].input_names, inputs.T, strict=True)):
-        Line(rr.new_entity_path(["inputs", name]), name, lines.distinct(i)).over_time(recording, time, values)
-
-
-def _of_samples(recording: rr.RecordingStream, train: Flight, time: Array, learned: Learned) -> None:
-    """The process noise and F(t) of each sample."""
-    places, noise = learned.process_noise()
-    time = time[places]
-    units = state_rate_units(train, learned)
-    for i, (name, unit) in enumerate(zip(state_names(train, learned), units, strict=True)):
-        line = Line(rr.new_entity_path(["process_noise", name]), named(name, unit), lines.distinct(i))
-        line.over_time(recording, time, noise[:, i])
-    line = Line("free_energy_of_samples", "F(t)", lines.MEASURED)
-    line.over_time(recording, time, learned.free_energy_of_samples)
-
-
-def _parameters(recording: rr.RecordingStream, train: Flight, learned: Learned) -> None:
-    learning = learned.learning
-    first = 0
-    for matrix, free in left_free(learned).items():
-        # Colours are for those that are shown, which are those left free.
-        colours = np.cumsum(free) - 1
-        for i, (row, column) in enumerate(entries(train, learned)[matrix]):
-            root = ["parameters", "free" if free[i] else "known_beforehand", matrix, f"{row} from {column}"]
-            mean, sd = learning.theta[:, first + i], learning.theta_sd[:, first + i]
-            _estimate(recording, root, f"{row} ← {short(column)}", lines.distinct(int(colours[i])), mean, sd)
-        first += len(free)
-
-
-def _free_energy(recording: rr.RecordingStream, learned: Learned) -> None:
-    energy = learned.free_energy
-    Line("free_energy/total", "F̄", lines.MEASURED, 2.5).over_iterations(recording, energy.total)
-    for i, (name, term) in enumerate(energy.terms.items()):
-        # Their sizes differ by a factor of 10 000: minus their final values all changes are visible in one plot.
-        label = f"{name.removeprefix('prediction ')}: {round(float(term[-1])):,}"
-        line = Line(rr.new_entity_path(["free_energy", "terms", name]), label, lines.distinct(i))
-        line.over_iterations(recording, term - term[-1])
-
-
-def _noise_precisions(recording: rr.RecordingStream, train: Flight, learned: Learned) -> None:
-    learning, states = learned.learning, state_names(train, learned)
-    of_outputs, of_states = hyperparameter_groups(learned.settings, len(states), len(train.output_names))
-    # Each process noise in the colour of its own picture, those of the measurements after them.
-    process = by_group("w", states, of_states)
-    measurement = by_group("z", train.output_names, of_outputs)
-    named_colours = [(name, len(process) + i) for i, name in enumerate(measurement)]
-    named_colours += [(name, i) for i, name in enumerate(process)]
-    fixed = prior_outweighs_data(learned)
-    for i, (name, colour) in enumerate(named_colours):
-        root, label = ["noise_precisions", name], f"{name} (fixed)" if fixed[i] else name
-        _estimate(recording, root, label, lines.distinct(colour), learning.lambda_[:, i], learning.lambda_sd[:, i])
-
-
-def _estimate(
-    recording: rr.RecordingStream, root: list[str], name: str, colour: lines.Colour, mean: Array, sd: Array
-) -> None:
-    """A posterior mean and its band by iteration; the legend counts them as one, since they share name and colour."""
-    band = np.stack(estimate_band(mean, sd), axis=-1)
-    Line(rr.new_entity_path([*root, "band"]), name, colour, 0.6).over_iterations(recording, band)
-    Line(rr.new_entity_path([*root, "mean"]), name, colour, 2.5).over_iterations(recording, mean)
-
-
-BESIDE_LEGEND, BESIDE_WIDE_LEGEND, BESIDE_WIDEST_LEGEND = 1.5, 1.8, 2.7
-"""Length of a time axis, in lengths of its lines, with room for the legend beside them."""
-
-TO_LAST_NUMBER = 1.06  # the same without a legend, for the last number of the axis not to be cut off
-
-FORECAST_SECONDS = 8.0  # of the picture of forecasts
-FORECAST_HEIGHT, AROUND_PLOT, LEGEND_ENTRY = 190.0, 48.0, 29.5
-"""Points: a picture of a forecast; title and axis of any; what one line of a legend, which may fill four fifths of a
-plot, takes of it."""
-
-MOST_ENTRIES = 12  # lines of a legend that are given room; in a longer one, scroll
-
-
-def _blueprint(flights: Sequence[Flight], learned: Learned, series: list[OutputSeries]) -> rrb.Blueprint:
-    """The result in words, the flight, its forecast, and how the model was learnt, in columns from left to right."""
-    last = float(len(learned.free_energy) - 1)
-    return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.TextDocumentView(origin="result", name="Result"),
-            rrb.Vertical(*_flight_views(flights, learned, series)),
-            _forecasts_and_parameters(series, learned, last),
-            rrb.Vertical(*_learning_views(learned, last), row_shares=[1, 2, 1]),
-            column_shares=[25, 29, 22, 24],
-        ),
-        *collapsed_panels(),
-        auto_views=False,
-        auto_layout=False,
+def _with_gaps(parts: Sequence[Array] | Array, last: bool = False) -> Array:
+    """Parts (N, …) one after the other, after each a NaN, which draws no line, or its ``last`` value again."""
+    return np.concatenate(
+        [np.concatenate([one, one[-1:] if last else np.full_like(one[-1:], np.nan)]) for one in parts]
     )
 
 
-def _flight_views(flights: Sequence[Flight], learned: Learned, series: list[OutputSeries]) -> list[rrb.View]:
-    """One above the other over the same seconds."""
-    train = flights[0]
-    end = BESIDE_LEGEND * float(series[0].time[-1])
-    return [
-        *(
-            time_plot(
-                f"{named(output.name.capitalize(), output.unit)}: measured and predicted",
-                rr.new_entity_path(["outputs", output.name]),
-                (0.0, end),
-                output.range,
-            )
-            for output in series
+def _wider(values: tuple[float, float]) -> tuple[float, float]:
+    """A range beyond what is visible: what lies outside need not be drawn."""
+    return values[0] - (values[1] - values[0]), values[1] + (values[1] - values[0])
+
+
+def _flight(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Container:
+    """The key figures above, then the flight over time, verdicts and motors beside it."""
+    figures = key_figures(series.learned, series.held_out)
+    strip = [_text(recording, f"figures/{i}", "", _figure(*figure)) for i, figure in enumerate(figures)]
+    plots = [*series.output(0), series.command(), *filter(None, [series.wind()])]
+    for plot in plots:
+        plot.draw(recording)
+    verdicts = "\n\n".join(
+        f"**{one.purpose.capitalize()}: {one.grade}.** {one.reason}"
+        for one in findings(series.learned, series.held_out)
+    )
+    beside: list[rrb.View] = [_text(recording, "verdict", "Verdict", verdicts)]
+    read = series.learned.physical
+    if read is not None and read.status["effect"] != "not identifiable":
+        unit = readable("rad/s²")
+        values, halves = unit.scale * read.effect, unit.scale * read.interval(LEVEL).effect
+        name = f"Motor effect, {unit.name} per {series.labels.input_units[0] or 'unit'} ± {LEVEL:.0%} interval"
+        labels = [
+            f"{place(motor)} {plus_minus(*pair)}"
+            for motor, *pair in zip(series.labels.input_names, values, halves, strict=True)
+        ]
+        beside.append(bar_chart(recording, "effect", name, labels, values, halves))
+    return rrb.Vertical(
+        rrb.Horizontal(*strip),
+        rrb.Horizontal(
+            rrb.Vertical(*(plot.view(series.end) for plot in plots), row_shares=[34, 20, 20, 26][: len(plots)]),
+            rrb.Vertical(*beside, row_shares=[42, 58][: len(beside)]),
+            column_shares=[78, 22],
         ),
-        time_plot(
-            named("Motors", _common(train.input_units)),
-            "inputs",
-            (0.0, end),
-            _range_of(*(flight.inputs for flight in flights)),
-        ),
-        time_plot(
-            "Process noise w: wind and unmodelled dynamics",
-            "process_noise",
-            (0.0, end),
-            _range_of(learned.process_noise()[1]),
-        ),
-        time_plot(
-            "Free energy F(t) of each sample, nats",
-            "free_energy_of_samples",
-            (0.0, end),
-            _range_of(learned.free_energy_of_samples),
-            legend=False,
-        ),
-    ]
+        row_shares=[12.5, 87.5],
+        name="Flight",
+    )
 
 
-def _forecasts_and_parameters(series: list[OutputSeries], learned: Learned, last: float) -> rrb.Vertical:
-    views = [_forecast_view(output) for output in series]
-    heights = [FORECAST_HEIGHT] * len(views)
-    learning = learned.learning
-    first = 0
-    for matrix, free in left_free(learned).items():
-        shown = first + np.flatnonzero(free)
-        first += len(free)
-        if len(shown):
-            edges = estimate_band(learning.theta[:, shown], learning.theta_sd[:, shown])
-            values = _range_of(*edges, labels=LABELS_IF_LOW)
-            time = _iterations(BESIDE_WIDE_LEGEND * last)
-            views.append(time_plot(f"{matrix} by iteration", f"parameters/free/{matrix}", time, values))
-            heights.append(AROUND_PLOT + LEGEND_ENTRY * min(len(shown), MOST_ENTRIES))
-    return rrb.Vertical(*views, row_shares=heights)
+def _figure(name: str, value: str) -> str:
+    """A figure in large letters, and what stands in brackets after it below that."""
+    number, bracket, remark = value.partition(" (")
+    return f"{name[:1].upper()}{name[1:]}\n### {number}\n{remark.removesuffix(')') if bracket else ''}"
 
 
-def _forecast_view(output: OutputSeries) -> rrb.View:
-    """The last held-out windows; in the colours of the view to its left."""
-    end = float(output.held_out_time[-1])
-    start = max(end - FORECAST_SECONDS, float(output.time[0]))
-    origin = rr.new_entity_path(["outputs", output.name])
-    title = f"Forecast of {named(output.name, output.unit)}"
-    return time_plot(title, origin, (start, end), output.range, legend=False)
+def _details(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Container:
+    """The other outputs, the motors, and what DEM makes of each sample."""
+    others = range(1, len(series.labels.output_names))
+    plots = [*(plot for i in others for plot in series.output(i)), series.motors(), *series.dem()]
+    for plot in plots:
+        plot.draw(recording)
+    return rrb.Vertical(*(plot.view(series.end) for plot in plots), name="Details")
 
 
-def _learning_views(learned: Learned, last: float) -> list[rrb.View]:
-    """F̄, its terms and λ by iteration; F̄ over the range of all but iteration 0, which would flatten the others."""
-    energy, learning = learned.free_energy, learned.learning
-    terms = np.stack([term - term[-1] for term in energy.terms.values()], axis=-1)
-    title = f"F̄ by iteration, nats (prior: {energy[0]:,.0f})"
-    return [
-        time_plot(title, "free_energy/total", _iterations(TO_LAST_NUMBER * last), _range_of(energy[1:]), legend=False),
-        time_plot(
-            "Terms of F̄ minus their final values (in the legend), nats",
-            "free_energy/terms",
-            _iterations(BESIDE_WIDEST_LEGEND * last),
-            _range_of(terms[1:]),
-        ),
-        time_plot(
-            "λ by iteration: log noise precisions",
-            "noise_precisions",
-            _iterations(BESIDE_WIDE_LEGEND * last),
-            _range_of(*estimate_band(learning.lambda_, learning.lambda_sd)),
-        ),
-    ]
-
-
-def _iterations(end: float) -> tuple[float, float]:
-    """Where iterations 0 to ``end`` are, or on to the next 1, 10 or 100 s if only that is numbered."""
-    seconds = max(end / ITERATIONS_A_SECOND, TO_LAST_NUMBER)
-    step = 10.0 ** floor(log10(seconds))
-    return 0.0, seconds if seconds <= LABELS_ACROSS * step else max(seconds, 10 * TO_LAST_NUMBER * step)
-
-
-def _range_of(*values: Array, labels: int = LABELS) -> tuple[float, float]:
-    return readable_range(float(min(v.min() for v in values)), float(max(v.max() for v in values)), labels)
-
-
-def _common(units: tuple[str, ...]) -> str:
-    return units[0] if len(set(units)) == 1 else ""
+def _text(recording: rr.RecordingStream, origin: str, name: str, words: str) -> rrb.View:
+    """A view of Markdown, without a title bar if it has no name."""
+    recording.log(origin, rr.TextDocument(utf8(words), media_type=rr.MediaType.MARKDOWN), static=True)
+    return rrb.TextDocumentView(origin=origin, name=name or origin, titlebar=bool(name))

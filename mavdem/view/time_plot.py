@@ -13,6 +13,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from mavdem.report import palette
+from mavdem.report.rounding import rounded
 
 Array = NDArray[np.float64]
 
@@ -25,6 +26,8 @@ LEGEND_ROOM = 1.16
 FILL_WIDTH, MAX_STROKES = 2.5, 20_000
 """The viewer fills nothing: an area is drawn as upright strokes so close to each other that they touch. Points, and how
 many at most, which the viewer draws at once."""
+
+SPAN_STROKES = 3000  # of all shaded times of a plot
 
 AXIS_MARGIN = 0.05  # margin beyond the values, as a share of their span
 
@@ -47,6 +50,24 @@ def area(name: str, colour: str, time: Array, low: Array, high: Array) -> PlotLi
     return PlotLine(name, colour, np.repeat(time[::step], 2), edges.ravel(), FILL_WIDTH)
 
 
+def spans(name: str, colour: str, times: Sequence[tuple[float, float]], values: tuple[float, float]) -> list[PlotLine]:
+    """Filled spans of time, from start to end, s, over all of a range of values; nothing if there are none."""
+    spacing = sum(end - start for start, end in times) / SPAN_STROKES
+    parts = [np.linspace(*span, max(2, ceil((span[1] - span[0]) / spacing))) for span in times if spacing]
+    if not parts:
+        return []
+    time = np.concatenate([np.append(part, part[-1]) for part in parts])
+    inside = np.concatenate([np.append(np.ones(len(part)), np.nan) for part in parts])
+    return [area(name, colour, time, values[0] * inside, values[1] * inside)]
+
+
+def faint(colour: str, opacity: float) -> str:
+    """The colour of the palette that one with this opacity has on the viewer's dark ground."""
+    pairs = zip(palette.channels(colour), palette.channels(palette.PAPER_DARK), strict=True)
+    mixed = (opacity * over + (1 - opacity) * under for over, under in pairs)
+    return "#" + bytes(map(round, mixed)).hex()
+
+
 @dataclass(frozen=True, eq=False)
 class Plot:
     """A picture over flight time at the entity ``origin``; later lines are drawn over earlier ones.
@@ -63,7 +84,7 @@ class Plot:
         """Draws the lines."""
         for place, line in enumerate(self.lines):
             # Drawn in the order of their paths.
-            path = rr.new_entity_path([self.origin, f"{place} {line.name}"])
+            path = f"{self.origin}/{rr.escape_entity_path_part(f'{place} {line.name}')}"
             style = rr.SeriesLines(
                 colors=[palette.channels(line.colour)],
                 names=[line.name],
@@ -81,7 +102,7 @@ class Plot:
         margin = AXIS_MARGIN * max(high - low, 1e-9 * max(abs(low), abs(high), 1.0))
         start, stop = (rr.TimeRangeBoundary.absolute(seconds=second) for second in (0.0, LEGEND_ROOM * end))
         return rrb.TimeSeriesView(
-            name=f"{self.title} ({low:.3g} to {high:.3g})",
+            name=f"{self.title} ({rounded(low, 3)} to {rounded(high, 3)})",
             origin=self.origin,
             axis_x=rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=stop)),
             axis_y=rrb.ScalarAxis(range=(low - margin, high + margin)),

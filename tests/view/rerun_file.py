@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -45,4 +46,5 @@ def _reader(path: Path) -> RrdReader:
 
 
 def _plain(path: object) -> str:
-    return str(path).replace("\\", "").lstrip("/")
+    letters = re.sub(r"\\u\{(\w+)\}", lambda found: chr(int(found[1], 16)), str(path))
+    return letters.replace("\\", "").lstrip("/")

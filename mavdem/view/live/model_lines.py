@@ -12,13 +12,12 @@ from scipy.stats import norm
 
 from mavdem.dem import Estimate, Learned, LinearModel
 from mavdem.dem.engine.model import pack
-from mavdem.dem.priors import hyperparameter_groups
 from mavdem.dem.validation import LEVEL
-from mavdem.report.names import entries, left_free, short, state_names
+from mavdem.report.names import entries, left_free, short
 from mavdem.view import lines
+from mavdem.view.learning import precision_names, prior_outweighs_data
 from mavdem.view.live.line_group import LineGroup, around, band
 from mavdem.view.live.rows import Channels, ViewRow
-from mavdem.view.series import by_group, prior_outweighs_data
 
 Array = NDArray[np.float64]
 
@@ -95,10 +94,7 @@ class ModelLines:
         """The lines of the λ that the prior does not fix, and which they are; all of them if it fixes all."""
         names, free = [f"λ {i + 1}" for i in range(number)], np.ones(number, bool)
         if self._learned is not None:
-            states = state_names(self._channels, self._learned)
-            outputs = self._channels.output_names
-            of_outputs, of_states = hyperparameter_groups(self._learned.settings, len(states), len(outputs))
-            names = by_group("z", outputs, of_outputs) + by_group("w", states, of_states)
+            names = precision_names(self._channels, self._learned)
             fixed = prior_outweighs_data(self._learned)
             free = fixed if fixed.all() else ~fixed
         shown = tuple(name for name, is_free in zip(names, free, strict=True) if is_free)
