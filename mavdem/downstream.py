@@ -42,6 +42,16 @@ class FlightDownstream:
 class LearnedDownstream:
     """What becomes of a :class:`mavdem.Learned`."""
 
+    @property
+    def plot(self) -> Any:
+        """Its pictures: ``plot.bode()`` and others return a ``matplotlib.figure.Figure``; see ``mavdem.plot.Plots``.
+
+        Raises:
+            ImportError: matplotlib is not installed.
+        """
+        require("Learned.plot", "plot")
+        return downstream("plot", "Plots")(self)
+
     def to_control(self) -> Any:
         """The model as a ``control.StateSpace``, about its trim; states, inputs and outputs have their names.
 

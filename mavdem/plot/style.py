@@ -1,0 +1,148 @@
+"""Style: the size, the letters and the lines that all pictures share, and where their legends stand."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from textwrap import fill
+from typing import Any
+
+import matplotlib
+import numpy as np
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from numpy.typing import ArrayLike, NDArray
+
+from mavdem.dem.record import Record
+from mavdem.report.palette import DISTINCT, INK_ON_LIGHT, MEASURED, PAPER_LIGHT
+
+WIDTH, HEIGHT = 5.2, 3.2
+"""Inches: letters are read at 500 pixels, and two pictures stand beside each other at 1600."""
+MAX_BEYOND = 0.6  # spans of the values, how far a band may widen an axis
+NOTE_WIDTH = 92  # letters of a remark in a line
+SCREEN_DPI = 200  # of pictures that a notebook shows
+
+STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans", "Helvetica", "Arial"],
+    "font.size": 8.5,
+    "axes.facecolor": "none",
+    "axes.prop_cycle": cycler(color=DISTINCT),
+    "axes.titlesize": 8.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.titlepad": 5.0,
+    "axes.labelsize": 8.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.xmargin": 0.0,
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-4, 5),
+    "grid.alpha": 0.18,
+    "grid.linewidth": 0.6,
+    "xtick.labelsize": 8.0,
+    "ytick.labelsize": 8.0,
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "xtick.minor.width": 0.5,
+    "ytick.minor.width": 0.5,
+    "lines.linewidth": 1.5,
+    "lines.solid_capstyle": "round",
+    "legend.frameon": False,
+    "legend.fontsize": 8.0,
+    "legend.handlelength": 1.5,
+    "legend.columnspacing": 1.2,
+    "legend.borderaxespad": 0.0,
+    "legend.borderpad": 0.2,
+    "savefig.facecolor": "none",
+    "savefig.edgecolor": "none",
+    "svg.fonttype": "none",  # text that can be searched and read aloud
+    "svg.hashsalt": "mavdem",  # the same picture is the same file
+} | dict.fromkeys(
+    (
+        "text.color",
+        "axes.labelcolor",
+        "axes.titlecolor",
+        "axes.edgecolor",
+        "xtick.color",
+        "ytick.color",
+        "grid.color",
+    ),
+    INK_ON_LIGHT,
+)
+
+THIN = 0.9  # points: measured lines, of many samples
+HAIRLINE: dict[str, Any] = {"color": MEASURED, "linewidth": 0.8, "zorder": 1.5}
+"""Of zero, bounds and other lines to compare with."""
+
+
+class BareFigure(Figure):
+    """A figure without a background, made without ``pyplot``, which notebooks show on white."""
+
+    def savefig(self, fname: Any, **options: Any) -> None:
+        """Saves the picture to ``fname`` as :meth:`matplotlib.figure.Figure.savefig` does, in its own style.
+
+        Args:
+            fname: path or binary file.
+            options: of ``matplotlib.figure.Figure.savefig``, such as ``dpi`` and ``facecolor="white"``.
+        """
+        with matplotlib.rc_context(STYLE):
+            super().savefig(fname, **options)
+
+    def _repr_png_(self) -> bytes:
+        file = BytesIO()
+        self.savefig(file, format="png", dpi=SCREEN_DPI, facecolor=PAPER_LIGHT)
+        return file.getvalue()
+
+
+@contextmanager
+def picture(height: float = HEIGHT) -> Iterator[BareFigure]:
+    """A new picture of this ``height``, inches, in the common style, to be drawn in the block."""
+    with matplotlib.rc_context(STYLE):
+        layout = ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.04, wspace=0.05)
+        figure = BareFigure(figsize=(WIDTH, height), layout=layout, facecolor="none")
+        yield figure
+
+
+def legend_above(axes: Axes, columns: int = 5) -> None:
+    """A legend above the axes, on the right: never over data."""
+    handles, labels = axes.get_legend_handles_labels()
+    axes.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.01), ncols=columns)
+
+
+def not_blown_up(axes: Axes, values: ArrayLike) -> None:
+    """Limits the vertical axis to ``MAX_BEYOND`` spans beyond these values, however wide a band around them is."""
+    shown = np.asarray(values, np.float64)
+    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+    span = high - low or max(abs(high), 1.0)
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(max(bottom, low - MAX_BEYOND * span), min(top, high + MAX_BEYOND * span))
+
+
+def per(unit: str, of: str) -> str:
+    """The unit of what one ``unit`` ``of`` the input does: "°/s per µs"."""
+    return f"{unit or '1'} per {of or 'unit of input'}"
+
+
+def note(figure: Figure, text: str) -> None:
+    """A remark below everything else, small."""
+    figure.supxlabel(fill(text, NOTE_WIDTH), x=0.01, ha="left", fontsize=7.5)
+
+
+def sample_times(record: Record) -> NDArray[np.float64]:
+    """(T,) s of the samples of a record: on the flight's clock or, where that is not known, since the first."""
+    begins = record.begins or tuple(record.dt * record.starts)
+    return np.concatenate(
+        [begin + record.dt * np.arange(length) for begin, length in zip(begins, record.lengths, strict=True)]
+    )
+
+
+def with_gaps(record: Record, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(T + segments − 1,) values (T,) with NaN between segments, where a line is to break."""
+    return np.insert(values, record.starts[1:], np.nan)
