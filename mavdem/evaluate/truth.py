@@ -175,36 +175,47 @@ def read_truth(path: str | PathLike[str], axis: str) -> FlightTruth:
     )
 
 
-def compare_with_truth(
-    learned: Learned, flights: Flight | Sequence[Flight], path: str | PathLike[str]
-) -> TruthComparison:
-    """The physical parameters and the wind's torque of a learnt flight beside those of its truth file.
+def truth_of(flights: Sequence[Flight], path: str | PathLike[str]) -> FlightTruth:
+    """What the truth file says of the axis of ``flights``, the segments of one.
 
     Args:
-        learned: its ``physical`` and ``wind`` are compared.
-        flights: what it was learnt from, one segment or all of them in their order.
+        flights: with the names of their outputs.
         path: the truth file, ``flight.truth.npz`` beside ``flight.tlog``.
 
     Raises:
         Unreadable: the file is no truth file, or that of another flight.
-        ValueError: ``flights`` are not what ``learned`` was learnt from, or no axis is named.
+        ValueError: no output is the rate of an axis.
     """
-    segments = [flights] if isinstance(flights, Flight) else list(flights)
-    if sum(map(len, segments)) != len(learned.record):
-        raise ValueError("flights must be what the model was learnt from")
-    axis = segments[0].output_names[-1].split(" ")[0]
+    name = flights[0].output_names[-1]
+    axis = name.split(" ")[0]
     if axis not in AXES:
-        raise ValueError(f"the last output must be the rate of roll, pitch or yaw, not {segments[0].output_names[-1]}")
+        raise ValueError(f"the last output must be the rate of roll, pitch or yaw, not {name}")
     truth = read_truth(path, axis)
-    for segment in segments:
+    for segment in flights:
         if not _differs(segment.outputs[:, -1], truth.time, truth.rate, segment.time) < MAX_DIFFERENCE:
             raise Unreadable(
                 f"{truth.source} is the truth of another flight: from {segment.time[0]:.1f} s to "
-                f"{segment.time[-1]:.1f} s its {axis} rate is not the log's. Name the .truth.npz that `mavdem fly` "
-                "wrote beside this log."
+                f"{segment.time[-1]:.1f} s its {name} is not the log's. Name the .truth.npz that `mavdem fly` wrote "
+                "beside this log."
             )
-    time = np.concatenate([segment.time for segment in segments])
-    parameters = () if learned.physical is None else _parameters(learned.physical, segments, truth, time)
+    return truth
+
+
+def compare_with_truth(learned: Learned, flights: Sequence[Flight], truth: FlightTruth) -> TruthComparison:
+    """The physical parameters and the wind's torque of a learnt flight beside their ``truth``.
+
+    Args:
+        learned: its ``physical`` and ``wind`` are compared.
+        flights: the segments that it was learnt from, in their order.
+        truth: of these.
+
+    Raises:
+        ValueError: ``flights`` are not what ``learned`` was learnt from.
+    """
+    if sum(map(len, flights)) != len(learned.record):
+        raise ValueError("flights must be what the model was learnt from")
+    time = np.concatenate([segment.time for segment in flights])
+    parameters = () if learned.physical is None else _parameters(learned.physical, flights, truth, time)
     return TruthComparison(truth.source, parameters, None if learned.wind is None else _wind(learned.wind, truth, time))
 
 

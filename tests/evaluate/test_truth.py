@@ -11,7 +11,7 @@ from mavdem.dem import physical
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
 from mavdem.errors import Unreadable
-from mavdem.evaluate.truth import compare_with_truth, read_truth
+from mavdem.evaluate.truth import TruthComparison, compare_with_truth, read_truth, truth_of
 from mavdem.paper.flights import hover
 from mavdem.report.truth import truth_blocks
 from sitl_scenarios.files import load
@@ -52,8 +52,12 @@ def path(scenario, motion, tmp_path_factory):
     return written
 
 
+def compared(learned, path, *flights) -> TruthComparison:
+    return compare_with_truth(learned, flights, truth_of(flights, path))
+
+
 def test_each_estimate_stands_beside_its_truth(learned, flight, scenario, motion, path):
-    found, known = compare_with_truth(learned, flight, path), truth(scenario, motion)
+    found, known = compared(learned, path, flight), truth(scenario, motion)
     by_name = {one.name: one for one in found.parameters}
     assert [by_name[f"effect of motor {k}"].truth for k in (1, 2, 3, 4)] == known["roll_effect"].tolist()
     assert [by_name[f"effect of motor {k}"].estimate for k in (1, 2, 3, 4)] == learned.physical.effect.tolist()
@@ -72,19 +76,19 @@ def test_each_estimate_stands_beside_its_truth(learned, flight, scenario, motion
 
 
 def test_in_segments_it_is_the_same(learned, flight, path):
-    whole, halved = (compare_with_truth(learned, parts, path) for parts in (flight, [flight[:700], flight[700:]]))
+    whole, halved = compared(learned, path, flight), compared(learned, path, flight[:700], flight[700:])
     assert halved.parameters == whole.parameters and halved.wind.correlation == whole.wind.correlation
     with pytest.raises(ValueError, match="what the model was learnt from"):
-        compare_with_truth(learned, flight[:700], path)
+        compared(learned, path, flight[:700])
 
 
 def test_an_interval_that_misses_and_one_that_is_not_there_are_told_apart(learned, flight, path):
     read = learned.physical
     off = read._replace(damping=9.0, status=read.status | {"lag": "not identifiable", "damping": "biased"})
     changed = SimpleNamespace(record=learned.record, physical=off, wind=learned.wind)
-    found = {one.name: one for one in compare_with_truth(changed, flight, path).parameters}
+    found = {one.name: one for one in compared(changed, path, flight).parameters}
     assert found["damping"].inside is False and found["lag of the motors"].inside is None
-    table = truth_blocks(compare_with_truth(changed, flight, path))[1]
+    table = truth_blocks(compared(changed, path, flight))[1]
     rows = {row[0]: row[1:] for row in table.rows}
     assert rows["damping"][-1] == "no, biased" and rows["lag of the motors"][-1] == "not identifiable"
     assert "±" in rows["damping"][0] and "±" not in rows["lag of the motors"][0]
@@ -93,7 +97,7 @@ def test_an_interval_that_misses_and_one_that_is_not_there_are_told_apart(learne
 
 def test_a_demand_has_no_effect_of_motors(learned, flight, path):
     demand = Flight(flight.time, flight.inputs[:, :1], flight.outputs, dt=flight.dt, output_names=("roll", "roll rate"))
-    found = compare_with_truth(learned, demand, path)
+    found = compared(learned, path, demand)
     assert [one.name for one in found.parameters] == ["damping", "lag of the motors", "delay"]
 
 
@@ -102,9 +106,9 @@ def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(learned, flight, m
     np.savez(tmp_path / "weak.npz", **weak)
     late = flight[round((20.5 - flight.time[0]) / flight.dt) :]
     cut = SimpleNamespace(record=Record.of(late), physical=learned.physical, wind=None)
-    effects = [one.truth for one in compare_with_truth(cut, late, tmp_path / "weak.npz").parameters[:4]]
+    effects = [one.truth for one in compared(cut, tmp_path / "weak.npz", late).parameters[:4]]
     assert effects == [1.0, 2.0, 3.0, 4.0]
-    early = compare_with_truth(learned, flight, tmp_path / "weak.npz").parameters[:4]
+    early = compared(learned, tmp_path / "weak.npz", flight).parameters[:4]
     assert [one.truth for one in early] == weak["roll_effect"].tolist()
 
 
@@ -112,9 +116,9 @@ def test_the_truth_of_another_flight_is_refused(learned, flight, scenario, motio
     other = dict(np.load(path)) | {"known_rates": np.roll(motion.known_rates, 1000, axis=0)}
     np.savez(tmp_path / "other.npz", **other)
     with pytest.raises(Unreadable, match="other.npz is the truth of another flight: from .* its roll rate is not"):
-        compare_with_truth(learned, flight, tmp_path / "other.npz")
+        truth_of([flight], tmp_path / "other.npz")
     with pytest.raises(Unreadable, match="of another flight"):
-        compare_with_truth(learned, later(flight, 100.0), path)
+        truth_of([later(flight, 100.0)], path)
 
 
 def later(flight: Flight, shift: float) -> Flight:
