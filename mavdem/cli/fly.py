@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shlex
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import fields
@@ -94,7 +95,7 @@ def fly_command(
     Examples:
       mavdem fly --list
       mavdem fly hover_blower --out flight.tlog --rrd flight.rrd
-      mavdem learn flight.tlog --out result
+      mavdem learn flight.tlog --truth flight.truth.npz
 
     \b
     Scenarios of your own: start from one of these.
@@ -218,6 +219,7 @@ def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None)
     report |= _say_cautions(holding)
     if out is not None:
         say_aside(f"Wrote {report['frames']} frames to {printable(out)}, and the true states to {printable(truth)}.")
+        say_aside(f"Learn: {printable(shlex.join(['mavdem', 'learn', str(out), '--truth', str(truth)]))}")
     if rrd is not None:
         say_aside(f"Wrote {printable(rrd)}; open it with `rerun {printable(rrd)}`.")
     return report

@@ -18,7 +18,7 @@ from mavdem import evaluate
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.inventory import inventory
 from mavdem.alignment.read import learnable_segments
-from mavdem.cli.options import Length, chosen_settings, model_options, source_options, window_options
+from mavdem.cli.options import Length, chosen_settings, file_option, model_options, source_options, window_options
 from mavdem.cli.output import print_blocks, print_json, printable, progress, say_aside
 from mavdem.cli.output_files import RECORDING, check_folder, folder_named, result_files, write_results
 from mavdem.cli.sources import read_source
@@ -30,6 +30,7 @@ from mavdem.evaluate import HeldOut, held_out_test, held_out_windows
 from mavdem.evaluate.findings import NONE, Finding, findings
 from mavdem.evaluate.flight_windows import TEST_SECONDS, fewer_samples, samples_in
 from mavdem.evaluate.held_out import FOLDS
+from mavdem.evaluate.truth import compare_with_truth, truth_of
 from mavdem.evaluate.vehicle_figures import ALL, AxisFigures, VehicleFigures, vehicle_of_log
 from mavdem.extras import advice
 from mavdem.flight import Flight
@@ -37,6 +38,7 @@ from mavdem.ingest import Log
 from mavdem.page.learned_page import learned_page
 from mavdem.report.details import detail_blocks
 from mavdem.report.screen import screen, title
+from mavdem.report.truth import truth_blocks
 from mavdem.report.vehicle import vehicle_blocks
 
 
@@ -68,6 +70,7 @@ def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> 
     callback=_seconds,
     help="Nothing before it is used: seconds into the settled flight.",
 )
+@file_option("--truth", "Truth of a simulated flight, flight.truth.npz: it is put beside the estimates.")
 @click.option("--verbose", is_flag=True, help="Also print cautions, the model A, B and C, and how it was learnt.")
 def learn_command(
     source: str,
@@ -81,6 +84,7 @@ def learn_command(
     train: Length | None,
     test: Length | None,
     start: float,
+    truth: Path | None,
     verbose: bool,
 ) -> None:
     """Learns a linear model, and reports what the vehicle does in wind.
@@ -115,6 +119,7 @@ def learn_command(
       mavdem learn flight.tlog --axis pitch --start 20 --out pitch
       mavdem learn flight.tlog --axis all --verbose
       mavdem learn flight.tlog --train 7s --preset paper --order 2
+      mavdem learn simulated.tlog --truth simulated.truth.npz
     """
     settings = chosen_settings(preset, order)
     folder = out or named_after(source)
@@ -124,19 +129,25 @@ def learn_command(
     segments, verdict = learnable_segments(log, "roll" if axis == ALL else axis, vehicle, inputs)
     if train is None:
         flights = _from(_of_one_boot(segments), start)
+    else:
+        training, following = _cut(max(segments, key=len), start, train, test)
+        flights = (training,)
+    known = None if truth is None else truth_of(flights, truth)
+    if train is None:
         held_out = _judge(flights, settings, test)
         learned = _learn(flights, settings)
     else:
-        training, following = _cut(max(segments, key=len), start, train, test)
-        flights, learned = (training,), _learn((training,), settings)
+        learned = _learn(flights, settings)
         held_out = held_out_test(training, following, learned)
     learned = replace(learned, cautions=(*flights[0].provenance["cautions"], *learned.cautions))
     figures = _vehicle(log, axis, vehicle, inputs, flights, learned)
     found = findings(learned, held_out)
+    compared = None if known is None else compare_with_truth(learned, flights, known)
     report = {
         **evaluate.report(flights, learned, held_out),
         **figures.as_dict(),
         "findings": [finding._asdict() for finding in found],
+        "truth": None if compared is None else compared.as_dict(),
         "settings": asdict(learned.settings),
         "verdict": verdict.as_dict(),
         "seconds": round(perf_counter() - began, 3),
@@ -145,6 +156,8 @@ def learn_command(
     blocks = [title(flights), *screen(learned, held_out, figures.hover)]
     if axis == ALL:
         blocks += vehicle_blocks(figures)
+    if compared is not None:
+        blocks += truth_blocks(compared)
     details = detail_blocks(learned, report)
     held = inventory(log, verdict.axis, vehicle, inputs)
     page = learned_page(flights[0], blocks, details, learned.settings, held)

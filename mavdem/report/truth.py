@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from math import floor, isfinite, log10
+from math import isfinite
 
 from mavdem.evaluate.truth import ComparedParameter, ComparedWind, TruthComparison
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.names import readable
+from mavdem.report.rounding import plus_minus, rounded, with_unit
 
 LARGEST_ERROR = 10.0  # of the truth, from which on it is not shown in percent
 
@@ -19,7 +20,7 @@ def truth_blocks(found: TruthComparison) -> list[Sentence | Table]:
         Sentence(f"of {found.source}; ± is the half width of the 90 % interval.{count}", "Truth:")
     ]
     rows = [_row(one) for one in found.parameters]
-    if found.wind is not None:
+    if found.wind is not None and found.wind.resolved:
         rows.append(_row(found.wind.mean))
     if rows:
         blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], rows))
@@ -28,18 +29,12 @@ def truth_blocks(found: TruthComparison) -> list[Sentence | Table]:
 
 def _row(one: ComparedParameter) -> list[str]:
     unit, scale = _shown(one.unit)
-    known = isfinite(one.half_width)
     estimate, half, truth = (scale * value for value in (one.estimate, one.half_width, one.truth))
-    digit = _last_digit(half if known else truth / 10)
-
-    def rounded(value: float) -> str:
-        return f"{round(value, -digit) + 0.0:.{max(-digit, 0)}f}"
-
     inside = {None: one.status, True: "yes", False: "no"}[one.inside]
     return [
         one.name,
-        f"{rounded(estimate)} ± {rounded(half)}" if known else rounded(estimate),
-        rounded(truth),
+        plus_minus(estimate, half) if isfinite(half) else rounded(estimate),
+        rounded(truth, 3),
         _error(estimate, truth),
         unit,
         f"{inside}, biased" if one.status == "biased" else inside,
@@ -60,19 +55,11 @@ def _shown(unit: str) -> tuple[str, float]:
     return f"{shown.name}{f' per {per}' if per else ''}", shown.scale
 
 
-def _last_digit(half: float) -> int:
-    """The power of ten that the last digit shown stands for: two digits of a half width of 10 to 29, else one."""
-    if not half:
-        return 0
-    first = floor(log10(abs(half)))
-    return first - 1 if abs(half) < 3 * 10.0**first else first
-
-
 def _wind(found: ComparedWind) -> Sentence:
-    scale = readable("rad/s²").scale
+    unit = readable("rad/s²")
     resolved = "" if found.resolved else " The estimate is not resolved: its expected errors are as large as itself."
     return Sentence(
-        f"correlation {found.correlation:.2f}; standard deviation {scale * found.sd:.3g} °/s², truth "
-        f"{scale * found.true_sd:.3g} °/s²; {100 * found.inside:.0f} % of the samples inside the 90 % band.{resolved}",
+        f"correlation {found.correlation:.2f}; standard deviation {with_unit(found.sd, unit)}, truth "
+        f"{with_unit(found.true_sd, unit)}; {100 * found.inside:.0f} % of the samples inside the 90 % band.{resolved}",
         "Wind's torque beside its truth:",
     )

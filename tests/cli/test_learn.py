@@ -194,3 +194,27 @@ def test_all_axes_are_reported_beside_the_model_of_roll(tmp_path, capsys):
     assert report["outputs"] == ["roll", "roll rate"]
     assert list(report["axes"]) == ["roll", "pitch", "yaw"]
     assert len(report["hover"]["trim"]) == 4
+
+
+def test_a_truth_file_that_is_none_is_refused_before_the_work(tmp_path, capsys):
+    assert main(["learn", FLIGHT, "--out", str(tmp_path / "out"), "--truth", FLIGHT]) == 2
+    said = capsys.readouterr()
+    assert "ardupilot_wind5_steps.tlog is no truth file" in said.err and said.err.count("\n") == 1 and said.out == ""
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
+def test_the_truth_of_a_simulated_flight_stands_beside_the_estimates(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["fly", "iris_multisine", "--duration", "30", "--out", "f.tlog"]) == 0
+    command = shlex.split(next(line for line in capsys.readouterr().err.splitlines() if "--truth" in line))
+    assert command[1:] == ["mavdem", "learn", "f.tlog", "--truth", "f.truth.npz"]
+    assert main([*command[2:], "--train", "7s", "--preset", "paper"]) == 0
+    said = capsys.readouterr().out
+    assert "Truth: of f.truth.npz" in said and "correlation" in said
+    report = strict_json((tmp_path / "f" / "report.json").read_text())
+    by_name = {one["name"]: one for one in report["truth"]["parameters"]}
+    with np.load("f.truth.npz") as truth:
+        assert by_name["effect of motor 1"]["truth"] == truth["roll_effect"][0]
+    assert by_name["damping"]["estimate"] == report["physical"]["damping"]
+    assert "f.truth.npz" in (tmp_path / "f" / "report.html").read_text()
