@@ -153,21 +153,21 @@ def learn_command(
         "seconds": round(perf_counter() - began, 3),
         "files": {name: str(folder / name) for name in result_files()},
     }
-    blocks = [title(flights), *screen(learned, held_out, figures.hover)]
+    heading, blocks = title(flights), screen(learned, held_out, figures.hover)
     if axis == ALL:
         blocks += vehicle_blocks(figures)
     if compared is not None:
         blocks += truth_blocks(compared)
     details = detail_blocks(learned, report)
     held = inventory(log, verdict.axis, vehicle, inputs)
-    page = learned_page(flights[0], blocks, details, learned.settings, held)
+    page = learned_page(heading, blocks, details, learned, held_out, figures.hover, held)
     write_results(folder, report, page, flights, learned, held_out)
     if hint := advice(f"{RECORDING} was not written, since it", "view"):
         say_aside(hint)
     if as_json:
         print_json(report)
         return
-    print_blocks([*blocks, *(details if verbose else [])])
+    print_blocks([heading, *blocks, *(details if verbose else [])])
     _say_what_next(source, axis, folder, report, found)
 
 

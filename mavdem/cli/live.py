@@ -17,6 +17,7 @@ from mavdem.cli.options import chosen_settings, file_option, model_options, moti
 from mavdem.cli.output import print_json, printable, say_aside
 from mavdem.cli.output_files import check_file, write_page, writing
 from mavdem.cli.signals import asked_to_end, ending_at_once
+from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
 from mavdem.extras import MissingExtra, advice
@@ -240,10 +241,13 @@ def live_command(
             say_aside(f"Ending: {', '.join(tasks)}; this takes some seconds.")
         status = session.status
         # The model is written first: what follows may fail or take its time.
-        written, code = _write_model(session, model_path)
+        learned = _final_model(session)
+        written, code = _write_model(learned, model_path)
         ends.close()
-        if html_path is not None and not _write_page(html_path, live_page(link, axis, history.of, status, account)):
-            html_path, code = None, UNUSABLE
+        if html_path is not None:
+            page = live_page(link, axis, history.of, status, account, learned)
+            if not _write_page(html_path, page):
+                html_path, code = None, UNUSABLE
         if rrd is not None and not dashboard.opened:
             say_aside(f"There was nothing to show, so {rrd} was not written.")
         if as_json:
@@ -297,19 +301,25 @@ def _write_page(path: Path, text: str) -> bool:
     return True
 
 
-def _write_model(session: LiveSession, path: Path | None) -> tuple[Path | None, int]:
-    """Writes the model of the last samples, or the last good one; returns the written path and the exit code."""
+def _final_model(session: LiveSession) -> Learned | None:
+    """The model of the last samples, or the last good one."""
     try:
-        text = session.final_model().to_json()
+        return session.final_model()
     except ValueError as error:
         say_aside(sentence(f"There is no model: {error}"))
+        return None
+
+
+def _write_model(learned: Learned | None, path: Path | None) -> tuple[Path | None, int]:
+    """Writes the model; returns the written path and the exit code."""
+    if learned is None:
         return None, UNSUPPORTED
     if path is None:
         say_aside("The model was not written.")
         return None, DONE
     try:
         with writing(path), atomic_write(path) as file:
-            file.write(text.encode() + b"\n")
+            file.write(learned.to_json().encode() + b"\n")
     except Unreadable as error:
         say_aside(f"The model is lost: {error}")
         return None, UNUSABLE

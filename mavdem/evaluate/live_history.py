@@ -66,7 +66,7 @@ class LiveHistory:
     def __init__(self, horizon: float) -> None:
         """The lines show predictions about ``horizon`` s ahead."""
         self.events: list[DatedSentence] = []
-        self._horizon = horizon
+        self.horizon = horizon
         self._columns = tuple(array("d") for _ in HistoryLines._fields)
         self._segments = array("q")  # of each row
         self._stride, self._skipped = 1, 0
@@ -134,7 +134,7 @@ class LiveHistory:
                 sums = np.stack([error**2, (outputs - one.last) ** 2, np.abs(error) <= one.band])
                 count, before = self._sums.get(seconds, (0, np.zeros_like(sums)))
                 self._sums[seconds] = count + 1, before + sums
-                if abs(seconds - self._horizon) == min(abs(other - self._horizon) for other in self._pending):
+                if abs(seconds - self.horizon) == min(abs(other - self.horizon) for other in self._pending):
                     found = one
         return found
 

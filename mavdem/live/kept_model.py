@@ -6,13 +6,16 @@ The newest samples may be of a landing nobody recognised, or of a hover too stil
 from __future__ import annotations
 
 from concurrent.futures import Executor, Future
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.alignment.signals import axis_outputs
 from mavdem.dem import Learned, OnlineLearner
 from mavdem.dem.learning import learn
 from mavdem.dem.record import Record
+from mavdem.live.aligner import Setup
 
 HORIZON_SECONDS = 0.25  # Of the forecasts that are judged
 MIN_SAMPLES = 100  # That come after a model, to judge it by
@@ -115,6 +118,22 @@ class KeptModel:
 def is_no_worse(one: Learned, other: Learned, after: Record) -> bool:
     """Whether ``one`` forecasts the samples ``after`` both as well as the ``other``; True if they cannot say."""
     return not forecast_error(one, after) > forecast_error(other, after)
+
+
+def named(learned: Learned, setup: Setup | None, axis: str) -> Learned:
+    """The model with the names and units of the rows of a ``setup`` about an ``axis``, where it has its inputs."""
+    inputs = () if setup is None else setup.layout.names
+    if setup is None or learned.record.inputs.shape[1] != len(inputs):
+        return learned
+    names, units = zip(*axis_outputs(axis), strict=True)
+    record = replace(
+        learned.record,
+        input_names=inputs,
+        output_names=names,
+        input_units=(setup.scale.unit,) * len(inputs),
+        output_units=units,
+    )
+    return replace(learned, record=record)
 
 
 def _instead(model: DatedModel) -> str:

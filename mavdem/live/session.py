@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.dem.parallel import pool
 from mavdem.live.aligner import AlignedRow, Setup
-from mavdem.live.kept_model import KeptModel
+from mavdem.live.kept_model import KeptModel, named
 from mavdem.live.link import Link, LinkLost
 from mavdem.live.rate_request import MAX_TRIES, REPLY_SECONDS, SILENCE_SECONDS, Arrivals, RateRequest, greeting
 from mavdem.live.recording import RawRecording
@@ -201,7 +201,7 @@ class LiveSession:
         learned, reason = self._kept.choose(self.learner)
         if reason:
             self._log(reason)
-        return learned
+        return named(learned, self._setup, self.stream.axis)
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""

@@ -11,7 +11,7 @@ from typing import NamedTuple
 from jinja2 import ChoiceLoader, Environment, PackageLoader
 from markupsafe import Markup, escape
 
-from mavdem.report.blocks import Sentence, Table
+from mavdem.report.blocks import Block, Sentence, Table
 
 RATINGS = {
     "good": ("GOOD", "ok", "reported", "reproduced"),
@@ -28,14 +28,12 @@ _NUMBER = re.compile(r"[-+−±(<>≤≥~≈]?\s*[\d.∞]|-$|–$|nan$|inf$")
 class Drawing(NamedTuple):
     """A figure of the page.
 
-    ``svg`` is of ``inline_svg``; a ``caption`` says how to read it; ``wide`` ones take all columns. Its ``title`` is
-    above it.
+    ``svg`` is of ``inline_svg``; the ``title`` is above it, and a ``caption`` below it says how to read it.
     """
 
     title: str
     svg: Markup
     caption: str
-    wide: bool = False
 
 
 class Chapter(NamedTuple):
@@ -45,17 +43,21 @@ class Chapter(NamedTuple):
     """
 
     title: str
-    blocks: Sequence[Sentence | Table] = ()
+    blocks: Sequence[Block] = ()
     drawings: Sequence[Drawing] = ()
     folded: bool = False
 
 
 def render_page(
-    title: str, subtitle: str, blocks: Sequence[Sentence | Table], chapters: Sequence[Chapter] = (), colours: str = ""
+    title: str,
+    subtitle: str,
+    blocks: Sequence[Block],
+    chapters: Sequence[Chapter] = (),
+    strip: Sequence[tuple[str, str]] = (),
 ) -> str:
     """The HTML of a page: its title and subtitle, the result in ``blocks``, then chapters.
 
-    ``colours`` is the CSS with the properties that drawings refer to. All text is escaped. The same arguments give the
+    ``strip`` are the few figures to see at a glance, label and value. All text is escaped. The same arguments give the
     same bytes with the same versions of mavdem and Python.
     """
     return (
@@ -66,7 +68,7 @@ def render_page(
             subtitle=subtitle,
             blocks=blocks,
             chapters=[one for one in chapters if one.blocks or one.drawings],
-            colours=Markup(colours),
+            strip=strip,
             made_by=f"mavdem {version('mavdem')}, Python {platform.python_version()}",
         )
     )
@@ -90,7 +92,7 @@ def _of_text(table: Table) -> list[bool]:
     columns = zip(*table.rows, strict=True) if table.rows else [()] * len(table.header)
     filled = [[cell for cell in column if cell] for column in columns]
     words = [2 * sum(not _NUMBER.match(cell) for cell in cells) > len(cells) for cells in filled]
-    return [True, *words[1:]]
+    return [True, *(table.words or of_words for of_words in words[1:])]
 
 
 def _prose(text: str) -> Markup:

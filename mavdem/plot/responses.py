@@ -27,7 +27,7 @@ MAX_WIDER = 4.0  # by which factor a band may widen the range of magnitudes
 STEP_SECONDS, STEP_POINTS = 1.5, 151
 
 
-class ResponseCurve(NamedTuple):
+class Curve(NamedTuple):
     """A system by its name and colour, and draws from its uncertainty, if it has any."""
 
     name: str
@@ -112,22 +112,22 @@ def step(learned: Learned, truth: tuple[Array, Array] | None = None) -> Figure:
     return figure
 
 
-def _curves(learned: Learned, command: AxisCommand, truth: tuple[Array, Array] | None) -> Iterator[ResponseCurve]:
+def _curves(learned: Learned, command: AxisCommand, truth: tuple[Array, Array] | None) -> Iterator[Curve]:
     outputs, motors, read = learned.record.outputs.shape[1], command.motors, learned.physical
-    yield ResponseCurve("model", PREDICTED, system(*learned.model[:3], motors), drawn_models(learned, motors))
+    yield Curve("model", PREDICTED, system(*learned.model[:3], motors), drawn_models(learned, motors))
     if read is not None and set(read.status.values()) == {"reported"} and outputs <= 2:
         own, draws = physical_system(read, motors, outputs), drawn_physical(read, motors, outputs)
-        yield ResponseCurve("physical parameters", PHYSICAL, own, draws)
+        yield Curve("physical parameters", PHYSICAL, own, draws)
     if truth is not None:
         A, B = truth
-        yield ResponseCurve("truth", TRUTH, system(A, B, np.eye(outputs, len(A)), motors), None)
+        yield Curve("truth", TRUTH, system(A, B, np.eye(outputs, len(A)), motors), None)
 
 
-def _line(axes: Axes, x: Array, y: Array, curve: ResponseCurve) -> None:
+def _line(axes: Axes, x: Array, y: Array, curve: Curve) -> None:
     axes.plot(x, y, color=curve.colour, label=curve.name, linestyle="-" if curve.draws else (0, (4, 2)))
 
 
-def _band(axes: Axes, x: Array, drawn: Array, curve: ResponseCurve) -> None:
+def _band(axes: Axes, x: Array, drawn: Array, curve: Curve) -> None:
     low, high = np.percentile(drawn, EDGES, axis=0)
     axes.fill_between(x, low, high, color=curve.colour, alpha=BAND_OPACITY, linewidth=0)
 

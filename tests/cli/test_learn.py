@@ -67,6 +67,9 @@ def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch,
     # The folder has the log's name; what was written and what to do next is talk.
     assert names(tmp_path / "ardupilot_wind5_steps") == FILES
     assert "flight.rrd" in screen.err and "Next:" in screen.err and "flight.rrd" not in screen.out
+    page = (tmp_path / "ardupilot_wind5_steps" / "report.html").read_text()
+    assert page.count("<svg") == 9 and "<script" not in page and "://" not in page and len(page) < 2_000_000
+    assert "<h1>ardupilot_wind5_steps.tlog</h1>" in page and "motor effectiveness" in page
     assert main([*words, "--verbose"]) == 0
     said = capsys.readouterr().out
     assert said.startswith(screen.out)

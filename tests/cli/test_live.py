@@ -123,11 +123,13 @@ def test_a_model_that_cannot_be_written_costs_nothing_else(tmp_path, capsys, mon
         return Mock(**{"to_json.return_value": "{}"})
 
     monkeypatch.setattr("mavdem.cli.live._run", fly)
+    monkeypatch.setattr("mavdem.cli.live.live_page", lambda *_: "")
     assert main(["live", f"udpin:127.0.0.1:{free_port()}", "--model", str(folder / "m.json"), "--json"]) == 2
     said = capsys.readouterr()
     told = json.loads(said.out)
     assert told["model"] is None and told["obstacle"] == "No vehicle found yet."
-    assert "The model is lost" in said.err and "there is no folder" in said.err
+    assert "The model is lost" in said.err and "The page is lost" in said.err and told["html"] is None
+    assert "there is no folder" in said.err
 
 
 def test_help_and_readme_name_the_same_scenario_to_try(capsys):

@@ -2,33 +2,12 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
+from live_rows import AHEAD, flown
 
 from mavdem.evaluate import live_history
 from mavdem.evaluate.live_history import LiveHistory
-
-DT, AHEAD = 0.01, (0.01, 0.25)
-
-
-def flown(history, seconds, segment=0, start=100.0, learnt=True, late=0.0):
-    """Takes rows of a sine whose predictions are off by 0.1 and 0.2; the first come ``late``."""
-    time = start + DT * np.arange(round(seconds / DT))
-    motion = np.stack([np.sin(time), np.cos(time)], axis=-1)
-    for i, (now, row) in enumerate(zip(time, motion, strict=True)):
-        later = now + np.array(AHEAD)
-        estimate = SimpleNamespace(
-            time=now,
-            ahead_times=later,
-            ahead=np.stack([np.sin(later) + 0.1, np.cos(later) - 0.2], axis=-1),
-            ahead_band=np.array([[0.05, 0.3]] * 2),
-            wind_torque=1.0,
-            wind_torque_band=0.5,
-        )
-        history.take(now - 90 + max(late - 2 * DT * i, 0.0), segment, now, row, estimate if learnt else None)
-    return time, motion
 
 
 def test_errors_are_those_of_the_samples_whose_time_has_come():

@@ -26,7 +26,9 @@ class Flown(LiveHistory):
 def test_a_flight_has_its_errors_in_degrees_its_parts_and_its_events():
     history = Flown(0.25)
     history.note(12.25, "Messages come again after 3 s.")
-    page = live_page("udpin:<b>", "roll", history, SessionStatus("1:1"), NOTHING | {"learned": 53.0, "silent": 3.0})
+    page = live_page(
+        "udpin:<b>", "roll", history, SessionStatus("1:1"), NOTHING | {"learned": 53.0, "silent": 3.0}, None
+    )
     assert "Roll was predicted 0.25 s ahead with an RMSE of 0.5° (baseline 1°)" in page
     for told in (
         ">0.05 s ahead</td>",
@@ -39,7 +41,9 @@ def test_a_flight_has_its_errors_in_degrees_its_parts_and_its_events():
 
 
 def test_a_link_without_a_vehicle_has_a_page_too():
-    page = live_page("udpin:0", "roll", LiveHistory(0.25), SessionStatus(obstacle="No vehicle found yet."), NOTHING)
+    page = live_page(
+        "udpin:0", "roll", LiveHistory(0.25), SessionStatus(obstacle="No vehicle found yet."), NOTHING, None
+    )
     assert "Nothing of roll was predicted" in page and "No vehicle found yet." in page and "Nothing happened." in page
 
 

@@ -1,0 +1,45 @@
+"""Pictures: the chapter of a page with the figures that can be drawn, and why others cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+from mavdem.extras import advice
+from mavdem.page.document import Chapter, Drawing
+from mavdem.page.inline_svg import inline_svg
+from mavdem.report.blocks import Sentence
+from mavdem.report.palette import INK_ON_LIGHT
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+INK = {INK_ON_LIGHT: "ink", "#000000": "ink"}
+"""The colours of figures that a theme changes, and the CSS property of ``base.html``; the others suit both themes."""
+
+
+class Plan(NamedTuple):
+    """A figure to be drawn: its ``title``, a ``caption`` on how to read it, and the function that draws it.
+
+    ``draw`` may raise ``ValueError`` with the reason why there is none.
+    """
+
+    title: str
+    caption: str
+    draw: Callable[[], Figure]
+
+
+def picture_chapter(plans: Callable[[], Sequence[Plan]]) -> Chapter:
+    """The figures of ``plans``, which is called only where matplotlib is installed."""
+    if hint := advice("Drawing the pictures of this page", "plot"):
+        return Chapter("Pictures", [Sentence(f"{hint} Then run the same command again.")])
+    drawings: list[Drawing] = []
+    reasons: list[Sentence] = []
+    for number, (title, caption, draw) in enumerate(plans()):
+        try:
+            svg = inline_svg(draw(), f"figure-{number}", title, INK)
+        except ValueError as error:
+            reasons.append(Sentence(f"{error}.", f"{title}:"))
+        else:
+            drawings.append(Drawing(title, svg, caption))
+    return Chapter("Pictures", reasons, drawings)
