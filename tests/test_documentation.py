@@ -47,6 +47,30 @@ def test_the_baselines_example_forecasts(monkeypatch, capsys):
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["DEM", "subspace(4,", "PEM(4)"]
 
 
+@pytest.mark.slow
+def test_the_examples_from_python_run(tmp_path, monkeypatch, capsys):
+    examples = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "logs").symlink_to(ROOT / "logs")
+    names: dict[str, object] = {"__name__": "__main__"}
+    for code in examples:
+        exec(code, names)
+    assert len(examples) == 4 and names["again"].model.A.shape == (3, 3)
+    assert capsys.readouterr().out.splitlines()[-3:] == ["(2, 2)", "(3, 3)", "(4, 4)"]
+
+
+def test_the_reference_has_every_public_name():
+    page = (ROOT / "docs" / "api.md").read_text()
+    shown = set(re.findall(r"^\.\. auto\w+:: mavdem\.(\w+)$", page, re.MULTILINE))
+    assert shown == {*mavdem.__all__, "dem"}
+
+
+def test_every_page_is_in_the_site():
+    index = (ROOT / "docs" / "index.md").read_text()
+    listed = set(re.findall(r"^(?:.*<)?(\w+)>?$", index, re.MULTILINE))
+    assert {path.stem for path in (ROOT / "docs").glob("*.md")} - {"index"} <= listed
+
+
 PAGES = ["README.md", "CONTRIBUTING.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))]
 
 

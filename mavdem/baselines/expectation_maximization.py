@@ -55,7 +55,7 @@ def em(
         seed: of the random starts.
 
     Raises:
-        ValueError: as :func:`mavdem.baselines.subspace_identification`; or EM breaks down from every start.
+        ValueError: as :func:`mavdem.baselines.subspace`; or EM breaks down from every start.
     """
     order = required_order(order)
     record = Record.of(train)

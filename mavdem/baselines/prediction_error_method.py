@@ -43,7 +43,7 @@ def pem(
         stable: keep A of a model that comes out unstable stable all the way from a stable start.
 
     Raises:
-        ValueError: as :func:`mavdem.baselines.subspace_identification`, of whose models none can be started from.
+        ValueError: as :func:`mavdem.baselines.subspace`, of whose models none can be started from.
     """
     order = required_order(order)
     record = Record.of(train)

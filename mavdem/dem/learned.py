@@ -140,8 +140,8 @@ class Learned(LearnedDownstream):
     def wind(self) -> WindTorque | None:
         """The wind's torque in the training data, by :attr:`physical`; ``None`` where that is ``None``.
 
-        Its size is as uncertain as the motors' effect: ``wind.scale_error``, and ``physical.reasons["effect"]``. See
-        :func:`mavdem.dem.graybox.wind.wind`.
+        Its size is as uncertain as the motors' effect: ``wind.scale_error``, and ``physical.reasons["effect"]``.
+        docs/wind.md says how it is estimated.
         """
         if self.physical is None:
             return None
