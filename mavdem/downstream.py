@@ -52,6 +52,13 @@ class LearnedDownstream:
         require("Learned.plot", "plot")
         return downstream("plot", "Plots")(self)
 
+    def summary(self) -> str:
+        """What the vehicle does in wind, on one screen; without windows that the model has not seen.
+
+        ``mavdem.evaluate.held_out_windows`` forecasts such windows.
+        """
+        return str(downstream("report.screen", "summary")(self))
+
     def to_control(self) -> Any:
         """The model as a ``control.StateSpace``, about its trim; states, inputs and outputs have their names.
 

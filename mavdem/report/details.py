@@ -131,8 +131,8 @@ def _model(labels: Labels, learned: Learned) -> list[Block]:
         Sentence(
             f"ẋ = A x + B (u − u₀){' + d' if constant else ''}, y = C x + y₀"
             f"{', C = [I 0]' if states_are_outputs(learned) else ''}, in {units or 'the units of the arrays'} and s. "
-            f"± is the half width of the {LEVEL:.0%} interval, without the bias of the closed loop. Entries without ± "
-            "are held by the prior.",
+            f"± is the half width of the {100 * LEVEL:.0f} % interval, without the bias of the closed loop. Entries "
+            "without ± are held by the prior.",
             "Model:",
         ),
         Table(["A", *states], [[name, *cells] for name, cells in zip(derivatives, A, strict=True)]),

@@ -129,7 +129,7 @@ def _vehicle(labels: Labels, read: Physical | None, hover: HoverFigures | None) 
     if leaning := lean(hover):
         rest.append(f"mean lean {leaning}")
     if rest:
-        blocks.append(Sentence(f"{'; '.join(rest)}. ± is the half width of the {LEVEL:.0%} interval."))
+        blocks.append(Sentence(f"{'; '.join(rest)}. ± is the half width of the {100 * LEVEL:.0f} % interval."))
     return blocks
 
 

@@ -25,7 +25,9 @@ def vehicle_blocks(found: VehicleFigures) -> list[Block]:
     unit = next((own.flights[0].input_units[0] for own in found.axes.values() if own.flights), "") or "unit of input"
     header = ["axis", f"mean effect (°/s² per {unit})", "damping (1/s)", "lag (ms)", "wind's torque, sd (°/s²)"]
     return [
-        Sentence(f"all settled flight of the log; ± is the half width of the {LEVEL:.0%} interval.", "Vehicle:"),
+        Sentence(
+            f"all settled flight of the log; ± is the half width of the {100 * LEVEL:.0f} % interval.", "Vehicle:"
+        ),
         Table(header, rows),
         *(Sentence(reason, f"{name.capitalize()}:") for name, own in found.axes.items() if (reason := _reason(own))),
         *hover_blocks(found.hover),
