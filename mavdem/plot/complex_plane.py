@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from scipy.stats import f as fisher
 from scipy.stats import t as student
 
-from mavdem.dem import Learned
+from mavdem.dem import Learned, Physical
 from mavdem.dem.validation import LEVEL
 from mavdem.plot.drawn import drawn_models
 from mavdem.plot.style import HAIRLINE, legend_above, note, picture
-from mavdem.report.palette import BAD, BAND, BAND_OPACITY, HELD_OUT_OPACITY, PREDICTED, TRUTH
+from mavdem.report.palette import BAD, BAND, BAND_OPACITY, HELD_OUT_OPACITY, PHYSICAL, PREDICTED, TRUTH
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -61,7 +61,8 @@ def poles(learned: Learned, truth: Array | None = None) -> Figure:
         _cloud(axes, drawn)
         for pole in uncertain_poles(learned):
             _region(axes, pole, values)
-        axes.plot(values.real, values.imag, "x", color=PREDICTED, markersize=7, markeredgewidth=2, label="model")
+        axes.plot(values.real, values.imag, "x", color=PREDICTED, markersize=7, markeredgewidth=2, label="DEM's model")
+        _physical(axes, learned.physical)
         if len(true):
             axes.plot(true.real, true.imag, "+", color=TRUTH, markersize=9, markeredgewidth=2, label="truth")
         axes.set(xlabel="real part (1/s)", ylabel="imaginary part (rad/s)")
@@ -72,9 +73,20 @@ def poles(learned: Learned, truth: Array | None = None) -> Figure:
         legend_above(axes)
         note(
             figure,
-            "Dots: draws from the uncertainty of A, without closed-loop bias. Rays: ζ = 0.2, 0.4, 0.6, 0.8.",
+            "Dots: draws from the uncertainty of A, without closed-loop bias. Rays: ζ = 0.2 to 0.8.",
         )
     return figure
+
+
+def _physical(axes: Axes, read: Physical | None) -> None:
+    """Those of damping and lag, where both are reported, with the interval of the damping."""
+    if read is None or set(read.status.values()) != {"reported"}:
+        return
+    half = read.interval(LEVEL).damping
+    style: dict[str, Any] = {"color": PHYSICAL, "alpha": BAND_OPACITY, "linewidth": 0}
+    axes.fill_between([-read.damping - half, -read.damping + half], *(BAR * np.array(axes.get_ylim())), **style)
+    ends = [-read.damping, -1 / read.lag]
+    axes.plot(ends, [0, 0], "s", color=PHYSICAL, markersize=5, label="physical parameters")
 
 
 def _cloud(axes: Axes, drawn: Complex) -> None:

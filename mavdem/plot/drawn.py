@@ -53,9 +53,9 @@ class Systems(NamedTuple):
         return np.swapaxes(np.array(late), 1, 2)
 
 
-def system(A: Array, B: Array, C: Array, motors: Array) -> Systems:
-    """The one system that a command which moves the ``motors`` (r,) drives."""
-    return Systems(A[None], (B @ motors)[None], C[None], np.zeros(1))
+def system(A: Array, B: Array, C: Array, motors: Array, delay: float = 0.0) -> Systems:
+    """The one system that a command which moves the ``motors`` (r,) drives ``delay`` seconds late."""
+    return Systems(A[None], (B @ motors)[None], C[None], np.array([float(delay)]))
 
 
 def drawn_models(learned: Learned, motors: Array, seed: int = 0) -> Systems:

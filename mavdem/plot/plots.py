@@ -63,14 +63,14 @@ class Plots:
         """One-step errors of an ``output`` over time, with their autocorrelation and correlation with the command."""
         return residuals(self.learned, output)
 
-    def bode(self, output: int = -1, truth: tuple[Array, Array] | None = None) -> Figure:
+    def bode(self, output: int = -1, truth: tuple[Array, Array, float] | None = None) -> Figure:
         """Magnitude and phase from the axis's command to an ``output``, with 90 % bands.
 
-        ``truth`` is A (n, n) and B (n, r) of a simulated vehicle.
+        ``truth`` is A (n, n), B (n, r) and the delay, s, of a simulated vehicle.
         """
         return bode(self.learned, output, truth)
 
-    def step(self, truth: tuple[Array, Array] | None = None) -> Figure:
+    def step(self, truth: tuple[Array, Array, float] | None = None) -> Figure:
         """The outputs after a step of the axis's command, with 90 % bands; ``truth`` as for :meth:`bode`."""
         return step(self.learned, truth)
 

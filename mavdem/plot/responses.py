@@ -27,7 +27,7 @@ MAX_WIDER = 4.0  # by which factor a band may widen the range of magnitudes
 STEP_SECONDS, STEP_POINTS = 1.5, 151
 
 
-class Curve(NamedTuple):
+class ResponseCurve(NamedTuple):
     """A system by its name and colour, and draws from its uncertainty, if it has any."""
 
     name: str
@@ -36,7 +36,7 @@ class Curve(NamedTuple):
     draws: Systems | None
 
 
-def bode(learned: Learned, output: int = -1, truth: tuple[Array, Array] | None = None) -> Figure:
+def bode(learned: Learned, output: int = -1, truth: tuple[Array, Array, float] | None = None) -> Figure:
     """Magnitude and phase of an output over frequency, from the axis's command, with 90 % bands.
 
     Of the learnt model and, where all of them are reported, of the physical parameters.
@@ -44,7 +44,7 @@ def bode(learned: Learned, output: int = -1, truth: tuple[Array, Array] | None =
     Args:
         learned: the model; the bands come from the uncertainty of its parameters.
         output: which, in the order of the flight's outputs; the last one, a rate, unless given.
-        truth: A (n, n) and B (n, r) of a simulated vehicle, whose first states are the outputs.
+        truth: A (n, n) and B (n, r) of a simulated vehicle, whose first states are the outputs, and its delay, s.
     """
     command, labels = AxisCommand.of(learned), Labels.of(learned)
     output = range(len(labels.output_names))[output]
@@ -63,8 +63,8 @@ def bode(learned: Learned, output: int = -1, truth: tuple[Array, Array] | None =
                 drawn = curve.draws.over_frequency(frequency, output)
                 _band(above, frequency, unit.scale * np.abs(drawn), curve)
                 _band(below, frequency, phases[-1] + np.degrees(np.angle(drawn / own)), curve)
-        above.set(xscale="log", yscale="log", ylabel=f"magnitude ({per(unit.name, command.unit)})")
-        above.set_title(f"{command.name} → {labels.output_names[output]}")
+        above.set(xscale="log", yscale="log")
+        above.set_ylabel(f"{labels.output_names[output]} by {command.name}\n({per(unit.name, command.unit)})")
         lowest, highest = np.min(magnitudes) / MAX_WIDER, np.max(magnitudes) * MAX_WIDER
         above.set_ylim(*np.clip(above.get_ylim(), lowest, highest))
         below.set(xlabel="frequency (Hz)", ylabel="phase (°)")
@@ -77,14 +77,14 @@ def bode(learned: Learned, output: int = -1, truth: tuple[Array, Array] | None =
     return figure
 
 
-def step(learned: Learned, truth: tuple[Array, Array] | None = None) -> Figure:
+def step(learned: Learned, truth: tuple[Array, Array, float] | None = None) -> Figure:
     """Each output after a step of the axis's command at 0 s, from trim, with 90 % bands.
 
     The step is as large as the standard deviation of the command in the flight, to one digit.
 
     Args:
         learned: the model; the bands come from the uncertainty of its parameters.
-        truth: A (n, n) and B (n, r) of a simulated vehicle, whose first states are the outputs.
+        truth: A (n, n) and B (n, r) of a simulated vehicle, whose first states are the outputs, and its delay, s.
     """
     command, labels = AxisCommand.of(learned), Labels.of(learned)
     size = float(f"{command.series(learned.record.inputs).std():.1g}") or 1.0
@@ -105,29 +105,32 @@ def step(learned: Learned, truth: tuple[Array, Array] | None = None) -> Figure:
                     _band(axes, time, scale * drawn[..., output], curve)
             axes.set_ylabel(f"{labels.output_names[output]} ({unit.name})")
             not_blown_up(axes, [scale * own[:, output] for _, own, _ in curves])
-        rows[0].set_title(f"{command.name}: step of {size:g} {command.unit}".rstrip())
-        rows[-1].set_xlabel("time after the step (s)")
+        unit_of_step = f" {command.unit}" if command.unit else ""
+        rows[-1].set_xlabel(f"time after a step of {size:g}{unit_of_step} in the {command.name} (s)")
         legend_above(rows[0])
         note(figure, _remark(learned))
     return figure
 
 
-def _curves(learned: Learned, command: AxisCommand, truth: tuple[Array, Array] | None) -> Iterator[Curve]:
+def _curves(
+    learned: Learned, command: AxisCommand, truth: tuple[Array, Array, float] | None
+) -> Iterator[ResponseCurve]:
     outputs, motors, read = learned.record.outputs.shape[1], command.motors, learned.physical
-    yield Curve("model", PREDICTED, system(*learned.model[:3], motors), drawn_models(learned, motors))
     if read is not None and set(read.status.values()) == {"reported"} and outputs <= 2:
         own, draws = physical_system(read, motors, outputs), drawn_physical(read, motors, outputs)
-        yield Curve("physical parameters", PHYSICAL, own, draws)
+        yield ResponseCurve("physical parameters", PHYSICAL, own, draws)
+    own, draws = system(*learned.model[:3], motors), drawn_models(learned, motors)
+    yield ResponseCurve("DEM's model", PREDICTED, own, draws)
     if truth is not None:
-        A, B = truth
-        yield Curve("truth", TRUTH, system(A, B, np.eye(outputs, len(A)), motors), None)
+        A, B, delay = truth
+        yield ResponseCurve("truth", TRUTH, system(A, B, np.eye(outputs, len(A)), motors, delay), None)
 
 
-def _line(axes: Axes, x: Array, y: Array, curve: Curve) -> None:
+def _line(axes: Axes, x: Array, y: Array, curve: ResponseCurve) -> None:
     axes.plot(x, y, color=curve.colour, label=curve.name, linestyle="-" if curve.draws else (0, (4, 2)))
 
 
-def _band(axes: Axes, x: Array, drawn: Array, curve: Curve) -> None:
+def _band(axes: Axes, x: Array, drawn: Array, curve: ResponseCurve) -> None:
     low, high = np.percentile(drawn, EDGES, axis=0)
     axes.fill_between(x, low, high, color=curve.colour, alpha=BAND_OPACITY, linewidth=0)
 
@@ -135,4 +138,4 @@ def _band(axes: Axes, x: Array, drawn: Array, curve: Curve) -> None:
 def _remark(learned: Learned) -> str:
     if learned.physical is not None and not learned.physical.identifiable:
         return "The motors' effect is not identifiable in this flight: its response may be far off."
-    return "Bands: 90 %. The model's leaves out the bias of the closed loop."
+    return "Bands: 90 %. That of DEM's model leaves out the bias of the closed loop."

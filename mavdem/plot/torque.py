@@ -53,9 +53,9 @@ def _torque(axes: Axes, wind: WindTorque, record: Record, scale: float, truth: A
     time, torque, band = (with_gaps(record, each) for each in (sample_times(record), wind.torque, wind.band))
     low, high = scale * (torque - band), scale * (torque + band)
     axes.fill_between(time, low, high, color=DISTURBANCE, alpha=BAND_OPACITY, linewidth=0, label="90 % band")
-    axes.plot(time, scale * torque, color=DISTURBANCE, linewidth=THIN, label="wind's torque")
     if truth is not None:
-        axes.plot(time, scale * with_gaps(record, truth), color=TRUTH, linewidth=THIN, label="truth")
+        axes.plot(time, scale * with_gaps(record, truth), color=TRUTH, linewidth=1.6, label="truth")
+    axes.plot(time, scale * torque, color=DISTURBANCE, linewidth=THIN, label="wind's torque")
     flown = sample_times(record)
     for number, gust in enumerate(wind.gusts):
         start = flown[gust.sample]

@@ -46,7 +46,7 @@ def held(flight):
 
 @pytest.fixture(scope="module")
 def figures(learned, flight, held):
-    truth = np.array([[0.0, 1.0], [0.0, -2.0]]), np.vstack([np.zeros(4), learned.physical.effect])
+    truth = np.array([[0.0, 1.0], [0.0, -2.0]]), np.vstack([np.zeros(4), learned.physical.effect]), 0.01
     given = {
         "bode": {"truth": truth},
         "step": {"truth": truth},
