@@ -84,15 +84,19 @@ def _motion(read: Physical | None) -> tuple[Grade, str]:
 
 
 def _wind(learned: Learned) -> tuple[Grade, str]:
-    found = learned.wind
-    if found is None:
+    found, read = learned.wind, learned.physical
+    if found is None or read is None:
         return NONE, NO_PARAMETERS
+    if not read.identifiable:
+        # The torque of the wind is what is left when that of the motors is taken away.
+        return NONE, "It follows from the motors' effect, which is not identifiable."
     if found.reason is not None:
         return NONE, found.reason
     size = f"Its size is known to ±{100 * found.scale_error:.0f} % (standard deviation)"
     if not found.resolved:
         return LIMITED, f"{size}; its course is not resolved."
-    return (GOOD if found.scale_error <= WIND_ERROR else LIMITED), f"{size}."
+    good = found.scale_error <= WIND_ERROR and read.status["effect"] == "reported"
+    return (GOOD if good else LIMITED), f"{size}."
 
 
 def _prediction(held_out: HeldOut) -> tuple[Grade, str]:

@@ -77,7 +77,7 @@ def key_figures(learned: Learned, held_out: HeldOut | None = None) -> list[tuple
             ("damping", _known(read.damping, read.interval(LEVEL).damping, "1/s")),
             ("lag of the motors", _known(1e3 * read.lag, 1e3 * read.interval(LEVEL).lag, "ms")),
         ]
-    if wind is not None and wind.reason is None:
+    if wind is not None and wind.reason is None and read is not None and read.identifiable:
         figures.append(("wind's torque, sd", f"{rounded(degrees.scale * wind.sd)} {degrees.name}"))
         figures.append(("gusts", str(len(wind.gusts))))
     if held_out is not None:

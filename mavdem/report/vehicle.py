@@ -46,7 +46,8 @@ def _axis_row(own: AxisFigures) -> list[str]:
         "lag": plus_minus(1e3 * read.lag, 1e3 * lag),
     }
     marked = [f"{cell}{' (biased)' if read.status[name] == 'biased' else ''}" for name, cell in cells.items()]
-    wind = f"{unit * own.wind.sd:.3g}" if own.wind is not None and own.wind.reason is None else "-"
+    known = own.wind is not None and own.wind.reason is None and read.identifiable
+    wind = rounded(unit * own.wind.sd) if own.wind is not None and known else "-"
     return [*marked, wind]
 
 
@@ -143,7 +144,7 @@ def _listed(words: Sequence[str]) -> str:
 def wind_blocks(found: WindTorque | None, read: Physical | None) -> list[Block]:
     """The wind's torque: its level, share and gusts, and what of it the motors had answered."""
     lead = "Wind on this axis:"
-    if found is None or read is None or found.reason is not None:
+    if found is None or read is None or found.reason is not None or not read.identifiable:
         return []
     unit = readable("rad/s²")
     text = (

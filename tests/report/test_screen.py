@@ -102,8 +102,14 @@ def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(learned):
         ({"reason": None, "resolved": True, "scale_error": 0.4}, LIMITED),
         ({"reason": "The wind's torque is not resolved: why.", "resolved": False}, NONE),
     ):
-        changed = with_parts(learned, wind=replace(learned.wind, **changes))
-        assert findings(changed, None)[2].grade == grade
+        wind = replace(learned.wind, **changes)
+        assert findings(with_parts(learned, read(learned), wind), None)[2].grade == grade
+        # It is what is left when the motors' torque is taken away.
+        biased = findings(with_parts(learned, read(learned, effect="biased"), wind), None)[2].grade
+        assert biased == (NONE if grade == NONE else LIMITED)
+        unknown = with_parts(learned, read(learned, effect="not identifiable"), wind)
+        assert findings(unknown, None)[2].grade == NONE
+        assert "Wind on this axis" not in text_of(screen(unknown))
 
 
 def test_warnings_are_only_where_they_mean_something(learned):
@@ -147,7 +153,7 @@ def test_what_is_not_identifiable_has_no_number(learned):
 
 def test_the_wind_s_torque_and_its_gusts_are_reported(learned):
     def said(**changes: object) -> str:
-        return text_of(screen(with_parts(learned, wind=replace(learned.wind, **changes))))
+        return text_of(screen(with_parts(learned, read(learned), replace(learned.wind, **changes))))
 
     known = said(reason=None, gusts=(DetectedGust(120, 1.2, 0.4, -9.0),))
     assert f"torque {rounded(np.rad2deg(learned.wind.sd))} °/s² (standard deviation)" in known
