@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from mavdem.comparison import Comparison
 from mavdem.dem.order.choice import OrderChoice
 from mavdem.page.document import Chapter, render_page
-from mavdem.page.pictures import Plan, picture_chapter
+from mavdem.page.pictures import PicturePlan, picture_chapter
 from mavdem.report.blocks import Table
 from mavdem.report.comparison import comparison_report
 from mavdem.report.order import order_report
@@ -16,16 +16,16 @@ from mavdem.report.order import order_report
 def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
     """The HTML of a comparison; ``from_zero``: forecasts start from state 0."""
 
-    def plans() -> list[Plan]:
+    def plans() -> list[PicturePlan]:
         from mavdem.plot.comparisons import error_growth, error_ratios
 
-        growth = Plan(
+        growth = PicturePlan(
             "Errors by horizon",
             "The median error ratio by the number of steps that are forecast from one state, of each kind of method "
             "the best. Below 1 a forecast is better than the constant mean.",
             lambda: error_growth(comparison),
         )
-        windows = Plan(
+        windows = PicturePlan(
             "Errors in every window",
             "Each dot is one window, each bar the median of a method. Dots at an edge are beyond it.",
             lambda: error_ratios(comparison, from_zero),
@@ -45,11 +45,11 @@ def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
 def order_page(choice: OrderChoice, names: Sequence[str]) -> str:
     """The HTML of a choice of the model order; ``names`` are those of its flights."""
 
-    def plans() -> list[Plan]:
+    def plans() -> list[PicturePlan]:
         from mavdem.plot.comparisons import free_energy_by_order
 
         caption = "How far F̄ is below its highest value. In the shaded part the difference is no strong evidence."
-        return [Plan("Free energy by order", caption, lambda: free_energy_by_order(choice, names))]
+        return [PicturePlan("Free energy by order", caption, lambda: free_energy_by_order(choice, names))]
 
     return render_page(
         "Model order",

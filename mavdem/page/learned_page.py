@@ -11,7 +11,7 @@ from mavdem.alignment.trim import HoverFigures
 from mavdem.dem import Learned, Settings
 from mavdem.evaluate.held_out import HeldOut
 from mavdem.page.document import Chapter, render_page
-from mavdem.page.pictures import Plan, picture_chapter
+from mavdem.page.pictures import PicturePlan, picture_chapter
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.log_contents import log_blocks
 from mavdem.report.names import Labels
@@ -57,39 +57,39 @@ def settings_table(settings: Settings) -> Table:
     return Table(["setting", "value"], [[name, str(value)] for name, value in asdict(settings).items()], words=True)
 
 
-def _plans(learned: Learned, held_out: HeldOut, hover: HoverFigures | None) -> list[Plan]:
+def _plans(learned: Learned, held_out: HeldOut, hover: HoverFigures | None) -> list[PicturePlan]:
     from mavdem import plot
 
     labels = Labels.of(learned)
     first, *others = labels.output_names
     forecasts = [
-        Plan(
+        PicturePlan(
             f"Forecast of {first}",
             "Windows that no model saw which forecasts them, each from what came before it, with the motors as "
             "recorded. Those shown in full are neither the best nor the worst. Below, the error of each window.",
             lambda: plot.forecast(held_out, labels),
         ),
         *(
-            Plan(f"Forecast of {name}", f"The same of {name}.", partial(plot.forecast, held_out, labels, place))
+            PicturePlan(f"Forecast of {name}", f"The same of {name}.", partial(plot.forecast, held_out, labels, place))
             for place, name in enumerate(others, 1)
         ),
     ]
     return [
         *forecasts,
-        Plan(
+        PicturePlan(
             "Wind's torque",
             "Angular acceleration by neither the motors nor the damping, with its 90 % band; gusts are marked. Below, "
             "its spectrum.",
             lambda: plot.disturbance(learned),
         ),
         *model_plans(learned, hover),
-        Plan(
+        PicturePlan(
             "Residuals",
             "Errors one step ahead over time; what of them their past and the command would still predict. Inside the "
             "shaded bounds that may be chance.",
             lambda: plot.residuals(learned),
         ),
-        Plan(
+        PicturePlan(
             "Learning",
             "The free energy action F̄, its terms and the parameters by iteration.",
             lambda: plot.learning(learned),
@@ -97,23 +97,23 @@ def _plans(learned: Learned, held_out: HeldOut, hover: HoverFigures | None) -> l
     ]
 
 
-def model_plans(learned: Learned, hover: HoverFigures | None = None) -> list[Plan]:
+def model_plans(learned: Learned, hover: HoverFigures | None = None) -> list[PicturePlan]:
     """The pictures of a model by itself; ``hover`` is how hard each motor works."""
     from mavdem import plot
 
     return [
-        Plan(
+        PicturePlan(
             "Motors",
             "The effect of each motor with its 90 % interval, and how hard each works where that is known.",
             lambda: plot.motors(learned, hover),
         ),
-        Plan(
+        PicturePlan(
             "Frequency response",
             "From the command of the axis to its rate (Bode plot), with 90 % bands.",
             lambda: plot.bode(learned),
         ),
-        Plan("Step response", "After a step of the command, with 90 % bands.", lambda: plot.step(learned)),
-        Plan(
+        PicturePlan("Step response", "After a step of the command, with 90 % bands.", lambda: plot.step(learned)),
+        PicturePlan(
             "Poles",
             "Eigenvalues of A, and what their uncertainty leaves. Left of 0 is stable.",
             lambda: plot.poles(learned),

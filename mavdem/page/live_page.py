@@ -9,7 +9,7 @@ from mavdem.evaluate.live_history import LiveHistory
 from mavdem.live import SessionStatus
 from mavdem.page.document import Chapter, render_page
 from mavdem.page.learned_page import model_plans
-from mavdem.page.pictures import Plan, picture_chapter
+from mavdem.page.pictures import PicturePlan, picture_chapter
 from mavdem.report.live import event_blocks, live_report
 from mavdem.report.screen import key_figures, screen
 
@@ -33,14 +33,14 @@ def live_page(
         learned: the model at the end, if there is one.
     """
 
-    def plans() -> list[Plan]:
+    def plans() -> list[PicturePlan]:
         from mavdem.plot.live_flight import live_flight
 
         caption = (
             "The predictions were made in flight, without the motors of the time ahead; band: 90 %. Below, the wind's "
             "torque as estimated in flight. What is shaded was learned from."
         )
-        flown = Plan("The flight", caption, lambda: live_flight(history, axis))
+        flown = PicturePlan("The flight", caption, lambda: live_flight(history, axis))
         return [flown, *([] if learned is None else model_plans(learned))]
 
     return render_page(

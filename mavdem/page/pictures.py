@@ -18,7 +18,7 @@ INK = {INK_ON_LIGHT: "ink", "#000000": "ink"}
 """The colours of figures that a theme changes, and the CSS property of ``base.html``; the others suit both themes."""
 
 
-class Plan(NamedTuple):
+class PicturePlan(NamedTuple):
     """A figure to be drawn: its ``title``, a ``caption`` on how to read it, and the function that draws it.
 
     ``draw`` may raise ``ValueError`` with the reason why there is none.
@@ -29,7 +29,7 @@ class Plan(NamedTuple):
     draw: Callable[[], Figure]
 
 
-def picture_chapter(plans: Callable[[], Sequence[Plan]]) -> Chapter:
+def picture_chapter(plans: Callable[[], Sequence[PicturePlan]]) -> Chapter:
     """The figures of ``plans``, which is called only where matplotlib is installed."""
     if hint := advice("Drawing the pictures of this page", "plot"):
         return Chapter("Pictures", [Sentence(f"{hint} Then run the same command again.")])

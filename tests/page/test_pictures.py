@@ -10,7 +10,7 @@ from live_rows import flown
 from matplotlib.figure import Figure
 
 from mavdem.evaluate.live_history import LiveHistory
-from mavdem.page.pictures import Plan, picture_chapter
+from mavdem.page.pictures import PicturePlan, picture_chapter
 from mavdem.plot.live_flight import live_flight
 
 
@@ -19,7 +19,7 @@ def refuse() -> Figure:
 
 
 def test_what_can_be_drawn_is_and_what_cannot_says_why():
-    chapter = picture_chapter(lambda: [Plan("One", "It is empty.", Figure), Plan("Two", "", refuse)])
+    chapter = picture_chapter(lambda: [PicturePlan("One", "It is empty.", Figure), PicturePlan("Two", "", refuse)])
     (drawing,) = chapter.drawings
     assert (drawing.title, drawing.caption) == ("One", "It is empty.") and "<svg" in drawing.svg
     assert [(block.lead, block.text) for block in chapter.blocks] == [("Two:", "there is no wind.")]
