@@ -98,7 +98,7 @@ class FlightSeries:
         )
         low, high = range_of(measured)
         span = high - low
-        forecast = np.clip(forecast, low - 9 * span, high + 9 * span)  # it may diverge beyond all numbers
+        forecast = np.clip(forecast, low - 9 * span, high + 9 * span)  # it may overflow
         inner = range_of(np.clip(forecast, low - BEYOND * span, high + BEYOND * span), measured)
         residual = in_windows - forecast
         outer = range_of(np.clip(residual, -span, span))
