@@ -8,8 +8,8 @@ from mavdem.alignment.quality import QualityFigures
 from mavdem.alignment.signals import MINIMUM_RATE, Signals, usual_rate
 
 DOUBTFUL_SNR = 20.0
-"""Variance of a signal over that of its rounding, for the motors' command and for the outputs' changes. Rounding what
-something is learnt from can shrink what is learnt to SNR/(1 + SNR) of the truth: by 5 % at 20."""
+"""Variance of the outputs' changes over that of their rounding. Rounding what something is learnt from can shrink what
+is learnt to SNR/(1 + SNR) of the truth: by 5 % at 20."""
 DOUBTFUL_CONSISTENCY = 0.8
 """Share of the angle's changes over 0.2 s that the integrated rates explain. Both measure one motion; where they
 disagree, some of the rate is an alias, or noise."""
@@ -17,7 +17,6 @@ DOUBTFUL_UPPER_BAND = 0.5
 """Share of the rate's variance above half the Nyquist frequency. White noise has a half, so nothing has decayed by
 there."""
 DOUBTFUL_LOSS = 0.05  # Share of a stream's messages left out as damaged: the rest may be too
-DOUBTFUL_SATURATION = 0.05  # Share of samples with a motor at its limit: a linear model has no limits
 IMPOSSIBLE = f"an angle beyond 2π or a rate beyond {MAX_BODY_RATE:.0f} rad/s"
 
 
@@ -67,13 +66,6 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
         cautions.append("No heartbeat says what the vehicle is: a multirotor was assumed.")
     if layout.channels_assumed or layout.positions_assumed:
         cautions.append(f"Which motor is which was assumed: {layout.basis}.")
-    if figures.input_snr is not None and figures.input_snr < DOUBTFUL_SNR:
-        loss = min(1.0, 1 / (1 + figures.input_snr))
-        cautions.append(
-            f"The motors' {axis} command is near the resolution of the stream (standard deviation "
-            f"{figures.input_sd:.2g}, steps of {figures.input_step:.2g}): rounding can shrink the learnt gain by "
-            f"{loss:.0%}."
-        )
     if figures.output_snr is not None and figures.output_snr < DOUBTFUL_SNR:
         cautions.append(
             f"The {measured(axis, 'or')} is near the resolution of the stream (steps of {steps(axis, figures)}): "
@@ -87,8 +79,6 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
             f"{figures.upper_band:.0%} of the {axis} rate's variance lies in the upper half of the band: something "
             "faster is probably aliased into it."
         )
-    if figures.saturation is not None and figures.saturation > DOUBTFUL_SATURATION:
-        cautions.append(f"A motor is at its limit in {figures.saturation:.0%} of the samples.")
     return tuple(cautions)
 
 

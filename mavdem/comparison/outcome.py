@@ -48,7 +48,7 @@ class Outcome:
         flight, start: of the window.
         failure: why there is no forecast; else empty.
         stable: whether the model has no growing mode; ``None`` without a model.
-        cautions: of the model.
+        cautions: of the model, and one where the error that it expects is larger than the constant mean's.
         mspe: (m,) of the forecast from the end of training, in the squares of the outputs' units.
         skill: by horizon; the last one is that of the whole test part.
         inside: by horizon k, the share of the first k samples, of all outputs, in the band of the forecast from the end
@@ -134,8 +134,11 @@ def _forecast(method: Method, window: Window, model: Forecaster, seconds: float)
     steps = horizons(len(test), test.dt)
     forecast, from_zero = model.forecast(test.inputs), model.forecast(test.inputs, from_zero=True)
     expected = band = predicted = None
+    cautions = tuple(model.cautions)
     if isinstance(model, ProbabilisticForecaster):
         expected, band = model.forecast_variance(test.inputs), model.forecast_band(test.inputs)
+        if (expected / train.outputs.var(axis=0)).mean() > 1:
+            cautions += ("The error to expect of the forecast is larger than the constant mean's.",)
     if method.predicts:
         prediction = model.predict(len(test))
         width = model.predict_band(len(test)) if isinstance(model, ProbabilisticForecaster) else None
@@ -152,7 +155,7 @@ def _forecast(method: Method, window: Window, model: Forecaster, seconds: float)
         window.start,
         failure="",
         stable=model.stable,
-        cautions=tuple(model.cautions),
+        cautions=cautions,
         mspe=mspe(test.outputs, forecast).per_output,
         skill=skill_by_horizon(model, train, test, steps),
         inside=_inside(test.outputs, forecast, band, steps),

@@ -53,7 +53,7 @@ class Learned(LearnedDownstream):
         free_energy: by iteration, with its named terms.
         free_energy_of_samples: (T′,) F(t) of the samples at ``places``: how well each sample agrees with the model.
         learning: parameters and hyperparameters by iteration.
-        converged: whether the last fit converged; where not, a caution says how it ended.
+        converged: whether the last fit converged; where not, its parameters may still change with more iterations.
         dt: sampling step, s.
         smoothness: kernel width s of the noise, s.
         smoothness_estimate: of ``Settings(smoothness="learn")``, with its uncertainty; ``None`` for others.

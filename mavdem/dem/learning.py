@@ -79,13 +79,10 @@ def _learn(record: Record, settings: Settings) -> Learned:
             "given, the states must be observable through its C"
         )
     best = min(attempts, key=lambda attempt: (not attempt.refined, attempt.error(record)))
-    found = _cautions(record, best.fit, best.uncertainty, best.forecasts, smoothness)
+    found = _cautions(record, best.fit, best.uncertainty, smoothness)
     data, ascent = np.concatenate(best.segments), best.fit.ascent
     energies = free_energy(best.fit.model, data, data @ ascent.state_map.T, ascent.belief)
-    learned = learned_of(best.fit, record, best.uncertainty, energies, best.forecasts, smoothness, found)
-    # Without doubt the same object, which keeps what it has computed to forecast.
-    doubt = _doubt(learned)
-    return replace(learned, cautions=(*doubt, *found)) if doubt else learned
+    return learned_of(best.fit, record, best.uncertainty, energies, best.forecasts, smoothness, found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,47 +156,15 @@ def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatist
     return replace(fitted, ascent=refined_ascent, predictor=predictor, simulation_fit=refined)
 
 
-LARGE_ERROR = 0.9  # expected squared error of forecasts, in training variances, from which there is a caution
-
-MIN_MOTORS_SHARE = 0.4
-"""The motors must remove this share of the squared error of forecasts inside the training data. Motors of another part
-of the flight, fitted to the same outputs, removed less in 9 of 10 windows; the right ones in 1 of 6."""
-
-
-def _doubt(learned: Learned) -> tuple[str, ...]:
-    """The sentence on a model whose own ``forecast_variance`` is near that of the constant mean; empty if it is not.
-
-    The inputs are those of the last training samples, as many as the longest forecast inside the training data.
-    """
-    record = learned.record
-    variance = learned.forecast_variance(record.inputs[-len(learned.training_forecasts.mse) :])
-    error = (variance / record.outputs.var(axis=0)).mean(axis=1)
-    if error.mean() < LARGE_ERROR:
-        return ()
-    useful = int(np.argmin(error < LARGE_ERROR)) * record.dt
-    return (
-        f"With inputs as at the end of the training data, the expected error of forecasts beyond {useful:.2g} s is "
-        "close to the constant mean's. Learn from more data, or from a part of the flight with more motion.",
-    )
-
-
 def _cautions(
     record: Record,
     fitted: Fit,
     uncertainty: ParameterUncertainty,
-    forecasts: TrainingForecasts,
     smoothness: SmoothnessEstimate | None,
 ) -> tuple[str, ...]:
     """The cautions of a fit, with what was found of it; ``smoothness`` where it was estimated."""
     model = fitted.scaling.physical_model(fitted.ascent.belief.theta, fitted.model.n)
     found = list(input_cautions(record)) if fitted.settings.prior == "regulated" else []
-    if fitted.scaling.known.any() and not forecasts.motors_share > MIN_MOTORS_SHARE:
-        name = "motor outputs" if record.inputs.shape[1] > 1 else "".join(record.input_names) or "input"
-        found.append(
-            f"Inside the training data the {name} removed {max(forecasts.motors_share, 0):.0%} of the squared "
-            "error of forecasts: the model hardly relates the motion to its inputs. Excite them more, in wind or with "
-            "small sideways steps."
-        )
     if model.spectral_abscissa > 0:
         found.append(f"The model is unstable: it grows e-fold in {1 / model.spectral_abscissa:.3g} s.")
     if fitted.simulation_fit is None and uncertainty.scatter is None:
@@ -209,8 +174,6 @@ def _cautions(
         )
     if fitted.simulation_fit is None:
         found += _no_simulation_fit(fitted, record)
-    if not fitted.converged:
-        found.append(_not_converged(fitted))
     if smoothness is not None and not np.isfinite(smoothness.log_sd):
         found.append(
             f"F̄ does not determine the smoothness of the noise: {smoothness.smoothness:.2g} s, which was used, is at "
@@ -238,31 +201,6 @@ def _no_simulation_fit(fitted: Fit, record: Record) -> list[str]:
             "s. Learn from more, or ask for fewer states"
         )
     return [f"There is no simulation-error fit: {reason}. Forecasts are worse without it."]
-
-
-def _not_converged(fitted: Fit) -> str:
-    """How the last fit ended, if it did not converge."""
-    if fitted.simulation_fit is not None:
-        return (
-            f"The simulation-error fit had not converged after {fitted.simulation_fit.rounds} steps: "
-            "learn from more samples, or ask for fewer states."
-        )
-    ascent, rounds = fitted.ascent, len(fitted.ascent.free_energy) - 1
-    if rounds >= fitted.settings.iterations:
-        return (
-            f"F̄ had not converged at the limit of {rounds} iterations, nor had the parameters: learn from more "
-            "samples, ask for fewer states, or set a higher limit (in Python, Settings.iterations)."
-        )
-    if np.isnan(ascent.remaining):
-        return (
-            f"The maximisation of F̄ broke down after {rounds} iterations, before parameters had converged: learn from "
-            "more samples, or ask for fewer states."
-        )
-    return (
-        f"After {rounds} iterations no step increased F̄, though its curvature predicts {ascent.remaining:.2g} nats "
-        "more: a flat ridge, or rounding. Forecasts are determined, parameters along the ridge are not: use none of "
-        "them, learn from more samples, or ask for fewer states."
-    )
 
 
 def learn_many(jobs: Iterable[Job], executor: Executor | None = None) -> Generator[Learned | ValueError, None, None]:

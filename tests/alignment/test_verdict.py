@@ -336,24 +336,21 @@ def rounded(hover: Hover) -> Telemetry:
     return changed(telemetry, "SERVO_OUTPUT_RAW", **whole)
 
 
-def test_a_command_near_the_floor_of_the_stream_is_doubted_and_at_the_floor_refused():
-    doubted = judge(Signals(rounded(Hover(command=0.5))))
-    assert doubted.learnable
-    assert any("resolution of the stream" in caution for caution in doubted.cautions)
+def test_a_command_at_the_floor_of_the_stream_is_refused():
+    near = judge(Signals(rounded(Hover(command=0.5))))
+    assert near.learnable
     truth = (0.5**2 / 2) / (1 / 12 * np.sum(X_QUAD**2) / 16)
-    assert doubted.figures.input_snr == pytest.approx(truth, rel=0.3)
+    assert near.figures.input_snr == pytest.approx(truth, rel=0.3)
     assert "rounding" in refused_for(rounded(Hover(command=0.1)))
-    assert not any("resolution" in caution for caution in judge(Signals(rounded(HOVER))).cautions)
 
 
-def test_assumptions_and_limits_are_cautions():
+def test_assumptions_are_cautions_and_limits_figures():
     telemetry = HOVER.telemetry()
     assert any("assumed" in caution for caution in judge(Signals(telemetry)).cautions)
     table = telemetry.messages["SERVO_OUTPUT_RAW"]
     full = {"servo1_raw": np.where(np.sin(table["time"]) > 0, 2000.0, table["servo1_raw"])}
     verdict = judge(Signals(changed(telemetry, "SERVO_OUTPUT_RAW", **full)))
     assert verdict.figures.saturation == pytest.approx(0.5, abs=0.1)
-    assert any("limit" in caution for caution in verdict.cautions)
 
 
 @pytest.mark.parametrize("seed", range(40))

@@ -27,6 +27,19 @@ MEAN, HOLD, ARX = (
 )
 
 
+class Doubtful:
+    """A joint model that expects errors so many ``times`` the training variance."""
+
+    def __init__(self, train: Flight, times: float) -> None:
+        self.model, self.variance = baselines.var(train, 4), times * train.outputs.var(axis=0)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.model, name)
+
+    def forecast_variance(self, inputs: np.ndarray) -> np.ndarray:
+        return np.tile(self.variance, (len(inputs), 1))
+
+
 def refuses(train: Flight) -> None:
     raise ValueError("train is not to my liking")
 
@@ -97,6 +110,12 @@ def test_a_forecast_beyond_all_numbers_errs_infinitely(method):
     found = judge(method, WINDOWS[0])
     assert found.diverged and not found.failure
     assert found.skill[-1].relative == np.inf
+
+
+def test_a_forecast_that_expects_more_than_the_constant_mean_s_error_is_cautioned_against():
+    found = {times: judge(Method("doubtful", partial(Doubtful, times=times)), WINDOWS[0]) for times in (0.9, 1.1)}
+    assert not found[0.9].cautions
+    assert found[1.1].cautions == ("The error to expect of the forecast is larger than the constant mean's.",)
 
 
 def test_a_fault_of_our_own_is_no_outcome():

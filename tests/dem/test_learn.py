@@ -296,14 +296,15 @@ def test_without_trajectories_forecasts_lean_on_the_trim_as_much_as_the_training
     assert (added >= 1).all() and (np.diff(added[:, 0]) >= 0).all() and added.max() <= 2
 
 
-def test_a_forecast_no_better_than_the_mean_is_said_to_be():
+def test_a_forecast_no_better_than_the_mean_expects_an_error_as_large():
     rng = np.random.default_rng(0)
     wandering = np.cumsum(np.cumsum(rng.standard_normal(700))) * 1e-3
     flight = Flight(
         DT * np.arange(700), rng.standard_normal((700, 4)), np.stack([wandering, np.gradient(wandering, DT)], 1)
     )
     learned = learn(flight, Settings.paper())
-    assert any("constant mean" in caution for caution in learned.cautions)
+    expected = learned.forecast_variance(flight.inputs[-150:]) / flight.outputs.var(axis=0)
+    assert expected.mean() > 0.9
 
 
 def test_unstable_models_are_said_to_be():
@@ -393,14 +394,6 @@ def test_default_fits_settle_where_no_step_leads_higher():
 
 
 @pytest.mark.slow
-def test_a_climb_that_its_limit_ended_is_cautioned_against_with_what_to_do():
-    learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0, iterations=5, horizon=None))
-    (told,) = [caution for caution in learned.cautions if "iterations" in caution]
-    assert "limit of 5 iterations" in told and "Settings.iterations" in told and "more samples" in told
-    assert not any("iterations" in caution for caution in learn(simulated(wind=0.5)[:700]).cautions)
-
-
-@pytest.mark.slow
 def test_what_was_learnt_is_shown_in_a_line():
     learned = learn(simulated()[:700], Settings(window=9, parameter_precision=1.0))
     shown = repr(replace(learned, cautions=("It rained.",)))
@@ -408,30 +401,10 @@ def test_what_was_learnt_is_shown_in_a_line():
     assert shown.endswith(", 1 caution>") and "\n" not in shown
 
 
-def test_a_climb_that_broke_off_where_no_step_led_higher_is_not_said_to_rise(monkeypatch):
+def test_an_ascent_that_broke_off_where_no_step_increased_it_has_not_converged(monkeypatch):
     monkeypatch.setattr("mavdem.dem.engine.ascent.NEWTON_SHARES", ())
     learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0, horizon=None))
     assert not learned.converged
-    (told,) = [caution for caution in learned.cautions if "iterations" in caution]
-    assert f"After {len(learned.free_energy) - 1} iterations no step increased F̄" in told
-    assert "predicts" in told and "nan" not in told and "limit" not in told
-    assert learned.cautions == Learned.from_json(learned.to_json()).cautions
-
-
-@pytest.mark.slow
-def test_motors_that_have_nothing_to_do_with_the_motion_are_said_to_have_not():
-    flights = [simulated(seed, wind=1.0) for seed in range(5)]
-    of_another = [
-        Flight(one.time, other.inputs, one.outputs)[:700] for one, other in zip(flights, flights[1:], strict=False)
-    ]
-    cautioned = [
-        any("the motor outputs removed" in caution for caution in learn(flight).cautions) for flight in of_another
-    ]
-    assert sum(cautioned) >= len(cautioned) - 1
-    own = [
-        any("the motor outputs removed" in caution for caution in learn(flight[:700]).cautions) for flight in flights
-    ]
-    assert sum(own) <= 1
 
 
 def test_wrong_forecast_inputs_are_named():
@@ -498,10 +471,3 @@ def test_learned_is_a_forecaster_that_says_whether_it_is_stable():
     assert learned.stable and learned.spectral_radius == pytest.approx(
         np.abs(np.linalg.eigvals(learned.predictor.A[:n, :n])).max()
     )
-
-
-def test_the_one_input_that_has_nothing_to_do_with_the_motion_is_named():
-    one = simulated(wind=1.0)[:700]
-    unrelated = np.random.default_rng(1).normal(size=(len(one), 1))
-    learned = learn(Flight(one.time, unrelated, one.outputs, input_names=("roll demand",)))
-    assert any("the roll demand removed" in caution for caution in learned.cautions)

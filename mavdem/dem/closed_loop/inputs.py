@@ -39,7 +39,7 @@ CHANGED = 0.5
 def input_cautions(record: Record) -> tuple[str, ...]:
     """One sentence for each thing that is wrong with the inputs of training data; none for most flights."""
     motors = record.inputs.shape[1] >= MOTORS
-    found = [_hardly_moving(record), _not_motors(record) if motors else _demand(record), _saturated(record)]
+    found = [_hardly_moving(record), _not_motors(record) if motors else "", _saturated(record)]
     found += [_level(record) if motors else "", _changed(record)]
     return tuple(caution for caution in found if caution)
 
@@ -98,15 +98,6 @@ def _not_motors(record: Record) -> str:
     return (
         f"{_name(record, int(np.argmax(both)))} has both signs, as a controller's demand has, but {len(both)} inputs "
         "are taken for motors. Give motor outputs as they were recorded, or the demand of this axis alone."
-    )
-
-
-def _demand(record: Record) -> str:
-    if not any(name.endswith("demand") for name in record.input_names):
-        return ""
-    return (
-        "The input is the controller's demand, not what the motors did: the model, and its motor effect, include the "
-        "mixer, the motors' limits and the battery."
     )
 
 

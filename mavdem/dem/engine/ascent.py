@@ -33,7 +33,6 @@ class Ascent:
     lambda_: Array
     lambda_sd: Array
     converged: bool  # whether less than ``CONVERGED_NATS`` were left to gain before the iterations ran out
-    remaining: float  # nats that the curvature still predicted where no step increased F̄; NaN otherwise
     flowed: NDArray[np.bool_]  # (I + 1,) whether the D step followed its flow, stable and not lowering F̄, or its limit
 
     @property
@@ -96,7 +95,7 @@ def resumable_ascend(
     """The same as :func:`ascend`, resumable."""
     ascent = CoordinateAscent(model, samples, rates)
     iterates = [ascent.start()]
-    converged, remaining = False, np.nan
+    converged = False
     while not converged and len(iterates) <= iterations:
         before = iterates[-1].free_energy
         for iterate in islice(ascent.rounds(iterates[-1]), iterations + 1 - len(iterates)):
@@ -110,7 +109,6 @@ def resumable_ascend(
             if len(iterates) <= iterations:
                 iterates.append(ascent.along(iterates[-1], newton))
                 if iterates[-1].free_energy - before < CONVERGED_NATS:
-                    remaining = newton.gain
                     break
     beliefs = [iterate.belief for iterate in iterates]
     return Ascent(
@@ -122,7 +120,6 @@ def resumable_ascend(
         lambda_=np.array([belief.lambda_ for belief in beliefs]),
         lambda_sd=np.sqrt([np.diag(belief.lambda_covariance) for belief in beliefs]),
         converged=converged,
-        remaining=remaining,
         flowed=np.array([iterate.flowed for iterate in iterates]),
     )
 
