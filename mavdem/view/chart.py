@@ -30,7 +30,7 @@ SHARES = (0.0, 1 / 3, 2 / 3, 1.0)  # of all iterations, where they are numbered
 FINAL = 1.12  # where final values stand, in lengths of the axis
 
 
-class Curve(NamedTuple):
+class IterationCurve(NamedTuple):
     """Values (I + 1,) by iteration, the ``final`` one with the half width of its interval, and what that is called."""
 
     name: str
@@ -75,7 +75,7 @@ class Chart:
 
 
 def iteration_chart(
-    recording: rr.RecordingStream, origin: str, title: str, curves: Sequence[Curve], length: float = 130.0
+    recording: rr.RecordingStream, origin: str, title: str, curves: Sequence[IterationCurve], length: float = 130.0
 ) -> rrb.View:
     """Curves over the iterations, and after them the final values with their intervals."""
     chart, last = Chart(recording, origin), max(len(curves[0].values) - 1, 1)
@@ -121,7 +121,7 @@ def _ticks(low: float, high: float) -> Array:
     return np.asarray(step * np.arange(ceil(low / step), floor(high / step) + 1))
 
 
-def _interval(curve: Curve) -> tuple[float, float]:
+def _interval(curve: IterationCurve) -> tuple[float, float]:
     half = curve.half if np.isfinite(curve.half) else 0.0
     return curve.final - half, curve.final + half
 

@@ -17,7 +17,7 @@ from mavdem.dem.validation import LEVEL
 from mavdem.report.names import Labelled, Labels, entries, left_free, place, readable, state_names, state_rate_units
 from mavdem.report.palette import MEASURED, distinct
 from mavdem.report.rounding import plus_minus
-from mavdem.view.chart import Curve, iteration_chart
+from mavdem.view.chart import IterationCurve, iteration_chart
 
 SIGMAS = float(norm.ppf(0.5 + LEVEL / 2))  # half width of a Gaussian's interval, in standard deviations
 
@@ -33,12 +33,12 @@ def learning_view(recording: rr.RecordingStream, learned: Learned) -> rrb.Contai
     return rrb.Grid(*views, grid_columns=2, name="Learning")
 
 
-def _free_energy(learned: Learned) -> list[Curve]:
+def _free_energy(learned: Learned) -> list[IterationCurve]:
     """The total, then each term; DEM's own, before the simulation-error fit."""
     energy = learned.free_energy
     series = {"F̄": energy.total, **{name.removeprefix("prediction "): term for name, term in energy.terms.items()}}
     return [
-        Curve(
+        IterationCurve(
             name,
             distinct(i - 1) if i else MEASURED,
             term - term[-1],
@@ -50,30 +50,30 @@ def _free_energy(learned: Learned) -> list[Curve]:
     ]
 
 
-def _precisions(learned: Learned) -> list[Curve]:
+def _precisions(learned: Learned) -> list[IterationCurve]:
     learning, labels = learned.learning, Labels.of(learned)
     names, fixed = precision_names(labels, learned), prior_outweighs_data(learned)
     curves = []
     for i in np.flatnonzero(fixed if fixed.all() else ~fixed):
         values, half = learning.lambda_[:, i], SIGMAS * float(learning.lambda_sd[-1, i])
         label = f"{names[i]} {plus_minus(values[-1], half)}"
-        curves.append(Curve(names[i], distinct(int(i)), values, float(values[-1]), half, label))
+        curves.append(IterationCurve(names[i], distinct(int(i)), values, float(values[-1]), half, label))
     return curves
 
 
-def _parameters(learned: Learned) -> Iterator[tuple[str, str, list[Curve]]]:
+def _parameters(learned: Learned) -> Iterator[tuple[str, str, list[IterationCurve]]]:
     """Of each matrix with free entries: its name, a title, and its curves; angles in degrees."""
     labels, learning = Labels.of(learned), learned.learning
     final, halves = (pack(*model[:3]) for model in (learned.model, learned.model_interval(LEVEL)))
-    scales, first = _scales(labels, learned), 0
+    factors, first = scales(labels, learned), 0
     for matrix, free in left_free(learned).items():
         curves = []
         for colour, i in enumerate(np.flatnonzero(free)):
             row, column = entries(labels, learned)[matrix][i]
-            at, scale = first + int(i), scales[matrix][i]
+            at, scale = first + int(i), factors[matrix][i]
             value, half, name = scale * final[at], scale * halves[at], f"{place(row)} ← {place(column)}"
             label = f"{name} {plus_minus(value, half) if np.isfinite(half) else format(value, '.3g')}"
-            curves.append(Curve(name, distinct(colour), scale * learning.theta[:, at], value, half, label))
+            curves.append(IterationCurve(name, distinct(colour), scale * learning.theta[:, at], value, half, label))
         first += len(free)
         if curves:
             yield (
@@ -83,7 +83,7 @@ def _parameters(learned: Learned) -> Iterator[tuple[str, str, list[Curve]]]:
             )
 
 
-def _scales(labels: Labels, learned: Learned) -> dict[str, NDArray[np.float64]]:
+def scales(labels: Labelled, learned: Learned) -> dict[str, NDArray[np.float64]]:
     """What each entry of A, B and C is multiplied with for degrees, in the order of θ."""
     rows = [readable(unit).scale for unit in state_rate_units(labels, learned)]
     inputs, outputs = [1.0] * len(labels.input_names), [readable(unit).scale for unit in labels.output_units]
