@@ -99,6 +99,7 @@ class Dashboard:
         from mavdem.view.live import Channels, LiveView
 
         names = setup.layout.names
+        weights = None if setup.layout.positions_assumed else setup.layout.effect(self._axis)
         channels = Channels(
             self._link,
             setup.dt,
@@ -107,6 +108,7 @@ class Dashboard:
             (self._axis, f"{self._axis} rate"),
             (setup.scale.unit,) * len(names),
             ("rad", "rad/s"),
+            () if weights is None else tuple((2 * weights).tolist()),
         )
         if self._view is None:
             self._view = LiveView(channels, self._sinks)

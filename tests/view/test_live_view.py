@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from threading import Event, Timer
+from types import SimpleNamespace
 from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
@@ -22,16 +23,16 @@ import rerun as rr
 from numpy.typing import NDArray
 from rerun.chunk import RrdReader
 from rerun_file import chunks, layouts, views
-from scipy.stats import norm
 
 import mavdem
 from mavdem.dem import Estimate, LinearModel
 from mavdem.live import SessionStatus
 from mavdem.view.live import Channels, LiveView, RecordingFile, Viewer, WebServer, sinks_for
+from mavdem.view.live.figures import figures, status_document
 from mavdem.view.live.line_group import LineGroup
 from mavdem.view.live.live_view import REBOOT_GAP_SECONDS, Timeline
 from mavdem.view.live.rows import ViewRow
-from mavdem.view.live.sink_thread import MAX_ROWS, Backlog, status_document
+from mavdem.view.live.sink_thread import MAX_ROWS, Backlog
 
 PATIENCE = 300.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
 DT = 0.01
@@ -45,6 +46,7 @@ CHANNELS = Channels(
     ("µs",) * 4,
     ("rad", "rad/s"),
 )
+FIGURES = {f"figures/{i}" for i in range(4)}
 LATE = 0.04
 """Seconds from the centre of a window to its end."""
 
@@ -135,23 +137,25 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.parametrize(("column", "name"), list(enumerate(CHANNELS.output_names)))
-def test_outputs_are_those_that_were_put_in_degrees(recording: Path, column: int, name: str) -> None:
-    times, values = drawn(recording)[f"outputs/{name}/now"]
-    np.testing.assert_allclose(times, TIME, atol=1e-8)
-    np.testing.assert_allclose(values[:, 3], np.degrees(OUTPUTS[:, column]))
-    assert np.isnan(values[:20, :3]).all()
-    centre, half = (np.array([getattr(e, part)[column] for e in TOLD]) for part in ("expected", "expected_band"))
-    np.testing.assert_allclose(values[20:, :3], np.degrees(np.stack([centre - half, centre + half, centre], -1)))
-
-
-@pytest.mark.parametrize(("column", "name"), list(enumerate(CHANNELS.output_names)))
-def test_predictions_a_quarter_of_a_second_ahead_are_at_the_times_they_are_about(
+def test_outputs_and_predictions_a_quarter_of_a_second_ahead_are_in_degrees_at_their_times(
     recording: Path, column: int, name: str
 ) -> None:
-    times, values = drawn(recording)[f"outputs/{name}/ahead"]
+    lines = drawn(recording)
+    times, values = lines[f"outputs/{name}/1_measured"]
+    np.testing.assert_allclose(times, TIME, atol=1e-8)
+    np.testing.assert_allclose(values[:, 0], np.degrees(OUTPUTS[:, column]))
+    times, values = lines[f"outputs/{name}/2_predicted"]
     np.testing.assert_allclose(times, TIME + 25 * DT, atol=1e-8)
+    assert np.isnan(values[:20]).all()
     centre, half = (np.array([getattr(e, part)[1, column] for e in TOLD]) for part in ("ahead", "ahead_band"))
-    np.testing.assert_allclose(values[20:], np.degrees(np.stack([centre - half, centre + half, centre], -1)))
+    measured = np.degrees(OUTPUTS[:, column])
+    beyond = 0.3 * np.ptp(measured)
+    sight = measured.min() - beyond, measured.max() + beyond
+    np.testing.assert_allclose(values[20:, 0], np.clip(np.degrees(centre), *sight))
+    times, edges = lines[f"outputs/{name}/0_band"]
+    np.testing.assert_allclose(times, np.repeat(TIME + 25 * DT, 2), atol=1e-8)
+    expected = np.clip(np.degrees([centre - half, centre + half]), *sight)
+    np.testing.assert_allclose(edges[40:, 0], expected.T.ravel())
 
 
 def test_the_longest_useful_horizon_is_shown_and_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -164,17 +168,22 @@ def test_the_longest_useful_horizon_is_shown_and_named(tmp_path: Path, monkeypat
         with LiveView(CHANNELS, [RecordingFile(path)]) as view:
             told = estimate(20, TIME[0])._replace(ahead_ratio=np.outer(ratios, [1.0, 1.0]))
             view.put(TIME[0], 0, OUTPUTS[0], INPUTS[0], told)
-        times, values = drawn(path)["outputs/roll/ahead"]
+        times, values = drawn(path)["outputs/roll/2_predicted"]
         place = HORIZONS.index(useful)
         np.testing.assert_allclose(times, [told.ahead_times[place]])
-        np.testing.assert_allclose(values[0, 2], np.degrees(told.ahead[place, 0]))
+        np.testing.assert_allclose(values[0, 0], np.degrees(told.ahead[place, 0]))
         assert f"{useful * DT:.2g} s ahead" in named
 
 
-def test_motors_are_those_that_were_put(recording: Path) -> None:
-    times, values = drawn(recording)["inputs"]
+def test_the_command_is_that_of_the_weights_or_else_every_motor(recording: Path, tmp_path: Path) -> None:
+    times, values = drawn(recording)["command"]
     np.testing.assert_allclose(times, TIME, atol=1e-8)
     np.testing.assert_array_equal(values, INPUTS)
+    weights = (0.5, -0.5, -0.5, 0.5)
+    path = tmp_path / "flight.rrd"
+    with LiveView(CHANNELS._replace(command=weights), [RecordingFile(path)]) as view:
+        view.put(TIME[0], 0, OUTPUTS[0], INPUTS[0])
+    np.testing.assert_allclose(drawn(path)["command"][1], [[INPUTS[0] @ weights]])
 
 
 def test_what_is_judged_is_at_the_times_it_is_about(recording: Path) -> None:
@@ -183,7 +192,6 @@ def test_what_is_judged_is_at_the_times_it_is_about(recording: Path) -> None:
     surprise = np.array([e.surprise for e in TOLD])
     expected = {
         "free_energy_of_samples": np.array([[e.free_energy] for e in TOLD]),
-        "disturbance": np.array([[e.model.C[1] @ e.disturbance] for e in TOLD]),  # of the rate: rad/s²
         "surprise/samples": np.stack([np.ones(len(TOLD)), surprise], axis=-1),
     }
     for path, values in expected.items():
@@ -195,28 +203,41 @@ def test_what_is_judged_is_at_the_times_it_is_about(recording: Path) -> None:
 
 
 def test_the_wind_s_torque_is_drawn_with_its_band_when_it_acted(recording: Path) -> None:
-    times, values = drawn(recording)["disturbance/wind_torque"]
+    times, values = drawn(recording)["wind/1_torque"]
     np.testing.assert_allclose(times, TIME[20:] - 0.25, atol=1e-8)
-    centre, half = 0.1 * np.arange(40, 300), 0.01 * np.arange(40, 300)
-    np.testing.assert_allclose(values[20:], np.stack([centre - half, centre + half, centre], -1))
+    np.testing.assert_allclose(values[20:, 0], np.degrees(0.1 * np.arange(40, 300)))
     assert np.isnan(values[:20]).all()
+    times, edges = drawn(recording)["wind/0_band"]
+    np.testing.assert_allclose(times, np.repeat(TIME[20:] - 0.25, 2), atol=1e-8)
+    half = np.degrees(0.01 * np.arange(100, 200))
+    np.testing.assert_allclose(edges[161:360:2, 0] - edges[160:360:2, 0], 2 * half)
 
 
-def test_a_model_is_drawn_once_with_its_band(recording: Path) -> None:
-    lines = drawn(recording)
-    known = range(2, 30)
-    times, values = lines["parameters/A/2 from 1"]
+def test_what_happens_is_logged_with_its_time_and_size(tmp_path: Path) -> None:
+    path = tmp_path / "flight.rrd"
+    torque = np.random.default_rng(1).normal(size=4000)
+    torque[3200:3250] = 20.0
+    with LiveView(CHANNELS, [RecordingFile(path)]) as view:
+        for i, one in enumerate(torque):
+            now = estimate(20, 50.0 + DT * i)
+            now = now._replace(wind_torque=one, wind_torque_band=0.5, unusual=3500 <= i < 3600, surprise=7.0)
+            view.put(now.time, 0, OUTPUTS[0], INPUTS[0], now)
+    assert sorted(texts(path, "TextLog:text")) == ["gust: +1145 °/s² for 0.5 s", "unusual motion: surprise 7"]
+    stamps = [np.array(batch.column("boot clock").cast("int64")) for name, _, batch in chunks(path) if name == "log"]
+    times = np.concatenate(stamps) / 1e9
+    assert sorted(times) == pytest.approx([81.75, 85.0 - LATE], abs=0.02)
+
+
+def test_a_model_is_drawn_once(recording: Path) -> None:
+    times, values = drawn(recording)["free_energy_action"]
     np.testing.assert_allclose(times, TIME[20::10], atol=1e-8)
-    centre, half = (np.array([MODELS[i + more].A[1, 0] for i in known]) for more in (0, 1))
-    half = norm.ppf(0.95) * half
-    np.testing.assert_allclose(values, np.stack([centre - half, centre + half, centre], -1))
-    np.testing.assert_allclose(lines["noise_precisions/λ 1/λ 2"][1], [[20.0, i] for i in known])
-    np.testing.assert_allclose(lines["free_energy_action"][1][:, 0], [-1000.0 - i for i in known])
+    np.testing.assert_allclose(values[:, 0], [-1000.0 - i for i in range(2, 30)])
 
 
 def test_log_and_status_show_what_they_were_given(recording: Path) -> None:
-    assert texts(recording, "TextLog:text") == ["attached", "link lost"]
-    assert texts(recording, "TextLog:level") == ["INFO", "WARN"]
+    found = zip(texts(recording, "TextLog:text"), texts(recording, "TextLog:level"), strict=True)
+    said = [(text, level) for text, level in found if "unusual" not in text]
+    assert said == [("attached", "INFO"), ("link lost", "WARN")]
     document = texts(recording, "TextDocument:text")[-1]
     for fact in (CHANNELS.title, "300 at 100 Hz", "99.4 Hz", "frames lost | 7", "12 ms", "The motors hardly move."):
         assert fact in document
@@ -224,15 +245,16 @@ def test_log_and_status_show_what_they_were_given(recording: Path) -> None:
 
 
 def test_batches_are_not_tiny(recording: Path) -> None:
-    sizes = [batch.num_rows for name, _, batch in chunks(recording) if name.startswith(("outputs", "inputs"))]
+    sizes = [batch.num_rows for name, _, batch in chunks(recording) if name.startswith(("outputs", "command"))]
     assert np.mean(sizes) >= 100
 
 
 def test_the_blueprint_shows_what_is_there(recording: Path) -> None:
     shown = views(recording)
-    assert len(shown) == 12
+    assert len(shown) == 16
     entities = {name for name, *_ in chunks(recording)}
-    for origin in shown:
+    learned = {"noise_precisions", "parameters/A", "parameters/B"}  # drawn from the first batch of learning on
+    for origin in set(shown) - learned:
         assert any(f"{entity}/".startswith(f"{origin}/") for entity in entities), f"the view of {origin} is empty"
 
 
@@ -247,14 +269,11 @@ def test_a_flight_is_shown_as_it_is_learnt_from(tmp_path: Path) -> None:
             view.put(now, 0, outputs, inputs, learner.update(now, outputs, inputs), learner.learned)
     assert view.troubles == []
     lines = drawn(path)
-    np.testing.assert_allclose(lines["outputs/roll/now"][1][:, 3], np.degrees(flight.outputs[:, 0]))
+    np.testing.assert_allclose(lines["outputs/roll/1_measured"][1][:, 0], np.degrees(flight.outputs[:, 0]))
     assert len(lines["free_energy_of_samples"][0]) > 80
-    free = {name for name in lines if name.startswith("parameters/")}
     # Of a rate and a hidden lag, and the motors' effect on both; that a rate is a rate is known beforehand.
-    assert {f"parameters/A/roll rate from {column}" for column in ("roll", "roll rate")} <= free
-    assert {f"parameters/B/roll rate from {motor}" for motor in flight.input_names} <= free
-    assert not any("/roll from" in name or name.startswith("parameters/C") for name in free)
-    assert "noise_precisions/w, process" in lines
+    widths = {name: values.shape[1] for name, (_, values) in lines.items() if name.startswith(("param", "noise"))}
+    assert widths == {"parameters/A": 3, "parameters/B": 8, "noise_precisions": 1}
 
 
 def test_other_channels_are_drawn_apart_from_those_before(tmp_path: Path) -> None:
@@ -267,17 +286,19 @@ def test_other_channels_are_drawn_apart_from_those_before(tmp_path: Path) -> Non
             view.put(TIME[i], 0, OUTPUTS[i], INPUTS[i][: len(channels.input_names)], estimate(20 + i, TIME[i]))
     assert view.troubles == [] and not [text for text in texts(path, "TextLog:text") if "not drawn" in text]
     lines = drawn(path)
-    np.testing.assert_array_equal(lines["inputs"][1], INPUTS[[0, 1, 5]])
-    np.testing.assert_array_equal(lines["setup_2/inputs"][1], INPUTS[2:5, :1])
-    np.testing.assert_allclose(lines["outputs/roll/now"][1][:, 3], np.degrees(OUTPUTS[[0, 1, 5], 0]))
-    np.testing.assert_allclose(lines["setup_2/outputs/roll/now"][1][:, 3], OUTPUTS[2:5, 0])
-    np.testing.assert_allclose(lines["setup_2/outputs/roll/ahead"][0], TIME[2:5] + 0.25)
-    assert any(name.startswith("setup_2/parameters/A") for name in lines)
+    np.testing.assert_array_equal(lines["command"][1], INPUTS[[0, 1, 5]])
+    np.testing.assert_array_equal(lines["setup_2/command"][1], INPUTS[2:5, :1])
+    np.testing.assert_allclose(lines["outputs/roll/1_measured"][1][:, 0], np.degrees(OUTPUTS[[0, 1, 5], 0]))
+    np.testing.assert_allclose(lines["setup_2/outputs/roll/1_measured"][1][:, 0], OUTPUTS[2:5, 0])
+    np.testing.assert_allclose(lines["setup_2/outputs/roll/2_predicted"][0], TIME[2:5] + 0.25)
+    assert "setup_2/free_energy_action" in lines
     assert sum("other channels" in text for text in texts(path, "TextLog:text")) == 2
     # Three blueprints are sent; a file does not tell in which order.
-    first, third, second = sorted(map(set, layouts(path)), key=lambda origins: "setup_2/inputs" in origins)
-    assert first == third != second and first & second == {"status", "log"}
-    assert all(any(f"{name}/".startswith(f"{origin}/") for name in lines) for origin in second - {"status", "log"})
+    first, third, second = sorted(map(set, layouts(path)), key=lambda origins: "setup_2/command" in origins)
+    assert first == third != second and first & second == {"status", "log", *FIGURES}
+    shown = {origin for origin in second if any(f"{name}/".startswith(f"{origin}/") for name in lines)}
+    learned = {f"setup_2/{name}" for name in ("noise_precisions", "parameters/A", "parameters/B")}
+    assert second - shown == {"status", "log", *FIGURES, *learned}
 
 
 def test_a_missing_stretch_parts_every_line(tmp_path: Path) -> None:
@@ -286,7 +307,7 @@ def test_a_missing_stretch_parts_every_line(tmp_path: Path) -> None:
         for i in range(20):
             view.put(50.0 + DT * i + (i >= 10), int(i >= 10), OUTPUTS[i], INPUTS[i], estimate(20 + i, 50.0 + DT * i))
     lines = drawn(path)
-    for name, width in (("inputs", 4), ("outputs/roll/now", 4), ("outputs/roll/ahead", 3)):
+    for name, width in (("command", 4), ("outputs/roll/1_measured", 1), ("outputs/roll/2_predicted", 1)):
         times, values = lines[name]
         assert np.isnan(values[10]).all() and np.isfinite(np.delete(values, 10, axis=0)).all()
         assert values.shape == (21, width)
@@ -303,7 +324,7 @@ def test_time_goes_on_where_a_reboot_sets_the_clock_back(tmp_path: Path) -> None
             view.log("a remark")
     lines = drawn(path)
     shown = np.append(500.0 + DT * np.arange(10), 500.09 + REBOOT_GAP_SECONDS + DT * np.arange(10))
-    times = lines["inputs"][0]
+    times = lines["command"][0]
     np.testing.assert_allclose(np.delete(times, 10), shown, atol=1e-8)
     np.testing.assert_allclose(lines["free_energy_of_samples"][0], shown - LATE, atol=1e-8)
     assert (np.diff(times) > 0).all()
@@ -330,7 +351,6 @@ def test_what_is_not_known_is_left_out(tmp_path: Path) -> None:
     assert view.troubles == []
     lines = drawn(path)
     assert "free_energy_of_samples" not in lines
-    assert np.isnan(lines["outputs/roll/now"][1][:, :3]).all()
     assert "No model yet. There are not enough samples yet." in texts(path, "TextDocument:text")[-1]
 
 
@@ -361,7 +381,29 @@ def test_who_receives_does_not_wait_for_a_view_to_open(tmp_path: Path) -> None:
         view.put(50.0, 0, OUTPUTS[0], INPUTS[0])
         assert not sink.go.is_set()
         sink.go.set()
-    assert len(drawn(sink.path)["inputs"][0]) == 1
+    assert len(drawn(sink.path)["command"][0]) == 1
+
+
+def test_four_figures_are_shown_as_soon_as_they_are_known() -> None:
+    row = ViewRow(60.0, 0.0, 0, OUTPUTS[0], INPUTS[0], None, None, CHANNELS)
+    status = SessionStatus(obstacle="The vehicle is on the ground.")
+    state, error, *others = figures(CHANNELS, status, row, None)
+    assert "waiting, 0 s learned\nThe vehicle is on the ground." in state
+    assert all("### –" in figure for figure in (error, *others))
+    now = estimate(60, 60.0)._replace(
+        physical=SimpleNamespace(
+            mean_effect=lambda level: (0.1, 0.01), damping=3.0, interval=lambda level: SimpleNamespace(damping=np.nan)
+        )
+    )
+    status = SessionStatus(learned=4200, ahead=(0.25, np.radians(2.0)), useful=(0.5, 0.41))
+    shown = "\n".join(figures(CHANNELS, status, row._replace(estimate=now), 59.0))
+    for words in (
+        "learning, 42 s learned",
+        "± 2.0°\n0.25 s ahead (90 %); error ratio 0.41 at 0.5 s",
+        "340 ± 30 °/s²",
+        "5.7 ± 0.6 °/s² per µs\ndamping not identifiable",
+    ):
+        assert words in shown
 
 
 def test_a_model_outlives_the_flight_in_the_status() -> None:
@@ -377,7 +419,7 @@ def test_a_row_that_cannot_be_drawn_is_reported_and_ends_nothing(tmp_path: Path)
     path = tmp_path / "flight.rrd"
     with LiveView(CHANNELS, [RecordingFile(path)]) as view:
         view.put(50.0, 0, OUTPUTS[0][:1], INPUTS[0])
-        until(lambda: "inputs" in drawn_so_far(path) or view.put(50.1, 0, OUTPUTS[0], INPUTS[0]))
+        until(lambda: "command" in drawn_so_far(path) or view.put(50.1, 0, OUTPUTS[0], INPUTS[0]))
     assert view.troubles == []
     assert texts(path, "TextLog:text")[0].startswith("not drawn: ")
 
@@ -423,8 +465,8 @@ def test_a_stalled_sink_holds_up_nobody(tmp_path: Path) -> None:
         assert view.dropped[other.name] == 0
         stalled.go.set()
     assert view.troubles == []
-    assert len(drawn(other.path)["inputs"][0]) == rows
-    times, _ = drawn(stalled.path)["inputs"]
+    assert len(drawn(other.path)["command"][0]) == rows
+    times, _ = drawn(stalled.path)["command"]
     np.testing.assert_allclose(times, 50.0 + DT * np.arange(1000, rows), atol=1e-7)
     assert "1000 rows are not shown here: this view is too slow" in texts(stalled.path, "TextLog:text")
     assert "rows not shown | 1,000" in texts(stalled.path, "TextDocument:text")[-1]
@@ -442,7 +484,7 @@ def test_closing_twice_is_closing_once_and_nothing_comes_after(recording: Path, 
     view.status(SessionStatus())
     view.close()
     assert path.stat().st_size == size
-    assert len(drawn(path)["inputs"][0]) == 1
+    assert len(drawn(path)["command"][0]) == 1
 
 
 def test_a_file_that_cannot_be_written_is_reported_and_ends_nothing(tmp_path: Path) -> None:
@@ -451,7 +493,7 @@ def test_a_file_that_cannot_be_written_is_reported_and_ends_nothing(tmp_path: Pa
         view.put(50.0, 0, OUTPUTS[0], INPUTS[0])
     (trouble,) = view.troubles
     assert "nowhere/flight.rrd cannot be written" in trouble
-    assert len(drawn(path)["inputs"][0]) == 1
+    assert len(drawn(path)["command"][0]) == 1
 
 
 FLYING = """
@@ -528,19 +570,19 @@ def test_a_flight_that_is_ended_or_fails_leaves_all_its_rows(tmp_path: Path) -> 
         until(lambda flight=flight: flight.rows > 100)
         flight.process.send_signal(number)
         flight.process.wait(PATIENCE)
-        values = drawn(tmp_path / f"{number.name}.rrd")["outputs/roll/now"][1][:, 3]
+        values = drawn(tmp_path / f"{number.name}.rrd")["outputs/roll/1_measured"][1][:, 0]
         # One may have been put and not printed.
         assert len(values) - flight.rows in (0, 1)
         np.testing.assert_allclose(values, np.degrees(np.arange(len(values))))
     failing.process.wait(PATIENCE)
     assert "a mistake" in failing.errors
-    assert len(drawn(tmp_path / "error.rrd")["inputs"][0]) == 100
+    assert len(drawn(tmp_path / "error.rrd")["command"][0]) == 100
 
 
 def rows_so_far(path: Path) -> int:
     """Rows in a file that another process writes; 0 while its end is torn."""
     with suppress(Exception):
-        return len(drawn(path)["inputs"][0])
+        return len(drawn(path)["command"][0])
     return 0
 
 
@@ -551,10 +593,10 @@ def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path: Path
     written = until(lambda: rows_so_far(tmp_path / "killed.rrd"))
     killed.process.kill()
     killed.process.wait(PATIENCE)
-    assert written <= len(drawn(tmp_path / "killed.rrd")["inputs"][0]) <= killed.rows + 1
+    assert written <= len(drawn(tmp_path / "killed.rrd")["command"][0]) <= killed.rows + 1
     full.process.wait(PATIENCE)
     assert "full.rrd failed" in full.printed[-1]
-    assert len(drawn(tmp_path / "full.rrd")["inputs"][0]) == 501
+    assert len(drawn(tmp_path / "full.rrd")["command"][0]) == 501
 
 
 def free_port() -> int:

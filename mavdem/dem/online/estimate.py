@@ -8,6 +8,7 @@ import numpy as np
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import LinearModel
+from mavdem.dem.graybox.parameters import Physical
 
 USEFUL_RATIO = 0.5  # of squared errors, below which a prediction is worth showing
 
@@ -44,6 +45,7 @@ class Estimate(NamedTuple):
             this sample; by the physical parameters as of the last fit, NaN before the first.
         wind_torque_band: half width of its 90 % band.
         wind_time: the time it is of, s.
+        physical: the physical parameters as of the last fit.
     """
 
     time: float
@@ -66,6 +68,7 @@ class Estimate(NamedTuple):
     wind_torque: float = np.nan
     wind_torque_band: float = np.nan
     wind_time: float = np.nan
+    physical: Physical | None = None
 
     @property
     def useful(self) -> int | None:

@@ -139,7 +139,10 @@ class OnlineLearner:
         self._samples += 1
         torque = self._wind.update(u, y)
         estimate = self._estimate(time, u, y)._replace(
-            wind_torque=torque[0], wind_torque_band=torque[1], wind_time=time - self._wind.delay
+            wind_torque=torque[0],
+            wind_torque_band=torque[1],
+            wind_time=time - self._wind.delay,
+            physical=None if self._wind.filter is None else self._wind.filter.physical,
         )
         self._last = time
         if closed:

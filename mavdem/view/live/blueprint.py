@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mavdem.report.names import named, per_second, readable
-from mavdem.view.live.content import disturbed
+from mavdem.report.names import named, readable
 from mavdem.view.live.line_group import BOOT_CLOCK
 from mavdem.view.live.rows import Channels
 
-FLIGHT_SECONDS = 20.0  # of the flight in view
-LEARNING_SECONDS = 60.0  # of the learning in view
-LEGEND_SHARE = 0.4  # of the time in view, left free on the right for the legend
+FLIGHT_SECONDS, LEARNING_SECONDS = 20.0, 120.0  # in view
+LEGEND_SHARE, WIDE_LEGEND_SHARE = 0.22, 0.35  # of the time in view, left free on the right for the legend
+FIGURES = 4  # Markdown documents above the plots
 
 
 class FollowingTimePanel(rrb.TimePanel):
@@ -27,12 +24,13 @@ class FollowingTimePanel(rrb.TimePanel):
 
 
 def live_blueprint(channels: Channels, root: str = "") -> rrb.Blueprint:
-    """Three columns: text and noise, the flight, the estimates; the lines are below the entity ``root``."""
+    """Tabs: the flight under its figures, the model, more of the samples, the status; lines are below ``root``."""
 
-    def plot(name: str, origin: str, seconds: float) -> rrb.TimeSeriesView:
+    def plot(name: str, origin: str, seconds: float = FLIGHT_SECONDS) -> rrb.TimeSeriesView:
         """A plot of the last seconds before the time cursor; only these are queried."""
+        share = LEGEND_SHARE if seconds == FLIGHT_SECONDS else WIDE_LEGEND_SHARE
         start = rr.TimeRangeBoundary.cursor_relative(seconds=-seconds)
-        end = rr.TimeRangeBoundary.cursor_relative(seconds=LEGEND_SHARE * seconds)
+        end = rr.TimeRangeBoundary.cursor_relative(seconds=share * seconds)
         return rrb.TimeSeriesView(
             name=name,
             origin=f"{root}/{origin.lstrip('/')}",
@@ -41,50 +39,51 @@ def live_blueprint(channels: Channels, root: str = "") -> rrb.Blueprint:
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
         )
 
+    outputs = [
+        plot(
+            f"{named(name.capitalize(), readable(unit).name)}: measured, and predicted without the motors ahead",
+            rr.new_entity_path(["outputs", name]),
+        )
+        for name, unit in zip(channels.output_names, channels.output_units, strict=True)
+    ]
+    command = f"{channels.output_names[0].capitalize()} command" if channels.command else "Motors"
     log_columns = rrb.archetypes.TextLogColumns(timeline_columns=[BOOT_CLOCK], text_log_columns=["LogLevel", "Body"])
-
-    return rrb.Blueprint(
+    flight = rrb.Vertical(
+        rrb.Horizontal(
+            *(rrb.TextDocumentView(origin=f"figures/{i}", name=f"Figure {i}", titlebar=False) for i in range(FIGURES))
+        ),
         rrb.Horizontal(
             rrb.Vertical(
-                rrb.TextDocumentView(origin="status", name="Status"),
-                rrb.TextLogView(origin="log", name="Log", columns=log_columns),
-                plot("λ: learned log precisions of the noise", "noise_precisions", LEARNING_SECONDS),
-                plot("Free energy action F̄ of the learner's memory, nats", "free_energy_action", LEARNING_SECONDS),
-                row_shares=[31, 27, 21, 21],
+                outputs[0],
+                plot(f"Disturbance torque (wind), {readable('rad/s²').name}", "wind"),
+                plot(named(command, next(iter(channels.input_units), "")), "command"),
+                row_shares=[42, 32, 26],
             ),
-            rrb.Vertical(*_flight(channels, plot), row_shares=[*[30] * len(channels.output_names), 20, 20]),
-            rrb.Vertical(
-                plot("Surprise: how unusual a sample is", "surprise", FLIGHT_SECONDS),
-                plot("Free energy F(t), nats: low at an unusual sample", "free_energy_of_samples", FLIGHT_SECONDS),
-                plot("A: motion from motion, learned entries", "parameters/A", LEARNING_SECONDS),
-                plot("B: motion from motors, learned entries", "parameters/B", LEARNING_SECONDS),
-                row_shares=[20, 20, 24, 36],
-            ),
-            column_shares=[26, 41, 33],
+            rrb.TextLogView(origin="log", name="Events", columns=log_columns),
+            column_shares=[70, 30],
         ),
+        row_shares=[13, 87],
+        name="Flight",
+    )
+    model = rrb.Grid(
+        plot("λ: log precisions of the noise", "noise_precisions", LEARNING_SECONDS),
+        plot("F̄ of the learner's memory, nats", "free_energy_action", LEARNING_SECONDS),
+        plot("A: motion from motion, 1/s and 1/s²", "parameters/A", LEARNING_SECONDS),
+        plot("B: motion from motors, degrees and s", "parameters/B", LEARNING_SECONDS),
+        grid_columns=2,
+        name="Model",
+    )
+    details = rrb.Vertical(
+        *outputs[1:],
+        plot("Surprise: how unusual a sample is", "surprise"),
+        plot("F(t), nats: low at an unusual sample", "free_energy_of_samples"),
+        name="Details",
+    )
+    return rrb.Blueprint(
+        rrb.Tabs(flight, model, details, rrb.TextDocumentView(origin="status", name="Status"), active_tab=0),
         FollowingTimePanel(state="collapsed", timeline=BOOT_CLOCK),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         auto_views=False,
         auto_layout=False,
     )
-
-
-def _flight(channels: Channels, plot: Callable[[str, str, float], rrb.TimeSeriesView]) -> list[rrb.View]:
-    """The plots of the flight, one above the other."""
-    outputs = [
-        plot(
-            f"{named(name.capitalize(), readable(unit).name)}: measured, expected, and predicted ahead",
-            rr.new_entity_path(["outputs", name]),
-            FLIGHT_SECONDS,
-        )
-        for name, unit in zip(channels.output_names, channels.output_units, strict=True)
-    ]
-    units = {per_second(channels.output_units[i]) for i in disturbed(channels)}
-    wind = named("Disturbance: wind and everything else outside the model", _common(units))
-    motors = named("Motors", _common(set(channels.input_units)))
-    return [*outputs, plot(wind, "disturbance", FLIGHT_SECONDS), plot(motors, "inputs", FLIGHT_SECONDS)]
-
-
-def _common(units: set[str]) -> str:
-    return next(iter(units)) if len(units) == 1 else ""

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
 from mavdem.dem import Estimate
-from mavdem.report.names import Readable, named, per_second, readable
-from mavdem.view import lines
-from mavdem.view.live.line_group import BOOT_CLOCK, LineGroup, around, band
+from mavdem.dem.online.gust_watch import GustWatch
+from mavdem.report.names import place, readable
+from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
+from mavdem.view.live.line_group import BOOT_CLOCK, LineGroup
 from mavdem.view.live.model_lines import ModelLines
 from mavdem.view.live.rows import Channels, LogLine, ViewRow
+from mavdem.view.time_plot import faint
 
 Array = NDArray[np.float64]
 
 AHEAD_SECONDS = 0.25  # horizon shown, before errors say which is useful
 CHANGE_SECONDS = 10.0  # for which a horizon is shown at least
-ALARM = (255, 92, 92)
+BEYOND = 0.3  # how far predictions and bands are drawn beyond what was measured, in spans of it
 
 
 class Content:
@@ -28,11 +30,15 @@ class Content:
     def __init__(self, channels: Channels, root: str = "") -> None:
         self.root = root
         self._channels = channels
-        self._model = ModelLines(channels, root)
+        self._model, self._gusts = ModelLines(channels, root), GustWatch(channels.dt)
         self._segment: int | None = None
         self._units = [readable(unit) for unit in channels.output_units]
-        self._disturbed, self._horizon, self._since = disturbed(channels), shown_horizon(channels), -np.inf
-        self.groups = {group.path: group.under(root) for group in _groups(channels, self._units)}
+        self._horizon, self._since = shown_horizon(channels), -np.inf
+        self._seen: dict[
+            str, tuple[float, float]
+        ] = {}  # by the entity of a plot, the least and most that were measured
+        self._unusual = False
+        self.groups = {group.path: group.under(root) for group in _groups(channels)}
 
     def begin(self, recording: rr.RecordingStream) -> None:
         """Sends the styles; once a recording, before the first row."""
@@ -41,7 +47,7 @@ class Content:
         self._model.begin()
 
     def rows(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
-        """Draws rows in the order of their times."""
+        """Draws rows in the order of their times, and what happens in them."""
         if not rows:
             return
         time = np.array([row.time for row in rows])
@@ -49,11 +55,12 @@ class Content:
         self._segment = rows[-1].segment
         breaks = np.array([i for i in range(len(rows)) if segments[i] not in (None, segments[i + 1])], np.intp)
         self._outputs(recording, rows, time, breaks)
-        self._draw(recording, "inputs", time, np.array([row.inputs for row in rows]), breaks)
-        judged = [row for row in rows if row.estimate is not None and np.isfinite(row.estimate.seen)]
-        if judged:
-            self._judgement(recording, judged)
-        self._wind(recording, [row for row in rows if row.estimate is not None])
+        inputs = np.array([row.inputs for row in rows])
+        command = inputs @ np.array(self._channels.command)[:, None] if self._channels.command else inputs
+        self._draw(recording, "command", time, command, breaks)
+        learned = [row for row in rows if row.estimate is not None]
+        self._judgement(recording, [row for row in learned if row.estimate and np.isfinite(row.estimate.seen)])
+        self._wind(recording, learned)
         self._model.add(recording, rows)
 
     def log(self, recording: rr.RecordingStream, line: LogLine) -> None:
@@ -61,10 +68,11 @@ class Content:
         recording.set_time(BOOT_CLOCK, duration=line.time)
         recording.log("log", rr.TextLog(line.text, level=line.level))
 
-    def status(self, recording: rr.RecordingStream, time: float, document: str) -> None:
-        """Shows a Markdown document from ``time``, s, on."""
+    def status(self, recording: rr.RecordingStream, time: float, document: str, figures: Sequence[str]) -> None:
+        """Shows a Markdown document, and one for each of some figures, from ``time``, s, on."""
         recording.set_time(BOOT_CLOCK, duration=time)
-        recording.log("status", rr.TextDocument(document, media_type=rr.MediaType.MARKDOWN))
+        for path, text in (*((f"figures/{i}", text) for i, text in enumerate(figures)), ("status", document)):
+            recording.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
     def end(self, recording: rr.RecordingStream) -> None:
         """Sends what still waits."""
@@ -83,25 +91,33 @@ class Content:
         self, recording: rr.RecordingStream, rows: list[ViewRow], time: Array, breaks: NDArray[np.intp]
     ) -> None:
         self._choose_horizon(recording, rows[-1])
-        m, h = len(self._channels.output_names), self._horizon
+        h, nothing = self._horizon, np.full(len(self._channels.output_names), np.nan)
 
         def column(part: Callable[[Estimate], Array]) -> Array:
-            nothing = np.full(m, np.nan)
             return np.array([nothing if row.estimate is None else part(row.estimate) for row in rows])
 
-        expected, half = column(lambda one: one.expected), column(lambda one: one.expected_band)
-        ahead, ahead_half = column(lambda one: one.ahead[h]), column(lambda one: one.ahead_band[h])
+        ahead, half = column(lambda one: one.ahead[h]), column(lambda one: one.ahead_band[h])
         measured = np.array([row.outputs for row in rows])
         horizon = self._channels.horizons[h] * self._channels.dt
         later = np.array(
             [row.time + horizon if row.estimate is None else row.estimate.ahead_times[h] + row.shift for row in rows]
         )
         for i, (name, unit) in enumerate(zip(self._channels.output_names, self._units, strict=True)):
-            now = [*around(expected[:, i], half[:, i]), measured[:, i]]
-            then = around(ahead[:, i], ahead_half[:, i])
-            root = rr.new_entity_path(["outputs", name])
-            self._draw(recording, f"{root}/now", time, unit.scale * np.stack(now, axis=-1), breaks)
-            self._draw(recording, f"{root}/ahead", later, unit.scale * np.stack(then, axis=-1), breaks)
+            root, drawn = rr.new_entity_path(["outputs", name]), unit.scale * measured[:, i]
+            then = unit.scale * np.stack([ahead[:, i] - half[:, i], ahead[:, i] + half[:, i], ahead[:, i]], axis=-1)
+            then = self._in_sight(root, drawn, then)
+            self._draw(recording, f"{root}/0_band", later, then[:, :2], breaks)
+            self._draw(recording, f"{root}/1_measured", time, drawn[:, None], breaks)
+            self._draw(recording, f"{root}/2_predicted", later, then[:, 2:], breaks)
+
+    def _in_sight(self, plot: str, measured: Array, values: Array) -> Array:
+        """Values cut off beyond what was measured so far, or they would decide about the range of the axis."""
+        low, high = self._seen.get(plot, (np.inf, -np.inf))
+        finite = measured[np.isfinite(measured)]
+        if len(finite):
+            self._seen[plot] = low, high = min(low, float(finite.min())), max(high, float(finite.max()))
+        beyond = BEYOND * (high - low)
+        return np.clip(values, low - beyond, high + beyond) if high > low else values
 
     def _choose_horizon(self, recording: rr.RecordingStream, row: ViewRow) -> None:
         """Shows the longest useful horizon from here on, and its name in the legend; the first where none is useful."""
@@ -111,44 +127,43 @@ class Content:
         if useful == self._horizon or row.time - self._since < CHANGE_SECONDS:
             return
         self._horizon, self._since = useful, row.time
-        for name in self._channels.output_names:
-            group = _ahead(self._channels, name, useful)
-            self.groups[group.path] = group.under(self.root)
-            self.groups[group.path].send_style(recording)
+        for group in _groups(self._channels, useful):
+            if group.path.endswith("/2_predicted"):
+                self.groups[group.path] = group.under(self.root)
+                self.groups[group.path].send_style(recording)
 
     def _wind(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
-        """Draws the wind's torque with its band at the times it is of; NaN breaks the line where it is not known."""
-        estimates = [row.estimate for row in rows if row.estimate is not None]
-        times = np.array([estimate.wind_time for estimate in estimates]) + [row.shift for row in rows]
-        torque, half = (
-            np.array([getattr(estimate, name) for estimate in estimates])
-            for name in ("wind_torque", "wind_torque_band")
-        )
-        of_a_time = np.isfinite(times)
-        values = np.stack(around(torque, half), axis=-1)
-        self.groups["disturbance/wind_torque"].send(recording, times[of_a_time], values[of_a_time])
+        """Draws the wind's torque with its band at the times it is of, and logs gusts; NaN where it is not known."""
+        scale, known = readable("rad/s²").scale, []
+        for row in rows:
+            now = row.estimate
+            if now is None or not np.isfinite(now.wind_time):
+                continue
+            known.append((now.wind_time + row.shift, now.wind_torque, now.wind_torque_band))
+            gust = self._gusts.add(now.wind_torque, now.wind_torque_band)
+            if gust is not None:
+                text = f"gust: {scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
+                self.log(recording, LogLine(known[-1][0] - gust.length, "WARN", text))
+        if known:
+            time, torque, half = np.array(known).T
+            edges = np.stack([torque - half, torque + half], axis=-1)
+            edges = self._in_sight("wind", scale * torque, scale * edges)
+            self.groups["wind/0_band"].send(recording, time, edges)
+            self.groups["wind/1_torque"].send(recording, time, scale * torque[:, None])
 
     def _judgement(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
-        """Draws F(t), surprise and disturbance at the centres of their windows; NaN breaks incomplete windows."""
+        """Draws F(t) and surprise at the centres of their windows, and logs marks; NaN breaks incomplete windows."""
         estimates = [row.estimate for row in rows if row.estimate is not None]
         seen = np.array([estimate.seen for estimate in estimates]) + [row.shift for row in rows]
         surprise = np.array([estimate.surprise for estimate in estimates])
         energy = np.array([estimate.free_energy for estimate in estimates])
-        # C w: the disturbance of each output.
-        nothing = np.full(len(self._channels.output_names), np.nan)
-        disturbance = np.array([nothing if one.model is None else one.model.C @ one.disturbance for one in estimates])
         self.groups["free_energy_of_samples"].send(recording, seen, energy[:, None])
-        self.groups["disturbance"].send(recording, seen, disturbance[:, self._disturbed])
         self.groups["surprise/samples"].send(recording, seen, np.stack([np.ones(len(seen)), surprise], axis=-1))
-        unusual = np.array([estimate.unusual for estimate in estimates])
+        unusual = np.array([estimate.unusual for estimate in estimates], dtype=np.bool_)
         self.groups["surprise/unusual"].send(recording, seen[unusual], surprise[unusual, None])
-
-
-def disturbed(channels: Channels) -> list[int]:
-    """The outputs whose disturbance is shown: the rates, or all outputs if there is no rate."""
-    # That of an angle is only the disagreement of the sensors: its derivative is the rate.
-    rates = [i for i, unit in enumerate(channels.output_units) if unit.endswith("/s")]
-    return rates or list(range(len(channels.output_names)))
+        for i in np.flatnonzero(unusual & ~np.append(self._unusual, unusual[:-1])):
+            self.log(recording, LogLine(float(seen[i]), "WARN", f"unusual motion: surprise {surprise[i]:.2g}"))
+        self._unusual = bool(unusual[-1]) if len(unusual) else self._unusual
 
 
 def shown_horizon(channels: Channels) -> int:
@@ -156,29 +171,24 @@ def shown_horizon(channels: Channels) -> int:
     return min(range(len(channels.horizons)), key=lambda i: abs(channels.horizons[i] * channels.dt - AHEAD_SECONDS))
 
 
-def _ahead(channels: Channels, output: str, horizon: int) -> LineGroup:
-    """The lines of an output's predictions, named by their horizon."""
-    seconds = channels.horizons[horizon] * channels.dt
-    return band(f"{rr.new_entity_path(['outputs', output])}/ahead", f"{seconds:.2g} s ahead", lines.FORECAST, 1.5)
-
-
-def _groups(channels: Channels, units: list[Readable]) -> list[LineGroup]:
-    """All lines except the model's."""
-    r, rates = len(channels.input_names), disturbed(channels)
-    disturbances = tuple(named(channels.output_names[i], per_second(channels.output_units[i])) for i in rates)
+def _groups(channels: Channels, horizon: int | None = None) -> list[LineGroup]:
+    """All lines except the model's, predictions as far ahead as the ``horizon``, or the first to be shown."""
+    seconds = channels.horizons[shown_horizon(channels) if horizon is None else horizon] * channels.dt
+    names = ("motors' difference",) if channels.command else tuple(map(place, channels.input_names))
+    colours = (COMMAND,) if channels.command else tuple(map(distinct, range(len(names))))
     groups = [
-        LineGroup("inputs", channels.input_names, tuple(map(lines.distinct, range(r))), (1.5,) * r),
-        LineGroup("free_energy_of_samples", ("F(t)",), (lines.MEASURED,), (1.5,)),
-        LineGroup("surprise/samples", ("worst of 20", "surprise"), (lines.TRIVIAL, lines.MEASURED), (1.0, 1.5)),
-        LineGroup("surprise/unusual", ("unusual",), (ALARM,), (4.0,), marked=True),
-        band("disturbance/wind_torque", "wind's torque, rad/s²", lines.FORECAST, 1.5),
-        LineGroup("disturbance", disturbances, tuple(map(lines.distinct, range(len(rates)))), (1.5,) * len(rates)),
+        LineGroup("command", names, colours),
+        LineGroup("free_energy_of_samples", ("F(t)",), (MEASURED,)),
+        LineGroup("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED)),
+        LineGroup("surprise/unusual", ("unusual",), (BAD,), 4.0, marked=True),
+        LineGroup("wind/0_band", ("90 % band",), (faint(DISTURBANCE, BAND_OPACITY),), filled=True),
+        LineGroup("wind/1_torque", ("torque",), (DISTURBANCE,)),
     ]
     for name in channels.output_names:
         root = rr.new_entity_path(["outputs", name])
-        now = (*["expected"] * 3, "measured"), (*[lines.PREDICTED] * 3, lines.MEASURED), (0.6, 0.6, 4.0, 1.5)
         groups += [
-            _ahead(channels, name, shown_horizon(channels)),
-            LineGroup(f"{root}/now", *now),
+            LineGroup(f"{root}/0_band", ("90 % band",), (faint(PREDICTED, BAND_OPACITY),), filled=True),
+            LineGroup(f"{root}/1_measured", ("measured",), (MEASURED,), 1.2),
+            LineGroup(f"{root}/2_predicted", (f"{seconds:.2g} s ahead",), (PREDICTED,), 1.8),
         ]
     return groups

@@ -8,7 +8,8 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from mavdem.view.lines import Colour
+from mavdem.report import palette
+from mavdem.view.time_plot import FILL_WIDTH
 
 Array = NDArray[np.float64]
 
@@ -17,13 +18,14 @@ BOOT_CLOCK = "boot clock"  # timeline, s; see ``live_view.Timeline``
 
 @dataclass(frozen=True)
 class LineGroup:
-    """An entity of k lines, in the order of drawing; the legend shows lines of one name and colour once."""
+    """An entity of k lines, drawn in the order of the paths; a filled area is one line of upright strokes."""
 
     path: str  # of the entity
     names: tuple[str, ...]
-    colours: tuple[Colour, ...]
-    widths: tuple[float, ...]  # points
+    colours: tuple[str, ...]  # of the palette
+    width: float = 1.5  # points
     marked: bool = False  # whether the values are drawn as markers, not joined
+    filled: bool = False  # whether the values are the edges of an area
 
     def under(self, root: str) -> LineGroup:
         """The same below the entity ``root``, if that is not empty."""
@@ -31,28 +33,22 @@ class LineGroup:
 
     def send_style(self, recording: rr.RecordingStream) -> None:
         """Sends how the lines are drawn; once a recording."""
-        names, colours, widths = list(self.names), list(self.colours), list(self.widths)
+        names, colours = list(self.names), [palette.channels(colour) for colour in self.colours]
+        widths = [FILL_WIDTH if self.filled else self.width] * len(names)
         style: rr.SeriesPoints | rr.SeriesLines
         if self.marked:
             style = rr.SeriesPoints(names=names, colors=colours, marker_sizes=widths, markers=["circle"] * len(names))
         else:
             # The mean of the values on one pixel would hide gusts.
-            policy = rr.components.AggregationPolicy.MinMax
+            policy = rr.components.AggregationPolicy.Off if self.filled else rr.components.AggregationPolicy.MinMax
             style = rr.SeriesLines(names=names, colors=colours, widths=widths, aggregation_policy=policy)
         recording.log(self.path, style, static=True)
 
     def send(self, recording: rr.RecordingStream, time: Array, values: Array) -> None:
-        """Sends values (N, k) at times (N,), s of the boot clock; NaN breaks a line."""
-        if len(time):
-            columns = rr.Scalars.columns(scalars=values.ravel()).partition([len(self.names)] * len(time))
-            recording.send_columns(self.path, [rr.TimeColumn(BOOT_CLOCK, duration=time)], columns)
-
-
-def band(path: str, name: str, colour: Colour, width: float) -> LineGroup:
-    """A line of ``width`` points between two thin ones, the edges of its band."""
-    return LineGroup(path, (name,) * 3, (colour,) * 3, (0.6, 0.6, width))
-
-
-def around(centre: Array, half: Array) -> list[Array]:
-    """The values of a ``band``."""
-    return [centre - half, centre + half, centre]
+        """Sends values (N, k), or edges (N, 2), at times (N,), s of the boot clock; NaN breaks a line."""
+        if not len(time):
+            return
+        if self.filled:
+            time, values = np.repeat(time, 2), values.reshape(-1, 1)
+        columns = rr.Scalars.columns(scalars=values.ravel()).partition([len(self.names)] * len(time))
+        recording.send_columns(self.path, [rr.TimeColumn(BOOT_CLOCK, duration=time)], columns)

@@ -20,6 +20,7 @@ class Channels(NamedTuple):
         dt: sampling step, s.
         horizons: the learner's, in steps.
         input_names, output_names, input_units, output_units: as of a ``Flight``.
+        command: weights of the inputs in the command of the axis; empty where they are not known.
     """
 
     title: str
@@ -29,6 +30,7 @@ class Channels(NamedTuple):
     output_names: tuple[str, ...]
     input_units: tuple[str, ...]
     output_units: tuple[str, ...]
+    command: tuple[float, ...] = ()
 
 
 class ViewRow(NamedTuple):

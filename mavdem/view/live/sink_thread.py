@@ -6,19 +6,16 @@ import time
 from collections import deque
 from contextlib import suppress
 from itertools import groupby
-from math import isfinite
 from threading import Event, Lock, Thread
 from typing import Generic, TypeVar
 from uuid import UUID
 
 import rerun as rr
 
-from mavdem.dem.online.learner import TOO_FEW
-from mavdem.dem.online.surprise import FALSE_MARK_SECONDS
 from mavdem.live import SessionStatus
-from mavdem.live.status import sentence
 from mavdem.view.live.blueprint import live_blueprint
 from mavdem.view.live.content import Content
+from mavdem.view.live.figures import figures, status_document
 from mavdem.view.live.rows import Channels, LogLine, ViewRow
 from mavdem.view.live.sinks import Sink
 
@@ -176,43 +173,5 @@ class SinkThread:
                 text = f"{dropped - self._reported_drops} rows are not shown here: this view is too slow"
                 content.log(recording, LogLine(self._last.time, "WARN", text))
                 self._reported_drops = dropped
-            document = status_document(self._channels, self.status, self._last, self._until, dropped)
-            content.status(recording, self._last.time, document)
-
-
-LEGEND = (
-    "The thin lines beside a thick one are its 90 % band. y ← x is the entry of A or B from x to y, in the model's "
-    f"units. Surprise is how far F(t) is below its recent median: 1 is the worst of twenty samples. A mark "
-    f"is where it stays above what is usual in this flight; one in {FALSE_MARK_SECONDS / 60:.0f} minutes is expected "
-    "without a change."
-)
-
-
-def status_document(channels: Channels, status: SessionStatus, row: ViewRow, until: float | None, dropped: int) -> str:
-    """The latest status and row as a Markdown document, with the number of rows that this view has dropped.
-
-    The latest model was learnt ``until`` s of the boot clock; None before the first.
-    """
-    facts = {"samples": f"{status.learned + status.shown:,} at {1 / channels.dt:.4g} Hz"}
-    reboot = f" since a reboot; shown as {row.time:,.1f} s" if row.shift else ""
-    facts["boot clock"] = f"{row.time - row.shift:,.1f} s{reboot}"
-    facts |= {name: f"{rate:.1f} Hz" for name, rate in status.rates.items()}
-    facts["frames lost"] = f"{status.lost:,}"
-    if isfinite(status.latency[0]):
-        facts["latency"] = f"{1000 * status.latency[0]:.0f} ms"
-    if isfinite(status.useful[0]):
-        ahead, ratio = status.useful
-        facts["useful predictions"] = f"up to {ahead:.2g} s ahead: error ratio {ratio:.2f} (1: last sample or mean)"
-    if dropped:
-        facts["rows not shown"] = f"{dropped:,}: this view is too slow"
-    first, *others = (f"| {name} | {fact} |" for name, fact in facts.items())
-    obstacle = status.obstacle or (TOO_FEW if until is None else "")
-    if until is None:
-        learning = "No model yet."
-    elif row.estimate is None:
-        learning = "The latest model is kept; the samples now are not settled flight."
-    else:
-        learning = f"The model was learned up to {max(0.0, row.estimate.time - until):.1f} s ago."
-    learning += f" {sentence(obstacle)}" if obstacle else ""
-    cautions = [f"**Cautions:** {' '.join(row.learned.cautions)}"] if row.learned and row.learned.cautions else []
-    return "\n\n".join([f"**{channels.title}**", learning, "\n".join([first, "|---|---|", *others]), *cautions, LEGEND])
+            about = self._channels, self.status, self._last, self._until
+            content.status(recording, self._last.time, status_document(*about, dropped), figures(*about))
