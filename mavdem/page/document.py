@@ -28,12 +28,14 @@ _NUMBER = re.compile(r"[-+−±(<>≤≥~≈]?\s*[\d.∞]|-$|–$|nan$|inf$")
 class Drawing(NamedTuple):
     """A figure of the page.
 
-    ``svg`` is of ``inline_svg``; the ``title`` is above it, and a ``caption`` below it says how to read it.
+    ``svg`` is of ``inline_svg``; the ``title`` is above it, and a ``caption`` below it says how to read it. A ``large``
+    one takes two columns, where there are as many.
     """
 
     title: str
     svg: Markup
     caption: str
+    large: bool = False
 
 
 class Chapter(NamedTuple):

@@ -40,7 +40,7 @@ def live_page(
             "The predictions were made in flight, without the motors of the time ahead; band: 90 %. Below, the wind's "
             "torque as estimated in flight. What is shaded was learned from."
         )
-        flown = PicturePlan("The flight", caption, lambda: live_flight(history, axis))
+        flown = PicturePlan("The flight", caption, lambda: live_flight(history, axis), large=True)
         return [flown, *([] if learned is None else model_plans(learned))]
 
     return render_page(

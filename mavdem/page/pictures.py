@@ -21,12 +21,13 @@ INK = {INK_ON_LIGHT: "ink", "#000000": "ink"}
 class PicturePlan(NamedTuple):
     """A figure to be drawn: its ``title``, a ``caption`` on how to read it, and the function that draws it.
 
-    ``draw`` may raise ``ValueError`` with the reason why there is none.
+    ``draw`` may raise ``ValueError`` with the reason why there is none. A ``large`` one takes two columns.
     """
 
     title: str
     caption: str
     draw: Callable[[], Figure]
+    large: bool = False
 
 
 def picture_chapter(plans: Callable[[], Sequence[PicturePlan]]) -> Chapter:
@@ -35,11 +36,11 @@ def picture_chapter(plans: Callable[[], Sequence[PicturePlan]]) -> Chapter:
         return Chapter("Pictures", [Sentence(f"{hint} Then run the same command again.")])
     drawings: list[Drawing] = []
     reasons: list[Sentence] = []
-    for number, (title, caption, draw) in enumerate(plans()):
+    for number, (title, caption, draw, large) in enumerate(plans()):
         try:
             svg = inline_svg(draw(), f"figure-{number}", title, INK)
         except ValueError as error:
             reasons.append(Sentence(f"{error}.", f"{title}:"))
         else:
-            drawings.append(Drawing(title, svg, caption))
+            drawings.append(Drawing(title, svg, caption, large))
     return Chapter("Pictures", reasons, drawings)

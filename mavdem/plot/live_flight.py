@@ -25,7 +25,7 @@ def live_flight(history: LiveHistory, name: str) -> Figure:
     if not np.isfinite(lines.measured).any():
         raise ValueError("no attitude came")
     angle, torque = readable("rad"), readable("rad/s²")
-    with picture(4.2) as figure:
+    with picture(3.4) as figure:
         above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2]})
         for axes in (above, below):
             for place, (first, last) in enumerate(history.learnt):
