@@ -36,6 +36,8 @@ def motors(learned: Learned, hover: HoverFigures | None = None) -> Figure:
     labels, read = Labels.of(learned), learned.physical
     if read is None and hover is None:
         raise ValueError("there are no motors to show: no physical parameters can be fitted to this flight")
+    if hover is not None and len(hover.motors) != len(labels.input_names):
+        read = None  # what drives the model is no motor but the demand, which has no row here
     names = labels.input_names if hover is None else hover.motors
     rows = np.arange(len(names))
     panels = (read is not None) + 2 * (hover is not None)

@@ -211,6 +211,14 @@ def test_what_is_not_identifiable_is_said_in_the_picture(learned, monkeypatch):
     assert "not identifiable" in svg(learned.plot.bode()) and "not identifiable" in svg(learned.plot.motors())
 
 
+def test_the_effect_of_a_demand_is_not_put_beside_a_motor(learned, flight):
+    hover = mavdem.hover_figures([flight])
+    columns = [name for name, value in vars(hover).items() if isinstance(value, tuple)]
+    fewer = replace(hover, **{name: getattr(hover, name)[:2] for name in columns})
+    assert [axes.get_title("left") for axes in learned.plot.motors(hover).axes] == ["effect", "trim", "headroom"]
+    assert [axes.get_title("left") for axes in learned.plot.motors(fewer).axes] == ["trim", "headroom"]
+
+
 def test_a_notebook_shows_a_picture(figures):
     assert figures["bode"]._repr_png_().startswith(b"\x89PNG")
     assert "matplotlib.pyplot" not in sys.modules or not sys.modules["matplotlib.pyplot"].get_fignums()
