@@ -43,7 +43,7 @@ class _Commands(click.Group):
     cls=_Commands,
     commands=[
         click.Command("info", help="Reports what a log holds and if a model can be learnt."),
-        click.Command("learn", help="Learns a linear model and tests it on held-out data."),
+        click.Command("learn", help="Learns a model and reports what the vehicle does in wind."),
         click.Command("compare", help="Compares DEM with other methods, window by window."),
         click.Command("order", help="Finds the model order (number of states) by the free energy."),
         click.Command("live", help="Attaches to a link and learns while the vehicle flies."),
@@ -58,15 +58,15 @@ def mavdem() -> None:
     """Learns what a multirotor does in wind from its flight logs.
 
     mavdem takes motor outputs and attitude from a MAVLink stream or a log. It learns a linear model of the roll (or
-    pitch) motion by Dynamic Expectation Maximization (DEM), with an interval for every parameter. It forecasts samples
-    that the model has not seen, and reports the error beside forecasts without a model.
+    pitch) motion by Dynamic Expectation Maximization (DEM). It reports what the motors do, how the motion is damped and
+    how strong the wind was, each with its interval or the reason why it is not identifiable.
 
     \b
     1. Is the log good enough? If not: why, and what to change.
          mavdem info flight.tlog
-    2. Learn a model. Read the report, then look at the plots.
-         mavdem learn flight.tlog --out result
-         rerun result/flight.rrd
+    2. What does the vehicle do? Read the screen, then the page.
+         mavdem learn flight.tlog
+         xdg-open flight/report.html
     3. Compare with subspace, PEM, EM and ARX models.
          mavdem compare flight.tlog
     4. How many states does the motion have?

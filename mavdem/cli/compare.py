@@ -27,7 +27,7 @@ COMPARISON_FILES = ("comparison.json", "comparison.html", "windows.csv")
 
 
 @click.command("compare")
-@motion_options
+@motion_options()
 @click.argument("sources", metavar="SOURCE...", type=click.Path(), nargs=-1, required=True)
 @window_options(f"{TRAIN_SECONDS:g}s", "Held-out test data after them: seconds or samples.")
 @click.option(

@@ -13,7 +13,7 @@ from mavdem.export.conversion import convert as convert_file
 
 
 @click.command("convert")
-@source_options
+@source_options()
 @click.argument("out", type=click.Path(), callback=no_option)
 def convert_command(source: str, out: str, axis: str, vehicle: str | None, inputs: str | None, as_json: bool) -> None:
     """Converts a log to another file format.

@@ -17,7 +17,7 @@ WRAP_COLUMNS = 100  # columns to which the list of messages is wrapped
 
 
 @click.command("info")
-@source_options
+@source_options()
 @click.pass_context
 def info_command(
     context: click.Context, source: str, axis: str, vehicle: str | None, inputs: str | None, as_json: bool

@@ -15,7 +15,7 @@ import numpy as np
 from click.core import ParameterSource
 
 from mavdem import evaluate
-from mavdem.alignment.drive import AXES
+from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.alignment.inventory import inventory
 from mavdem.alignment.read import learnable_segments
 from mavdem.cli.options import Length, chosen_settings, file_option, model_options, source_options, window_options
@@ -54,7 +54,9 @@ def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> 
 
 
 @click.command("learn")
-@source_options
+@source_options(
+    (*TILT_AXES, ALL), "Axis to model; all: a model of roll, and the physical parameters of roll, pitch and yaw."
+)
 @click.option(
     "--out", type=click.Path(), callback=folder_named, help="Folder for the results. [default: named after the log]"
 )

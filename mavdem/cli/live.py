@@ -146,7 +146,7 @@ def _number(context: click.Context, parameter: click.Parameter, value: float | N
 
 @click.command("live")
 @click.argument("link")
-@motion_options
+@motion_options()
 @model_options
 @file_option("--rrd", "Rerun recording to write.")
 @click.option("--serve", is_flag=True, help="Show it in a browser on this machine; Rerun's usage statistics are off.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
@@ -14,14 +14,11 @@ from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.dem import Settings
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.evaluate.flight_windows import TEST_SECONDS, samples_in
-from mavdem.evaluate.vehicle_figures import ALL
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
 VEHICLE_PATTERN = re.compile(r"\d{1,3}(:\d{1,3})?", re.ASCII)  # MAVLink's ids
 MAX_STATES = 10  # A roll model has a few states; the memory of a fit increases with the fourth power of their number
-WITH_ALL = "learn"  # The command that has figures of all axes beside a model of one
-WITH_YAW = ("info", "convert")  # Commands that need no model
 AXIS_OUTPUTS = 2  # of an axis: its angle and its rate
 
 ORDERS = {"real": range(AXIS_OUTPUTS, AXIS_OUTPUTS + Settings().p + 1), "paper": range(1, MAX_STATES + 1)}
@@ -54,49 +51,35 @@ def _vehicle(context: click.Context, parameter: click.Parameter, value: str | No
     return value
 
 
-def _axis(context: click.Context, parameter: click.Parameter, value: str) -> str:
-    if value == ALL and context.info_name == WITH_ALL:
-        return value
-    if value not in TILT_AXES and context.info_name not in WITH_YAW:
-        raise click.BadParameter(
-            f"A model has an angle and a rate, and a flight of {value} has the rate only: it is for physical "
-            f"parameters. Choose {' or '.join(TILT_AXES)}.",
-            context,
-            parameter,
-        )
-    return value
+def motion_options(axes: Sequence[str] = TILT_AXES, text: str = "Axis to model.") -> Callable[[Command], Command]:
+    """Adds --axis with these choices, --vehicle, --inputs and --json to a command."""
+
+    def decorate(command: Command) -> Command:
+        for option in (
+            click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."),
+            click.option(
+                "--inputs",
+                type=click.Choice(["motors", "demand"]),
+                help="The inputs of the model: the motor outputs, or the controller's demand before the mixer. "
+                "[default: motors; demand if only that is logged fast enough]",
+            ),
+            click.option(
+                "--vehicle",
+                metavar="SYSTEM[:COMPONENT]",
+                callback=_vehicle,
+                help="Which vehicle, if there are several.",
+            ),
+            click.option("--axis", type=click.Choice(axes), default="roll", show_default=True, help=text),
+        ):
+            command = option(command)
+        return command
+
+    return decorate
 
 
-def motion_options(command: Command) -> Command:
-    """Adds --axis, --vehicle, --inputs and --json to a command."""
-    for decorate in (
-        click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else."),
-        click.option(
-            "--inputs",
-            type=click.Choice(["motors", "demand"]),
-            help="The inputs of the model: the motor outputs, or the controller's demand before the mixer. "
-            "[default: motors; demand if only that is logged fast enough]",
-        ),
-        click.option(
-            "--vehicle", metavar="SYSTEM[:COMPONENT]", callback=_vehicle, help="Which vehicle, if there are several."
-        ),
-        click.option(
-            "--axis",
-            type=click.Choice((*AXES, ALL)),
-            default="roll",
-            show_default=True,
-            callback=_axis,
-            help="Axis to model; yaw, which has a rate and no angle, to judge and to convert only; all, for learn, is "
-            "a model of roll with the physical parameters of roll, pitch and yaw.",
-        ),
-    ):
-        command = decorate(command)
-    return command
-
-
-def source_options(command: Command) -> Command:
+def source_options(axes: Sequence[str] = AXES, text: str = "Axis of the vehicle.") -> Callable[[Command], Command]:
     """Adds SOURCE and the same options to a command."""
-    return click.argument("source", type=click.Path())(motion_options(command))
+    return lambda command: click.argument("source", type=click.Path())(motion_options(axes, text)(command))
 
 
 def _spoken(orders: range) -> str:

@@ -22,7 +22,7 @@ from mavdem.report.order import order_report
 
 
 @click.command("order")
-@motion_options
+@motion_options()
 @click.argument("sources", metavar="SOURCE...", type=click.Path(), nargs=-1, required=True)
 @click.option(
     "--max-order",

@@ -33,7 +33,7 @@ def test_the_script_of_each_shell_is_printed(shell, monkeypatch, capsys):
 def test_commands_options_values_and_scenarios_are_offered(monkeypatch, capsys):
     assert offered(monkeypatch, capsys, "le") == ["plain,learn"]
     assert offered(monkeypatch, capsys, "learn", "x.tlog", "--o") == ["plain,--out", "plain,--order"]
-    assert offered(monkeypatch, capsys, "info", "--axis", "") == ["plain,roll", "plain,pitch", "plain,yaw", "plain,all"]
+    assert offered(monkeypatch, capsys, "info", "--axis", "") == ["plain,roll", "plain,pitch", "plain,yaw"]
     assert offered(monkeypatch, capsys, "info", "fli") == ["file,fli"]
     assert "plain,hover_blower" in offered(monkeypatch, capsys, "fly", "hover")
     assert offered(monkeypatch, capsys, "fly", "./my.toml") == ["file,./my.toml"]

@@ -110,7 +110,7 @@ def test_a_recording_to_look_at(tmp_path, capsys):
     reader = RrdReader(rrd)
     assert len(reader.blueprints()) == 1
     paths = {str(chunk.entity_path).replace("\\", "") for chunk in reader.stream()}
-    assert {"/world/here/vehicle", "/world/here/wind", "/world/trail", "/roll/0 true", "/moment/0 roll"} <= paths
+    assert {"/world/here/vehicle", "/world/here/wind", "/world/trail", "/roll/0 roll", "/moment/0 roll"} <= paths
 
 
 def test_the_list_is_one_a_line_name_first(capsys):
@@ -318,7 +318,7 @@ def test_a_name_is_reported_in_one_line(tmp_path, capsys):
     assert main(["fly", "calm", "--out", str(tmp_path / "a\n\x1b[31mb.tlog"), *SHORT]) == 0
     said = capsys.readouterr().err
     assert "a\\n\\u001b[31mb.tlog" in said and "\x1b" not in said
-    assert all(line.startswith(("Flew", "Wrote")) for line in said.splitlines())
+    assert all(line.startswith(("Flew", "Wrote", "Learn: ")) for line in said.splitlines())
 
 
 @pytest.mark.slow

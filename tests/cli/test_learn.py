@@ -181,10 +181,10 @@ def test_numbers_that_json_does_not_know_become_null():
     assert strict_json(json_text({"a": [float("nan"), (float("inf"), 1.5)]})) == {"a": [None, [None, 1.5]]}
 
 
-def test_yaw_has_no_model_and_the_sentence_says_what_it_is_for(tmp_path, capsys):
+def test_yaw_has_no_model_and_is_judged_only(tmp_path, capsys):
     assert main(["learn", FLIGHT, "--axis", "yaw", "--out", str(tmp_path / "out")]) == 2
     said = capsys.readouterr()
-    assert said.out == "" and "it is for physical parameters. Choose roll or pitch." in said.err
+    assert said.out == "" and "'yaw' is not one of 'roll', 'pitch', 'all'" in said.err
     assert main(["info", FLIGHT, "--axis", "yaw"]) == 0
     assert capsys.readouterr().out.startswith("The physical parameters of yaw can be learnt from")
 
