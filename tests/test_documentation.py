@@ -1,12 +1,15 @@
 """What the documentation shows to be typed runs."""
 
 import re
+import shlex
 import tomllib
+from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import mavdem.comparison
+from sitl_scenarios.files import names as scenarios
 
 ROOT = Path(__file__).parents[1]
 
@@ -45,6 +48,36 @@ def test_the_baselines_example_forecasts(monkeypatch, capsys):
     monkeypatch.chdir(ROOT)
     exec(code, {})
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == ["DEM", "subspace(4,", "PEM(4)"]
+
+
+@pytest.mark.slow
+def test_the_readme_s_example_runs(tmp_path, monkeypatch, capsys):
+    (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "README.md").read_text(), re.DOTALL)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "flight.tlog").symlink_to(ROOT / "logs" / "ardupilot_wind5_steps.tlog")
+    names: dict[str, object] = {}
+    exec(code, names)
+    assert names["learned"].physical.status["effect"] == "reported"
+    assert "motor effectiveness" in capsys.readouterr().out
+
+
+COMMANDS = [
+    (page, line.split("   #")[0].strip())
+    for page in ("README.md", *sorted(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md")))
+    for block in re.findall(r"^```\n(.*?)^```", (ROOT / page).read_text(), re.DOTALL | re.MULTILINE)
+    for line in block.splitlines()
+    if line.startswith("mavdem ")
+]
+
+
+@pytest.mark.parametrize(("page", "line"), COMMANDS)
+def test_every_command_that_is_shown_exists_with_its_options(page, line):
+    _, name, *words = shlex.split(re.sub(r" > \S+$", "", line))
+    command = getattr(import_module(f"mavdem.cli.{name}"), f"{name}_command")
+    known = {option for parameter in command.params for option in parameter.opts}
+    assert {word for word in words if word.startswith("--")} <= known
+    if name == "fly" and not words[0].startswith("--"):
+        assert words[0] in scenarios() or words[0].endswith(".toml")
 
 
 @pytest.mark.slow

@@ -32,6 +32,13 @@ def test_every_extra_of_the_package_is_named_and_all_has_them_all():
     assert set(re.findall(r"\w+", everything[0])) == {"mavdem", *EXTRAS}
 
 
+def test_every_file_that_is_no_python_is_installed():
+    tool = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["setuptools"]
+    for package, patterns in tool["package-data"].items():
+        there = {path for path in (ROOT / package).rglob("*") if path.is_file() and path.suffix not in (".py", ".pyc")}
+        assert there == {path for pattern in patterns for path in (ROOT / package).glob(pattern)}
+
+
 def test_what_is_installed_is_not_asked_for(without_rerun):
     assert advice("It", "plot") == ""
     require("It", "plot")
