@@ -100,6 +100,7 @@ def learn_command(
       what the model is good for, purpose by purpose, and why
       the vehicle: effect and trim of each motor, damping and lag
       the wind's torque on this axis, its steady part and gusts
+      the poles of the attitude loop as flown
       errors of forecasts beside those without a model
       warnings, where there are any
     With --axis all also a row for each of roll, pitch and yaw.

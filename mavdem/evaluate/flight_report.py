@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from mavdem.dem import Learned, Physical, WindTorque
+from mavdem.dem.closed_loop.response import closed_loop_response
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.validation import LEVEL
@@ -77,9 +78,16 @@ def report(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> di
         "simulation_fit": _simulation_fit(learned.simulation_fit),
         "physical": physical_values(learned.physical),
         "wind": wind_values(learned.wind),
+        "closed_loop": _closed_loop_values(learned),
         "motors_share": learned.training_forecasts.motors_share,
         "cautions": list(learned.cautions),
     }
+
+
+def _closed_loop_values(learned: Learned) -> dict[str, Any]:
+    """The poles of the attitude loop as flown, or the reason why there are none."""
+    found = closed_loop_response(learned)
+    return {"poles": [pole._asdict() for pole in found.poles], "reason": found.reason}
 
 
 def physical_values(read: Physical | None) -> dict[str, Any] | None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from mavdem.alignment.trim import HoverFigures
 from mavdem.dem import Learned, Physical
+from mavdem.dem.closed_loop.response import LoopPole, closed_loop_response
 from mavdem.dem.validation import LEVEL
 from mavdem.evaluate.findings import Finding, findings, warnings_of
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
@@ -32,6 +33,7 @@ def screen(learned: Learned, held_out: HeldOut | None = None, hover: HoverFigure
         *finding_blocks(findings(learned, held_out)),
         *_vehicle(labels, learned.physical, hover),
         *wind_blocks(learned.wind, learned.physical),
+        *_closed_loop(learned),
         *_prediction(labels, held_out),
         *(Sentence(warning, "Warning:") for warning in warnings_of(learned, held_out)),
     ]
@@ -131,6 +133,22 @@ def _vehicle(labels: Labels, read: Physical | None, hover: HoverFigures | None) 
     if rest:
         blocks.append(Sentence(f"{'; '.join(rest)}. ± is the half width of the {100 * LEVEL:.0f} % interval."))
     return blocks
+
+
+def _closed_loop(learned: Learned) -> list[Block]:
+    """The poles of the attitude loop; nothing where the motors' effect, which they follow from, is not identifiable."""
+    if learned.physical is None or not learned.physical.identifiable:
+        return []
+    found = closed_loop_response(learned)
+    text = "; ".join(map(_pole, found.poles)) + "." if found.poles else f"not identifiable. {found.reason}"
+    return [Sentence(text, "Closed loop as flown:")]
+
+
+def _pole(pole: LoopPole) -> str:
+    if pole.time_constant is not None and pole.time_constant_half is not None:
+        return f"time constant {plus_minus(pole.time_constant, pole.time_constant_half)} s"
+    frequency = plus_minus(pole.frequency, pole.frequency_half)
+    return f"{frequency} Hz, damping ratio {plus_minus(pole.damping_ratio, pole.damping_ratio_half)}"
 
 
 def _prediction(labels: Labels, held_out: HeldOut | None) -> list[Block]:
