@@ -38,6 +38,9 @@ class FlightDownstream:
         require("Flight.to_xarray()", "xarray")
         return downstream("export.frames", "to_xarray")(self)
 
+    def _repr_html_(self) -> str:
+        return str(downstream("report.html", "flight_html")(self))
+
 
 class LearnedDownstream:
     """What becomes of a :class:`mavdem.Learned`."""
@@ -67,3 +70,6 @@ class LearnedDownstream:
         """
         require("Learned.to_control()", "control")
         return downstream("export.control_systems", "to_control")(self)
+
+    def _repr_html_(self) -> str:
+        return str(downstream("report.html", "learned_html")(self))

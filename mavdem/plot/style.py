@@ -23,7 +23,7 @@ WIDTH, HEIGHT = 5.2, 3.2
 """Inches: letters are read at 500 pixels, and two pictures stand beside each other at 1600."""
 MAX_BEYOND = 0.6  # spans of the values, how far a band may widen an axis
 NOTE_WIDTH = 92  # letters of a remark in a line
-SCREEN_DPI = 200  # of pictures that a notebook shows
+SCREEN_DPI = 130  # of pictures that a notebook shows
 
 STYLE: Any = {
     "font.family": "sans-serif",
