@@ -74,7 +74,8 @@ def _motion(read: Physical | None) -> tuple[Grade, str]:
     status = [read.status[name] for name in ("damping", "lag")]
     if status.count("not identifiable") == len(status):
         reason = read.reasons["damping"] or read.reasons["lag"]
-        return NONE, "For the same reason." if reason == read.reasons["effect"] else reason
+        same = _first_sentence(reason) == _first_sentence(read.reasons["effect"])
+        return NONE, "For the same reason." if same else reason
     shown = ", ".join(f"{name} to ±{100 * share:.0f} %" for name, share in known.items() if isfinite(share))
     missing = [name for name in ("damping", "lag") if read.status[name] == "not identifiable"]
     reason = f"Known: {shown}" if shown else "Known: nothing"
