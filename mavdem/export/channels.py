@@ -14,6 +14,7 @@ from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.files import atomic_write
 from mavdem.flight import Flight
 from mavdem.ingest.mcap.writer import Series, write_series
+from mavdem.report.axis_command import AxisCommand
 from mavdem.report.names import short, state_names
 
 Array = NDArray[np.float64]
@@ -28,9 +29,10 @@ def write_channels(
     """Writes flights of one boot as JSON channels of an .mcap file, on the boot clock, in the units of the flight.
 
     ``flight/outputs`` and ``flight/inputs`` are what was measured; with ``learned``, the model of these ``flights``,
-    also ``learned/one_step``, ``learned/process_noise`` (per second), ``learned/free_energy`` (F(t)) and, if it is
-    known, ``learned/wind_torque`` with the half width of its band (rad/s²); and with ``held_out`` windows
-    ``held_out/measured``, ``held_out/forecast`` and ``held_out/band``, the half width of its 90 % band.
+    also ``learned/one_step``, ``learned/process_noise`` (per second), ``learned/free_energy`` (F(t)),
+    ``learned/command``, the motors' difference, and, if it is known, ``learned/wind_torque`` with the half width of its
+    band (rad/s²); and with ``held_out`` windows ``held_out/measured``, ``held_out/forecast``, ``held_out/residual`` and
+    ``held_out/band``, the half width of the forecast's 90 % band. ``docs/layouts`` shows them in either viewer.
 
     ``OSError`` if ``path`` cannot be written, ``ValueError`` for a time before 0, which MCAP cannot hold, or a model of
     other flights.
@@ -47,7 +49,13 @@ def write_channels(
         series |= _learned(first, time, learned)
     if held_out is not None:
         inside = held_out.time.ravel()
-        of_windows = {"measured": held_out.measured, "forecast": held_out.forecasts[FORECAST], "band": held_out.band}
+        measured, forecast = held_out.measured, held_out.forecasts[FORECAST]
+        of_windows = {
+            "measured": measured,
+            "forecast": forecast,
+            "residual": measured - forecast,
+            "band": held_out.band,
+        }
         for name, values in of_windows.items():
             series[f"held_out/{name}"] = _series(inside, first.output_names, values.reshape(len(inside), -1))
     with atomic_write(path) as file:
@@ -58,10 +66,12 @@ def _learned(flight: Flight, time: Array, learned: Learned) -> dict[str, Series]
     if len(learned.record) != len(time):
         raise ValueError(f"the model was learnt from {len(learned.record)} samples, not these {len(time)}")
     places, noise = learned.process_noise()
+    command = AxisCommand.of(learned)
     series = {
         "learned/one_step": _series(time, flight.output_names, learned.one_step()),
         "learned/process_noise": _series(time[places], state_names(flight, learned), noise),
         "learned/free_energy": (time[places], {"free_energy": learned.free_energy_of_samples}),
+        "learned/command": _series(time, [command.name], command.series(learned.record.inputs)[:, None]),
     }
     if learned.wind is not None:
         torque = np.stack([learned.wind.torque, learned.wind.band], axis=1)

@@ -17,20 +17,10 @@ from mavdem.evaluate.findings import findings
 from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.files import atomic_write
 from mavdem.flight import Flight
+from mavdem.report import palette
 from mavdem.report.axis_command import AxisCommand
 from mavdem.report.blocks import markdown
 from mavdem.report.names import Labels, named, place, readable, state_names
-from mavdem.report.palette import (
-    BAND_OPACITY,
-    BOUND,
-    COMMAND,
-    DISTURBANCE,
-    GUST,
-    HELD_OUT_OPACITY,
-    MEASURED,
-    PREDICTED,
-    distinct,
-)
 from mavdem.report.rounding import plus_minus
 from mavdem.report.screen import key_figures, screen, title
 from mavdem.view.chart import bar_chart
@@ -102,7 +92,7 @@ class FlightSeries:
         inner = range_of(np.clip(forecast, low - BEYOND * span, high + BEYOND * span), measured)
         residual = in_windows - forecast
         outer = range_of(np.clip(residual, -span, span))
-        colour = faint(PREDICTED, BAND_OPACITY)
+        colour = faint(palette.PREDICTED, palette.BAND_OPACITY)
         seconds = f"{self.held_out.seconds:.2g} s"
         return [
             Plot(
@@ -112,8 +102,8 @@ class FlightSeries:
                 [
                     *self._held_out(inner),
                     area("90 % band", colour, time, *np.clip([forecast - half, forecast + half], *_wider(inner))),
-                    PlotLine("measured", MEASURED, self.time, measured, 1.2),
-                    PlotLine("forecast", PREDICTED, time, forecast, 1.8),
+                    PlotLine("measured", palette.MEASURED, self.time, measured, 1.2),
+                    PlotLine("forecast", palette.PREDICTED, time, forecast, 1.8),
                 ],
             ),
             Plot(
@@ -123,7 +113,7 @@ class FlightSeries:
                 [
                     *self._held_out(outer),
                     area("90 % band", colour, time, *np.clip([-half, half], *_wider(outer))),
-                    PlotLine("residual", PREDICTED, time, residual, 1.2),
+                    PlotLine("residual", palette.PREDICTED, time, residual, 1.2),
                 ],
             ),
         ]
@@ -133,14 +123,14 @@ class FlightSeries:
         starts, ends = self.windows[:, 0], self.windows[:, -1]
         apart = starts[1:] - ends[:-1] > 1.5 * self.learned.dt
         parts = list(zip(starts[np.append(True, apart)], ends[np.append(apart, True)], strict=True))
-        return spans("held out", faint(MEASURED, HELD_OUT_OPACITY), parts, values)
+        return spans("held out", faint(palette.MEASURED, palette.HELD_OUT_OPACITY), parts, values)
 
     def command(self) -> Plot:
         """By how much the motors that turn the vehicle one way run above the others."""
         command = AxisCommand.of(self.learned)
         inputs = command.series(np.vstack([flight.inputs for flight in self.flights]))
         title = f"{named(command.name.capitalize(), command.unit)}: the motors' difference, about its mean"
-        return self._of_flights("command", title, {command.name: (COMMAND, inputs)})
+        return self._of_flights("command", title, {command.name: (palette.COMMAND, inputs)})
 
     def motors(self) -> Plot:
         """What drives the vehicle: several inputs, each beyond the mean of all, by their places."""
@@ -149,7 +139,9 @@ class FlightSeries:
         values = inputs - inputs.mean(axis=1, keepdims=True) if several else inputs
         names = map(place, self.labels.input_names)
         title = named("Inputs, each beyond the mean of all" if several else "Input", unit)
-        return self._of_flights("inputs", title, {name: (distinct(i), values[:, i]) for i, name in enumerate(names)})
+        return self._of_flights(
+            "inputs", title, {name: (palette.distinct(i), values[:, i]) for i, name in enumerate(names)}
+        )
 
     def wind(self) -> Plot | None:
         """The wind's torque with its band, and gusts behind it; None where it is not known."""
@@ -157,14 +149,18 @@ class FlightSeries:
         if wind is None or wind.reason is not None or len(wind.torque) != sum(map(len, self.flights)):
             return None
         torque, band = unit.scale * wind.torque, unit.scale * wind.band
-        plot = self._of_flights("wind", f"Disturbance torque (wind), {unit.name}", {"torque": (DISTURBANCE, torque)})
+        plot = self._of_flights(
+            "wind", f"Disturbance torque (wind), {unit.name}", {"torque": (palette.DISTURBANCE, torque)}
+        )
         time, shown = plot.lines[0].time, plot.range
         edges = self._with_gaps_of_flights(np.stack([torque - band, torque + band]).T)
         clock = np.concatenate([flight.time for flight in self.flights]) - self._start
         gusts = [(clock[gust.sample], clock[gust.sample] + gust.length) for gust in wind.gusts]
         behind = [
-            *spans(f"gust ({len(gusts)})", faint(GUST, 0.5), gusts, shown),
-            area("90 % band", faint(DISTURBANCE, BAND_OPACITY), time, *np.clip(edges.T, *_wider(shown))),
+            *spans(f"gust ({len(gusts)})", faint(palette.GUST, 0.5), gusts, shown),
+            area(
+                "90 % band", faint(palette.DISTURBANCE, palette.BAND_OPACITY), time, *np.clip(edges.T, *_wider(shown))
+            ),
         ]
         return Plot(plot.origin, plot.title, shown, [*behind, *plot.lines])
 
@@ -174,14 +170,16 @@ class FlightSeries:
         clock = np.concatenate([flight.time for flight in self.flights])[places] - self._start
         energy = self.learned.free_energy_of_samples
         names = state_names(self.labels, self.learned)
-        shown = [PlotLine(name, distinct(i), clock, np.degrees(noise[:, i]), 1.0) for i, name in enumerate(names)]
+        shown = [
+            PlotLine(name, palette.distinct(i), clock, np.degrees(noise[:, i]), 1.0) for i, name in enumerate(names)
+        ]
         return [
             Plot("process_noise", "Process noise w of DEM, ° and s", range_of(np.degrees(noise)), shown),
             Plot(
                 "free_energy_of_samples",
                 "Free energy F(t) of each sample, nats",
                 range_of(energy),
-                [PlotLine("F(t)", BOUND, clock, energy, 1.2)],
+                [PlotLine("F(t)", palette.BOUND, clock, energy, 1.2)],
             ),
         ]
 
@@ -233,7 +231,7 @@ def _flight(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Containe
         ]
         beside.append(bar_chart(recording, "effect", name, labels, values, halves))
     return rrb.Vertical(
-        rrb.Horizontal(*strip),
+        rrb.Horizontal(*strip, column_shares=[max(len(value.split(" (")[0]), 11) for _, value in figures]),
         rrb.Horizontal(
             rrb.Vertical(*(plot.view(series.end) for plot in plots), row_shares=[34, 20, 20, 26][: len(plots)]),
             rrb.Vertical(*beside, row_shares=[42, 58][: len(beside)]),
