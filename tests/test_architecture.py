@@ -8,6 +8,7 @@ import inspect
 import subprocess
 import sys
 from collections import defaultdict
+from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -15,9 +16,13 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 FILES = sorted(path.relative_to(ROOT) for room in ("mavdem", "sitl_scenarios") for path in (ROOT / room).rglob("*.py"))
-TREES = {path: ast.parse((ROOT / path).read_text()) for path in FILES}
 
 MAX_LINES, MAX_FILES = 400, 15
+
+
+@cache
+def tree(path: Path) -> ast.Module:
+    return ast.parse((ROOT / path).read_text())
 
 
 def module_of(path: Path) -> str:
@@ -30,7 +35,7 @@ MODULES = {module_of(path): path for path in FILES}
 def imports(path: Path) -> set[str]:
     """Modules of ours that a file imports, also inside functions and for type checkers only."""
     found: set[str] = set()
-    for node in ast.walk(TREES[path]):
+    for node in ast.walk(tree(path)):
         if isinstance(node, ast.ImportFrom) and node.module:
             names = {f"{node.module}.{alias.name}" for alias in node.names}
             found |= {name if name in MODULES else node.module for name in names}
@@ -67,8 +72,8 @@ def test_a_module_is_not_shadowed_by_a_function_of_its_own_name(room):
 
 def test_a_class_name_has_one_meaning():
     places: dict[str, list[str]] = defaultdict(list)
-    for path, tree in TREES.items():
-        for node in tree.body:
+    for path in FILES:
+        for node in tree(path).body:
             if isinstance(node, ast.ClassDef):
                 places[node.name.lstrip("_")].append(str(path))
     assert not {name: paths for name, paths in places.items() if len(paths) > 1}

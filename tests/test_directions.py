@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -33,7 +34,8 @@ ROOMS_OF_LIBRARIES = {
 """The only rooms that may import a library."""
 
 
-def imported(path: Path, root: Path = ROOT) -> set[str]:
+@cache
+def imported(path: Path, root: Path = ROOT) -> frozenset[str]:
     """Full names of the modules that a file imports, also inside functions."""
     names: set[str] = set()
     for node in ast.walk(ast.parse((root / path).read_text())):
@@ -42,7 +44,7 @@ def imported(path: Path, root: Path = ROOT) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path} imports relatively: write the whole name"
             names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return names
+    return frozenset(names)
 
 
 def within(name: str, package: str) -> bool:

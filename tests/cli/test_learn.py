@@ -19,6 +19,7 @@ from mavdem.cli.learn import named_after
 from mavdem.cli.output import json_text
 from mavdem.evaluate.findings import PURPOSES
 from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, samples_in
+from mavdem.evaluate.vehicle_figures import AxisFigures, vehicle_of_log
 
 LOGS = Path(__file__).parents[2] / "logs"
 FLIGHT = str(LOGS / "ardupilot_wind5_steps.tlog")
@@ -84,6 +85,7 @@ def test_the_folder_is_named_after_the_log(source, folder):
     assert str(named_after(source)) == folder
 
 
+@pytest.mark.slow
 def test_a_flight_too_short_names_the_command_that_fits(tmp_path, capsys):
     words = ["learn", FLIGHT, "--out", str(tmp_path / "out"), "--start", "56", "--preset", "paper"]
     assert main(words) == 1
@@ -116,6 +118,7 @@ def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it
     assert [one["purpose"] for one in report["findings"]] == list(PURPOSES)
 
 
+@pytest.mark.slow
 def test_segments_of_one_boot_are_learnt_from_together(tmp_path, monkeypatch, capsys):
     whole = read_flight(FLIGHT)
     boots = {"segment": {"boot": 0}, "cautions": []}, {"segment": {"boot": 1}, "cautions": []}
@@ -190,12 +193,19 @@ def test_yaw_has_no_model_and_is_judged_only(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_all_axes_are_reported_beside_the_model_of_roll(tmp_path, capsys):
+def test_all_axes_are_reported_beside_the_model_of_roll(tmp_path, monkeypatch, capsys):
+    def without_fits(log, names, *others):
+        """The physical parameters of the other axes are those of the library's test, and take seconds."""
+        axes = {name: AxisFigures((), None, None, f"No {name}.") for name in names}
+        return vehicle_of_log(log, (), *others)._replace(axes=axes)
+
+    monkeypatch.setattr("mavdem.cli.learn.vehicle_of_log", without_fits)
     words = ["learn", FLIGHT, "--out", str(tmp_path), "--axis", "all", "--train", "600", "--test", "100"]
     assert main([*words, "--json"]) == 0
     report = strict_json(capsys.readouterr().out)
     assert report["outputs"] == ["roll", "roll rate"]
     assert list(report["axes"]) == ["roll", "pitch", "yaw"]
+    assert report["axes"]["roll"]["physical"] == report["physical"] and report["axes"]["yaw"]["reason"] == "No yaw."
     assert len(report["hover"]["trim"]) == 4
 
 

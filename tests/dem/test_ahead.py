@@ -88,7 +88,12 @@ def walk(seed: int) -> Flight:
 
 
 @pytest.mark.parametrize(
-    "make", [lambda: controlled(0), lambda: controlled(1, wind=0.2), lambda: noise(0)], ids=["gusts", "calm", "noise"]
+    "make",
+    [
+        pytest.param(lambda: controlled(0), id="gusts", marks=pytest.mark.slow),
+        pytest.param(lambda: controlled(1, wind=0.2), id="calm", marks=pytest.mark.slow),
+        pytest.param(lambda: noise(0), id="noise"),
+    ],
 )
 def test_no_horizon_is_worse_than_the_last_sample_and_the_mean(make):
     flight = make()
@@ -111,6 +116,7 @@ def test_it_works_at_every_rate_and_with_one_to_eight_inputs(dt, inputs):
     assert found.min() < 0.9 and found.max() < 1.05
 
 
+@pytest.mark.slow
 def test_the_bands_hold_nine_of_ten():
     flight = controlled(3)
     found, half = predicted(flight)

@@ -32,8 +32,12 @@ def followed(online: OnlineWind, flight: Flight, block: int = 10) -> np.ndarray:
     return found
 
 
-def test_it_is_the_smoother_s_but_for_what_later_samples_add():
-    of = wind_filter(Record.of(WINDY))
+@pytest.fixture(scope="module")
+def of():
+    return wind_filter(Record.of(WINDY))
+
+
+def test_it_is_the_smoother_s_but_for_what_later_samples_add(of):
     tracked = _Tracked(of, WINDY.dt, WINDY.inputs[:1], WINDY.outputs[:1])
     live = np.full(len(WINDY), np.nan)
     for k in range(1, len(WINDY)):
@@ -50,8 +54,8 @@ def test_it_is_the_smoother_s_but_for_what_later_samples_add():
     assert np.std(live[far] - whole[far]) < 0.1 * whole.std()
 
 
-def test_weights_are_those_of_a_longer_smoother():
-    known = plant(2.0, 0.05, wind_filter(Record.of(WINDY)).physical.components, WINDY.dt)
+def test_weights_are_those_of_a_longer_smoother(of):
+    known = plant(2.0, 0.05, of.physical.components, WINDY.dt)
     filtered = SteadyFilter.of(known, 0.01)
     np.testing.assert_allclose(filtered.weights(10), filtered.weights(500)[:10])
     assert abs(filtered.weights(2000)[-1]) < 1e-6 * np.abs(filtered.weights(1)).max()
@@ -95,6 +99,7 @@ def test_samples_that_were_taken_back_are_not_fitted_to():
     assert online._blocks[-1].until <= WINDY.time[300]
 
 
+@pytest.mark.slow
 def test_an_estimate_has_it_and_says_of_when():
     online = OnlineLearner(Settings(order=3, d=2, window=9, parameter_precision=1.0), dt=WINDY.dt)
     for time, outputs, inputs in zip(WINDY.time[:1000], WINDY.outputs, WINDY.inputs, strict=False):

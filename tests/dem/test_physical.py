@@ -337,6 +337,7 @@ def test_a_stick_is_an_instrument_and_a_setpoint_that_answers_the_motion_is_none
     assert exogenous(still, pieces.outputs, pieces.windows.dt) == []
 
 
+@pytest.mark.slow
 def test_instruments_hold_the_truth_in_wind_that_has_another_spectrum_than_the_model():
     """Deviations of log effect, log damping and log lag, in their standard deviations, over flights."""
     deviations = []
@@ -383,6 +384,7 @@ def test_of_fast_streams_every_so_many_samples_are_taken():
     assert cut(Record.of(flight)).windows.dt == DT
 
 
+@pytest.mark.slow
 def test_a_battery_that_sags_is_seen_where_its_voltage_is_known():
     flight = flown(6, steering=1.0, samples=2800)
     voltage = 16.0 - 4.0 * flight.time / flight.time[-1]

@@ -9,7 +9,7 @@ from mavdem.evaluate import held_out as module
 from mavdem.evaluate import relative_mspe
 from mavdem.evaluate.held_out import CONSTANT_MEAN, FOLDS, HOLD_LAST, held_out_test, held_out_windows
 
-FLIGHT = simulated(samples=2000, wind=0.5)
+FLIGHT = simulated(samples=1500, wind=0.5)
 QUICK = mavdem.Settings(order=2, window=5, parameter_precision=1.0, horizon=None, iterations=4)
 STEPS = 60
 

@@ -19,8 +19,11 @@ from mavdem.live import LiveStream
 from mavdem.live.phase import HALF_AVERAGING_SECONDS, MIN_UPDATE_SECONDS
 
 RECORDED = sorted(SAMPLES.glob("*.tlog")) + sorted(SHARED.glob("sitl_*/*.tlog")) + sorted(SHARED.glob("logs/*.tlog"))
-AS_ANOTHER = "ardupilot_calm", "ardupilot_wind6_gusts", "ardupilot_wind5_gustmoment_strong", "px4_calm"
-"""Flown as another of the recorded flights is, in other wind."""
+AS_ANOTHER = (
+    *("ardupilot_calm", "ardupilot_wind6_gusts", "ardupilot_wind5_gustmoment_strong", "ardupilot_inertia_wind5_steps"),
+    *("px4_calm", "px4_wind5_steps"),
+)
+"""Flown as another of the recorded flights is, in other wind, or the whole of a sample flight."""
 TWO_VEHICLES = "px4_two_vehicles_gcslink"
 NO_CLIMB = "ap_motor"
 """Without a vertical speed: offline, a descent is settled but for its end; live, not in a mode that lands."""
