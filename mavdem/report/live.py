@@ -41,7 +41,7 @@ def live_report(
 def event_blocks(history: LiveHistory) -> list[Sentence | Table]:
     """What happened when."""
     rows = [[f"{event.seconds:.1f} s", event.sentence] for event in history.events]
-    return [Table(["time", "what happened"], rows)] if rows else [Sentence("Nothing happened.")]
+    return [Table(["time", "what happened"], rows, words=True)] if rows else [Sentence("Nothing happened.")]
 
 
 def _headline(errors: Sequence[HorizonErrors], axis: str) -> str:

@@ -51,7 +51,7 @@ def vehicle_contents(one: dict[str, Any]) -> list[Sentence | Table]:
                 "Messages and their mean rates over the whole log (the verdict's rates are those of the settled "
                 "flight):"
             ),
-            Table(["rate", "messages"], [[rate, ", ".join(names)] for rate, names in streams.items()]),
+            Table(["rate", "messages"], [[rate, ", ".join(names)] for rate, names in streams.items()], words=True),
         ]
     return blocks
 
