@@ -106,7 +106,8 @@ def _prediction(held_out: HeldOut) -> tuple[Grade, str]:
     shown = (
         f"{ratio:.2g} times the squared error of “{best}”" if isfinite(ratio) else "No model of a part could be learnt"
     )
-    reason = f"{shown}; worse than the mean in {100 * worse:.0f} % of {len(held_out)} windows."
+    among = f"in {100 * worse:.0f} % of {len(held_out)} windows" if len(held_out) > 1 else f"in {worse:.0f} of 1 window"
+    reason = f"{shown}; worse than the mean {among}."
     if not ratio < 1:
         return NONE, reason
     good = ratio <= GOOD_RATIO and worse <= MOST_WORSE and held_out.coverage >= LEAST_COVERAGE

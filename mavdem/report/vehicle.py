@@ -74,7 +74,7 @@ def hover_columns(found: HoverFigures | None, motors: Sequence[str]) -> dict[str
     unit = f" ({found.unit})" if found.unit else ""
     return {
         f"trim{unit}": [f"{trim:.4g}" for trim in found.trim],
-        "beyond the mean (%)": [f"{more:+.1f}" for more in found.imbalance],
+        "beyond the mean (%)": [f"{round(more, 1) + 0.0:+.1f}" for more in found.imbalance],
         "headroom (%)": [f"{100 * left:.0f}" for left in found.headroom],
         "saturated (% of time)": [
             f"{100 * (up + low):.1f}" for up, low in zip(found.at_upper_limit, found.at_lower_limit, strict=True)
