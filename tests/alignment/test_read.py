@@ -40,7 +40,7 @@ def test_a_flight_carries_the_cautions_of_its_verdict():
     table = telemetry.messages["SERVO_OUTPUT_RAW"]
     full = {"servo1_raw": np.where(np.sin(table["time"]) > 0, 2000.0, table["servo1_raw"])}
     flight, verdict = learnable_flight(log_of(changed(telemetry, "SERVO_OUTPUT_RAW", **full)))
-    assert len(verdict.cautions) >= 2
+    assert verdict.cautions
     assert flight.provenance["cautions"] == list(verdict.cautions)
     assert json.loads(json.dumps(flight.provenance, allow_nan=False)) == flight.provenance
 

@@ -165,7 +165,7 @@ def test_slices_copies_and_tables_keep_setpoints():
     again = pickle.loads(pickle.dumps(flight))
     np.testing.assert_array_equal(again.setpoints, flight.setpoints)
     named = table(flight)
-    np.testing.assert_array_equal(named["roll setpoint [rad]"], flight.setpoints[:, 1])
+    np.testing.assert_array_equal(named["roll_setpoint_rad"], flight.setpoints[:, 1])
 
 
 @pytest.mark.parametrize("name", ["sitl_ardupilot/ardupilot_wind4_doublets.tlog", "sitl_px4/px4_wind5_gust.tlog"])
