@@ -39,7 +39,7 @@ def test_a_flight_has_the_voltage_between_the_messages():
     np.testing.assert_allclose(flight.voltage, 16.8 - flight.time / 10, atol=1e-9)
     np.testing.assert_array_equal(flight[5:9].voltage, flight.voltage[5:9])
     np.testing.assert_array_equal(pickle.loads(pickle.dumps(flight)).voltage, flight.voltage)
-    np.testing.assert_array_equal(table(flight)["battery_V"], flight.voltage)
+    np.testing.assert_array_equal(table(flight)["battery_v"], flight.voltage)
     assert not flight.voltage.flags.writeable
 
 
