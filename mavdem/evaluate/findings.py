@@ -21,7 +21,7 @@ GOOD_RATIO = 0.5  # of the squared error of the better baseline
 MOST_WORSE = 0.1  # share of the windows that may be worse than the constant mean
 LEAST_COVERAGE = 0.75  # of a 90 % band
 MOST_OVER_EXPECTED = 3.0  # squared error over the one to expect
-AT_BOUND = 1.05  # of the shortest lag that a flight can show, half a sampling step
+FEWEST_WINDOWS = 5  # from which on a prediction may be good: where in a flight a single one is decides its error
 
 
 class Finding(NamedTuple):
@@ -77,9 +77,12 @@ def _motion(read: Physical | None) -> tuple[Grade, str]:
         same = _first_sentence(reason) == _first_sentence(read.reasons["effect"])
         return NONE, "For the same reason." if same else reason
     shown = ", ".join(f"{name} to ±{100 * share:.0f} %" for name, share in known.items() if isfinite(share))
-    missing = [name for name in ("damping", "lag") if read.status[name] == "not identifiable"]
+    why: dict[str, list[str]] = {}
+    for name, found in zip(("damping", "lag"), status, strict=True):
+        if found != "reported":
+            why.setdefault(_first_sentence(read.reasons[name]).rstrip("."), []).append(f"{name} {found}")
     reason = f"Known: {shown}" if shown else "Known: nothing"
-    reason += "".join(f"; not {name}: {read.reasons[name]}" for name in missing)
+    reason += "".join(f"; {' and '.join(names)}: {sentence}" for sentence, names in why.items())
     good = status == ["reported"] * 2 and all(share <= MOTION_ERROR for share in known.values())
     return (GOOD if good else LIMITED), reason
 
@@ -94,10 +97,9 @@ def _wind(learned: Learned) -> tuple[Grade, str]:
     if found.reason is not None:
         return NONE, found.reason
     size = f"Its size is known to ±{100 * found.scale_error:.0f} % (standard deviation)"
-    if not found.resolved:
-        return LIMITED, f"{size}; its course is not resolved."
-    good = found.scale_error <= WIND_ERROR and read.status["effect"] == "reported"
-    return (GOOD if good else LIMITED), f"{size}."
+    if read.status["effect"] != "reported":
+        return LIMITED, f"{size}; the motors' effect, from which it follows, is biased."
+    return (GOOD if found.scale_error <= WIND_ERROR else LIMITED), f"{size}."
 
 
 def _prediction(held_out: HeldOut) -> tuple[Grade, str]:
@@ -106,19 +108,20 @@ def _prediction(held_out: HeldOut) -> tuple[Grade, str]:
     shown = (
         f"{ratio:.2g} times the squared error of “{best}”" if isfinite(ratio) else "No model of a part could be learnt"
     )
+    few = len(held_out) < FEWEST_WINDOWS
     among = f"in {100 * worse:.0f} % of {len(held_out)} windows" if len(held_out) > 1 else f"in {worse:.0f} of 1 window"
     reason = f"{shown}; worse than the mean {among}."
     if not ratio < 1:
         return NONE, reason
-    good = ratio <= GOOD_RATIO and worse <= MOST_WORSE and held_out.coverage >= LEAST_COVERAGE
+    good = not few and ratio <= GOOD_RATIO and worse <= MOST_WORSE and held_out.coverage >= LEAST_COVERAGE
     return (GOOD if good else LIMITED), reason
 
 
 def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
     """What must be known before the model is used, one sentence each; mostly none.
 
-    Bands that failed and errors beyond what was to be expected, in ``held_out`` windows; a ``learned`` model that is
-    unstable, or a parameter at the bound of what the flight can show.
+    Bands that failed and errors beyond what was to be expected, in ``held_out`` windows; or a ``learned`` model that is
+    unstable.
     """
     found = []
     if held_out is not None:
@@ -134,7 +137,4 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
             )
     if not learned.stable:
         found.append("The model is unstable: long forecasts grow without bound.")
-    read = learned.physical
-    if read is not None and read.status["lag"] == "reported" and read.lag <= AT_BOUND * learned.dt / 2:
-        found.append("The motors' lag is at its lower bound, half a sampling step: faster motor outputs would show it.")
     return tuple(found)

@@ -103,9 +103,11 @@ class HeldOut:
 
     @property
     def coverage(self) -> float:
-        """Share of the samples, of all outputs, that lie inside the 90 % band."""
+        """Share of the samples that were forecast, of all outputs, that lie inside the 90 % band; 0 if none was."""
+        forecast = self.forecasts[FORECAST]
+        made = ~(np.isnan(forecast) & np.isnan(self.band))
         with np.errstate(invalid="ignore"):
-            return float((np.abs(self.measured - self.forecasts[FORECAST]) <= self.band).mean())
+            return float((np.abs(self.measured - forecast) <= self.band)[made].mean()) if made.any() else 0.0
 
     @property
     def over_expected(self) -> float:
@@ -215,7 +217,7 @@ def _of_fold(inside: list[Piece], outside: list[Piece], settings: Settings | Non
             continue
         part = flight[first - lead : first + windows * steps]
         if learned is None:
-            yield _lost(flight[first : first + windows * steps], steps, failure)
+            yield _lost(training, part, steps, lead, failure)
         else:
             yield _forecast(learned, part, part.inputs, part.outputs, steps, lead, flight.outputs[:1])
 
@@ -224,7 +226,6 @@ def _forecast(
     learned: Learned, part: Flight, inputs: Array, outputs: Array, steps: int, lead: int, before: Array
 ) -> HeldOut:
     """Windows of ``steps`` samples after the first ``lead`` of a part, which follows the sample ``before`` (1, m)."""
-    mean, variance = learned.record.outputs.mean(axis=0), learned.record.outputs.var(axis=0)
     last = np.concatenate([before, outputs])[lead : len(outputs) : steps]
     with np.errstate(over="ignore", invalid="ignore"):
         forecast = learned.forecast_every(steps, inputs, outputs)
@@ -242,23 +243,31 @@ def _forecast(
         {
             FORECAST: windows(forecast),
             PREDICTION: windows(prediction),
-            CONSTANT_MEAN: np.broadcast_to(mean, shape),
-            HOLD_LAST: np.broadcast_to(last[:, None], shape),
+            **_baselines(learned.record.outputs, last, shape),
         },
         windows(band),
         windows(expected),
-        variance,
+        learned.record.outputs.var(axis=0),
     )
 
 
-def _lost(part: Flight, steps: int, failures: tuple[str, ...]) -> HeldOut:
-    """Windows that no model forecasts."""
-    measured = part.outputs.reshape(-1, steps, part.outputs.shape[1])
+def _lost(training: list[Flight], part: Flight, steps: int, lead: int, failures: tuple[str, ...]) -> HeldOut:
+    """Windows after the first ``lead`` samples of a part that no model forecasts, beside the baselines."""
+    measured = part.outputs[lead:].reshape(-1, steps, part.outputs.shape[1])
+    trained = np.concatenate([flight.outputs for flight in training or [part]])
     missing = np.full_like(measured, np.nan)
-    mean = np.broadcast_to(part.outputs.mean(axis=0), measured.shape)
-    forecasts = {FORECAST: missing, PREDICTION: missing, CONSTANT_MEAN: mean, HOLD_LAST: mean}
-    time = part.time.reshape(-1, steps)
-    return HeldOut(time, measured, forecasts, missing, missing, part.outputs.var(axis=0), failures)
+    baselines = _baselines(trained, part.outputs[lead - 1 : -1 : steps], measured.shape)
+    time = part.time[lead:].reshape(-1, steps)
+    forecasts = {FORECAST: missing, PREDICTION: missing, **baselines}
+    return HeldOut(time, measured, forecasts, missing, missing, trained.var(axis=0), failures)
+
+
+def _baselines(trained: Array, last: Array, shape: tuple[int, ...]) -> dict[str, Array]:
+    """Of windows of a ``shape`` (W, H, m): the mean of the training data, and the sample before each, ``last`` (W, m)."""
+    return {
+        CONSTANT_MEAN: np.broadcast_to(trained.mean(axis=0), shape),
+        HOLD_LAST: np.broadcast_to(last[:, None], shape),
+    }
 
 
 def _together(parts: Sequence[HeldOut]) -> HeldOut:

@@ -66,7 +66,8 @@ def _plans(learned: Learned, held_out: HeldOut, hover: HoverFigures | None) -> l
         PicturePlan(
             f"Forecast of {first}",
             "Windows that no model saw which forecasts them, each from what came before it, with the motors as "
-            "recorded. Those shown in full are neither the best nor the worst. Below, the error of each window.",
+            "recorded. Shown in full are neighbours with errors near the median. Below, where there are more, the error "
+            "of each window.",
             lambda: plot.forecast(held_out, labels),
         ),
         *(

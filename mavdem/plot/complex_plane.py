@@ -51,7 +51,7 @@ def poles(learned: Learned, truth: Array | None = None) -> Figure:
     values: Complex = np.linalg.eigvals(learned.model.A).astype(complex)
     true: Complex = np.empty(0, complex) if truth is None else np.linalg.eigvals(truth).astype(complex)
     limit = SLOW * max(float(np.abs(values).min()), 1.0)
-    slow = np.abs(values) <= max(limit, float(np.abs(values).min()))
+    slow = np.abs(values) <= limit
     drawn: Complex = np.linalg.eigvals(drawn_models(learned, np.ones(learned.model.B.shape[1])).A[:CLOUD]).astype(
         complex
     )

@@ -44,7 +44,9 @@ def disturbance(learned: Learned, truth: Array | None = None) -> Figure:
         _spectrum(below, wind, unit.scale)
         below.set(xlabel="frequency (Hz)", ylabel=f"({unit.name})²/Hz")
         legend_above(below)
-        if wind.reason is not None:
+        if learned.physical is not None and not learned.physical.identifiable:
+            note(figure, "The motors' effect is not identifiable in this flight, and so the wind's torque is not.")
+        elif wind.reason is not None:
             note(figure, "Not resolved in this flight: errors about as large as the torque itself are to be expected.")
     return figure
 

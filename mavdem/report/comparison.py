@@ -9,12 +9,12 @@ from mavdem.comparison.comparison import Comparison
 from mavdem.comparison.methods import GENERALIZED_COORDINATES
 from mavdem.comparison.summaries import Loss, MethodSummary, OverFlights, over
 from mavdem.evaluate import HORIZONS, Paired
+from mavdem.evaluate.findings import LEAST_COVERAGE
 from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.names import named, readable
 
 GIVEN, PREDICTED = "What happened, given the inputs:", "What comes next, inputs unknown:"
-MIN_COVERAGE = 0.75  # of a 90 % band: with less it has failed
 
 
 def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[Sentence | Table]:
@@ -78,7 +78,7 @@ def _failed_bands(comparison: Comparison, what: str) -> list[Sentence]:
     reference, found = comparison.methods[0], []
     for flight in comparison.flights:
         share = next(one for one in comparison.summaries(flight) if one.method == reference).horizons[-1].inside
-        if share is not None and share < MIN_COVERAGE:
+        if share is not None and share < LEAST_COVERAGE:
             where = f" on {flight}" if len(comparison.flights) > 1 else ""
             text = f"the 90 % band of {reference}'s {what} holds {share:.0%} of the samples{where}: it is too narrow."
             found.append(Sentence(text, "Caution:"))

@@ -9,12 +9,11 @@ from mavdem.alignment.trim import HoverFigures
 from mavdem.dem import Physical, WindTorque
 from mavdem.dem.graybox.identifiability import CHANGED
 from mavdem.dem.validation import LEVEL
+from mavdem.evaluate.findings import WIND_ERROR
 from mavdem.evaluate.vehicle_figures import AxisFigures, VehicleFigures
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.names import readable, short
 from mavdem.report.rounding import plus_minus, rounded
-
-UNCERTAIN_SCALE = 0.15  # standard deviation of the wind's size, relative, from which on it is said
 
 
 def vehicle_blocks(found: VehicleFigures) -> list[Block]:
@@ -153,7 +152,7 @@ def wind_blocks(found: WindTorque | None, read: Physical | None) -> list[Block]:
         f"{plus_minus(unit.scale * found.mean, unit.scale * found.mean_band)} {unit.name}, if motors are equal and the "
         "load is centred."
     )
-    if found.scale_error > UNCERTAIN_SCALE:
+    if found.scale_error > WIND_ERROR:
         text += f" Both are uncertain by {100 * found.scale_error:.0f} %, as the motor effect is."
     count = len(found.gusts)
     text += (

@@ -145,8 +145,10 @@ class FlightSeries:
 
     def wind(self) -> Plot | None:
         """The wind's torque with its band, and gusts behind it; None where it is not known."""
-        wind, unit = self.learned.wind, readable("rad/s²")
+        wind, read, unit = self.learned.wind, self.learned.physical, readable("rad/s²")
         if wind is None or wind.reason is not None or len(wind.torque) != sum(map(len, self.flights)):
+            return None
+        if read is None or not read.identifiable:
             return None
         torque, band = unit.scale * wind.torque, unit.scale * wind.band
         plot = self._of_flights(

@@ -108,14 +108,28 @@ def test_segments_are_held_out_together_and_filters_begin_anew_in_each():
     assert all(one.any() for one in inside)
 
 
-def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(monkeypatch):
+def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, monkeypatch):
     def refused(segments, settings):
         raise ValueError("the outputs must vary")
 
+    learn, calls = module.learn, []
+
+    def refused_once(segments, settings):
+        calls.append(segments)
+        return refused(segments, settings) if len(calls) == 1 else learn(segments, settings)
+
     monkeypatch.setattr(module, "learn", refused)
-    held_out = held_out_windows([FLIGHT], QUICK, STEPS)
-    assert held_out.failures == ("the outputs must vary",)
-    assert held_out.error_ratio() == np.inf and held_out.coverage == 0.0
+    none = held_out_windows([FLIGHT], QUICK, STEPS)
+    assert none.failures == ("the outputs must vary",)
+    assert none.error_ratio() == np.inf and none.coverage == 0.0
+    # The baselines need no model, and the band is judged by what was forecast.
+    for name in (CONSTANT_MEAN, HOLD_LAST):
+        np.testing.assert_allclose(none.forecasts[name], held_out.forecasts[name])
+    monkeypatch.setattr(module, "learn", refused_once)
+    some = held_out_windows([FLIGHT], QUICK, STEPS)
+    lost = int(np.isnan(some.band[:, 0, 0]).sum())
+    inside = np.abs(held_out.measured - held_out.forecasts["forecast"]) <= held_out.band
+    assert 0 < lost < len(some) and some.coverage == pytest.approx(inside[lost:].mean())
 
 
 def test_a_flight_without_room_for_a_window_is_refused():

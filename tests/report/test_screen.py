@@ -84,6 +84,7 @@ def test_prediction_is_good_only_beside_the_better_baseline_and_with_a_band_that
         (0.05, {"effect": "biased"}, (LIMITED, GOOD)),
         (0.05, {"effect": "not identifiable"}, (NONE, GOOD)),
         (0.05, {"lag": "not identifiable"}, (GOOD, LIMITED)),
+        (0.05, {"damping": "biased"}, (GOOD, LIMITED)),
         (0.05, {"damping": "not identifiable", "lag": "not identifiable"}, (GOOD, NONE)),
     ],
 )
@@ -127,9 +128,15 @@ def test_warnings_are_only_where_they_mean_something(learned):
     assert "5.0 times the squared error that was to be expected" in surprise
     unstable = SimpleNamespace(stable=False, physical=None)
     assert warnings_of(unstable, None) == ("The model is unstable: long forecasts grow without bound.",)
-    short = read(learned)._replace(lag=learned.dt / 2)
-    (bound,) = warnings_of(with_parts(learned, short), None)
-    assert "lower bound" in bound
+
+
+def test_a_few_windows_are_never_good(learned):
+    forty = held_out()
+    for count, grade in ((1, LIMITED), (4, LIMITED), (5, GOOD)):
+        parts = {name: getattr(forty, name)[:count] for name in ("time", "measured", "band", "expected")}
+        forecasts = {name: values[:count] for name, values in forty.forecasts.items()}
+        found = findings(learned, replace(forty, **parts, forecasts=forecasts))[-1]
+        assert found.grade == grade, found.reason
 
 
 def test_the_screen_has_a_row_a_motor_and_fits_a_screen(learned):

@@ -186,8 +186,8 @@ def wind(physical: PlantParameters, record: Record) -> WindTorque:
     reason = None
     if not resolved:
         reason = (
-            f"The wind's torque is not resolved: errors of about {np.sqrt(error):.2g} rad/s² are expected in an "
-            f"estimate of standard deviation {np.sqrt(size):.2g} rad/s²."
+            f"The wind's torque is not resolved: errors of about {np.degrees(np.sqrt(error)):.2g} °/s² are expected in "
+            f"an estimate of standard deviation {np.degrees(np.sqrt(size)):.2g} °/s²."
         )
     spectra = _spectra(torques, record)
     spectrum = WindSpectrum(spectra.frequency, spectra.wind, _model_density(physical, spectra.frequency))
