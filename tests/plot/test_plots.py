@@ -208,7 +208,8 @@ def test_what_is_not_identifiable_is_said_in_the_picture(learned, monkeypatch):
         "physical",
         learned.physical._replace(status=dict.fromkeys(learned.physical.status, "not identifiable")),
     )
-    assert "not identifiable" in svg(learned.plot.bode()) and "not identifiable" in svg(learned.plot.motors())
+    for draw in (learned.plot.bode, learned.plot.motors, learned.plot.disturbance):
+        assert "not identifiable" in svg(draw())
 
 
 def test_the_effect_of_a_demand_is_not_put_beside_a_motor(learned, flight):
