@@ -263,7 +263,7 @@ def _lost(training: list[Flight], part: Flight, steps: int, lead: int, failures:
 
 
 def _baselines(trained: Array, last: Array, shape: tuple[int, ...]) -> dict[str, Array]:
-    """Of windows of a ``shape`` (W, H, m): the mean of the training data, and the sample before each, ``last`` (W, m)."""
+    """Of windows of a ``shape`` (W, H, m): the mean of what was trained on, and the sample before each, ``last``."""
     return {
         CONSTANT_MEAN: np.broadcast_to(trained.mean(axis=0), shape),
         HOLD_LAST: np.broadcast_to(last[:, None], shape),

@@ -66,7 +66,7 @@ def _plans(learned: Learned, held_out: HeldOut, hover: HoverFigures | None) -> l
         PicturePlan(
             f"Forecast of {first}",
             "Windows that no model saw which forecasts them, each from what came before it, with the motors as "
-            "recorded. Shown in full are neighbours with errors near the median. Below, where there are more, the error "
+            "recorded. Shown in full are neighbours with errors near the median. Below, if there are more, the error "
             "of each window.",
             lambda: plot.forecast(held_out, labels),
         ),
