@@ -61,7 +61,7 @@ class _Pending(NamedTuple):
 
 
 class LiveHistory:
-    """Collects what happens in a live flight; memory is bounded."""
+    """Collects what happens in a live flight; the memory of its lines is bounded."""
 
     def __init__(self, horizon: float) -> None:
         """The lines show predictions about ``horizon`` s ahead."""
@@ -88,7 +88,6 @@ class LiveHistory:
         """
         if segment not in self._offsets:
             self._pending.clear()
-            self._append(segment, time, np.nan)
         self._offsets[segment] = min(now - time, self._offsets.get(segment, np.inf))
         predicted = self._judged(time, outputs)
         angle, band = (np.nan, np.nan) if predicted is None else (predicted.predicted[0], predicted.band[0])
@@ -120,7 +119,9 @@ class LiveHistory:
     def lines(self) -> HistoryLines:
         """The lines so far."""
         time, *others = (np.array(column) for column in self._columns)
-        return HistoryLines(time + np.array([self._offsets[segment] for segment in self._segments]), *others)
+        time += np.array([self._offsets[segment] for segment in self._segments])
+        gaps = np.flatnonzero(np.diff(self._segments)) + 1
+        return HistoryLines(np.insert(time, gaps, time[gaps]), *(np.insert(other, gaps, np.nan) for other in others))
 
     def _judged(self, time: float, outputs: Array) -> _Pending | None:
         """Compares predictions of ``time`` with what was measured; returns that of the history's horizon."""
@@ -138,10 +139,9 @@ class LiveHistory:
                     found = one
         return found
 
-    def _append(self, segment: int, time: float, *values: float) -> None:
+    def _append(self, segment: int, *row: float) -> None:
         self._skipped = 0
         self._segments.append(segment)
-        row = (time, *values, *[np.nan] * (len(self._columns) - 1 - len(values)))
         for column, value in zip(self._columns, row, strict=True):
             column.append(value)
         if len(self._columns[0]) > MAX_ROWS:

@@ -27,7 +27,7 @@ def test_nothing_is_compared_across_a_gap_and_lines_break_there():
     flown(history, 2.0, segment=1, start=103.0)
     assert [one.samples for one in history.errors()] == [298, 250]
     lines = history.lines
-    assert np.isnan(lines.measured).sum() == 2  # the beginning and the gap
+    assert np.isnan(lines.measured).sum() == 1
     shown = np.isfinite(lines.predicted)
     np.testing.assert_allclose(lines.predicted[shown], lines.measured[shown] + 0.1)
     assert history.learnt == [pytest.approx((10.0, 10.99)), pytest.approx((13.0, 14.99))]
@@ -54,3 +54,8 @@ def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
     assert len(lines.time) <= 100
     assert lines.time[0] == pytest.approx(10.0) and lines.time[-1] == pytest.approx(20.0, abs=0.2)
     assert history.errors()[0].samples == 999
+    for segment in (1, 2, 3):
+        flown(history, 2.0, segment, 110.0 + 5 * segment)
+    lines = history.lines
+    assert np.isnan(lines.measured).sum() == 3
+    assert np.diff(lines.time)[~np.isnan(lines.measured[1:])].max() < 1.0  # no line is drawn across a gap
