@@ -97,8 +97,9 @@ def _wind(learned: Learned) -> tuple[Grade, str]:
     if found.reason is not None:
         return NONE, found.reason
     size = f"Its size is known to ±{100 * found.scale_error:.0f} % (standard deviation)"
-    if read.status["effect"] != "reported":
-        return LIMITED, f"{size}; the motors' effect, from which it follows, is biased."
+    doubtful = [name for name, status in read.status.items() if status != "reported"]
+    if doubtful:
+        return LIMITED, f"It follows from the motors' effect, damping and lag: {' and '.join(doubtful)} not well known."
     return (GOOD if found.scale_error <= WIND_ERROR else LIMITED), f"{size}."
 
 

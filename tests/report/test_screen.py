@@ -113,8 +113,9 @@ def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(learned):
         wind = replace(learned.wind, **changes)
         assert findings(with_parts(learned, read(learned), wind), None)[2].grade == grade
         # It is what is left when the motors' torque is taken away.
-        biased = findings(with_parts(learned, read(learned, effect="biased"), wind), None)[2].grade
-        assert biased == (NONE if grade == NONE else LIMITED)
+        for doubtful in ("effect", "damping", "lag"):
+            biased = findings(with_parts(learned, read(learned, **{doubtful: "biased"}), wind), None)[2].grade
+            assert biased == (NONE if grade == NONE else LIMITED)
         unknown = with_parts(learned, read(learned, effect="not identifiable"), wind)
         assert findings(unknown, None)[2].grade == NONE
         assert "Wind on this axis" not in text_of(screen(unknown))
