@@ -75,7 +75,7 @@ def _motion(read: Physical | None) -> tuple[Grade, str]:
     if status.count("not identifiable") == len(status):
         reason = read.reasons["damping"] or read.reasons["lag"]
         same = _first_sentence(reason) == _first_sentence(read.reasons["effect"])
-        return NONE, "For the same reason." if same else reason
+        return NONE, "For the same reason as motor effectiveness." if same else reason
     shown = ", ".join(f"{name} to ±{100 * share:.0f} %" for name, share in known.items() if isfinite(share))
     why: dict[str, list[str]] = {}
     for name, found in zip(("damping", "lag"), status, strict=True):
@@ -128,9 +128,8 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
     if held_out is not None:
         found += [f"No model of a part of the flight could be learnt: {failure}." for failure in held_out.failures]
         if held_out.coverage < LEAST_COVERAGE:
-            found.append(
-                f"The 90 % band held {100 * held_out.coverage:.0f} % of the held-out samples: do not rely on it."
-            )
+            advice = "do not rely on it" if len(held_out) >= FEWEST_WINDOWS else "of so few windows it may be chance"
+            found.append(f"The 90 % band held {100 * held_out.coverage:.0f} % of the held-out samples: {advice}.")
         if held_out.over_expected > MOST_OVER_EXPECTED:
             found.append(
                 f"Forecasts had {held_out.over_expected:.1f} times the squared error that was to be expected: the "

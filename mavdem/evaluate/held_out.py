@@ -3,6 +3,8 @@
 The settled flight is cut into contiguous parts (blocked cross-validation). A model is trained on all parts but one, and
 forecasts that one window by window, each forecast from the state that its filter has at the window's start.
 
+The training data adjoin each part on both sides, without a gap: the first second of a part is correlated with them.
+
 References:
     C. Bergmeir and J. M. Benítez, "On the use of cross-validation for time series predictor evaluation", Information
     Sciences 191, 2012: blocks keep neighbouring samples, which are correlated, on the same side.

@@ -86,8 +86,8 @@ def _plans(learned: Learned, held_out: HeldOut, hover: HoverFigures | None) -> l
         *model_plans(learned, hover),
         PicturePlan(
             "Residuals",
-            "Errors one step ahead over time; what of them their past and the command would still predict. Inside the "
-            "shaded bounds that may be chance.",
+            "Errors one step ahead in the training data; what of them their past and the command would still "
+            "predict. Inside the shaded bounds that may be chance.",
             lambda: plot.residuals(learned),
         ),
         PicturePlan(
@@ -110,10 +110,12 @@ def model_plans(learned: Learned, hover: HoverFigures | None = None) -> list[Pic
         ),
         PicturePlan(
             "Frequency response",
-            "From the command of the axis to its rate (Bode plot), with 90 % bands.",
+            "From the command of the axis to its rate (Bode plot), with a 90 % band at each frequency.",
             lambda: plot.bode(learned),
         ),
-        PicturePlan("Step response", "After a step of the command, with 90 % bands.", lambda: plot.step(learned)),
+        PicturePlan(
+            "Step response", "After a step of the command, with a 90 % band at each time.", lambda: plot.step(learned)
+        ),
         PicturePlan(
             "Poles",
             "Eigenvalues of A, and what their uncertainty leaves. Left of 0 is stable.",

@@ -52,13 +52,18 @@ def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
 
 
 def test_nothing_after_a_sample_is_used_to_forecast_it(held_out):
-    changed = FLIGHT.outputs.copy()
+    changed, moved = FLIGHT.outputs.copy(), FLIGHT.inputs.copy()
     last = np.searchsorted(FLIGHT.time, held_out.time[-1, 0])
     # Of the last part, which only its own model does not see.
     changed[last:] += 0.1
+    moved[last:] += 30.0
     again = held_out_windows([mavdem.Flight(FLIGHT.time, FLIGHT.inputs, changed)], QUICK, STEPS)
     for name in ("forecast", "prediction"):
         np.testing.assert_array_equal(again.forecasts[name][-1], held_out.forecasts[name][-1])
+    # A prediction does not know the motors of its window either; a forecast does.
+    driven = held_out_windows([mavdem.Flight(FLIGHT.time, moved, FLIGHT.outputs)], QUICK, STEPS)
+    np.testing.assert_array_equal(driven.forecasts["prediction"][-1], held_out.forecasts["prediction"][-1])
+    assert not np.array_equal(driven.forecasts["forecast"][-1], held_out.forecasts["forecast"][-1])
 
 
 def test_the_test_after_training_is_one_window_of_the_models_own_forecast():

@@ -101,7 +101,7 @@ def test_parameters_are_good_as_far_as_their_intervals_and_status_say(learned, s
 def test_a_reason_is_given_once(learned):
     known = read(learned, effect="not identifiable", damping="not identifiable", lag="not identifiable")
     same = known._replace(reasons={**known.reasons, "damping": "Why effect. And otherwise."})
-    assert findings(with_parts(learned, same), None)[1].reason == "For the same reason."
+    assert findings(with_parts(learned, same), None)[1].reason == "For the same reason as motor effectiveness."
 
 
 def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(learned):

@@ -40,6 +40,7 @@ MAX_HALF = 0.5  # half width of a frequency, relative to it, beyond which a pole
 NO_POLE = 1e-6  # magnitude of an eigenvalue, up to which it is of what is only held for some samples
 SLOWEST = 1e-3  # 1/s: the response of an integrator has no finite energy
 MAX_UNSTABLE = 0.05  # share of the drawn loops
+MAX_WITHOUT_POLE = 0.05  # likewise, without a pole at the frequencies that are reported
 MAX_UNEXPLAINED = 0.5  # of the command by the feedback law, in standard deviations
 
 
@@ -135,6 +136,10 @@ def _response(physical: Physical, law: FeedbackLaw, dt: float) -> ClosedLoopResp
             (),
             "The feedback law found would make the vehicle unstable, which it was not: the log is too slow, or the "
             "stamps of attitude and motor outputs do not fit together. Record faster, on board.",
+        )
+    if np.mean([not len(others) for others, _ in drawn]) > MAX_WITHOUT_POLE:
+        return ClosedLoopResponse(
+            (), f"It is uncertain whether any pole is between {HIGH_PASS_HZ:g} and {fastest:g} Hz: fly longer."
         )
     # Light poles come and go with the draw: the one that is followed must be dominant there as well.
     heavy = [others[shares >= LEAST_WEIGHT] for others, shares in drawn if len(others)]
