@@ -13,6 +13,8 @@ def run() -> int:
     # Read when NumPy and SciPy are imported. For matrices as small as these more threads only wait for each other: on
     # two busy cores they doubled the time that `mavdem learn` takes.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    # Pictures are written to files, and no window is opened: a backend of the user's that is missing matters not.
+    os.environ["MPLBACKEND"] = "agg"
     with ending_at_once():
         from mavdem.cli.commands import main
     unwind_when_terminated()

@@ -130,6 +130,9 @@ def _run(command: click.Command, words: list[str], as_json: bool) -> int:
     except KeyboardInterrupt:
         complain("Interrupted; nothing is left half written.", "", as_json)
         return INTERRUPTED
+    except MemoryError:
+        complain("There is not enough memory.", "Close other programs, or give it a shorter log.", as_json)
+        return UNUSABLE
     except Exception as error:
         if isinstance(error, OSError) and error.filename is None:
             raise  # standard output: the only thing written to here that has no name

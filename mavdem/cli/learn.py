@@ -36,6 +36,7 @@ from mavdem.extras import advice
 from mavdem.flight import Flight
 from mavdem.ingest import Log
 from mavdem.page.learned_page import learned_page
+from mavdem.report.blocks import Sentence
 from mavdem.report.details import detail_blocks
 from mavdem.report.screen import screen, title
 from mavdem.report.truth import truth_blocks
@@ -156,7 +157,8 @@ def learn_command(
         "seconds": round(perf_counter() - began, 3),
         "files": {name: str(folder / name) for name in result_files()},
     }
-    heading, blocks = title(flights), screen(learned, held_out, figures.hover)
+    heading = Sentence(*map(printable, title(flights)))
+    blocks = screen(learned, held_out, figures.hover)
     if axis == ALL:
         blocks += vehicle_blocks(figures)
     if compared is not None:
@@ -175,11 +177,11 @@ def learn_command(
 
 
 def named_after(source: str) -> Path:
-    """The folder named after a log, in the current one; another name where the log has no ending, and is that file."""
+    """The folder named after a log, in the current one; another name where that is no name or the log itself."""
     name = Path(source).name
     stem = name.removesuffix(".xz")
     stem = stem.removesuffix(Path(stem).suffix)
-    return Path(stem if stem and stem != name else f"{name}-learnt")
+    return Path(stem if stem.strip(".") and stem != name else f"{name}-learnt")
 
 
 def _say_what_next(source: str, axis: str, folder: Path, report: dict[str, Any], found: Sequence[Finding]) -> None:
@@ -221,8 +223,10 @@ def _of_one_boot(segments: Sequence[Flight]) -> tuple[Flight, ...]:
 
 def _from(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:
     """What is flown ``start`` seconds after the first sample and later."""
-    begin = flights[0].time[0] + start
-    late = [(flight, round(np.clip((begin - flight.time[0]) / flight.dt, 0, len(flight)))) for flight in flights]
+    late = [
+        (flight, round(np.clip(flights[0].time[0] + start - flight.time[0], 0, len(flight) * flight.dt) / flight.dt))
+        for flight in flights
+    ]
     left = tuple(flight[first:] for flight, first in late if len(flight) - first >= FEWEST_SAMPLES)
     if not left:
         raise NotLearnable(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import io
 import json
+import logging
 import math
 import os
 import sys
@@ -23,18 +24,34 @@ from mavdem.report.blocks import Sentence, Table
 STDERR = Console(stderr=True, highlight=False, markup=False, emoji=False)  # standard error
 WIDTH_OF_A_PIPE = 120  # columns a table may take where standard output is no terminal
 
-PLAIN_CHARACTERS = {"±": "+-", "°": "deg", "µ": "u", "“": '"', "”": '"', "\N{COMBINING MACRON}": "", "²": "^2"}
+PLAIN_CHARACTERS = {
+    "±": "+-",
+    "°": "deg",
+    "µ": "u",
+    "“": '"',
+    "”": '"',
+    "\N{COMBINING MACRON}": "",
+    "²": "^2",
+    "−": "-",
+    "₀": "0",
+    "ẋ": "x'",
+}
 """Replacements of characters that the terminal cannot show; others become a question mark."""
 
 
 def prepare_streams() -> None:
-    """Lets no character that the terminal cannot show end a run, and shows a warning as one line."""
+    """Lets no character that the terminal cannot show end a run, and shows a warning as one line.
+
+    What matplotlib logs below an error is not shown.
+    """
     codecs.register_error("plain", _plain)
     sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115 - it stays open for as long as the process
     sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="plain")
+    # A cache that it cannot write, and faults of a matplotlibrc, matter to nothing that is written here.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     warnings.showwarning = lambda message, *_, **__: say_aside(_one_line(f"mavdem: warning: {message}"))
 
 
@@ -108,22 +125,22 @@ def print_table(table: Grid) -> None:
 
 
 def print_blocks(blocks: Iterable[Sentence | Table]) -> None:
-    """Prints sentences and tables, each with an empty line after it."""
+    """Prints sentences and tables, each with an empty line after it; names in them may hold what a terminal obeys."""
     for block in blocks:
         if isinstance(block, Sentence):
-            say(f"{f'{block.lead} {block.text}'.strip()}\n")
+            say(f"{printable(f'{block.lead} {block.text}'.strip())}\n")
         else:
             print_table(_grid(block))
 
 
 def _grid(table: Table) -> Grid:
-    first, *others = table.header
+    first, *others = map(printable, table.header)
     grid = Grid(box=None, pad_edge=False)
     grid.add_column(first, no_wrap=True)
     for other in others:
         grid.add_column(other, justify="left" if table.words else "right")
     for row in table.rows:
-        grid.add_row(*row)
+        grid.add_row(*map(printable, row))
     return grid
 
 

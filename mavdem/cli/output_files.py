@@ -43,7 +43,11 @@ def check_folder(folder: Path, names: Sequence[str] = RESULT_FILES) -> None:
         raise Unreadable(f"--out {folder} cannot be made: {existing} is not writable.")
     for path in (folder / name for name in names):
         # Found only when the others are replaced, it would leave results of two runs.
-        if path.is_dir() and not path.is_symlink():
+        try:
+            occupied = path.is_dir() and not path.is_symlink()
+        except OSError as error:  # its name is too long
+            raise Unreadable(f"--out {folder} cannot be made ({error.strerror}): name another.") from None
+        if occupied:
             raise Unreadable(f"{path} is a folder, where a file is to be written: move it, or name another --out.")
 
 

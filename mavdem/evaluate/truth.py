@@ -133,7 +133,7 @@ def read_truth(path: str | PathLike[str], axis: str) -> FlightTruth:
     Raises:
         Unreadable: it is not one, or cannot be read.
     """
-    name = Path(fspath(path)).name
+    name = Path(fspath(path)).name or fspath(path)
     try:
         with np.load(path, allow_pickle=False) as file:
             parts: dict[str, Any] = {

@@ -62,6 +62,7 @@ STYLE: Any = {
     "legend.borderpad": 0.2,
     "savefig.facecolor": "none",
     "savefig.edgecolor": "none",
+    "text.usetex": False,
     "svg.fonttype": "none",  # text that can be searched and read aloud
     "svg.hashsalt": "mavdem",  # the same picture is the same file
 } | dict.fromkeys(

@@ -154,6 +154,15 @@ def test_a_fault_of_our_own_is_one_sentence_with_a_hint(monkeypatch, capsys):
     assert "Traceback" in capsys.readouterr().err
 
 
+def test_memory_that_does_not_suffice_is_one_sentence(monkeypatch, capsys):
+    def allocate(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(command_line.mavdem, "invoke", allocate)
+    assert main(["info", str(FLIGHT)]) == 2
+    assert capsys.readouterr().err.startswith("mavdem: There is not enough memory.")
+
+
 def test_an_interrupt_is_130(monkeypatch, capsys):
     def interrupted(*_: object) -> None:
         signal.raise_signal(signal.SIGINT)

@@ -70,6 +70,17 @@ def test_results_are_whole_when_only_standard_output_fails(tmp_path):
     assert reader.store() is not None
 
 
+def test_settings_of_matplotlib_spoil_neither_pictures_nor_output(tmp_path):
+    settings = tmp_path / "matplotlibrc"
+    settings.write_text("text.usetex: True\nfont.family: none\nno such line\n")
+    surroundings = {"MPLBACKEND": "none", "MATPLOTLIBRC": str(settings), "MPLCONFIGDIR": str(settings)}
+    done = subprocess.run(
+        fast_learning(tmp_path), capture_output=True, text=True, timeout=PATIENCE, env={**os.environ, **surroundings}
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.startswith("Took ") and done.stderr.count("\n") == 3
+
+
 @needs_full
 def test_a_standard_error_that_fails_changes_no_exit_code(tmp_path):
     (tmp_path / "empty.tlog").touch()

@@ -16,10 +16,11 @@ from mavdem.alignment.read import read_flight
 from mavdem.cli import output_files
 from mavdem.cli.commands import main
 from mavdem.cli.learn import named_after
-from mavdem.cli.output import json_text
+from mavdem.cli.output import json_text, print_blocks
 from mavdem.evaluate.findings import PURPOSES
 from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, samples_in
 from mavdem.evaluate.vehicle_figures import AxisFigures, vehicle_of_log
+from mavdem.report.blocks import Sentence, Table
 
 LOGS = Path(__file__).parents[2] / "logs"
 FLIGHT = str(LOGS / "ardupilot_wind5_steps.tlog")
@@ -79,10 +80,23 @@ def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch,
 
 @pytest.mark.parametrize(
     ("source", "folder"),
-    [("a/flight.tlog", "flight"), ("f.ulg.xz", "f"), ("flight", "flight-learnt"), (".tlog", ".tlog-learnt")],
+    [
+        ("a/flight.tlog", "flight"),
+        ("f.ulg.xz", "f"),
+        ("flight", "flight-learnt"),
+        (".tlog", ".tlog-learnt"),
+        ("...tlog", "...tlog-learnt"),
+    ],
 )
 def test_the_folder_is_named_after_the_log(source, folder):
     assert str(named_after(source)) == folder
+
+
+def test_names_do_not_reach_the_terminal_as_what_it_obeys(capsys):
+    print_blocks([Sentence("\x1b[31m", "\u202e.tlog:"), Table(["\x9b", "\u2066"], [["\x1b]0;", "\n"]])])
+    said = capsys.readouterr().out
+    assert "\\u001b[31m" in said and "\\u001b]0;" in said and "\\u202e.tlog:" in said
+    assert said.replace("\n", "").isprintable()
 
 
 @pytest.mark.slow
@@ -157,8 +171,8 @@ def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, cap
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("place", ["file", "file/below"])
-def test_an_out_that_is_a_file_is_refused_before_the_work(place, tmp_path, capsys):
+@pytest.mark.parametrize("place", ["file", "file/below", 300 * "x"])
+def test_an_out_that_cannot_be_made_is_refused_before_the_work(place, tmp_path, capsys):
     (tmp_path / "file").write_text("mine")
     assert main(["learn", "missing.tlog", "--out", str(tmp_path / place)]) == 2
     assert "--out" in capsys.readouterr().err
