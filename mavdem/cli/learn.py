@@ -27,7 +27,7 @@ from mavdem.dem import learn as learn_model
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.evaluate import HeldOut, held_out_test, held_out_windows
-from mavdem.evaluate.findings import NONE, Finding, findings
+from mavdem.evaluate.findings import findings
 from mavdem.evaluate.flight_windows import TEST_SECONDS, fewer_samples, samples_in
 from mavdem.evaluate.held_out import FOLDS
 from mavdem.evaluate.truth import compare_with_truth, truth_of
@@ -169,11 +169,13 @@ def learn_command(
     write_results(folder, report, page, flights, learned, held_out)
     if hint := advice(f"{RECORDING} was not written, since it", "view"):
         say_aside(hint)
+    if hint := advice("Drawing the pictures of report.html", "plot"):
+        say_aside(hint)
     if as_json:
         print_json(report)
         return
     print_blocks([heading, *blocks, *(details if verbose else [])])
-    _say_what_next(source, axis, folder, report, found)
+    _say_what_is_written(folder, report)
 
 
 def named_after(source: str) -> Path:
@@ -184,21 +186,13 @@ def named_after(source: str) -> Path:
     return Path(stem if stem.strip(".") and stem != name else f"{name}-learnt")
 
 
-def _say_what_next(source: str, axis: str, folder: Path, report: dict[str, Any], found: Sequence[Finding]) -> None:
-    """On standard error: what was written, what to open, and what to do next."""
+def _say_what_is_written(folder: Path, report: dict[str, Any]) -> None:
+    """On standard error: what was written, and what to open."""
     place = printable(folder)
     say_aside(f"Took {report['seconds']:.1f} s. Written to {place}: {', '.join(map(printable, report['files']))}.")
+    say_aside(f"Read or mail: {place}/report.html")
     if RECORDING in report["files"]:
         say_aside(f"Look: {shlex.join(['rerun', f'{place}/{RECORDING}'])}")
-    unknown = [one.purpose for one in found if one.grade == NONE]
-    if "motor effectiveness" in unknown:
-        say_aside("Next: fly roll doublets for 20 s, so that the motors move more than the wind makes them, and learn.")
-    elif "prediction" in unknown:
-        say_aside(
-            f"Next: {shlex.join(['mavdem', 'compare', printable(source)])} shows whether another method does better."
-        )
-    elif axis != ALL:
-        say_aside(f"Next: {shlex.join(['mavdem', 'learn', printable(source), '--axis', ALL])} for pitch and yaw.")
 
 
 def _vehicle(

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import isfinite
 from typing import Literal, NamedTuple
+
+from scipy.stats import norm
 
 from mavdem.dem import Learned, Physical
 from mavdem.dem.validation import LEVEL
@@ -16,7 +19,7 @@ NONE: Grade = "NOT IDENTIFIABLE"
 
 EFFECT_ERROR = 0.15  # half width of the interval over the estimate, up to which the motors' effect is good
 MOTION_ERROR = 1 / 3  # likewise of damping and lag, which matter less and are harder to identify
-WIND_ERROR = 0.15  # relative standard deviation of the wind's size, up to which it is good
+WIND_ERROR = 0.25  # likewise of the wind's standard deviation
 GOOD_RATIO = 0.5  # of the squared error of the better baseline
 MOST_WORSE = 0.1  # share of the windows that may be worse than the constant mean
 LEAST_COVERAGE = 0.75  # of a 90 % band
@@ -96,11 +99,11 @@ def _wind(learned: Learned) -> tuple[Grade, str]:
         return NONE, "It follows from the motors' effect, which is not identifiable."
     if found.reason is not None:
         return NONE, found.reason
-    size = f"Its size is known to ±{100 * found.scale_error:.0f} % (standard deviation)"
+    half = float(norm.ppf(0.5 + LEVEL / 2)) * found.scale_error
     doubtful = [name for name, status in read.status.items() if status != "reported"]
     if doubtful:
         return LIMITED, f"It follows from the motors' effect, damping and lag: {' and '.join(doubtful)} not well known."
-    return (GOOD if found.scale_error <= WIND_ERROR else LIMITED), f"{size}."
+    return (GOOD if half <= WIND_ERROR else LIMITED), f"Its standard deviation is known to ±{100 * half:.0f} %."
 
 
 def _prediction(held_out: HeldOut) -> tuple[Grade, str]:
@@ -138,3 +141,19 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
     if not learned.stable:
         found.append("The model is unstable: long forecasts grow without bound.")
     return tuple(found)
+
+
+def next_step(found: Sequence[Finding]) -> str:
+    """What to do next, one sentence, by what was ``found``: the first purpose that is not served decides."""
+    grades = {one.purpose: one.grade for one in found}
+    effect, motion, _, prediction = (grades.get(purpose, GOOD) for purpose in PURPOSES)
+    if effect != GOOD or motion == NONE:
+        return (
+            "Fly half a minute of quick small movements on this axis in calm air (docs/manoeuvres.md), and learn from "
+            "that: the motors must move more than the wind makes them."
+        )
+    if motion != GOOD:
+        return "Fly such movements for longer, at a higher rate if the log allows it: damping and lag need both."
+    if prediction == NONE:
+        return "`mavdem compare` with this log shows whether another method predicts it better."
+    return "Keep this as the vehicle's reference; `--axis all` has pitch and yaw."

@@ -114,11 +114,14 @@ def model_plans(learned: Learned, hover: HoverFigures | None = None) -> list[Pic
             lambda: plot.bode(learned),
         ),
         PicturePlan(
-            "Step response", "After a step of the command, with a 90 % band at each time.", lambda: plot.step(learned)
+            "Step response",
+            "After a step of the command, with a 90 % band at each time. Where the two differ, closed loop biases the "
+            "model's A and B: the physical parameters are what the vehicle does.",
+            lambda: plot.step(learned),
         ),
         PicturePlan(
             "Poles",
-            "Eigenvalues of A, and what their uncertainty leaves. Left of 0 is stable.",
+            "Of model and physical parameters with the motors as inputs, without the autopilot; left of 0 is stable.",
             lambda: plot.poles(learned),
         ),
     ]

@@ -11,7 +11,7 @@ from mavdem.alignment.trim import HoverFigures
 from mavdem.dem import Learned, Physical
 from mavdem.dem.closed_loop.response import LoopPole, closed_loop_response
 from mavdem.dem.validation import LEVEL
-from mavdem.evaluate.findings import Finding, findings, warnings_of
+from mavdem.evaluate.findings import Finding, findings, next_step, warnings_of
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, text_of
@@ -28,14 +28,15 @@ def screen(learned: Learned, held_out: HeldOut | None = None, hover: HoverFigure
 
     ``held_out`` windows and the motors' ``hover`` figures are left out where there are none.
     """
-    labels = Labels.of(learned)
+    labels, found = Labels.of(learned), findings(learned, held_out)
     return [
-        *finding_blocks(findings(learned, held_out)),
+        *finding_blocks(found),
         *_vehicle(labels, learned.physical, hover),
         *wind_blocks(learned.wind, learned.physical),
         *_closed_loop(learned),
         *_prediction(labels, held_out),
         *(Sentence(warning, "Warning:") for warning in warnings_of(learned, held_out)),
+        Sentence(next_step(found), "Next:"),
     ]
 
 

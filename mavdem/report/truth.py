@@ -14,16 +14,16 @@ LARGEST_ERROR = 10.0  # of the truth, from which on it is not shown in percent
 
 def truth_blocks(found: TruthComparison) -> list[Sentence | Table]:
     """A row a parameter with the truth beside it, and how the wind's torque compares."""
-    held = [one.inside for one in found.parameters if one.inside is not None]
+    compared = list(found.parameters)
+    if found.wind is not None and found.wind.resolved:
+        compared.append(found.wind.mean)
+    held = [one.inside for one in compared if one.inside is not None]
     count = f" {sum(held)} of {len(held)} intervals hold the truth." if held else ""
     blocks: list[Sentence | Table] = [
         Sentence(f"of {found.source}; ± is the half width of the 90 % interval.{count}", "Truth:")
     ]
-    rows = [_row(one) for one in found.parameters]
-    if found.wind is not None and found.wind.resolved:
-        rows.append(_row(found.wind.mean))
-    if rows:
-        blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], rows))
+    if compared:
+        blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], [_row(one) for one in compared]))
     return [*blocks, *([] if found.wind is None else [_wind(found.wind)])]
 
 
@@ -43,7 +43,9 @@ def _row(one: ComparedParameter) -> list[str]:
 
 def _error(estimate: float, truth: float) -> str:
     """In percent of the truth, where that is no number near 0."""
-    return f"{100 * (estimate / truth - 1):+.0f} %" if abs(estimate - truth) < LARGEST_ERROR * abs(truth) else ""
+    return (
+        f"{round(100 * (estimate / truth - 1)) + 0:+d} %" if abs(estimate - truth) < LARGEST_ERROR * abs(truth) else ""
+    )
 
 
 def _shown(unit: str) -> tuple[str, float]:

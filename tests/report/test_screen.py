@@ -15,7 +15,7 @@ from mavdem.dem.closed_loop.response import ClosedLoopResponse, LoopPole
 from mavdem.dem.graybox import DetectedGust
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.evaluate import HeldOut, held_out_test
-from mavdem.evaluate.findings import GOOD, LIMITED, NONE, findings, warnings_of
+from mavdem.evaluate.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings, next_step, warnings_of
 from mavdem.ingest.motors import OutputScale
 from mavdem.report.blocks import Sentence, Table, text_of
 from mavdem.report.rounding import plus_minus, rounded
@@ -96,6 +96,22 @@ def test_parameters_are_good_as_far_as_their_intervals_and_status_say(learned, s
             name in one.purpose.replace("motor effectiveness", "effect") for name in status
         )
         assert "And more" not in one.reason
+
+
+@pytest.mark.parametrize(
+    ("grades", "advice"),
+    [
+        ((NONE, NONE, NONE, GOOD), "calm air"),
+        ((LIMITED, GOOD, GOOD, GOOD), "calm air"),
+        ((GOOD, LIMITED, GOOD, GOOD), "for longer"),
+        ((GOOD, GOOD, GOOD, NONE), "mavdem compare"),
+        ((GOOD, GOOD, LIMITED, LIMITED), "reference"),
+        ((GOOD, GOOD, GOOD), "reference"),
+    ],
+)
+def test_the_next_step_is_that_of_the_first_purpose_that_is_not_served(grades, advice):
+    found = [Finding(purpose, grade, "") for purpose, grade in zip(PURPOSES, grades, strict=False)]
+    assert advice in next_step(found)
 
 
 def test_a_reason_is_given_once(learned):
