@@ -239,9 +239,12 @@ def _judge(flights: tuple[Flight, ...], settings: Settings, test: Length | None)
     except ValueError as error:
         samples = sum(map(len, flights))
         fewer = max(1, samples // (FOLDS + 1))
+        shorter = fewer < steps and samples >= 2 * samples_in(TEST_SECONDS, dt)
         raise NotLearnable(
             f"The settled flight has {samples} samples ({samples * dt:.1f} s), too few for test windows of {steps}.",
-            f"Ask for shorter ones: `{_again('--test', str(fewer))}`." if fewer < steps else f"It says: {error}.",
+            f"Ask for shorter ones: `{_again('--test', str(fewer))}`."
+            if shorter
+            else "Fly longer, or give a smaller --start.",
         ) from error
 
 
@@ -269,7 +272,7 @@ def _again(*lengths: str) -> str:
     context = click.get_current_context()
     kept = [
         word
-        for name in ("out", "axis", "vehicle", "inputs", "preset", "order", "start")
+        for name in ("out", "axis", "vehicle", "inputs", "preset", "order", "start", "truth")
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
         for word in (f"--{name}", str(context.params[name]))
     ]
