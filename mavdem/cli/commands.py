@@ -43,7 +43,7 @@ class _Commands(click.Group):
     cls=_Commands,
     commands=[
         click.Command("info", help="Reports what a log holds and if a model can be learnt."),
-        click.Command("learn", help="Learns a model and reports what the vehicle does in wind."),
+        click.Command("learn", help="Learns a linear model, and reports what the vehicle does in wind."),
         click.Command("compare", help="Compares DEM with other methods, window by window."),
         click.Command("order", help="Finds the model order (number of states) by the free energy."),
         click.Command("live", help="Attaches to a link and learns while the vehicle flies."),
