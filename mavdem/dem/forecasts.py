@@ -102,6 +102,14 @@ class Forecast(NamedTuple):
     variance: Array
 
 
+class BandedForecast(NamedTuple):
+    """A forecast (H, m) with the squared error to expect, and the half width of a band about it, (H, m); physical."""
+
+    mean: Array
+    variance: Array
+    half_width: Array
+
+
 @dataclass(frozen=True, eq=False)
 class Forecasts:
     """What the vehicle's model forecasts after its training data, motors as causes; arguments and results are physical.

@@ -13,6 +13,7 @@ from scipy.stats import norm
 
 from mavdem.dem.closed_loop.mixture import ClosedLoop
 from mavdem.dem.closed_loop.prediction import Prediction
+from mavdem.dem.closed_loop.response import ClosedLoopResponse, attitude_loop
 from mavdem.dem.document import parts_of, values_of
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
@@ -20,7 +21,7 @@ from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.engine.trace import FreeEnergy, Learning
 from mavdem.dem.fitting import generalized
 from mavdem.dem.forecast.simulation_error import SimulationFit
-from mavdem.dem.forecasts import Forecasts, TrainingForecasts
+from mavdem.dem.forecasts import BandedForecast, Forecasts, TrainingForecasts
 from mavdem.dem.graybox import Physical, physical
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.graybox.wind import WindTorque, wind
@@ -150,6 +151,14 @@ class Learned(LearnedDownstream):
         except ValueError:  # LinAlgError is one
             return None
 
+    @cached_property
+    def closed_loop(self) -> ClosedLoopResponse:
+        """The dominant poles of the attitude loop as flown, or the reason why they are not identifiable.
+
+        See :func:`mavdem.dem.closed_loop.response.attitude_loop`.
+        """
+        return attitude_loop(self.record, self.physical)
+
     @may_overflow
     def one_step(self) -> Array:
         """(T, m): each training sample predicted from those before it and the inputs; a segment's first is the trim."""
@@ -261,25 +270,19 @@ class Learned(LearnedDownstream):
         return self._forecasts.half_widths(self.forecast_variance(inputs), level)
 
     @may_overflow
-    def forecast_every_variance(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """(H, m) expected squared error of :meth:`forecast_every` with the same arguments ``steps, inputs, outputs``.
+    def forecast_every_with_band(
+        self, steps: int, inputs: ArrayLike, outputs: ArrayLike, level: float = LEVEL
+    ) -> BandedForecast:
+        """As :meth:`forecast_every` of the same ``steps, inputs, outputs``, with its expected squared error and band.
 
-        Raises:
-            ValueError: as :meth:`forecast_every`.
-        """
-        return self._forecasts.every(steps, *self.record.following(steps, inputs, outputs)).variance
-
-    @may_overflow
-    def forecast_every_band(self, steps: int, inputs: ArrayLike, outputs: ArrayLike, level: float = LEVEL) -> Array:
-        """(H, m) half width, about :meth:`forecast_every`, of the band that holds a sample with probability ``level``.
-
-        ``steps``, ``inputs`` and ``outputs`` are the same as there.
+        The band holds each sample with probability ``level``.
 
         Raises:
             ValueError: as :meth:`forecast_every`, or a level that is no probability between 0 and 1.
         """
         require_probability(level)
-        return self._forecasts.half_widths(self.forecast_every_variance(steps, inputs, outputs), level, steps)
+        mean, variance = self._forecasts.every(steps, *self.record.following(steps, inputs, outputs))
+        return BandedForecast(mean, variance, self._forecasts.half_widths(variance, level, steps))
 
     @cached_property
     def _plant_forecasts(self) -> Forecasts:

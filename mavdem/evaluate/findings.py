@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 from scipy.stats import norm
 
-from mavdem.dem import Learned, Physical
+from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.validation import LEVEL
 from mavdem.evaluate.held_out import HeldOut
 
@@ -88,6 +88,13 @@ def _motion(read: Physical | None) -> tuple[Grade, str]:
     reason += "".join(f"; {' and '.join(names)}: {sentence}" for sentence, names in why.items())
     good = status == ["reported"] * 2 and all(share <= MOTION_ERROR for share in known.values())
     return (GOOD if good else LIMITED), reason
+
+
+def known_wind(found: WindTorque | None, read: Physical | None) -> WindTorque | None:
+    """The wind's torque where it is resolved, and the motors' effect, which it follows from, is identifiable."""
+    if found is None or found.reason is not None or read is None or not read.identifiable:
+        return None
+    return found
 
 
 def _wind(learned: Learned) -> tuple[Grade, str]:

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from mavdem.dem import Learned, Physical, WindTorque
-from mavdem.dem.closed_loop.response import closed_loop_response
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.validation import LEVEL
-from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LAST, PREDICTION, HeldOut, ratio
-from mavdem.evaluate.squared_error import mspe
+from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LAST, PREDICTION, HeldOut
+from mavdem.evaluate.squared_error import error_over, mspe
 from mavdem.flight import Flight
 
 DEM = "DEM"  # the name of the model's own forecasts, beside the baselines
@@ -86,7 +85,7 @@ def report(flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> di
 
 def _closed_loop_values(learned: Learned) -> dict[str, Any]:
     """The poles of the attitude loop as flown, or the reason why there are none."""
-    found = closed_loop_response(learned)
+    found = learned.closed_loop
     return {"poles": [pole._asdict() for pole in found.poles], "reason": found.reason}
 
 
@@ -160,7 +159,7 @@ def _ranked(errors: dict[str, Array], variance: Array) -> dict[str, Any]:
         name: {
             "per_output": each.tolist(),
             "total": float(each.sum()),
-            "relative": ratio(sizes[name], sizes[CONSTANT_MEAN]),
+            "relative": float(error_over(sizes[name], sizes[CONSTANT_MEAN])),
         }
         for name, each in errors.items()
     }

@@ -23,6 +23,7 @@ from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.validation import LEVEL
 from mavdem.evaluate.flight_windows import TEST_SECONDS, samples_in
+from mavdem.evaluate.squared_error import error_over
 from mavdem.flight import Flight
 
 FOLDS = 5
@@ -87,12 +88,11 @@ class HeldOut:
     def error_ratio(self, name: str = FORECAST) -> float:
         """Mean squared error of the forecast ``name`` over that of the constant mean, all windows together."""
         ours, theirs = (self._sizes(each).mean() for each in (name, CONSTANT_MEAN))
-        return ratio(float(ours), float(theirs))
+        return float(error_over(ours, theirs))
 
     def error_ratios(self, name: str = FORECAST, baseline: str = CONSTANT_MEAN) -> Array:
         """(W,) mean squared error of the forecast ``name`` over that of the ``baseline``, in each window alone."""
-        pairs = zip(self._sizes(name), self._sizes(baseline), strict=True)
-        return np.array([ratio(float(ours), float(theirs)) for ours, theirs in pairs])
+        return error_over(self._sizes(name), self._sizes(baseline))
 
     def _sizes(self, name: str) -> Array:
         """(W,) squared errors summed over outputs, each in units of its training variance."""
@@ -115,7 +115,7 @@ class HeldOut:
     def over_expected(self) -> float:
         """Mean squared error over the one to expect, each output in units of its training variance."""
         expected = (self.expected / self.variance).sum(axis=-1).mean()
-        return ratio(float(self._sizes(FORECAST).mean()), float(expected))
+        return float(error_over(self._sizes(FORECAST).mean(), expected))
 
     def as_dict(self) -> dict[str, Any]:
         """The figures as plain JSON values: without the series."""
@@ -135,13 +135,6 @@ class HeldOut:
             "over_expected_error": self.over_expected,
             "failures": list(self.failures),
         }
-
-
-def ratio(ours: float, theirs: float) -> float:
-    """``ours / theirs``; 1 if both errors are the same, also 0 or infinite."""
-    if ours == theirs:
-        return 1.0
-    return ours / theirs if theirs else float("inf")
 
 
 def held_out_windows(
@@ -181,7 +174,7 @@ def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
     Raises:
         ValueError: samples of other widths than the model's.
     """
-    return _forecast(learned, test, test.inputs, test.outputs, len(test), 0, train.outputs[-1:])
+    return _forecast(learned, test, len(test), 0, train.outputs[-1:])
 
 
 def _split(flights: Sequence[Flight], fold: int) -> tuple[list[Piece], list[Piece]]:
@@ -221,18 +214,15 @@ def _of_fold(inside: list[Piece], outside: list[Piece], settings: Settings | Non
         if learned is None:
             yield _lost(training, part, steps, lead, failure)
         else:
-            yield _forecast(learned, part, part.inputs, part.outputs, steps, lead, flight.outputs[:1])
+            yield _forecast(learned, part, steps, lead, flight.outputs[:1])
 
 
-def _forecast(
-    learned: Learned, part: Flight, inputs: Array, outputs: Array, steps: int, lead: int, before: Array
-) -> HeldOut:
+def _forecast(learned: Learned, part: Flight, steps: int, lead: int, before: Array) -> HeldOut:
     """Windows of ``steps`` samples after the first ``lead`` of a part, which follows the sample ``before`` (1, m)."""
+    inputs, outputs = part.inputs, part.outputs
     last = np.concatenate([before, outputs])[lead : len(outputs) : steps]
+    forecast = learned.forecast_every_with_band(steps, inputs, outputs, LEVEL)
     with np.errstate(over="ignore", invalid="ignore"):
-        forecast = learned.forecast_every(steps, inputs, outputs)
-        band = learned.forecast_every_band(steps, inputs, outputs, LEVEL)
-        expected = learned.forecast_every_variance(steps, inputs, outputs)
         prediction = learned.predict_every(steps, inputs, outputs)
 
     def windows(values: Array) -> Array:
@@ -243,12 +233,12 @@ def _forecast(
         windows(part.time),
         windows(outputs),
         {
-            FORECAST: windows(forecast),
+            FORECAST: windows(forecast.mean),
             PREDICTION: windows(prediction),
             **_baselines(learned.record.outputs, last, shape),
         },
-        windows(band),
-        windows(expected),
+        windows(forecast.half_width),
+        windows(forecast.variance),
         learned.record.outputs.var(axis=0),
     )
 

@@ -109,13 +109,15 @@ def skill(train: Flight, test: Flight, predicted: ArrayLike, steps: int) -> Skil
     variance = train.outputs.var(axis=0)
     ours = mspe(test.outputs, predicted).per_output / variance
     constant = mspe(test.outputs, np.broadcast_to(train.outputs.mean(axis=0), test.outputs.shape)).per_output / variance
-    return Skill(steps, ours, float(ours.sum()), _over(ours, constant), float(_over(ours.sum(), constant.sum())))
+    return Skill(
+        steps, ours, float(ours.sum()), error_over(ours, constant), float(error_over(ours.sum(), constant.sum()))
+    )
 
 
-def _over(ours: ArrayLike, constant: ArrayLike) -> Array:
-    """The ratio; 1 if both errors are the same, also 0 or infinite."""
+def error_over(ours: ArrayLike, theirs: ArrayLike) -> Array:
+    """The ratio of errors, ``ours`` over ``theirs``; 1 if both are the same, also 0 or infinite."""
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(np.equal(ours, constant), 1.0, np.divide(ours, constant))
+        return np.where(np.equal(ours, theirs), 1.0, np.divide(ours, theirs))
 
 
 def skill_by_horizon(

@@ -10,6 +10,7 @@ from mavdem.page.document import Chapter, render_page
 from mavdem.page.pictures import PicturePlan, picture_chapter
 from mavdem.report.blocks import Table
 from mavdem.report.comparison import comparison_report
+from mavdem.report.names import listed
 from mavdem.report.order import order_report
 
 
@@ -36,7 +37,7 @@ def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
     first = next(place for place, block in enumerate(blocks) if isinstance(block, Table))
     return render_page(
         "DEM and other methods",
-        f"Forecasts of the same windows of {_listed(comparison.flights)}.",
+        f"Forecasts of the same windows of {listed(comparison.flights)}.",
         blocks[:first],
         [picture_chapter(plans), Chapter("All errors", blocks[first:])],
     )
@@ -53,11 +54,7 @@ def order_page(choice: OrderChoice, names: Sequence[str]) -> str:
 
     return render_page(
         "Model order",
-        f"The number of states that {_listed(names)} show{'s' * (len(names) == 1)}, by the free energy.",
+        f"The number of states that {listed(names)} show{'s' * (len(names) == 1)}, by the free energy.",
         order_report(choice, names),
         [picture_chapter(plans)],
     )
-
-
-def _listed(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -18,7 +18,8 @@ from mavdem.paper.drawing import DEM, DEM_WITHOUT, EM, MEASURED, ONE_STEP, OTHER
 from mavdem.paper.flights import REAL
 from mavdem.paper.item import Cell, Item, ItemResult, PageTable, Picture
 from mavdem.paper.runner import OTHERS, OURS, PEERS, STARTS, WITH, Runner, median_draw, total_mspe
-from mavdem.paper.words import listed, number, percent
+from mavdem.paper.words import number, percent
+from mavdem.report.names import listed
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,8 @@ from mavdem.paper.drawing import DEM, DEM_WITHOUT, MEASURED, ink, unseen
 from mavdem.paper.flights import REAL
 from mavdem.paper.item import Cell, Item, ItemResult, PageTable, Picture
 from mavdem.paper.runner import OURS, OURS_WITHOUT, STARTS, WITH, WITHOUT, Runner, median_draw, total_mspe
-from mavdem.paper.words import listed, number, percent
+from mavdem.paper.words import number, percent
+from mavdem.report.names import listed
 
 Array = NDArray[np.float64]
 

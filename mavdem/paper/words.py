@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from math import isfinite
 
 
@@ -22,9 +21,3 @@ def percent(share: float) -> str:
     """``90 %``, with a decimal where rounding would give 0 % or 100 %."""
     whole = f"{share:.0%}"
     return (whole if 0.01 <= share <= 0.99 else f"{share:.1%}").replace("%", " %").replace(".0 ", " ")
-
-
-def listed(names: Iterable[object]) -> str:
-    """``a, b and c``."""
-    *before, last = map(str, names)
-    return f"{', '.join(before)} and {last}" if before else last

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mavdem.evaluate.held_out import CONSTANT_MEAN, FORECAST, HeldOut
-from mavdem.plot.style import legend_above, picture
+from mavdem.plot.style import legend_above, not_blown_up, picture
 from mavdem.report.names import Labelled, Readable, readable
 from mavdem.report.palette import BAND, BAND_OPACITY, BASELINE, HELD_OUT_OPACITY, MEASURED, PREDICTED
 
@@ -66,7 +66,6 @@ def typical_windows(held: HeldOut, windows: int) -> slice:
 
 def _windows(axes: Axes, held: HeldOut, shown: slice, output: int, unit: Readable) -> None:
     """Each window by itself: a forecast begins anew where a window does."""
-    low, high = np.inf, -np.inf
     for place in range(*shown.indices(len(held))):
         time, first = held.time[place], place == shown.start
         measured, mean, half = (
@@ -78,10 +77,7 @@ def _windows(axes: Axes, held: HeldOut, shown: slice, output: int, unit: Readabl
             time, mean - half, mean + half, color=BAND, alpha=BAND_OPACITY, linewidth=0, label="90 % band" * first
         )
         axes.axvline(time[0], color=MEASURED, linewidth=0.6, alpha=0.5, zorder=1)
-        low, high = min(low, measured.min()), max(high, measured.max())
-    span = high - low or 1.0
-    bottom, top = axes.get_ylim()
-    axes.set_ylim(max(bottom, low - MAX_BEYOND * span), min(top, high + MAX_BEYOND * span))
+    not_blown_up(axes, unit.scale * held.measured[shown, :, output], MAX_BEYOND)
 
 
 def _errors(axes: Axes, held: HeldOut, shown: slice, output: int, unit: Readable) -> None:

@@ -117,13 +117,13 @@ def legend_above(axes: Axes, columns: int = 5) -> None:
     axes.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.01), ncols=columns)
 
 
-def not_blown_up(axes: Axes, values: ArrayLike) -> None:
-    """Limits the vertical axis to ``MAX_BEYOND`` spans beyond these values, however wide a band around them is."""
+def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = MAX_BEYOND) -> None:
+    """Limits the vertical axis to ``beyond`` spans beyond these values, however wide a band around them is."""
     shown = np.asarray(values, np.float64)
     low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
     span = high - low or max(abs(high), 1.0)
     bottom, top = axes.get_ylim()
-    axes.set_ylim(max(bottom, low - MAX_BEYOND * span), min(top, high + MAX_BEYOND * span))
+    axes.set_ylim(max(bottom, low - beyond * span), min(top, high + beyond * span))
 
 
 def per(unit: str, of: str) -> str:

@@ -12,7 +12,7 @@ from mavdem.evaluate import HORIZONS, Paired
 from mavdem.evaluate.findings import LEAST_COVERAGE
 from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE
 from mavdem.report.blocks import Sentence, Table
-from mavdem.report.names import named, readable
+from mavdem.report.names import listed, named, readable
 
 GIVEN, PREDICTED = "What happened, given the inputs:", "What comes next, inputs unknown:"
 
@@ -39,9 +39,9 @@ def _verdict(comparison: Comparison, from_zero: bool = False) -> str:
     silent = _silent(comparison)
     found = {method: one for method, one in comparison.verdicts(from_zero).items() if method not in silent}
     if not found:
-        return f"No forecast was made by {_listed(silent)}."
+        return f"No forecast was made by {listed(silent)}."
     reference, where = comparison.methods[0], _on_flights(comparison)
-    without = f" No forecast was made by {_listed(silent)}." if silent else ""
+    without = f" No forecast was made by {listed(silent)}." if silent else ""
     pairs = min(one.tested for one in found.values())
     if pairs < FEWEST_PAIRS:
         apart = "1 window does" if pairs == 1 else f"{pairs} windows do"
@@ -53,11 +53,11 @@ def _verdict(comparison: Comparison, from_zero: bool = False) -> str:
     for verdict in ("higher", "not distinguishable", "lower"):
         names = [name for name, one in found.items() if one.verdict == verdict]
         if verdict == "higher":
-            listed = _listed([f"{name} ({_times(found[name])})" for name in names])
+            which = listed([f"{name} ({_times(found[name])})" for name in names])
         else:
-            listed = f"all {len(found)} other methods" if 1 < len(names) == len(found) else _listed(names)
+            which = f"all {len(found)} other methods" if 1 < len(names) == len(found) else listed(names)
         if names:
-            parts.append(f"{verdict} {'from' if verdict == 'not distinguishable' else 'than'} that of {listed}")
+            parts.append(f"{verdict} {'from' if verdict == 'not distinguishable' else 'than'} that of {which}")
     return f"{reference}'s error{where} over the whole test part is {'; '.join(parts)}.{without}"
 
 
@@ -67,10 +67,6 @@ def _times(one: Paired) -> str:
 
 def _on_flights(comparison: Comparison) -> str:
     return f" on {len(comparison.flights)} flights" if len(comparison.flights) > 1 else ""
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:-1]) + f" and {names[-1]}" if len(names) > 1 else "".join(names)
 
 
 def _failed_bands(comparison: Comparison, what: str) -> list[Sentence]:

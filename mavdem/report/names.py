@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -70,6 +71,12 @@ def place(name: str) -> str:
     """Where a motor is: "front right" for "motor 1 (front right)", and the name where that is not known."""
     _, bracket, where = name.partition(" (")
     return where.removesuffix(")") if bracket else name
+
+
+def listed(names: Iterable[object]) -> str:
+    """``a, b and c``; empty where there are none."""
+    *before, last = [*map(str, names)] or [""]
+    return f"{', '.join(before)} and {last}" if before else last
 
 
 def left_free(learned: Learned) -> dict[str, NDArray[np.bool_]]:

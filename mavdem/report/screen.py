@@ -9,9 +9,9 @@ import numpy as np
 
 from mavdem.alignment.trim import HoverFigures
 from mavdem.dem import Learned, Physical
-from mavdem.dem.closed_loop.response import LoopPole, closed_loop_response
+from mavdem.dem.closed_loop.response import LoopPole
 from mavdem.dem.validation import LEVEL
-from mavdem.evaluate.findings import Finding, findings, next_step, warnings_of
+from mavdem.evaluate.findings import Finding, findings, known_wind, next_step, warnings_of
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, text_of
@@ -71,7 +71,8 @@ def finding_blocks(found: Sequence[Finding]) -> list[Block]:
 
 def key_figures(learned: Learned, held_out: HeldOut | None = None) -> list[tuple[str, str]]:
     """The few figures to see at a glance, each with its label and unit, for a strip of a dashboard or a page."""
-    labels, read, wind, degrees = Labels.of(learned), learned.physical, learned.wind, readable("rad/s²")
+    labels, read, degrees = Labels.of(learned), learned.physical, readable("rad/s²")
+    wind = known_wind(learned.wind, read)
     figures = []
     if read is not None:
         mean, half = read.mean_effect(LEVEL)
@@ -80,7 +81,7 @@ def key_figures(learned: Learned, held_out: HeldOut | None = None) -> list[tuple
             ("damping", _known(read.damping, read.interval(LEVEL).damping, "1/s")),
             ("lag of the motors", _known(1e3 * read.lag, 1e3 * read.interval(LEVEL).lag, "ms")),
         ]
-    if wind is not None and wind.reason is None and read is not None and read.identifiable:
+    if wind is not None:
         figures.append(("wind's torque, sd", f"{rounded(degrees.scale * wind.sd)} {degrees.name}"))
         figures.append(("gusts", str(len(wind.gusts))))
     if held_out is not None:
@@ -140,7 +141,7 @@ def _closed_loop(learned: Learned) -> list[Block]:
     """The poles of the attitude loop; nothing where the motors' effect, which they follow from, is not identifiable."""
     if learned.physical is None or not learned.physical.identifiable:
         return []
-    found = closed_loop_response(learned)
+    found = learned.closed_loop
     text = "; ".join(map(_pole, found.poles)) + "." if found.poles else f"not identifiable. {found.reason}"
     return [Sentence(text, "Closed loop as flown:")]
 

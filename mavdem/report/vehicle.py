@@ -9,10 +9,10 @@ from mavdem.alignment.trim import HoverFigures
 from mavdem.dem import Physical, WindTorque
 from mavdem.dem.graybox.identifiability import CHANGED
 from mavdem.dem.validation import LEVEL
-from mavdem.evaluate.findings import WIND_ERROR
+from mavdem.evaluate.findings import WIND_ERROR, known_wind
 from mavdem.evaluate.vehicle_figures import AxisFigures, VehicleFigures
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.names import readable, short
+from mavdem.report.names import listed, readable, short
 from mavdem.report.rounding import plus_minus, rounded
 
 
@@ -45,9 +45,8 @@ def _axis_row(own: AxisFigures) -> list[str]:
         "lag": plus_minus(1e3 * read.lag, 1e3 * lag),
     }
     marked = [f"{cell}{' (biased)' if read.status[name] == 'biased' else ''}" for name, cell in cells.items()]
-    known = own.wind is not None and own.wind.reason is None and read.identifiable
-    wind = rounded(unit * own.wind.sd) if own.wind is not None and known else "-"
-    return [*marked, wind]
+    wind = known_wind(own.wind, read)
+    return [*marked, "-" if wind is None else rounded(unit * wind.sd)]
 
 
 def _reason(own: AxisFigures) -> str:
@@ -63,7 +62,7 @@ def _reasons(read: Physical) -> list[str]:
     named: dict[str, list[str]] = {}
     for name, reason in read.reasons.items():
         named.setdefault(reason, []).append(f"{name} {read.status[name]}")
-    return [f"{_listed(names).capitalize()}: {reason}" for reason, names in named.items() if reason]
+    return [f"{listed(names).capitalize()}: {reason}" for reason, names in named.items() if reason]
 
 
 def hover_columns(found: HoverFigures | None, motors: Sequence[str]) -> dict[str, list[str]]:
@@ -86,7 +85,7 @@ def lean(found: HoverFigures | None) -> str:
     if found is None:
         return ""
     angles = (("roll", found.roll), ("pitch", found.pitch))
-    return _listed([f"{name} {angle:.1f}°" for name, angle in angles if angle is not None])
+    return listed([f"{name} {angle:.1f}°" for name, angle in angles if angle is not None])
 
 
 def hover_blocks(found: HoverFigures | None) -> list[Block]:
@@ -108,7 +107,7 @@ def physical_blocks(read: Physical | None) -> list[Block]:
     if read is None:
         return []
     refined = (
-        f" Unseen windows are predicted better with: {_listed(list(read.refinements))}." if read.refinements else ""
+        f" Unseen windows are predicted better with: {listed(list(read.refinements))}." if read.refinements else ""
     )
     return [
         Sentence(
@@ -136,14 +135,11 @@ def _counted(windows: int) -> str:
     return f"{windows} windows, fitted together," if windows > 1 else "one window"
 
 
-def _listed(words: Sequence[str]) -> str:
-    return ", ".join(words[:-1]) + f" and {words[-1]}" if len(words) > 1 else "".join(words)
-
-
 def wind_blocks(found: WindTorque | None, read: Physical | None) -> list[Block]:
     """The wind's torque: its level, share and gusts, and what of it the motors had answered."""
     lead = "Wind on this axis:"
-    if found is None or read is None or found.reason is not None or not read.identifiable:
+    found = known_wind(found, read)
+    if found is None or read is None:
         return []
     unit = readable("rad/s²")
     text = (

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mavdem.dem import Learned
 from mavdem.dem.validation import LEVEL
-from mavdem.evaluate.findings import findings
+from mavdem.evaluate.findings import findings, known_wind
 from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.files import atomic_write
 from mavdem.flight import Flight
@@ -145,10 +145,8 @@ class FlightSeries:
 
     def wind(self) -> Plot | None:
         """The wind's torque with its band, and gusts behind it; None where it is not known."""
-        wind, read, unit = self.learned.wind, self.learned.physical, readable("rad/s²")
-        if wind is None or wind.reason is not None or len(wind.torque) != sum(map(len, self.flights)):
-            return None
-        if read is None or not read.identifiable:
+        wind, unit = known_wind(self.learned.wind, self.learned.physical), readable("rad/s²")
+        if wind is None or len(wind.torque) != sum(map(len, self.flights)):
             return None
         torque, band = unit.scale * wind.torque, unit.scale * wind.band
         plot = self._of_flights(

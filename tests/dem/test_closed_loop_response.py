@@ -8,9 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from mavdem.dem import Learned
 from mavdem.dem.closed_loop import response
 from mavdem.dem.closed_loop.feedback import feedback_law
-from mavdem.dem.closed_loop.response import attitude_loop, closed_loop_response
+from mavdem.dem.closed_loop.response import attitude_loop
 from mavdem.dem.engine.model import discretize
 from mavdem.dem.graybox.parameters import Physical, WindowTable
 from mavdem.dem.record import Record
@@ -123,7 +124,7 @@ def test_commands_that_follow_something_else_are_refused():
 
 def test_of_a_learnt_model_it_is_that_of_its_training_data():
     learned = SimpleNamespace(record=flown(1), physical=physical())
-    assert closed_loop_response(learned) == attitude_loop(flown(1), physical())
+    assert Learned.closed_loop.func(learned) == attitude_loop(flown(1), physical())
 
 
 def test_samples_without_a_setpoint_are_left_out():

@@ -40,9 +40,9 @@ def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
         trained.append({float(time) for segment in segments for time in segment.time})
         return learn(segments, settings)
 
-    def seen(learned, part, inputs, outputs, steps, lead, before):
+    def seen(learned, part, steps, lead, before):
         forecasts.append({float(time) for time in part.time[lead:]})
-        return forecast(learned, part, inputs, outputs, steps, lead, before)
+        return forecast(learned, part, steps, lead, before)
 
     monkeypatch.setattr(module, "learn", watched)
     monkeypatch.setattr(module, "_forecast", seen)
@@ -82,9 +82,8 @@ def test_the_test_after_training_is_one_window_of_the_models_own_forecast():
 def test_bands_begin_anew_with_each_forecast():
     train, test = FLIGHT[:600], FLIGHT[600:700]
     learned = mavdem.learn(train)
-    bands = learned.forecast_every_band(50, test.inputs, test.outputs)
+    _, variance, bands = learned.forecast_every_with_band(50, test.inputs, test.outputs)
     np.testing.assert_allclose(bands[:50], learned.forecast_band(test.inputs[:50]), rtol=1e-7)
-    variance = learned.forecast_every_variance(50, test.inputs, test.outputs)
     np.testing.assert_allclose(variance[:50], learned.forecast_variance(test.inputs[:50]), rtol=1e-7)
     # Later forecasts are from a later state with other inputs, as uncertain at first.
     assert (bands[50] < bands[49]).all()

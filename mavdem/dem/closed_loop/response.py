@@ -9,7 +9,7 @@ that loop. The attitude setpoint is an input of it, so what makes the setpoint (
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,6 @@ from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
 from mavdem.dem.validation import LEVEL
-
-if TYPE_CHECKING:
-    from mavdem.dem.learned import Learned
 
 Complex = NDArray[np.complex128]
 
@@ -73,16 +70,12 @@ class ClosedLoopResponse(NamedTuple):
     reason: str
 
 
-def closed_loop_response(learned: Learned) -> ClosedLoopResponse:
-    """The dominant poles of the attitude loop in the flight that was learned from.
-
-    The attitude setpoint must be in the log, and the motors' effect identifiable.
-    """
-    return attitude_loop(learned.record, learned.physical)
-
-
 def attitude_loop(record: Record, physical: Physical | None) -> ClosedLoopResponse:
-    """The same of a ``record`` with the ``physical`` parameters of its vehicle; ``None`` where there are none."""
+    """The dominant poles of the attitude loop in a ``record`` with the ``physical`` parameters of its vehicle.
+
+    The attitude setpoint must be in the log, and the motors' effect identifiable; ``physical`` is ``None`` where no
+    parameters can be fitted.
+    """
     if physical is None:
         return ClosedLoopResponse((), "There are no physical parameters of this flight to close the loop with.")
     if physical.caution is not None:
