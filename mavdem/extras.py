@@ -7,6 +7,7 @@ from importlib.util import find_spec
 EXTRAS = {
     "control": ("control",),
     "dask": ("distributed",),
+    "fleet": ("aiohttp", "fsspec", "pyarrow"),
     "pandas": ("pandas",),
     "paper": ("matplotlib", "rerun"),
     "parquet": ("pyarrow",),
