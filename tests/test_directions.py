@@ -68,6 +68,15 @@ def test_dem_imports_array_libraries_and_itself_only(path):
         assert own or name.split(".")[0] in allowed, f"{path} imports {name}"
 
 
+@pytest.mark.parametrize("path", [path for path in FILES if path.parts[0] == "health"], ids=str)
+def test_health_judges_figures_and_reads_no_logs(path):
+    # Rows of a table suffice, so that a fleet is judged without its logs, and a flight while it is flown.
+    allowed = sys.stdlib_module_names | {"numpy", "scipy"}
+    used = ("mavdem.health", "mavdem.alignment", "mavdem.dem", "mavdem.condition")
+    for name in imported(path):
+        assert any(within(name, room) for room in used) or name.split(".")[0] in allowed, f"{path} imports {name}"
+
+
 FLOORS = (
     {"errors", "extras", "files", "forecaster"},
     {"downstream"},
@@ -75,6 +84,7 @@ FLOORS = (
     {"ingest"},
     {"alignment"},
     {"dem"},
+    {"health"},
     {"baselines", "evaluate", "live"},
     {"comparison"},
     {"report"},
