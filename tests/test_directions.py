@@ -86,7 +86,7 @@ FLOORS = (
     {"dem"},
     {"health"},
     {"baselines", "evaluate", "live"},
-    {"comparison"},
+    {"analysis", "comparison"},
     {"report"},
     {"export", "plot", "view"},
     {"page"},

@@ -68,10 +68,20 @@ def learnable_segments(
     log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
 ) -> tuple[tuple[Flight, ...], Verdict]:
     """All usable segments of a log, as :func:`read_segments` gives them, and the verdict on the longest."""
+    flights, verdict = judged_segments(log, axis, vehicle, inputs)
+    if not flights:
+        raise NotLearnable(verdict.reason, verdict.remedy)
+    return flights, verdict
+
+
+def judged_segments(
+    log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
+) -> tuple[tuple[Flight, ...], Verdict]:
+    """As :func:`learnable_segments`; no segments where the verdict is no."""
     verdicts = judge_segments(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)
     usable = [verdict for verdict in verdicts if verdict.learnable]
     left_out = _left_out(verdicts[0].segments, [verdict.segment for verdict in usable])
-    flights = [_with_cautions(verdict, left_out) for verdict in usable or verdicts]
+    flights = [_with_cautions(verdict, left_out) for verdict in usable]
     return tuple(sorted(flights, key=_when)), verdicts[0]
 
 

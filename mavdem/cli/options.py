@@ -6,14 +6,14 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import click
 
 from mavdem.alignment.drive import AXES, TILT_AXES
 from mavdem.dem import Settings
 from mavdem.dem.learning import FEWEST_SAMPLES
-from mavdem.evaluate.flight_windows import TEST_SECONDS, samples_in
+from mavdem.evaluate.flight_windows import TEST_SECONDS, Length
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -116,17 +116,6 @@ def chosen_settings(preset: str, order: int | None) -> Settings:
         )
     settings = Settings.paper() if preset == "paper" else Settings()
     return settings if order is None else replace(settings, order=order)
-
-
-class Length(NamedTuple):
-    """A length of flight as it was asked for: a number of samples, or of seconds."""
-
-    number: float
-    in_seconds: bool
-
-    def samples(self, dt: float) -> int:
-        """The number of samples ``dt`` s apart, at least 1."""
-        return samples_in(self.number, dt) if self.in_seconds else int(self.number)
 
 
 class LengthType(click.ParamType):  # type: ignore[type-arg]  # generic from click 8.4 on

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from mavdem.flight import Flight
 
@@ -13,6 +14,17 @@ TRAIN_SECONDS, TEST_SECONDS = 7.0, 1.5
 def samples_in(seconds: float, dt: float) -> int:
     """The number of samples ``dt`` s apart that last so many ``seconds``, at least 1."""
     return max(1, round(seconds / dt))
+
+
+class Length(NamedTuple):
+    """A length of flight as it was asked for: a number of samples, or of seconds."""
+
+    number: float
+    in_seconds: bool
+
+    def samples(self, dt: float) -> int:
+        """The number of samples ``dt`` s apart, at least 1."""
+        return samples_in(self.number, dt) if self.in_seconds else int(self.number)
 
 
 def fewer_samples(available: int, train: int, test: int) -> tuple[int, int]:

@@ -139,7 +139,7 @@ def test_segments_of_one_boot_are_learnt_from_together(tmp_path, monkeypatch, ca
     boots = {"segment": {"boot": 0}, "cautions": []}, {"segment": {"boot": 1}, "cautions": []}
     parts = [replace(whole[a:b], provenance=boots[boot]) for a, b, boot in ((0, 900, 0), (1000, 1900, 0), (0, 800, 1))]
     judged = type("Judged", (), {"axis": "roll", "as_dict": lambda self: {}})()
-    monkeypatch.setattr("mavdem.cli.learn.learnable_segments", lambda *_: (tuple(parts), judged))
+    monkeypatch.setattr("mavdem.analysis.log_analysis.judged_segments", lambda *_: (tuple(parts), judged))
     assert main(["learn", FLIGHT, "--out", str(tmp_path), "--json", "--preset", "paper"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert [one["samples"] for one in report["segments"]] == [900, 900]
@@ -166,7 +166,7 @@ def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, cap
     def breaks_down(*_: object) -> None:
         raise np.linalg.LinAlgError("Singular matrix")
 
-    monkeypatch.setattr("mavdem.cli.learn.learn_model", breaks_down)
+    monkeypatch.setattr("mavdem.analysis.log_analysis.learn", breaks_down)
     assert main(["learn", FLIGHT, "--train", "700", "--out", str(tmp_path / "out")]) == 1
     assert "Singular matrix" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
@@ -214,7 +214,7 @@ def test_all_axes_are_reported_beside_the_model_of_roll(tmp_path, monkeypatch, c
         axes = {name: AxisFigures((), None, None, f"No {name}.") for name in names}
         return vehicle_of_log(log, (), *others)._replace(axes=axes)
 
-    monkeypatch.setattr("mavdem.cli.learn.vehicle_of_log", without_fits)
+    monkeypatch.setattr("mavdem.analysis.log_analysis.vehicle_of_log", without_fits)
     words = ["learn", FLIGHT, "--out", str(tmp_path), "--axis", "all", "--train", "600", "--test", "100"]
     assert main([*words, "--json"]) == 0
     report = strict_json(capsys.readouterr().out)

@@ -1,0 +1,160 @@
+"""LogAnalysis: what a log says of one vehicle and axis: its verdict, the model, how good that is, and the vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import asdict, dataclass, replace
+from os import PathLike
+from typing import Any, Protocol
+
+from mavdem import evaluate
+from mavdem.alignment.drive import AXES
+from mavdem.alignment.read import judged_segments
+from mavdem.alignment.verdict import Verdict
+from mavdem.analysis.training_data import TooFewSamples, cut, flown_after, judged, of_one_boot
+from mavdem.dem import Learned, Settings, learn
+from mavdem.errors import NotLearnable
+from mavdem.evaluate.findings import Finding, findings
+from mavdem.evaluate.flight_windows import Length
+from mavdem.evaluate.held_out import HeldOut, held_out_test
+from mavdem.evaluate.truth import TruthComparison, compare_with_truth, truth_of
+from mavdem.evaluate.vehicle_figures import ALL, AxisFigures, VehicleFigures, vehicle_of_log
+from mavdem.flight import Flight
+from mavdem.ingest import Log
+
+
+class StepProgress(Protocol):
+    """Shows a step of the work by its ``title``; what it yields is called with the share done, if that is measured."""
+
+    def __call__(self, title: str, measured: bool = True) -> AbstractContextManager[Callable[[float], None]]:
+        """Shows the step while the work is done."""
+
+
+def silent(title: str, measured: bool = True) -> AbstractContextManager[Callable[[float], None]]:
+    """Shows nothing."""
+    return nullcontext(lambda share: None)
+
+
+@dataclass(frozen=True, eq=False)
+class LogAnalysis:
+    """One vehicle and axis of a log.
+
+    Attributes:
+        verdict: whether a model of the axis can be learnt, on which segment, and its figures.
+        vehicle: how hard each motor works; of ``axis="all"`` also the physical parameters of each axis.
+        flights: what was learnt from; empty without a model.
+        learned: the model; None where there is none.
+        held_out: forecasts of windows that no model saw; None without a model.
+        findings: what the model is good for, purpose by purpose.
+        truth: the estimates beside the truth of a simulated flight, where its file was given.
+        reason, remedy: why there is no model, and what to change; empty where there is one.
+    """
+
+    verdict: Verdict
+    vehicle: VehicleFigures
+    flights: tuple[Flight, ...] = ()
+    learned: Learned | None = None
+    held_out: HeldOut | None = None
+    findings: tuple[Finding, ...] = ()
+    truth: TruthComparison | None = None
+    reason: str = ""
+    remedy: str = ""
+
+    def as_dict(self) -> dict[str, Any]:
+        """All figures as plain JSON values; angles in rad, rates in rad/s, time in s."""
+        learned, held_out = self.learned, self.held_out
+        model = {} if learned is None or held_out is None else evaluate.report(self.flights, learned, held_out)
+        return {
+            **model,
+            **self.vehicle.as_dict(),
+            "findings": [finding._asdict() for finding in self.findings],
+            "truth": None if self.truth is None else self.truth.as_dict(),
+            "settings": None if learned is None else asdict(learned.settings),
+            "verdict": self.verdict.as_dict(),
+        }
+
+
+def analyse(
+    log: Log,
+    axis: str = "roll",
+    vehicle: str | None = None,
+    inputs: str | None = None,
+    settings: Settings | None = None,
+    *,
+    start: float = 0.0,
+    train: Length | None = None,
+    test: Length | None = None,
+    truth: str | PathLike[str] | None = None,
+    progress: StepProgress = silent,
+) -> LogAnalysis:
+    """All that a log says of one vehicle and axis.
+
+    The model is learnt from the whole settled flight of the longest segment's boot and judged by held-out windows. With
+    ``train`` it is learnt from so much of the longest segment, and tested once on what follows.
+
+    Args:
+        log: of ``mavdem.ingest.read_log``.
+        axis: "roll" or "pitch"; "all" for a model of roll, and the physical parameters of roll, pitch and yaw.
+        vehicle, inputs: as for :func:`mavdem.read_flight`.
+        settings: of the fits; ``Settings()`` unless given.
+        start: seconds of settled flight that are left out at its beginning.
+        train, test: lengths of the training data and of a test window.
+        truth: the truth file of a simulated flight.
+        progress: shows the steps of the work.
+
+    Raises:
+        NotLearnable: no such vehicle, or the ``start``, ``train`` or ``test`` that was asked for does not fit.
+        Unreadable: ``truth`` is not the truth of this flight.
+        ValueError: an axis or inputs that are none.
+    """
+    settings = Settings() if settings is None else settings
+    segments, verdict = judged_segments(log, "roll" if axis == ALL else axis, vehicle, inputs)
+    of_others = AXES[1:] if axis == ALL else ()
+
+    def figures() -> VehicleFigures:
+        if not of_others:
+            return vehicle_of_log(log, (), vehicle, inputs)
+        with progress("Estimating the physical parameters") as done:
+            return vehicle_of_log(log, of_others, vehicle, inputs, done)
+
+    if not segments:
+        return LogAnalysis(verdict, figures(), reason=verdict.reason, remedy=verdict.remedy)
+    following = None
+    if train is None:
+        flights = flown_after(of_one_boot(segments), start)
+    else:
+        training, following = cut(max(segments, key=len), start, train, test)
+        flights = (training,)
+    known = None if truth is None else truth_of(flights, truth)
+    try:
+        if following is None:
+            with progress("Judging by held-out windows") as done:
+                held_out = judged(flights, settings, test, done)
+            learned = _learn(flights, settings, progress)
+        else:
+            learned = _learn(flights, settings, progress)
+            held_out = held_out_test(flights[0], following, learned)
+    except NotLearnable as error:
+        if isinstance(error, TooFewSamples) and (start or test):
+            raise
+        return LogAnalysis(verdict, figures(), reason=error.reason, remedy=error.remedy)
+    learned = replace(learned, cautions=(*flights[0].provenance["cautions"], *learned.cautions))
+    found = figures()
+    if of_others:
+        reason = "" if learned.physical else "No physical parameters can be fitted."
+        own = AxisFigures(flights, learned.physical, learned.wind, reason)
+        found = found._replace(axes={AXES[0]: own, **found.axes})
+    compared = None if known is None else compare_with_truth(learned, flights, known)
+    return LogAnalysis(verdict, found, flights, learned, held_out, findings(learned, held_out), compared)
+
+
+def _learn(flights: tuple[Flight, ...], settings: Settings, progress: StepProgress) -> Learned:
+    try:
+        with progress("Learning", measured=False):
+            return learn(flights, settings)
+    except ValueError as error:
+        raise NotLearnable(
+            f"No model could be learnt: {error}.",
+            "Choose another part of the flight with --start, or a longer --train.",
+        ) from error
