@@ -1,0 +1,104 @@
+"""The data set of a fleet on disk: Parquet files that DuckDB, Polars and pandas read.
+
+``FLEET/flights/schema=1/group=g3f/flights.parquet``: all rows of a vehicle are in one file, and vehicles share 256
+files, so that neither a million vehicles nor a million flights of one make more files than a file system likes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections import defaultdict
+from collections.abc import Iterable
+from pathlib import Path
+
+from mavdem.errors import Unreadable
+from mavdem.extras import require
+from mavdem.files import atomic_write
+from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, row_schema
+
+ROW_GROUP = 10_000  # rows that a reader skips at once, by the least and the greatest vehicle's name among them
+NEEDED_FOR = "Reading and writing the data set of a fleet"
+
+
+def group_of(vehicle: str) -> str:
+    """The file a vehicle's rows are in: g and two hexadecimal digits, which no reader takes for a number."""
+    return f"g{hashlib.sha256(vehicle.encode()).hexdigest()[:2]}"
+
+
+def group_file(folder: Path, group: str) -> Path:
+    """Where the rows of a group are."""
+    return folder / "flights" / f"schema={SCHEMA_VERSION}" / f"group={group}" / "flights.parquet"
+
+
+def groups_in(folder: Path) -> list[str]:
+    """The groups that have a file, in order."""
+    found = folder.glob(f"flights/schema={SCHEMA_VERSION}/group=*/flights.parquet")
+    return sorted(path.parent.name.removeprefix("group=") for path in found)
+
+
+def is_fleet(folder: Path) -> bool:
+    """Whether ``mavdem track`` has written there."""
+    return (folder / "flights").is_dir()
+
+
+def read_rows(folder: Path) -> list[FlightRow]:
+    """All rows of a fleet, by vehicle, file and axis.
+
+    Raises:
+        Unreadable: there is none, or one of its files is damaged.
+        MissingExtra: pyarrow is not installed.
+    """
+    if not is_fleet(folder):
+        raise Unreadable(f"{folder} holds no fleet: make one with `mavdem track LOGS --out {folder}`.")
+    rows = [row for group in groups_in(folder) for row in read_group(folder, group)]
+    return sorted(rows, key=lambda row: row.order)
+
+
+def read_group(folder: Path, group: str) -> list[FlightRow]:
+    """The rows of one group, none if it has no file; raises as :func:`read_rows`."""
+    require(NEEDED_FOR, "fleet")
+    import pyarrow
+    from pyarrow import parquet
+
+    path = group_file(folder, group)
+    if not path.exists():
+        return []
+    try:
+        # Not as a data set: its folders would become columns.
+        table = parquet.ParquetFile(path).read()
+        return [FlightRow.from_dict(values) for values in table.to_pylist()]
+    except (pyarrow.ArrowException, OSError, TypeError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise Unreadable(f"{path} is damaged ({reason}): delete it, and run `mavdem track` again.") from None
+
+
+def write_rows(folder: Path, rows: Iterable[FlightRow]) -> None:
+    """Makes these the fleet's rows: every group's file is replaced whole, and groups without a row are removed.
+
+    The same rows give the same bytes, in whatever order they come.
+    """
+    by_group = defaultdict(list)
+    for row in rows:
+        by_group[group_of(row.vehicle)].append(row)
+    for group in {*groups_in(folder), *by_group}:
+        write_group(folder, group, by_group.get(group, []))
+
+
+def write_group(folder: Path, group: str, rows: Iterable[FlightRow]) -> None:
+    """Replaces one group's file whole; without rows it is removed. Raises ``OSError`` where it cannot be written."""
+    require(NEEDED_FOR, "fleet")
+    import pyarrow
+    from pyarrow import parquet
+
+    path = group_file(folder, group)
+    ordered = sorted(rows, key=lambda row: row.order)
+    if not ordered:
+        path.unlink(missing_ok=True)
+        return
+    names = row_schema().names
+    columns = {name: [getattr(row, name) for row in ordered] for name in names}
+    columns["date"] = [None if date is None else date.replace(tzinfo=None) for date in columns["date"]]
+    table = pyarrow.Table.from_pydict(columns, row_schema())
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with atomic_write(path) as file:
+        parquet.write_table(table, file, row_group_size=ROW_GROUP, compression="zstd")
