@@ -11,7 +11,7 @@ from __future__ import annotations
 from math import exp, sqrt
 from typing import NamedTuple
 
-from sitl_scenarios.dynamics import Air, Change, Quaternion, Three, dynamics, turned
+from sitl_scenarios.dynamics import Air, Change, Quaternion, Three, Wear, dynamics, turned
 from sitl_scenarios.mixer import Four
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.vehicles import airframe
@@ -32,10 +32,15 @@ class Body:
     """A vehicle's way from state to state, in steps of h = ``step`` seconds."""
 
     def __init__(self, vehicle: VehicleSpec, step: float) -> None:
+        self._vehicle = vehicle
         self._change = dynamics(vehicle)
         self._step = step
         up, down = airframe(vehicle).lag
         self._keeps = tuple(exp(-step / tau) if tau else 0.0 for tau in (up / 0.5, up, down / 0.5, down))
+
+    def damage(self, condition: Wear) -> None:
+        """From now on it is what is left of the vehicle."""
+        self._change = dynamics(self._vehicle, condition)
 
     def spun(self, rotors: Four, targets: Four, steps: int) -> Four:
         """Rotor speeds after some steps towards what their commands settle at, the body standing still."""

@@ -11,6 +11,10 @@ torque about z, and air that moves past it:
 
 Both drags act at the height of the hubs, above the centre of mass, and so tilt the body. Left out as small: gyroscopic
 moments of the rotors, flapping moments, ground effect, and what inflow does to torque.
+
+Damage changes what a rotor gives at its speed, and where the centre of mass is: the body turns about the new one, and
+hull and hubs are where they were. Left out as small: what a shifted load changes of the moments of inertia, and what a
+chipped propeller loses of its drag.
 """
 
 from __future__ import annotations
@@ -20,7 +24,7 @@ from math import asin, atan2, sqrt
 from typing import NamedTuple
 
 from sitl_scenarios.mixer import SPINS, Four, frame
-from sitl_scenarios.scenario import VehicleSpec
+from sitl_scenarios.scenario import Scenario, VehicleSpec
 from sitl_scenarios.vehicles import AIR_DENSITY, GRAVITY, airframe
 
 Three = tuple[float, float, float]
@@ -40,6 +44,45 @@ class Air(NamedTuple):
     yaw: float = 0.0
 
 
+class Wear(NamedTuple):
+    """Damage of a vehicle: shares that are left of what its four rotors do, and where its centre of mass is."""
+
+    speed: Four = (1.0,) * 4  # of each rotor, at the same command
+    thrust: Four = (1.0,) * 4  # with torque: of each rotor, at the same speed
+    torque: Four = (1.0,) * 4
+    centre: tuple[float, float] = (0.0, 0.0)  # of mass: how far forward and right of the published one, m
+
+
+SOUND = Wear()
+
+
+def damages(scenario: Scenario) -> list[tuple[float, Wear]]:
+    """Seconds after the first arming, and the condition from then on, of all damage in order; none of a sound one."""
+    vehicle, propeller, load = scenario.vehicle, scenario.propeller, scenario.load
+    begins = [vehicle.weak_from] * bool(vehicle.weak_motor) + [propeller.start] * bool(propeller.motor)
+    begins += [load.start] * bool(load.forward or load.right)
+
+    def at(time: float) -> Wear:
+        weak = vehicle.weak_motor if time >= vehicle.weak_from else 0
+        chipped = propeller.motor if time >= propeller.start else 0
+        shifted = time >= load.start
+        return Wear(
+            # Thrust goes with the square of the speed.
+            speed=_all_but(weak, sqrt(vehicle.weak_thrust)),
+            thrust=_all_but(chipped, propeller.thrust),
+            torque=_all_but(chipped, propeller.torque),
+            centre=(1e-3 * load.forward * shifted, 1e-3 * load.right * shifted),
+        )
+
+    return [(begin, at(begin)) for begin in sorted(set(begins))]
+
+
+def _all_but(motor: int, share: float) -> Four:
+    """1, but ``share`` for a motor, from 1; 0: none."""
+    a, b, c, d = (share if motor == number else 1.0 for number in (1, 2, 3, 4))
+    return a, b, c, d
+
+
 Change = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 """Acceleration NED (m/s²), angular acceleration in body axes (rad/s²), and of that the disturbance: force NED (N) and
 moment in body axes (N m) of everything but weight and the rotors' thrust and torque in still air."""
@@ -47,13 +90,15 @@ Dynamics = Callable[[Quaternion, Three, Three, Four, Air], Change]
 """Of attitude (body to NED), velocity (NED, m/s), body rates (rad/s), rotor speeds (rad/s) and the air."""
 
 
-def dynamics(vehicle: VehicleSpec) -> Dynamics:
+def dynamics(vehicle: VehicleSpec, condition: Wear = SOUND) -> Dynamics:
     """Accelerations of a vehicle in the air as a function of its state; flown, and linearised, by this one function."""
     body = airframe(vehicle)
     places = frame(vehicle.frame, body.arm)
-    x1, x2, x3, x4 = places.forward
-    y1, y2, y3, y4 = places.right
-    s1, s2, s3, s4 = SPINS
+    ahead, aside = condition.centre
+    x1, x2, x3, x4 = (forward - ahead for forward in places.forward)
+    y1, y2, y3, y4 = (right - aside for right in places.right)
+    k1, k2, k3, k4 = condition.thrust
+    s1, s2, s3, s4 = (spin * share for spin, share in zip(SPINS, condition.torque, strict=True))
     mass, height = body.mass, body.hub_height
     ix, iy, iz = body.inertia
     thrust2, thrust1 = body.thrust
@@ -95,15 +140,17 @@ def dynamics(vehicle: VehicleSpec) -> Dynamics:
         l2 = o2 * (tz + tp * y2 - tq * x2)
         l3 = o3 * (tz + tp * y3 - tq * x3)
         l4 = o4 * (tz + tp * y4 - tq * x4)
-        fz = hull * az + l1 + l2 + l3 + l4
-        mx = roll + height * fy + y1 * l1 + y2 * l2 + y3 * l3 + y4 * l4
-        my = pitch - height * fx - x1 * l1 - x2 * l2 - x3 * l3 - x4 * l4
+        push = hull * az
+        fz = push + l1 + l2 + l3 + l4
+        mx = roll + height * fy - aside * push + y1 * l1 + y2 * l2 + y3 * l3 + y4 * l4
+        my = pitch - height * fx + ahead * push - x1 * l1 - x2 * l2 - x3 * l3 - x4 * l4
+        mz = yaw + aside * fx - ahead * fy
 
         # Thrust and torque in still air.
-        t1 = (thrust2 * o1 + thrust1) * o1
-        t2 = (thrust2 * o2 + thrust1) * o2
-        t3 = (thrust2 * o3 + thrust1) * o3
-        t4 = (thrust2 * o4 + thrust1) * o4
+        t1 = k1 * (thrust2 * o1 + thrust1) * o1
+        t2 = k2 * (thrust2 * o2 + thrust1) * o2
+        t3 = k3 * (thrust2 * o3 + thrust1) * o3
+        t4 = k4 * (thrust2 * o4 + thrust1) * o4
         lift = t1 + t2 + t3 + t4
         turn = (
             s1 * (torque2 * o1 + torque1) * o1
@@ -121,13 +168,13 @@ def dynamics(vehicle: VehicleSpec) -> Dynamics:
             (fd - r33 * lift) / mass + GRAVITY,
             (mx - y1 * t1 - y2 * t2 - y3 * t3 - y4 * t4 + (iy - iz) * q * r) / ix,
             (my + x1 * t1 + x2 * t2 + x3 * t3 + x4 * t4 + (iz - ix) * r * p) / iy,
-            (yaw + turn + (ix - iy) * p * q) / iz,
+            (mz + turn + (ix - iy) * p * q) / iz,
             fn,
             fe,
             fd,
             mx,
             my,
-            yaw,
+            mz,
         )
 
     return change

@@ -13,7 +13,8 @@ from pydantic import ValidationError
 
 from sitl_scenarios.plan import times
 from sitl_scenarios.problems import describe_errors, did_you_mean, too_much
-from sitl_scenarios.scenario import Scenario, shortened
+from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.sections.base import shortened
 
 MAX_FILE_BYTES = 100_000  # Bytes of a scenario file: fifty times the longest that comes with the package
 

@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from sitl_scenarios.dynamics import Air, dynamics
+from sitl_scenarios.dynamics import SOUND, Air, Wear, dynamics
 from sitl_scenarios.mixer import PAPER_ORDER
 from sitl_scenarios.motion import Array
 from sitl_scenarios.scenario import Axis, VehicleSpec
@@ -87,12 +87,12 @@ def axis(vehicle: VehicleSpec, axis: Axis = "roll", lag: bool = True) -> Linear:
     return Linear((*names, f"{axis} drive"), A, B)
 
 
-def rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array) -> Array:
+def rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: Wear = SOUND) -> Array:
     """(3, 4) roll, pitch and yaw acceleration, rad/s², by the speed of each rotor, rad/s, at ``rotors`` (4,), rad/s.
 
     In steady flight through ``air`` (3,), m/s: its motion relative to the body, in the body's axes.
     """
-    change = dynamics(vehicle)
+    change = dynamics(vehicle, condition)
     level, still, about = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), Air(*air.tolist())
 
     def acceleration(speeds: Array) -> Array:

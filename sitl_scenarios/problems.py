@@ -10,7 +10,8 @@ from typing import Any, get_args
 
 from pydantic import BaseModel
 
-from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind, place, shortened
+from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind
+from sitl_scenarios.sections.base import place, shortened
 
 MAX_LISTED = 5  # Problems that are listed one by one: the others often follow from them
 MAX_DEPTH = 8  # Tables and arrays within each other; no scenario needs half of that

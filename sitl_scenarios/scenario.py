@@ -7,42 +7,17 @@ are degrees clockwise from north: wind comes *from* its direction, as in weather
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from math import cos, inf, radians, sin
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
-_COUNTED = {"wind": "wind", "moments": "moment"}  # Sections that there may be several of, and what one is called
-_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
+from sitl_scenarios.sections.base import MAX_SECONDS, NotNegative, Positive, Section, Share, place
+from sitl_scenarios.sections.damage import Load, Propeller
 
-
-def place(words: Sequence[int | str]) -> str:
-    """Where something stands: the keys that lead there, an int for one of several, counted from 0."""
-    section, *rest = words
-    if section in _COUNTED and rest and isinstance(rest[0], int):
-        number = rest[0]
-        nth = f"{_ORDINALS[number]} {_COUNTED[section]}" if number < len(_ORDINALS) else f"{section} no. {number + 1}"
-        return f"the {nth}" + (f"'s {_dotted(rest[1:])}" if rest[1:] else "")
-    return _dotted(words)
-
-
-def _dotted(words: Sequence[int | str]) -> str:
-    return ".".join(shortened(str(word)) for word in words)
-
-
-def shortened(text: str, longest: int = 60) -> str:
-    """Text cut to ``longest`` characters, with an ellipsis where it was longer."""
-    return text if len(text) <= longest else f"{text[: longest - 2]} …"
-
-
-MAX_SECONDS = 7200.0  # Seconds of a flight: an hour is much, and two are enough
 MAX_WINDS = 16  # Winds, and moments, that are summed
-
-Positive = Annotated[float, Field(gt=0, le=MAX_SECONDS)]
-NotNegative = Annotated[float, Field(ge=0, le=MAX_SECONDS)]
 
 Kernel = Annotated[float, Field(ge=1e-3, le=60)]
 """Seconds. What is shorter than the steps of the physics is white to them; what is longer changes in no flight."""
@@ -58,7 +33,6 @@ def towards(direction: float) -> NDArray[np.float64]:
     return np.array([-cos(radians(direction)), -sin(radians(direction)), 0.0])
 
 
-Share = Annotated[float, Field(ge=0, le=1)]
 Lag = Annotated[float, Field(ge=0, le=1)]  # Of a rotor's speed, s
 
 _OrInf = BeforeValidator(lambda given: None if given == inf else given)
@@ -69,13 +43,7 @@ SENSORS, WIND, MOMENT, STICKS = range(4)
 """Purposes of random numbers; winds and moments are numbered further, each in its own list."""
 
 
-class _Section(BaseModel):
-    """A part of a scenario: immutable, without keys it does not know, and without text for numbers."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True)
-
-
-class VehicleSpec(_Section):
+class VehicleSpec(Section):
     """The vehicle."""
 
     model: Literal["ardrone2", "iris", "crazyflie"] = "iris"
@@ -104,7 +72,7 @@ class VehicleSpec(_Section):
     """Share of its thrust that is left."""
 
 
-class SteadyWind(_Section):
+class SteadyWind(Section):
     """Wind that never changes."""
 
     kind: Literal["steady"]
@@ -114,7 +82,7 @@ class SteadyWind(_Section):
     """It comes from, degrees clockwise from north."""
 
 
-class GaussianWind(_Section):
+class GaussianWind(Section):
     """The paper's noise: white noise through a Gaussian kernel; the autocorrelation is exp(−τ²/4s²)."""
 
     kind: Literal["gaussian"]
@@ -124,7 +92,7 @@ class GaussianWind(_Section):
     """Standard deviation of the kernel, s."""
 
 
-class TurbulentWind(_Section):
+class TurbulentWind(Section):
     """Turbulence at low altitude about a mean wind (MIL-F-8785C).
 
     The military grades of ``wind_at_20_feet`` are 7.7, 15.4 and 23.2 (15, 30 and 45 kt: light, moderate and severe).
@@ -151,7 +119,7 @@ class VonKarmanWind(TurbulentWind):
     kind: Literal["von_karman"]
 
 
-class Gust(_Section):
+class Gust(Section):
     """A 1-cosine gust (MIL-F-8785C)."""
 
     kind: Literal["gust"]
@@ -167,7 +135,7 @@ class Gust(_Section):
     """Seconds it stays there before it falls as it rose; inf: for good."""
 
 
-class Jet(_Section):
+class Jet(Section):
     """A blower's jet through the place where the vehicle hovers; entering and leaving its edge colours the wind."""
 
     kind: Literal["jet"]
@@ -190,7 +158,7 @@ class Jet(_Section):
 Wind = Annotated[SteadyWind | GaussianWind | DrydenWind | VonKarmanWind | Gust | Jet, Field(discriminator="kind")]
 
 
-class Moment(_Section):
+class Moment(Section):
     """A coloured moment on the body, whatever the wind."""
 
     axis: Literal["roll", "pitch", "yaw"] = "roll"
@@ -204,7 +172,7 @@ class Moment(_Section):
 Axis = Literal["roll", "pitch", "yaw"]
 
 
-class Doublets(_Section):
+class Doublets(Section):
     """A demand to one side, then to the other, again and again."""
 
     kind: Literal["doublets"]
@@ -218,7 +186,7 @@ class Doublets(_Section):
     """Seconds from one to the next."""
 
 
-class Chirp(_Section):
+class Chirp(Section):
     """A sine whose frequency rises, again and again."""
 
     kind: Literal["chirp"]
@@ -234,7 +202,7 @@ class Chirp(_Section):
     """Seconds from one to the next."""
 
 
-class Multisine(_Section):
+class Multisine(Section):
     """Sines together, of even power, with Schroeder's phases; on all axes no two share a frequency."""
 
     kind: Literal["multisine"]
@@ -250,7 +218,7 @@ class Multisine(_Section):
     """Seconds after which they repeat."""
 
 
-class Steps(_Section):
+class Steps(Section):
     """Sideways steps, there and back, again and again."""
 
     kind: Literal["steps"]
@@ -260,7 +228,7 @@ class Steps(_Section):
     """Seconds from one to the next."""
 
 
-class Sticks(_Section):
+class Sticks(Section):
     """A pilot's sticks: irregular demands, slow as a hand is; RC_CHANNELS shows them."""
 
     kind: Literal["sticks"]
@@ -275,7 +243,7 @@ class Sticks(_Section):
 Excitation = Annotated[Doublets | Chirp | Multisine | Steps | Sticks, Field(discriminator="kind")]
 
 
-class Sensors(_Section):
+class Sensors(Section):
     """White noise and delay of the autopilot's estimates."""
 
     rate_sd: Annotated[float, Field(ge=0, le=10)] = 0.005
@@ -290,7 +258,7 @@ class Sensors(_Section):
     """Seconds from the motion to the motors' command."""
 
 
-class StreamSpec(_Section):
+class StreamSpec(Section):
     """What the autopilot sends."""
 
     speaks: Literal["px4", "ardupilot"] = "px4"
@@ -307,7 +275,7 @@ class StreamSpec(_Section):
     """Of MAVLink's frames."""
 
 
-class Faults(_Section):
+class Faults(Section):
     """What the link does to the stream, by chance."""
 
     loss: Share = 0.0
@@ -332,7 +300,7 @@ class Faults(_Section):
     """Hz to which another ground station sets all streams every 15 s, as MAVProxy does with 4; 0: there is none."""
 
 
-class Scenario(_Section):
+class Scenario(Section):
     """A flight from arming to disarming: climb, hover with the excitation and in the wind given, land."""
 
     description: str = ""
@@ -354,6 +322,8 @@ class Scenario(_Section):
     sensors: Sensors = Sensors()
     stream: StreamSpec = StreamSpec()
     faults: Faults = Faults()
+    propeller: Propeller = Propeller()
+    load: Load = Load()
 
     def random(self, *purpose: int) -> np.random.Generator:
         """The random numbers for one purpose; what others draw does not change them."""
@@ -374,6 +344,7 @@ class Scenario(_Section):
         limits = [(given >= self.duration, key, given, *flight) for key, given in lasting if given is not None]
         once = [(f"faults.{key}", getattr(self.faults, key)) for key in ("reboot", "outage", "clock_jump")]
         once += [("vehicle.weak_from", self.vehicle.weak_from)]
+        once += [("propeller.start", self.propeller.start), ("load.start", self.load.start)]
         which = "the flight" if self.flights == 1 else "all flights"
         flights = f"less than the duration of {which}", self.flights * self.duration, "s"
         limits += [(given >= flights[1], key, given, *flights) for key, given in once if given is not None]

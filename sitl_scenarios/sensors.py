@@ -1,17 +1,72 @@
-"""Sensors: the autopilot's estimates of the motion, with noise and delay."""
+"""Sensors: the autopilot's estimates of the motion, with noise and delay, and what an unbalanced propeller adds."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from math import sqrt
+from math import cos, hypot, pi, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sitl_scenarios.body import State
 from sitl_scenarios.dynamics import Quaternion, Three, turned
-from sitl_scenarios.scenario import Sensors
+from sitl_scenarios.mixer import SPINS, Four, frame
+from sitl_scenarios.motion import Motion
+from sitl_scenarios.plan import BOOT_SECONDS
+from sitl_scenarios.scenario import Scenario, Sensors, VehicleSpec
+from sitl_scenarios.sections.damage import Propeller
+from sitl_scenarios.vehicles import airframe
+
+GYRO_CUTOFF = 20.0  # Hz of the gyro's low-pass: ArduPilot's INS_GYRO_FILTER
+
+
+class Unbalance:
+    """What a chipped propeller shakes: a force u ω² that turns with the rotor, at its hub.
+
+    The body gives way with F/m and M/(I ω), too fast for attitude and position; gyro and accelerometer feel it.
+    The gyro's rates pass a first-order low-pass and are sampled once a ``cycle``, s, so that they alias as real ones.
+    """
+
+    def __init__(self, vehicle: VehicleSpec, propeller: Propeller, cycle: float) -> None:
+        body = airframe(vehicle)
+        places = frame(vehicle.frame, body.arm)
+        self._motor = propeller.motor - 1
+        self._product = 1e-6 * propeller.unbalance if propeller.motor else 0.0  # kg m
+        self._arm = places.forward[self._motor], places.right[self._motor], -body.hub_height
+        # A rotor that turns counter-clockwise seen from above turns negatively about the axis that points down.
+        self._turns = -SPINS[self._motor]
+        self._inertia, self._cycle = body.inertia, cycle
+        self._phase = 0.0
+
+    def at(self, rotors: Four, thrust: Four) -> Three:
+        """What the gyro adds to the rates, rad/s; called once a cycle.
+
+        ``rotors``: their speeds, rad/s. ``thrust``: shares that are left; a whole propeller is balanced.
+        """
+        speed = rotors[self._motor]
+        if not self._product or thrust[self._motor] == 1.0 or not speed:
+            return 0.0, 0.0, 0.0
+        self._phase = (self._phase + self._turns * speed * self._cycle) % (2 * pi)
+        force = self._product * speed * speed
+        # The rate is a quarter of a turn behind the moment; the low-pass takes amplitude, and its phase is no matter.
+        fx, fy = force * sin(self._phase), -force * cos(self._phase)
+        x, y, z = self._arm
+        moment = -z * fy, z * fx, x * fy - y * fx
+        passes = 1 / hypot(1.0, speed / (2 * pi * GYRO_CUTOFF))
+        p, q, r = (passes * one / (inertia * speed) for one, inertia in zip(moment, self._inertia, strict=True))
+        return p, q, r
+
+
+def vibration(scenario: Scenario, motion: Motion) -> NDArray[np.float64]:
+    """(N, 3) what the accelerometer feels of an unbalanced propeller: forward, right and down, RMS, m/s²."""
+    propeller, felt = scenario.propeller, np.zeros((len(motion), 3))
+    if propeller.motor:
+        force = 1e-6 * propeller.unbalance * motion.rotor_speeds[:, propeller.motor - 1] ** 2
+        chipped = motion.time >= BOOT_SECONDS + propeller.start
+        felt[:, :2] = (chipped * force / (airframe(scenario.vehicle).mass * sqrt(2)))[:, np.newaxis]
+    return felt
 
 
 class Known(NamedTuple):
@@ -37,8 +92,8 @@ class Sensing:
         sds = (sensors.position_sd, sensors.velocity_sd, sensors.attitude_sd / 2, sensors.rate_sd)
         self._noise = _rows(np.repeat(sds, 3), noise)
 
-    def known(self, state: State) -> Known:
-        """What is known once the vehicle is in ``state``; one call each cycle."""
+    def known(self, state: State, shaken: Three = (0.0, 0.0, 0.0)) -> Known:
+        """What is known once the vehicle is in ``state``, its gyro ``shaken``, rad/s; one call each cycle."""
         self._seen.append(state)
         last = len(self._seen) - 1
         new, old = self._seen[max(last - self._whole, 0)], self._seen[max(last - self._whole - 1, 0)]
@@ -53,10 +108,10 @@ class Sensing:
             (k * x + m * x0 + nx, k * y + m * y0 + ny, k * z + m * z0 + nz),
             (k * u + m * u0 + nu, k * v + m * v0 + nv, k * w + m * w0 + nw),
             (a * size, b * size, c * size, d * size),
-            (k * p + m * p0 + np_, k * q + m * q0 + nq, k * r + m * r0 + nr),
+            (k * p + m * p0 + np_ + shaken[0], k * q + m * q0 + nq + shaken[1], k * r + m * r0 + nr + shaken[2]),
         )
 
 
-def _rows(sds: np.typing.NDArray[np.float64], noise: np.random.Generator) -> Iterator[list[float]]:
+def _rows(sds: NDArray[np.float64], noise: np.random.Generator) -> Iterator[list[float]]:
     while True:
         yield from (noise.standard_normal((1000, len(sds))) * sds).tolist()

@@ -10,12 +10,12 @@ import numpy as np
 
 from sitl_scenarios.body import Body, State
 from sitl_scenarios.controller import Asked, Controller
-from sitl_scenarios.dynamics import Air, dynamics
+from sitl_scenarios.dynamics import SOUND, Air, Wear, damages, dynamics
 from sitl_scenarios.mixer import DISARMED_PULSE, IDLE_COMMAND, MAX_PULSE, MIN_PULSE, Four, pulse
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, Plan, seconds
 from sitl_scenarios.scenario import SENSORS, Scenario
-from sitl_scenarios.sensors import Sensing
+from sitl_scenarios.sensors import Sensing, Unbalance
 from sitl_scenarios.vehicles import GRAVITY, airframe
 from sitl_scenarios.wind import Weather
 
@@ -59,9 +59,10 @@ class Simulation:
         self._more = scenario.flights - 1
         spec = scenario.vehicle
         self._per_watt = spec.battery_load / (4 * self._airframe.power_at(self._airframe.hover_speed))
-        # Thrust goes with the square of the speed.
-        weak = tuple(sqrt(spec.weak_thrust) if motor == spec.weak_motor else 1.0 for motor in (1, 2, 3, 4))
-        self._weak, self._weak_from = weak, self._boot + round(spec.weak_from / self.cycle)
+        self._condition = SOUND
+        # Of the first arming, whatever the number of flights.
+        self._damage = [(self._boot + round(begin / self.cycle), left) for begin, left in damages(scenario)]
+        self._unbalance = Unbalance(spec, scenario.propeller, self.cycle)
         self.armed = False
         self._commanded = False
         self._grounded = True
@@ -104,6 +105,8 @@ class Simulation:
 
     def _row(self) -> tuple[float, ...]:
         """What is at the beginning of a cycle, and how it is flown through."""
+        while self._damage and self._now >= self._damage[0][0]:
+            self._break(self._damage.pop(0)[1])
         if self._more and not self.armed and self._now >= self._arming + self._end:
             self._arming, self._more, self._down = self._now + self._boot, self._more - 1, False
             self._controller.rest()
@@ -117,7 +120,8 @@ class Simulation:
         battery = 1.0 - self.scenario.vehicle.battery_sag * min(max(flown / self._flight, 0.0), 1.0)
         if self._per_watt:
             battery -= self._per_watt * fsum(self._airframe.power_at(speed) for speed in state.rotors)
-        known = self._sensing.known(state)
+        shaken = self._unbalance.at(state.rotors, self._condition.thrust)
+        known = self._sensing.known(state, shaken)
         wanted = self._plan.at(flown * self.cycle)
         landed = 1 if self._grounded and not (self.armed and wanted.landed_state == 3) else wanted.landed_state
         if not self.armed:
@@ -155,11 +159,16 @@ class Simulation:
         self._now += 1
         return row
 
+    def _break(self, condition: Wear) -> None:
+        self._condition = condition
+        self._body.damage(condition)
+        self._dynamics = dynamics(self.scenario.vehicle, condition)
+
     def _targets(self, outputs: Four, battery: float) -> Four:
         """Rotor speeds that the outputs settle at, rad/s, with what is left of the battery."""
         if not self.armed:
             return 0.0, 0.0, 0.0, 0.0
-        shares = self._weak if self._now >= self._weak_from else (1.0,) * 4
+        shares = self._condition.speed
         if self._airframe.quadratic is not None:
             share = (self._airframe.full / (MAX_PULSE - MIN_PULSE) * (us - MIN_PULSE) for us in outputs)
             speeds = (battery * self._airframe.rotor_speed(command) for command in share)
@@ -176,7 +185,8 @@ class Simulation:
         if self._grounded:
             rotors = self._body.spun(state.rotors, targets, self._steps)
             self._state = state._replace(rotors=rotors)
-            lift = fsum(self._airframe.thrust_at(speed) for speed in rotors)
+            each = zip(rotors, self._condition.thrust, strict=True)
+            lift = fsum(left * self._airframe.thrust_at(speed) for speed, left in each)
             self._grounded = lift <= self._airframe.mass * GRAVITY
             return
         state = self._body.moved(state, targets, air, self._steps)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from dataclasses import fields
-from math import sqrt
 from typing import Any
 
 import numpy as np
@@ -12,12 +11,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mavdem.files import atomic_write
+from sitl_scenarios.dynamics import SOUND, damages
 from sitl_scenarios.holding import IN_AIR
 from sitl_scenarios.linear import axis, rotor_effects
 from sitl_scenarios.mixer import MAX_PULSE, MIN_PULSE
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import Axis, Scenario
+from sitl_scenarios.sensors import vibration
 from sitl_scenarios.simulation import CYCLES
 from sitl_scenarios.vehicles import CHARGED, airframe
 
@@ -36,8 +37,11 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
       which follows the commands with the time constant ``lag`` (mean, rising, falling; s);
     - ``roll_disturbance`` (N,): angular acceleration that wind and moments add to that, rad/s²;
     - ``roll_effect`` (4,): roll acceleration by each motor's command, rad/s² per µs, at the mean commands, rotor speeds
-      and air of the hover, which in wind is tilted; where a motor weakens in hover, until then, and
-      ``roll_effect_weak`` from then on; ``weak`` (N,) says when;
+      and air of the hover, which in wind is tilted; where something breaks in hover, until the first does, and
+      ``roll_effect_weak`` from the last on; ``weak`` (N,) says when;
+    - ``speed_left``, ``thrust_left``, ``torque_left`` (N, 4): of each motor and its propeller, shares of the sound
+      ones': of the rotor's speed at a command, of thrust and torque at a speed; ``centre`` (N, 2): how far forward and
+      right the centre of mass is moved, m; ``vibration`` (N, 3): what an unbalanced propeller adds, RMS, m/s²;
     - ``delay``: from a command to the measurement of what it does, s: that of the sensors, and half the autopilot's
       cycle, for which a command is held;
     - ``voltage`` (N,) of the battery, V;
@@ -51,8 +55,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     arrays: dict[str, NDArray[Any]] = {field.name: getattr(motion, field.name) for field in fields(motion)}
     arrays["scenario"] = np.array(scenario.model_dump_json())
     arrays["trim"] = np.full(4, 1000 + 1000 * body.hover_command / body.full)
-    weak = _weak(scenario, motion)
-    arrays |= _effects(scenario, motion, weak) | {"weak": weak}
+    arrays |= _effects(scenario, motion) | _damage(scenario, motion) | {"vibration": vibration(scenario, motion)}
     arrays["delay"] = np.array(scenario.sensors.delay + CYCLES[scenario.stream.speaks] / 2)
     arrays["voltage"] = CHARGED * motion.battery
     arrays["lag"] = np.array([(up + down) / 2, up, down])
@@ -66,33 +69,36 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def _weak(scenario: Scenario, motion: Motion) -> NDArray[np.bool_]:
-    """(N,) when a motor is weak."""
-    spec = scenario.vehicle
-    return np.asarray((motion.time >= BOOT_SECONDS + spec.weak_from) & (spec.weak_motor > 0))
+def _damage(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
+    """``weak``, what is left of every motor, and the centre of mass."""
+    begins = [(BOOT_SECONDS + begin, condition) for begin, condition in damages(scenario)]
+    left = [SOUND, *(condition for _, condition in begins)]
+    number = np.searchsorted([begin for begin, _ in begins], motion.time, side="right")
+    parts = {f"{name}_left": np.array([getattr(one, name) for one in left]) for name in ("speed", "thrust", "torque")}
+    parts["centre"] = np.array([one.centre for one in left])
+    last = len(begins) if begins else 1
+    return {name: values[number] for name, values in parts.items()} | {"weak": number >= last}
 
 
-def _effects(scenario: Scenario, motion: Motion, weak: NDArray[np.bool_]) -> dict[str, Array]:
+def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
     """``roll_effect`` and its likes."""
-    spec, body = scenario.vehicle, airframe(scenario.vehicle)
-    hover = motion.landed_state == IN_AIR
-    parts = {"": hover & ~weak, "_weak": hover & weak}
-    if not parts[""].any():
-        # Weak in all of the hover.
-        parts = {"": hover}
-    found: dict[str, Array] = {}
-    for suffix, rows in parts.items():
+    spec, body, found = scenario.vehicle, airframe(scenario.vehicle), dict[str, Array]()
+    hover, begins = motion.landed_state == IN_AIR, damages(scenario)
+    parts = {"": (hover, SOUND)}
+    if begins:
+        (first, _), (last, condition) = begins[0], begins[-1]
+        before, after = hover & (motion.time < BOOT_SECONDS + first), hover & (motion.time >= BOOT_SECONDS + last)
+        # Where it is broken in all of the hover, there is one part of it.
+        parts = {"": (before, SOUND), "_weak": (after, condition)} if before.any() else {"": (after, condition)}
+    for suffix, (rows, condition) in parts.items():
         if not rows.any():
             continue
         turned = Rotation.from_quat(motion.attitude[rows], scalar_first=True)
         air = turned.inv().apply(motion.wind[rows] - motion.velocity[rows]).mean(0)
-        per_speed = rotor_effects(spec, motion.rotor_speeds[rows].mean(0), air)
+        per_speed = rotor_effects(spec, motion.rotor_speeds[rows].mean(0), air, condition)
         commands = body.full * (motion.outputs[rows].mean(0) - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
-        slopes = np.array([body.speed_slope(command) for command in commands.tolist()])
+        slopes = np.array([body.speed_slope(command) for command in commands.tolist()]) * condition.speed
         slopes *= motion.battery[rows].mean() * body.full / (MAX_PULSE - MIN_PULSE)
-        if weak[rows].any():
-            # Thrust goes with the square of the speed.
-            slopes[spec.weak_motor - 1] *= sqrt(spec.weak_thrust)
         for name, row in zip(AXES, per_speed * slopes, strict=True):
             found[f"{name}_effect{suffix}"] = row
     return found

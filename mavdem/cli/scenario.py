@@ -70,7 +70,7 @@ def in_words(scenario: Scenario) -> list[str]:
         + "".join(f", {name} at {rate:g} Hz" for name, rate in stream.rates.items())
         + ("; all but HEARTBEAT only when asked for." if stream.only_when_asked else ".")
     )
-    return sentences + _faults(scenario)
+    return sentences + _damage(scenario) + _faults(scenario)
 
 
 def _vehicle(vehicle: VehicleSpec) -> Iterator[str]:
@@ -99,6 +99,21 @@ def _wind(wind: Wind) -> str:
     if isinstance(wind, Gust):
         values["stays"] = "for good" if wind.hold is None else f"for {wind.hold:g} s"
     return WINDS[wind.kind].format(**values)
+
+
+def _damage(scenario: Scenario) -> list[str]:
+    propeller, load, sentences = scenario.propeller, scenario.load, []
+    if propeller.motor:
+        left = f"{propeller.thrust:.0%} of its thrust and {propeller.torque:.0%} of its torque"
+        sentences.append(
+            f"The propeller of motor {propeller.motor} chips {propeller.start:g} s after arming: {left} are left, and "
+            f"{propeller.unbalance:g} g mm are out of balance."
+        )
+    if load.forward or load.right:
+        moves = [(load.forward, "forward", "back"), (load.right, "to the right", "to the left")]
+        far = " and ".join(f"{abs(mm):g} mm {plus if mm > 0 else minus}" for mm, plus, minus in moves if mm)
+        sentences.append(f"The load shifts {load.start:g} s after arming, and the centre of mass with it by {far}.")
+    return sentences
 
 
 def _faults(scenario: Scenario) -> list[str]:

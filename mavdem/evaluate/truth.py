@@ -109,7 +109,7 @@ class FlightTruth(NamedTuple):
         rate: (N,) as the autopilot knew it, rad/s.
         outputs: (N, r) of the motors, µs.
         disturbance: (N,) rad/s².
-        effect: (r,) rad/s² per µs; ``weak_effect`` (r,) likewise while a motor is weak, ``weak`` (N,) says when.
+        effect: (r,) rad/s² per µs; ``weak_effect`` (r,) likewise once something broke, ``weak`` (N,) says when.
         damping, lag, delay: 1/s, s, s.
     """
 

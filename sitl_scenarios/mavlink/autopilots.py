@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 from sitl_scenarios.mixer import DISARMED_PULSE
-from sitl_scenarios.scenario import shortened
+from sitl_scenarios.sections.base import shortened
 
 DISARMED, ON_GROUND, IN_AIR, TAKING_OFF, LANDING = range(5)
 """States of the flight: disarmed, and when armed the MAV_LANDED_STATE."""
 ARMED = 128  # MAV_MODE_FLAG_SAFETY_ARMED
 DENIED, TEMPORARILY_REJECTED, FAILED = 2, 1, 4  # MAV_RESULT
 INFO, CRITICAL = 6, 2  # MAV_SEVERITY
-WHEN_ASKED = {"ATTITUDE_TARGET": 0.0, "RC_CHANNELS": 0.0, "BATTERY_STATUS": 0.0}
+WHEN_ASKED = {"ATTITUDE_TARGET": 0.0, "RC_CHANNELS": 0.0, "BATTERY_STATUS": 0.0, "VIBRATION": 0.0}
 """Hz of what comes only when it is asked for; PX4's own rates depend on the link, and are too slow to learn from."""
 Mode = tuple[int, int]  # HEARTBEAT's base_mode, but for the armed flag, and its custom_mode
 

@@ -20,6 +20,8 @@ from sitl_scenarios.mavlink.autopilots import ARMED, IN_AIR, LANDING, ON_GROUND,
 from sitl_scenarios.mixer import MAX_PULSE, MIN_PULSE
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import FULL_STICK
+from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.sensors import vibration
 from sitl_scenarios.vehicles import CHARGED
 
 Array = NDArray[np.float64]
@@ -51,8 +53,8 @@ def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
 class MessageWriter:
     """Makes the payloads of one vehicle."""
 
-    def __init__(self, autopilot: Autopilot) -> None:
-        self._autopilot = autopilot
+    def __init__(self, autopilot: Autopilot, scenario: Scenario) -> None:
+        self._autopilot, self._scenario = autopilot, scenario
         self._told: dict[str, Callable[[Motion, NDArray[np.int64]], dict[str, Any]]] = {
             "HEARTBEAT": self._heartbeat,
             "SYS_STATUS": self._sys_status,
@@ -66,6 +68,7 @@ class MessageWriter:
             "SERVO_OUTPUT_RAW": self._servo_output_raw,
             "ACTUATOR_OUTPUT_STATUS": self._actuator_output_status,
             "HIL_ACTUATOR_CONTROLS": self._hil_actuator_controls,
+            "VIBRATION": self._vibration,
         }
 
     def write(self, name: str, motion: Motion, boot: NDArray[np.int64]) -> Payloads:
@@ -155,6 +158,11 @@ class MessageWriter:
         # A motor that is stopped has less than the lowest pulse, and no negative command.
         controls[:, :4] = np.maximum((motion.outputs - MIN_PULSE) / (MAX_PULSE - MIN_PULSE), 0.0)
         return {"time_usec": boot, "controls": controls, "mode": self._modes(motion)[0]}
+
+    def _vibration(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
+        # As ArduPilot means it: the accelerometer's RMS above 5 Hz.
+        x, y, z = vibration(self._scenario, motion).T
+        return {"time_usec": boot, "vibration_x": x, "vibration_y": y, "vibration_z": z}
 
     def _outputs(self, motion: Motion) -> Array:
         """(N, 16) PWM of every channel."""

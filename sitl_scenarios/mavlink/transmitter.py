@@ -97,7 +97,7 @@ class Transmitter:
             kept = {"HEARTBEAT", *scenario.stream.rates}
             self._rates = {name: rate if name in kept else 0.0 for name, rate in self._rates.items()}
         self._scenario, self._cycle = scenario, cycle
-        self._writer = MessageWriter(self.autopilot)
+        self._writer = MessageWriter(self.autopilot, scenario)
         self._asked: list[tuple[str, Payloads]] = []
         self._events, self._to_tell = self._planned(), list[Payloads]()
         self._armed_at = np.inf

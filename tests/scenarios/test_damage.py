@@ -1,0 +1,159 @@
+"""What breaks in flight does what theory says: four rotors balance weight, roll, pitch and yaw again."""
+
+import tomllib
+
+import numpy as np
+import pytest
+
+from mavdem.cli.scenario import in_toml, in_words
+from mavdem.ingest import read_log
+from mavdem.ingest.tlog import write_tlog
+from sitl_scenarios.dynamics import Wear, damages
+from sitl_scenarios.files import load, scenario_of
+from sitl_scenarios.mavlink.recorded import recorded
+from sitl_scenarios.mixer import SPINS, frame
+from sitl_scenarios.scenario import Scenario, Sensors, SteadyWind, StreamSpec, VehicleSpec
+from sitl_scenarios.sections.damage import Load, Propeller
+from sitl_scenarios.sensors import vibration
+from sitl_scenarios.simulation import CYCLES, fly
+from sitl_scenarios.truth import truth
+from sitl_scenarios.vehicles import GRAVITY, IRIS
+
+QUIET = Sensors(rate_sd=0.0, attitude_sd=0.0, position_sd=0.0, velocity_sd=0.0)
+BREAKS = {
+    "weak": {"vehicle": VehicleSpec(weak_motor=1, weak_from=18.0, weak_thrust=0.8)},
+    "chipped": {"propeller": Propeller(motor=3, start=18.0, thrust=0.85, torque=0.7, unbalance=0.0)},
+    "shifted": {"load": Load(start=18.0, forward=5.0, right=-15.0)},
+}
+
+
+def balanced(condition):
+    """Commands, µs, of the Iris in still air by its four balances, which are linear in the squares of the speeds."""
+    places, (lift, _), (drag, _) = frame("x", IRIS.arm), IRIS.thrust, IRIS.torque
+    thrust, torque = lift * np.array(condition.thrust), drag * np.array(condition.torque)
+    forward, right = (np.subtract(one, moved) for one, moved in zip(places[:2], condition.centre, strict=True))
+    sums = np.array([thrust, thrust * right, thrust * forward, torque * SPINS])
+    speeds = np.sqrt(np.linalg.solve(sums, [IRIS.mass * GRAVITY, 0.0, 0.0, 0.0]))
+    slope, offset = IRIS.speed
+    return 1000 + 1000 * (speeds / condition.speed - offset) / slope
+
+
+@pytest.fixture(scope="module", params=BREAKS)
+def broken(request):
+    scenario = Scenario(duration=40.0, sensors=QUIET, **BREAKS[request.param])
+    return request.param, scenario, fly(scenario)
+
+
+def hovering(motion, begin, end):
+    return motion.outputs[(motion.time > begin) & (motion.time < end)].mean(0)
+
+
+def test_hover_balances_again(broken):
+    _, scenario, motion = broken
+    [(start, condition)] = damages(scenario)
+    assert start == 18.0
+    np.testing.assert_allclose(hovering(motion, 14.0, 19.9), balanced(Wear()), atol=1.0)
+    np.testing.assert_allclose(hovering(motion, 28.0, 34.0), balanced(condition), atol=1.5)
+
+
+def test_each_fault_has_its_pattern(broken):
+    kind, _, motion = broken
+    moved = hovering(motion, 28.0, 34.0) - hovering(motion, 14.0, 19.9)
+    _, _, *patterns = frame("x", IRIS.arm)
+    roll, pitch, yaw = (np.dot(moved, np.sign(pattern)) / 4 for pattern in patterns)
+    if kind == "weak":
+        # One motor works harder, and no other notices.
+        assert moved[0] > 80 and np.abs(moved[1:]).max() < 3
+    elif kind == "chipped":
+        # Its torque is less than its thrust: the pairs share the rest in yaw.
+        assert np.argmax(moved) == 2 and yaw < -moved.mean() - 3
+    else:
+        # Forward of the rotors' middle and left of it: the front and the left work harder, and no pair in yaw.
+        assert pitch > 5 and roll > 10 and abs(yaw) < 1 and abs(moved.mean()) < 2
+
+
+def test_the_truth_says_what_is_left_and_since_when(broken):
+    kind, scenario, motion = broken
+    known = truth(scenario, motion)
+    begin = np.flatnonzero(known["weak"])[0]
+    assert motion.time[begin] == pytest.approx(20.0, abs=0.01) and known["weak"][begin:].all()
+    for name in ("speed_left", "thrust_left", "torque_left"):
+        assert (known[name][:begin] == 1.0).all()
+    after = {name: known[name][-1].tolist() for name in ("speed_left", "thrust_left", "torque_left", "centre")}
+    sound = {"speed_left": [1.0] * 4, "thrust_left": [1.0] * 4, "torque_left": [1.0] * 4, "centre": [0.0, 0.0]}
+    changed = {
+        "weak": {"speed_left": pytest.approx([0.8**0.5, 1, 1, 1])},
+        "chipped": {"thrust_left": [1.0, 1.0, 0.85, 1.0], "torque_left": [1.0, 1.0, 0.7, 1.0]},
+        "shifted": {"centre": pytest.approx([0.005, -0.015])},
+    }[kind]
+    assert after == sound | changed
+    # The effect of a motor about roll: its thrust by its arm.
+    arms = np.abs(np.array(frame("x", IRIS.arm).right) - after["centre"][1])
+    expected = np.array(after["thrust_left"]) * np.array(after["speed_left"]) * arms / IRIS.arm[1]
+    speeds = motion.rotor_speeds[motion.time > 28.0][:500].mean(0) / IRIS.hover_speed
+    np.testing.assert_allclose(known["roll_effect_weak"] / known["roll_effect"], expected * speeds, rtol=0.02)
+
+
+def test_an_unbalanced_propeller_shakes_gyro_and_accelerometer():
+    propeller = Propeller(motor=2, start=18.0, thrust=0.9, torque=0.88, unbalance=20.0)
+    scenario = Scenario(duration=40.0, sensors=QUIET, propeller=propeller)
+    motion = fly(scenario)
+    felt = vibration(scenario, motion)
+    before, after = (motion.time > 10) & (motion.time < 19.9), (motion.time > 28.0) & (motion.time < 34.0)
+    assert not felt[before].any()
+    speed = motion.rotor_speeds[after, 1].mean()
+    force = 20e-6 * speed**2
+    assert felt[after].mean(0) == pytest.approx([*[force / IRIS.mass / 2**0.5] * 2, 0.0], rel=0.01)
+    # About the heading: by the arm, and through the gyro's low-pass of 20 Hz.
+    amplitude = force * np.hypot(*IRIS.arm) / (IRIS.inertia[2] * speed) / np.hypot(1, speed / (2 * np.pi * 20))
+    turning = motion.known_rates[after, 2] - motion.rates[after, 2]
+    assert turning.std() == pytest.approx(amplitude / 2**0.5, rel=0.05)
+    # At the rotor's own frequency, as sampled.
+    spectrum = np.abs(np.fft.rfft(turning * np.hanning(len(turning))))
+    peak = np.fft.rfftfreq(len(turning), motion.time[1])[np.argmax(spectrum)]
+    alias = abs((speed / (2 * np.pi) + 125) % 250 - 125)
+    assert peak == pytest.approx(alias, abs=1.0)
+
+
+def test_wind_on_a_shifted_load_turns_it_about_the_new_centre():
+    wind = (SteadyWind(kind="steady", speed=6.0, direction=90.0),)
+    motions = [fly(Scenario(duration=20.0, sensors=QUIET, wind=wind, load=Load(forward=mm))) for mm in (0.0, 20.0)]
+    straight, turned = (hovering(one, 12.0, 17.5) for one in motions)
+    yaw = np.dot(turned - straight, SPINS) / 4
+    # From the right on a vehicle whose mass is ahead of its drag: the nose goes into the wind, against which the motors
+    # hold: those that turn clockwise work harder.
+    assert yaw < -1
+
+
+def sent(path, scenario, motion):
+    with path.open("wb") as file:
+        write_tlog(file, recorded(scenario, motion, CYCLES[scenario.stream.speaks], lambda _: None))
+    return read_log(path).vehicles[0].messages
+
+
+@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+def test_vibration_is_sent_where_it_is_asked_for(speaks, tmp_path):
+    stream = StreamSpec(speaks=speaks, rate=10.0, rates={"VIBRATION": 5.0})
+    scenario = Scenario(duration=15.0, propeller=Propeller(motor=1, start=6.0), stream=stream)
+    motion = fly(scenario)
+    told = sent(tmp_path / "asked.tlog", scenario, motion)["VIBRATION"]
+    felt = [np.interp(told["time"], motion.time, one) for one in vibration(scenario, motion).T]
+    assert len(told["time"]) > 5 * 15 and told["vibration_x"][0] == 0.0 and told["vibration_x"].max() > 3
+    np.testing.assert_allclose([told[f"vibration_{axis}"] for axis in "xyz"], felt, rtol=0.02, atol=0.1)
+    quiet = scenario.model_copy(update={"stream": StreamSpec(speaks=speaks, rate=10.0)})
+    assert "VIBRATION" not in sent(tmp_path / "quiet.tlog", quiet, motion)
+
+
+def test_they_are_described_and_read_again():
+    scenario = load("iris_chipped_propeller")
+    text = in_toml(scenario)
+    assert scenario_of(tomllib.loads(text)) == scenario
+    assert "Mass that is missing times its distance from the shaft, g mm" in text
+    assert any("propeller of motor 3 chips 60 s after arming: 85% of its thrust" in one for one in in_words(scenario))
+    assert any("by 5 mm forward and 15 mm to the right" in one for one in in_words(load("iris_shifted_load")))
+
+
+@pytest.mark.parametrize("section", [{"propeller": Propeller(motor=1, start=30.0)}, {"load": Load(start=31.0)}])
+def test_nothing_breaks_after_the_flight(section):
+    with pytest.raises(ValueError, match=r"start must be less than the duration of the flight, 30 s, not 3"):
+        Scenario(duration=30.0, **section)
