@@ -1,0 +1,69 @@
+"""Rows of a made-up fleet: vehicles with and without trouble, tiers, gaps, refused logs, and names that attack."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime, timedelta
+
+import numpy as np
+
+from mavdem.fleet.row import FlightRow
+
+HOSTILE = "<script>document.title='owned'</script>\"'&--><b>"
+MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
+START = datetime(2026, 1, 5, 9, tzinfo=UTC)
+
+
+def flight_row(vehicle: str, number: int, axis: str = "roll", **changed: object) -> FlightRow:
+    """A row of tier a, of flights a day apart."""
+    values: dict[str, object] = {
+        "file": f"/logs/{vehicle}/{number:04d}.ulg",
+        "key": f"{vehicle}-{number}",
+        "vehicle": vehicle,
+        "date": START + timedelta(days=number),
+        "axis": axis,
+        "tier": "a",
+        "duration": 60.0 + number,
+        "motors": MOTORS,
+        "trim_share": (1.0, 0.98, 1.03, 0.99),
+        "trim_share_interval": (0.01,) * 4,
+        "effect": (-40.0, 40.0, 41.0, -39.0),
+        "effect_interval": (2.0,) * 4,
+        "effect_status": "reported",
+        "damping": 0.6,
+        "damping_interval": 0.2,
+        "damping_status": "reported",
+        "lag": 0.04,
+        "lag_interval": 0.01,
+        "lag_status": "reported",
+        "wind_torque_sd": 0.8,
+        "residual_mean": 0.01,
+        "residual_mean_interval": 0.02,
+        "error_ratio": 0.2,
+        "health": "ok",
+        "page": f"pages/{vehicle}-{number}.html",
+    }
+    return FlightRow(**(values | changed))
+
+
+def fleet_rows(flights: int, seed: int = 1) -> list[FlightRow]:
+    """So many flights of two axes each of five vehicles, of which the second has a fault at its end; 3 refused logs."""
+    rng = np.random.default_rng(seed)
+    rows = []
+    for number in range(flights):
+        vehicle, flown = number % 5, number // 5
+        faulty = vehicle == 1 and flown > 0.7 * flights / 5
+        found = (
+            {"health": "fault", "suspect_motor": 3, "fault_probability": 0.97, "health_reason": "motor 3 works harder."}
+            if faulty
+            else {}
+        )
+        share = np.array([1.0, 0.98, 1.03, 0.99]) + 0.005 * rng.normal(size=4) + 0.06 * faulty * np.eye(4)[2]
+        for axis in ("roll", "pitch"):
+            known = {"damping": None if rng.random() < 0.2 else float(0.6 + 0.1 * rng.normal())}
+            rows.append(
+                flight_row(f"quad-{vehicle}", flown, axis, trim_share=tuple(share / share.mean()), **known, **found)
+            )
+    return [
+        *rows,
+        *(FlightRow(file=f"/logs/{i}.bin", key=f"bad{i}", status=f"It is cut off at {i}.") for i in range(3)),
+    ]

@@ -1,0 +1,157 @@
+"""The index of a fleet: its words, charts and table, in a browser with a thousand flights too."""
+
+from __future__ import annotations
+
+import asyncio
+import random
+import re
+from dataclasses import replace
+
+import pytest
+from devtools import CHROMIUM, Browser
+from fleet_rows import HOSTILE, fleet_rows, flight_row
+
+from mavdem.fleet.row import FlightRow
+from mavdem.page.fleet_page import FIRST_SHOWN, fleet_page
+from mavdem.report.blocks import Sentence
+
+
+def parts(text: str) -> dict[str, str]:
+    """The HTML of each vehicle, by its name."""
+    found = re.findall(r'<details class="vehicle".*?<summary>(.*?)<span.*?</details>', text, re.DOTALL)
+    pieces = re.findall(r'<details class="vehicle".*?</details>', text, re.DOTALL)
+    return dict(zip(found, pieces, strict=True))
+
+
+def test_the_same_rows_make_the_same_bytes_in_whatever_order_they_come():
+    rows = fleet_rows(20)
+    shuffled = random.Random(1).sample(rows, len(rows))
+    assert fleet_page(rows) == fleet_page(shuffled)
+
+
+def test_who_is_in_trouble_stands_first_and_open_and_others_are_folded():
+    text = fleet_page(fleet_rows(40))
+    found = parts(text)
+    assert list(found) == ["quad-1", "quad-0", "quad-2", "quad-3", "quad-4"]
+    opened = [name for name, part in found.items() if " open>" in part.split("<summary>")[0]]
+    assert opened == ["quad-1"]
+    assert "1 of 5 vehicles needs a look: quad-1 (fault, motor 3)." in text
+    assert "It is cut off at …" in text and "<td>3</td>" in text.replace(' class="words"', "")
+
+
+def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
+    assert "No log holds a flight" in fleet_page([FlightRow(file="a.bin", status="It is empty.")])
+    assert "No log holds a flight" in fleet_page([])
+    alone = fleet_page([flight_row("quad", 0)])
+    assert "<polyline" not in alone and parts(alone) == {}
+
+
+def test_flights_that_do_not_say_whose_they_are_are_drawn_as_nobodys():
+    text = fleet_page([flight_row("unknown", number) for number in range(4)])
+    assert parts(text) == {} and "compared with no other" in text
+
+
+def test_what_changed_since_the_baseline_stands_with_its_vehicle():
+    text = fleet_page(fleet_rows(10), {"quad-2": [Sentence("motor 3's effect −18 % ± 6 %.", "Changed:")]})
+    assert "motor 3&#39;s effect −18 % ± 6 %." in parts(text)["quad-2"]
+
+
+def test_a_quantity_that_is_not_known_of_one_flight_leaves_a_gap_and_of_none_no_chart():
+    rows = [flight_row("quad", number, damping=None if number == 3 else 0.5 + number, lag=None) for number in range(8)]
+    part = parts(fleet_page(rows))["quad"]
+    chart = part.split("<h3>Damping (1/s)</h3>")[1].split("</figure>")[0]
+    assert [len(line.split()) for line in re.findall(r'<polyline points="([^"]*)"', chart)] == [3, 4]
+    assert "Lag of the motors" not in part
+
+
+def test_a_motor_whose_effect_is_not_identifiable_is_not_drawn():
+    rows = [flight_row("quad", number, effect_status="not identifiable") for number in range(3)]
+    assert "Effect on" not in fleet_page(rows)
+
+
+def hostile() -> list[FlightRow]:
+    names = {"motors": (HOSTILE,) * 4, "health_reason": HOSTILE, "warnings": (HOSTILE,)}
+    rows = [
+        flight_row(HOSTILE, number, file=f"/logs/{HOSTILE}{number}.tlog", page="javascript:alert(1)", **names)
+        for number in range(3)
+    ]
+    rows[0] = replace(rows[0], health="fault")
+    return [*rows, FlightRow(file=HOSTILE, key=HOSTILE, status=HOSTILE, vehicle=HOSTILE)]
+
+
+def test_what_comes_from_a_log_is_text_and_no_script_scheme_is_linked():
+    text = fleet_page(hostile())
+    assert text.count("<script>") == 1 and "<b>" not in text
+    assert "javascript:" not in text and 'href="javascript%3Aalert%281%29"' in text
+    assert "://" not in text and "@import" not in text and "src=" not in text
+
+
+def in_browser(text, folder, do, width=1600):
+    if CHROMIUM is None:
+        pytest.skip("there is no Chromium")
+    path = folder / "index.html"
+    path.write_text(text)
+
+    async def run():
+        async with Browser(folder, width) as browser:
+            await browser.open(path)
+            found = await do(browser)
+            assert not browser.complaints
+            return found
+
+    return asyncio.run(run())
+
+
+CELLS = "[...document.querySelectorAll('#flights tbody tr:not([hidden])')].map(row => row.cells[{}].textContent)"
+
+
+def test_a_browser_sorts_and_filters_a_thousand_flights_by_keyboard(tmp_path):
+    async def do(browser):
+        assert await browser.run("document.documentElement.scrollWidth <= innerWidth")
+        assert await browser.run(CELLS.format(0) + ".length") == FIRST_SHOWN
+        dates = await browser.run(CELLS.format(2))
+        # By the keyboard alone: the focus goes to a heading, and Enter sorts by it.
+        await browser.run("document.querySelectorAll('#flights th button')[10].focus()")
+        await browser.press("Enter", 13)
+        rising = await browser.run(CELLS.format(10))
+        state = await browser.run("[...document.querySelectorAll('#flights th')].map(one => one.ariaSort)")
+        await browser.press("Enter", 13)
+        falling = await browser.run(CELLS.format(10))
+        await browser.run("filter.value = 'QUAD-1 pitch fault'; filter.dispatchEvent(new Event('input')); null")
+        health = await browser.run(CELLS.format(5))
+        count = await browser.run("document.getElementById('count').textContent")
+        await browser.run(
+            "filter.value = ''; filter.dispatchEvent(new Event('input')); more.click(); more.click(); null"
+        )
+        every = await browser.run(CELLS.format(10))
+        seconds = await browser.run(
+            "(() => { const before = performance.now();"
+            " document.querySelector('#flights th button').click(); return (performance.now() - before) / 1000; })()"
+        )
+        return dates, rising, state, falling, health, count, every, seconds
+
+    rows = fleet_rows(1000)
+    dates, rising, state, falling, health, count, every, seconds = in_browser(fleet_page(rows), tmp_path, do)
+    assert dates == sorted(dates, reverse=True)
+
+    def number(cell):
+        return float(cell.split()[0])
+
+    values = sorted(row.damping for row in rows if row.damping is not None)
+    numbers = [number(cell) for cell in rising]
+    assert numbers == sorted(numbers) and numbers[0] == pytest.approx(values[0], abs=0.006)
+    assert number(falling[0]) == pytest.approx(values[-1], abs=0.006)
+    assert state.count("ascending") == 1 and state[10] == "ascending"
+    assert set(health) == {"fault"} and f"{len(health)} found in {len(rows)} lines" in count
+    # What is not known comes last, also in falling order.
+    known = [bool(cell) for cell in every]
+    assert len(every) == len(rows) and known == sorted(known, reverse=True) and not all(known)
+    assert seconds < 3
+
+
+@pytest.mark.parametrize("width", [500, 1600])
+def test_a_browser_runs_nothing_that_a_log_says_and_scrolls_sideways_in_the_table_only(width, tmp_path):
+    async def do(browser):
+        return await browser.run("[document.title, document.documentElement.scrollWidth <= innerWidth]")
+
+    assert in_browser(fleet_page(hostile()), tmp_path, do, width) == ["Fleet", True]
