@@ -56,10 +56,12 @@ def render_page(
     blocks: Sequence[Block],
     chapters: Sequence[Chapter] = (),
     strip: Sequence[tuple[str, str]] = (),
+    back: tuple[str, str] | None = None,
 ) -> str:
     """The HTML of a page: its title and subtitle, the result in ``blocks``, then chapters.
 
-    ``strip`` are the few figures to see at a glance, label and value. All text is escaped. The same arguments give the
+    ``strip`` are the few figures to see at a glance, label and value; ``back`` the name and the relative address of the
+    page that leads here. All text is escaped. The same arguments give the
     same bytes with the same versions of mavdem and Python.
     """
     return (
@@ -71,6 +73,7 @@ def render_page(
             blocks=blocks,
             chapters=[one for one in chapters if one.blocks or one.drawings],
             strip=strip,
+            back=back,
             made_by=f"mavdem {version('mavdem')}, Python {platform.python_version()}",
         )
     )

@@ -33,7 +33,9 @@ _ID = re.compile(r' id="([^"]*)"')
 _FONT_FAMILY = re.compile(r"font-family: [^;\"]*;? ?")
 
 
-def inline_svg(figure: Figure, name: str, label: str, colours: Mapping[str, str]) -> Markup:
+def inline_svg(
+    figure: Figure, name: str, label: str, colours: Mapping[str, str], column: float = COLUMN_WIDTH
+) -> Markup:
     """The figure as an ``<svg>`` element that fills the width it is given.
 
     Args:
@@ -41,6 +43,7 @@ def inline_svg(figure: Figure, name: str, label: str, colours: Mapping[str, str]
         name: unique on the page, of letters, digits and "-": the beginning of the element's ids.
         label: what the figure shows, for those who cannot see it.
         colours: name of the CSS property, without ``--``, by the colour that it stands for, "#rrggbb".
+        column: width, points, in which a line keeps its lowest and highest; wider makes a smaller page.
     """
     from matplotlib import rc_context
 
@@ -51,7 +54,7 @@ def inline_svg(figure: Figure, name: str, label: str, colours: Mapping[str, str]
     text = re.sub(
         r"<defs>\s*<style.*?</style>\s*</defs>|<metadata>.*?</metadata>|<!--.*?-->", "", text, flags=re.DOTALL
     )
-    text = _PATH.sub(lambda found: f"{found[1]}{_thinned(found[2])}{found[3]}", text)
+    text = _PATH.sub(lambda found: f"{found[1]}{_thinned(found[2], column)}{found[3]}", text)
     text = _POSITION.sub(lambda found: f"{found[1]}{_rounded(found[2])}{found[3]}", text)
     text = _FONT_FAMILY.sub("", text).replace("xlink:href", "href")
     text = re.sub(r' transform="rotate\(-?0 [^"]*"', "", text)
@@ -65,11 +68,11 @@ def inline_svg(figure: Figure, name: str, label: str, colours: Mapping[str, str]
     return head + Markup(re.sub(r"\s*\n\s*", "\n", body).strip())
 
 
-def _thinned(path: str) -> str:
+def _thinned(path: str, column: float) -> str:
     """The path with coordinates to 1/100 of a point and, of long polylines, what can be seen."""
     if len(path) > 20 * MIN_THINNED and _POLYLINE.fullmatch(path):
         # Breaks in a line, and the parts of a band, stay apart.
-        path = " ".join(_of_columns(part) for part in re.findall(r"M[^M]*", path))
+        path = " ".join(_of_columns(part, column) for part in re.findall(r"M[^M]*", path))
     return " ".join(_rounded(path).split())
 
 
@@ -78,12 +81,12 @@ def _rounded(text: str) -> str:
     return _DECIMALS.sub(lambda found: f"{round(float(found[0]), 2) + 0.0:.2f}".rstrip("0").rstrip("."), text)
 
 
-def _of_columns(part: str) -> str:
+def _of_columns(part: str, width: float) -> str:
     closed = part.rstrip().endswith(("z", "Z"))
     points = np.array(re.findall(r"-?\d[\d.]*(?:e-?\d+)?", part), float).reshape(-1, 2)
     if len(points) < MIN_THINNED:
         return part
-    column = np.floor(points[:, 0] / COLUMN_WIDTH)
+    column = np.floor(points[:, 0] / width)
     starts = np.flatnonzero(np.append(True, np.diff(column) != 0))
     kept = {0, len(points) - 1}
     for first, end in zip(starts, np.append(starts[1:], len(points)), strict=True):

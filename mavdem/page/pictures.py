@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from mavdem.extras import advice
 from mavdem.page.document import Chapter, Drawing
-from mavdem.page.inline_svg import inline_svg
+from mavdem.page.inline_svg import COLUMN_WIDTH, inline_svg
 from mavdem.report.blocks import Sentence
 from mavdem.report.palette import INK_ON_LIGHT
 
@@ -30,17 +30,25 @@ class PicturePlan(NamedTuple):
     large: bool = False
 
 
-def picture_chapter(plans: Callable[[], Sequence[PicturePlan]]) -> Chapter:
-    """The figures of ``plans``, which is called only where matplotlib is installed."""
+def picture_chapter(
+    plans: Callable[[], Sequence[PicturePlan]],
+    title: str = "Pictures",
+    name: str = "figure",
+    column: float = COLUMN_WIDTH,
+) -> Chapter:
+    """The figures of ``plans``, which is called only where matplotlib is installed.
+
+    ``name`` is unique on the page; ``column`` as for :func:`mavdem.page.inline_svg.inline_svg`.
+    """
     if hint := advice("Drawing the pictures of this page", "plot"):
-        return Chapter("Pictures", [Sentence(f"{hint} Then run the same command again.")])
+        return Chapter(title, [Sentence(f"{hint} Then run the same command again.")])
     drawings: list[Drawing] = []
     reasons: list[Sentence] = []
-    for number, (title, caption, draw, large) in enumerate(plans()):
+    for number, (heading, caption, draw, large) in enumerate(plans()):
         try:
-            svg = inline_svg(draw(), f"figure-{number}", title, INK)
+            svg = inline_svg(draw(), f"{name}-{number}", heading, INK, column)
         except ValueError as error:
-            reasons.append(Sentence(f"{error}.", f"{title}:"))
+            reasons.append(Sentence(f"{error}.", f"{heading}:"))
         else:
-            drawings.append(Drawing(title, svg, caption, large))
-    return Chapter("Pictures", reasons, drawings)
+            drawings.append(Drawing(heading, svg, caption, large))
+    return Chapter(title, reasons, drawings)

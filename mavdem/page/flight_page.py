@@ -1,0 +1,83 @@
+"""The page of one flight of a fleet: the report of ``learn`` for each axis with few pictures, small enough for many."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from mavdem.analysis import LogAnalysis
+from mavdem.page.document import Chapter, render_page
+from mavdem.page.pictures import PicturePlan, picture_chapter
+from mavdem.report.blocks import Block, Sentence
+from mavdem.report.details import detail_blocks
+from mavdem.report.names import Labels
+from mavdem.report.screen import key_figures, screen
+from mavdem.report.vehicle import hover_blocks
+
+COARSE = 1.5  # points in which a line keeps its extremes: about a pixel of what is seen
+INDEX = "../index.html"
+"""The index of the fleet, as seen from a flight's page."""
+
+
+def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = INDEX) -> str:
+    """The HTML of a flight.
+
+    Args:
+        file: the log's name.
+        analyses: what the log says of one vehicle, by axis; one at least.
+        index: where the link back leads.
+    """
+    (first_axis, first), *others = analyses.items()
+    name = next((one.learned for one in analyses.values() if one.learned is not None), None)
+    strip = key_figures(first.learned, first.held_out) if first.learned is not None else []
+    chapters = [Chapter(axis.capitalize(), axis_blocks(one)) for axis, one in others]
+    chapters += [_pictures(axis, one) for axis, one in analyses.items() if one.learned is not None]
+    chapters += [
+        Chapter(f"The model of {axis}, and how it was learnt", detail_blocks(one.learned, one.as_dict()), folded=True)
+        for axis, one in analyses.items()
+        if one.learned is not None
+    ]
+    subtitle = f"{first_axis.capitalize()} first." if others else f"{first_axis.capitalize()}."
+    if name is None:
+        subtitle = "No model could be learnt from this flight; what it holds nevertheless."
+    return render_page(file, subtitle, axis_blocks(first), chapters, strip, back=("Fleet", index))
+
+
+def axis_blocks(one: LogAnalysis) -> list[Block]:
+    """What is reported of one axis: the screen of ``learn``, or why there is no model and what is known without."""
+    if one.learned is not None:
+        return screen(one.learned, one.held_out, one.vehicle.hover)
+    blocks: list[Block] = [Sentence(one.reason, "No model:")]
+    if one.remedy:
+        blocks.append(Sentence(one.remedy, "What to do:"))
+    return [*blocks, *hover_blocks(one.vehicle.hover)]
+
+
+def _pictures(axis: str, one: LogAnalysis) -> Chapter:
+    """The pictures that say most; ``mavdem learn`` draws all."""
+    learned, held_out = one.learned, one.held_out
+    assert learned is not None and held_out is not None  # a model comes with its test
+
+    def plans() -> list[PicturePlan]:
+        from mavdem import plot
+
+        labels = Labels.of(learned)
+        forecast = PicturePlan(
+            f"Forecast of {labels.output_names[0]}",
+            "Windows that no model saw which forecasts them, with the motors as recorded.",
+            lambda: plot.forecast(held_out, labels),
+        )
+        return [
+            forecast,
+            PicturePlan(
+                "Wind's torque",
+                "Angular acceleration by neither the motors nor the damping, with its 90 % band.",
+                lambda: plot.disturbance(learned),
+            ),
+            PicturePlan(
+                "Motors",
+                "The effect of each motor with its 90 % interval, and how hard each works where that is known.",
+                lambda: plot.motors(learned, one.vehicle.hover),
+            ),
+        ]
+
+    return picture_chapter(plans, f"Pictures of {axis}", axis, COARSE)
