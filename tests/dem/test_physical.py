@@ -12,7 +12,7 @@ from mavdem.dem.graybox.coloured import FIRST_ORDER, GUSTS, SMOOTH
 from mavdem.dem.graybox.fitting import WINDS, directed, fitted
 from mavdem.dem.graybox.identifiability import PARAMETERS, IdentifiabilityFigures, judged
 from mavdem.dem.graybox.instruments import exogenous, instrumental
-from mavdem.dem.graybox.likelihood import FlightWindows, Parameters, delayed, steady_covariance
+from mavdem.dem.graybox.likelihood import BLOCK, FlightWindows, Parameters, delayed, followed, steady_covariance
 from mavdem.dem.graybox.windows import cut
 from mavdem.dem.record import Record
 from sitl_scenarios.dynamics import euler
@@ -133,6 +133,20 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
     assert abs(errors[0].mean()) < 4 * np.sqrt(variance[0] / number)
     for lag in (1, 2, 5, 20):
         assert abs(np.mean(errors[0, 0, lag:] * errors[0, 0, :-lag])) / variance[0] < 4 / np.sqrt(number)
+
+
+@pytest.mark.parametrize("samples", [1, BLOCK, 2 * BLOCK + 5])
+def test_blocks_side_by_side_are_the_recursion_step_by_step(samples):
+    rng = np.random.default_rng(1)
+    step, gains = 0.4 * rng.standard_normal((2, 3, 3)), rng.standard_normal((2, 3, 2))
+    inputs, first = rng.standard_normal((2, 4, samples, 2)), rng.standard_normal(4)
+    x = np.zeros((2, 4, 3))
+    x[:, :, 0] = first
+    expected = []
+    for k in range(samples):
+        x = x @ np.swapaxes(step, 1, 2) + inputs[:, :, k] @ np.swapaxes(gains, 1, 2)
+        expected.append(x[:, :, 0])
+    np.testing.assert_allclose(followed(step, gains, inputs, first), np.stack(expected, axis=2), rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("steps", [-0.4, 0.0, 0.3, 1.0, 1.7, 3.2])

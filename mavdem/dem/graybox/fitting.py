@@ -103,7 +103,7 @@ class _LogJoint(NamedTuple):
         curvature = found.sum(axis=0) + whole
         if not (np.isfinite(value) and np.isfinite(curvature).all()):
             raise np.linalg.LinAlgError("there is no steady filter")
-        _, variance = self.parameters.innovations(at[None], self.windows.of(slice(1)))
+        _, _, variance = self.parameters.filters(at[None], self.windows.dt)
         levels = np.sqrt(np.mean(np.concatenate(own) ** 2, axis=1) / variance[0])
         return GrayBoxFit(self.parameters, at, value, curvature, np.concatenate(scores), found, levels)
 

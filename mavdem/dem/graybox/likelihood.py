@@ -25,7 +25,7 @@ SETTLING_SECONDS = 0.25  # of each window, whose prediction errors do not count:
 MAX_DOUBLINGS = 40  # of the steps over which the filter becomes steady
 SHORTEST_LAG = 0.5  # steps of the stream
 MAX_DAMPING = 25.0  # 1/s: five times that of the smallest published vehicles
-BLOCK = 64  # steps whose drive is worked out together
+BLOCK = 24  # steps that are worked out together
 
 EFFECT, DAMPING, LAG, DELAY = (0.0, 2.0), (np.log(2.0), 1.0), (np.log(0.03), 1.0), (0.006, 0.004)
 SIZE, NOISE = (np.log(0.5), 1.5), (np.log(0.005), 2.0)
@@ -157,35 +157,54 @@ class Parameters(NamedTuple):
         They are without what a constant acceleration in each window explains.
         """
         transition, gain, variance = self.filters(thetas, windows.dt)
-        step = transition.state.copy()
-        step[:, :, 0] -= gain
-        step = np.swapaxes(step, 1, 2)
         now, later = transition.input_now, transition.input_next
         number, (W, N) = len(thetas), windows.rate.shape
-        # The last row is the response to a constant acceleration of 1 rad/s².
-        early, late = np.ones((2, N - 1, number, W + 1))
+        driven = np.empty((number, W, N - 1, 3))
+        driven[..., 2] = windows.rate[:, :-1]
         for k, theta in enumerate(thetas):
-            torque = self.commanded(theta, windows).T
-            early[:, k, :W], late[:, k, :W] = delayed(torque, theta[self.motors + 3] / windows.dt)
-        measured = np.zeros((N, 1, W + 1))
-        measured[:, 0, :W] = windows.rate.T
-        which = np.append(np.zeros(W, np.intp), 1)
-        of_early, of_late = (np.swapaxes(each[:, :, which], 1, 2) for each in (now, later))
-        x = np.zeros((number, W + 1, gain.shape[1]))
-        x[:, :, 0] = measured[0]
-        predicted = np.empty((N - 1, number, W + 1))
-        for begin in range(0, N - 1, BLOCK):
-            rows = slice(begin, min(begin + BLOCK, N - 1))
-            drive = early[rows, :, :, None] * of_early + late[rows, :, :, None] * of_late
-            drive += measured[rows, :, :, None] * gain[:, None]
-            for k, row in enumerate(drive, start=begin):
-                x = x @ step + row
-                predicted[k] = x[:, :, 0]
+            ends = delayed(self.commanded(theta, windows).T, theta[self.motors + 3] / windows.dt)
+            driven[k, :, :, 0], driven[k, :, :, 1] = (end.T for end in ends)
+        step = transition.state.copy()
+        step[:, :, 0] -= gain
+        predicted = followed(step, np.stack([now[..., 0], later[..., 0], gain], axis=2), driven, windows.rate[:, 0])
+        # The response to a constant acceleration of 1 rad/s².
+        response = followed(step, (now + later)[..., 1:], np.ones((number, 1, N - 1, 1)), np.zeros(1))[:, 0]
         settled = round(SETTLING_SECONDS / windows.dt)
-        errors = (measured[1:, :, :W] - predicted[:, :, :W])[settled:].transpose(1, 2, 0)
-        response = predicted[settled:, :, W].T
+        errors, response = (windows.rate[:, 1:] - predicted)[:, :, settled:], response[:, settled:]
         share = np.einsum("kwn,kn->kw", errors, response) / np.einsum("kn,kn->k", response, response)[:, None]
         return errors - share[:, :, None] * response[:, None], variance
+
+
+def followed(step: Array, gains: Array, inputs: Array, first: Array) -> Array:
+    """(b, W, N) x₁[0] … x_N[0] of x_{k+1} = step x_k + gains · input_k, of b models and W windows.
+
+    ``step`` is (b, n, n), ``gains`` (b, n, c), ``inputs`` (b, W, N, c). The first state of a window is 0 but for its
+    first entry, ``first`` (W,). Blocks run side by side from 0, each by one product; what each begins with is added.
+    """
+    (number, n, c), (W, N) = gains.shape, inputs.shape[1:3]
+    blocks = -(-N // BLOCK)
+    padded = np.zeros((number, W, blocks * BLOCK, c))
+    padded[:, :, :N] = inputs
+    responses, shown = np.empty((number, BLOCK, n, c)), np.empty((number, n, BLOCK))
+    power, responses[:, 0] = step, gains
+    for later in range(1, BLOCK):
+        shown[:, :, later - 1] = power[:, 0]
+        responses[:, later] = power @ gains
+        power = power @ step
+    shown[:, :, -1] = power[:, 0]
+    # Of each input of a block on its outputs (later or at once), and on the state after it.
+    within = np.zeros((number, BLOCK, c, BLOCK + n))
+    for early in range(BLOCK):
+        within[:, early, :, early:BLOCK] = np.swapaxes(responses[:, : BLOCK - early, 0], 1, 2)
+    within[..., BLOCK:] = np.swapaxes(responses[:, ::-1], 2, 3)
+    moved = padded.reshape(number, W * blocks, BLOCK * c) @ within.reshape(number, BLOCK * c, BLOCK + n)
+    moved = moved.reshape(number, W, blocks, BLOCK + n)
+    begins, across = np.zeros((number, W, blocks, n)), np.swapaxes(power, 1, 2)
+    begins[:, :, 0, 0] = first
+    for block in range(1, blocks):
+        begins[:, :, block] = begins[:, :, block - 1] @ across + moved[:, :, block - 1, BLOCK:]
+    followed = moved[..., :BLOCK] + begins @ shown[:, None]
+    return followed.reshape(number, W, blocks * BLOCK)[:, :, :N]
 
 
 def lagged(inputs: Array, lag: float, dt: float) -> Array:
