@@ -1,0 +1,98 @@
+"""The assessment of a vehicle's flights: which motor works too hard, by how much and how surely, or why not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+from mavdem.health import reasons
+from mavdem.health.explanations import Candidates, Explanations
+from mavdem.health.reference import FEWEST_FLIGHTS, HealthFigures, deviation, healthy_flights
+
+Health = Literal["ok", "drift", "fault", "unknown"]
+
+FAULT = 0.5
+"""Probability of a fault from which a flight is called one. ``tools/validation/health.py`` prints how many healthy
+flights are by chance, and the same of ``DRIFT``."""
+DRIFT = 0.25  # Probability of any change from which a flight is called a drift
+NAMED = 0.8  # A motor is named if, given that one is faulty, it is that one with this probability
+
+
+class Assessment(NamedTuple):
+    """What the figures of one flight say of its motors.
+
+    Attributes:
+        health: "fault": a motor works 8 % harder or more than in healthy flights, for it or its propeller is weak;
+            "drift": the balance changed, by less or not by a motor; "ok": as in healthy flights; "unknown": ``reason``
+            says what is missing.
+        fault_probability: of a fault; None where unknown.
+        change_probability: that anything changed, faults included; None where unknown.
+        suspect_motor: from 1, of a fault where one is named.
+        harder: by how much it works harder, %, with the ends of the interval of 90 %.
+        reason: sentences with figures.
+    """
+
+    health: Health
+    fault_probability: float | None
+    change_probability: float | None
+    suspect_motor: int | None
+    harder: tuple[float, float, float] | None
+    reason: str
+
+
+def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] | None = None) -> tuple[Assessment, ...]:
+    """Judges each flight of one vehicle against its healthy ones; a healthy one against the other healthy ones.
+
+    Flights with a date are judged in its order, from what is known after those before.
+
+    Args:
+        flights: of one vehicle.
+        baseline: its healthy flights, of ``flights`` or others; its first three by date unless given.
+    """
+    chosen = baseline is not None
+    healthy = [flight for flight in (healthy_flights(flights) if baseline is None else baseline) if not flight.missing]
+    found: dict[int, Assessment] = {}
+    candidates: dict[tuple[str, ...], Candidates] = {}
+    before: dict[tuple[str, ...], Explanations] = {}
+    for number in sorted(range(len(flights)), key=lambda number: _when(flights[number])):
+        flight = flights[number]
+        others = [other for other in healthy if other is not flight and other.motors == flight.motors]
+        if flight.missing or flight.signatures is None:
+            found[number] = _unknown(f"Health is unknown: {flight.missing}.")
+        elif len(others) < FEWEST_FLIGHTS:
+            found[number] = _unknown(reasons.too_few(len(others), chosen))
+        else:
+            considered = candidates.setdefault(flight.motors, Candidates(flight.signatures))
+            away = deviation(flight, others)
+            if flight.date is None or flight in healthy:
+                # One of unknown date says nothing of what comes next, and one that was chosen as healthy stands alone.
+                weighed = considered.after(away)
+            else:
+                last = before.get(flight.motors)
+                weighed = considered.after(away, None if last is None else last.candidates)
+                before[flight.motors] = weighed
+            found[number] = _judged(flight, weighed, reasons.Compared(away, others, chosen))
+    return tuple(found[number] for number in range(len(flights)))
+
+
+def _when(flight: HealthFigures) -> tuple[bool, float]:
+    """Sorts by date, flights without one last."""
+    return flight.date is None, 0.0 if flight.date is None else flight.date.timestamp()
+
+
+def _unknown(reason: str) -> Assessment:
+    return Assessment("unknown", None, None, None, None, reason)
+
+
+def _judged(flight: HealthFigures, weighed: Explanations, compared: reasons.Compared) -> Assessment:
+    change = 1 - weighed.healthy
+    if weighed.fault >= FAULT:
+        named = float(weighed.faults.max()) >= NAMED * weighed.fault
+        harder, low, high = (100 * float(value) for value in weighed.harder[:, weighed.suspect - 1])
+        reason = " ".join([reasons.of_fault(flight, weighed, compared, named), *reasons.conditions(flight, compared)])
+        suspect, interval = (weighed.suspect, (harder, low, high)) if named else (None, None)
+        return Assessment("fault", weighed.fault, change, suspect, interval, reason)
+    health: Health = "drift" if change >= DRIFT else "ok"
+    sentence = reasons.of_drift if health == "drift" else reasons.of_none
+    reason = " ".join([sentence(flight, weighed, compared), *reasons.conditions(flight, compared)])
+    return Assessment(health, weighed.fault, change, None, None, reason)

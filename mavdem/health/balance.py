@@ -1,0 +1,133 @@
+"""Balance: what a settled flight asks of its motors in roll, pitch and yaw, and how that follows the vehicle's lean.
+
+Wind from one side makes a vehicle lean against it and, by the flapping of its rotors and the drag above or below its
+centre of mass, asks for a steady torque too. Both change together within a flight, gust by gust, so each flight shows
+its own slope of the balance over the lean, whoever damaged what. With it, flights in other winds are compared level.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.alignment.segments import Segment, settled_segments, within
+from mavdem.alignment.signals import Signals
+from mavdem.health.motor_signature import MotorSignatures, motor_signatures
+
+Array = NDArray[np.float64]
+
+AXES = ("roll", "pitch", "yaw")
+BLOCK_SECONDS = 3.0
+"""Over which commands and lean are averaged: longer than the attitude's motion, shorter than most gusts."""
+FEWEST_BLOCKS = 6  # From which means and slopes have an error that can be estimated
+
+
+class BalanceFigures(NamedTuple):
+    """The balance of one vehicle in settled flight, in shares of the mean command of all motors.
+
+    NaN stands for what the layout of the motors or the log does not say. Errors are standard errors.
+
+    Attributes:
+        mean: (3,) of roll, pitch and yaw.
+        error: (3,) of ``mean`` at this lean, by the scatter of blocks of 3 s or a little more.
+        lean: (2,) mean roll and pitch, rad.
+        lean_effect: (2,) change of the balance in roll by roll, in pitch by pitch, 1/rad.
+        lean_effect_error: (2,)
+        seconds: of settled flight.
+    """
+
+    mean: Array
+    error: Array
+    lean: Array
+    lean_effect: Array
+    lean_effect_error: Array
+    seconds: float
+
+
+def balance_of_signals(signals: Signals) -> BalanceFigures | None:
+    """The figures of a vehicle's settled flight; None without motor outputs, or where it is too short."""
+    motors = signals.motors
+    if motors is None:
+        return None
+    signatures = motor_signatures(len(motors.layout.motors), motors.layout.positions, motors.layout.spins)
+    blocks: list[tuple[Array, Array]] = []
+    seconds = 0.0
+    for segment in sorted(settled_segments(signals), key=lambda found: (found.boot, found.start)):
+        commands = motors.scale.fraction(motors.outputs[within(motors, segment)])
+        time = motors.time[within(motors, segment)]
+        lean = _lean(signals, segment, time)
+        blocks += _blocks(time, signatures, commands, lean)
+        seconds += segment.duration
+    return _figures(blocks, signatures, seconds)
+
+
+def balance_figures(time: Array, commands: Array, lean: Array, signatures: MotorSignatures) -> BalanceFigures | None:
+    """Those of one unbroken run of samples; None where it is too short.
+
+    Args:
+        time: (N,) s, rising.
+        commands: (N, k) of the motors as shares of their range.
+        lean: (N, 2) roll and pitch, rad; NaN where not known.
+        signatures: of the vehicle's motors.
+    """
+    return _figures(_blocks(time, signatures, commands, lean), signatures, float(time[-1] - time[0]))
+
+
+def _lean(signals: Signals, segment: Segment, time: Array) -> Array:
+    """(N, 2) roll and pitch at the times of motor outputs; NaN where they were not recorded."""
+    lean = np.full((len(time), 2), np.nan)
+    if len(signals.tilts) == 2:
+        for column, tilt in enumerate(signals.tilts):
+            rows = within(tilt, segment)
+            if rows.any():
+                lean[:, column] = np.interp(time, tilt.time[rows], tilt.angle[rows])
+    return lean
+
+
+def _blocks(time: Array, signatures: MotorSignatures, commands: Array, lean: Array) -> list[tuple[Array, Array]]:
+    """Means of the balance (3,), over that of all motors, and of the lean (2,), of blocks of equal length."""
+    if len(time) < 2:
+        return []
+    balance = np.full((len(time), 3), np.nan)
+    found = signatures.balance(commands)
+    for axis, column in zip(signatures.axes[1:], found.T[1:], strict=True):
+        balance[:, AXES.index(axis)] = column
+    thrust = found[:, 0]
+    seconds = time[-1] - time[0]
+    count = int(seconds / BLOCK_SECONDS)
+    number = np.minimum((time - time[0]) / seconds * count, count - 1).astype(int)
+    rows = [number == block for block in range(count)]
+    return [
+        (balance[mine].mean(axis=0) / thrust[mine].mean(), lean[mine].mean(axis=0))
+        for mine in rows
+        if mine.any() and thrust[mine].mean() > 0
+    ]
+
+
+def _figures(blocks: list[tuple[Array, Array]], signatures: MotorSignatures, seconds: float) -> BalanceFigures | None:
+    if len(blocks) < FEWEST_BLOCKS or len(signatures.axes) == 1:
+        return None
+    balance, lean = (np.array(each) for each in zip(*blocks, strict=True))
+    error, slope, slope_error = np.full(3, np.nan), np.full(2, np.nan), np.full(2, np.nan)
+    for axis in range(3):
+        rest = balance[:, axis] - balance[:, axis].mean()
+        leaned = lean[:, axis] - lean[:, axis].mean() if axis < 2 else np.zeros(len(rest))
+        power = float(leaned @ leaned)
+        if power > 0:  # False for NaN too
+            slope[axis] = leaned @ rest / power
+            rest = rest - slope[axis] * leaned
+        spread = np.sqrt(rest @ rest / (len(rest) - 2) * _inflation(rest))
+        error[axis] = spread / np.sqrt(len(rest))
+        if power > 0:
+            slope_error[axis] = spread / np.sqrt(power)
+    return BalanceFigures(balance.mean(axis=0), error, lean.mean(axis=0), slope, slope_error, seconds)
+
+
+def _inflation(rest: Array) -> float:
+    """By how much the variance of a mean exceeds that of independent blocks, as for a first-order autoregression."""
+    power = float(rest @ rest)
+    correlation = float(rest[1:] @ rest[:-1]) / power if power > 0 else 0.0
+    correlation = min(max(correlation, 0.0), 0.9)
+    return (1 + correlation) / (1 - correlation)

@@ -1,0 +1,101 @@
+"""Reasons of an assessment in sentences, with their figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from mavdem.health.balance import AXES
+from mavdem.health.explanations import Explanations
+from mavdem.health.reference import FEWEST_FLIGHTS, Deviation, HealthFigures
+
+USUAL = 1.645  # Standard errors in half an interval of 90 %
+LEANS = np.radians(2.0)  # Difference of lean that is worth a sentence
+EFFORTS = 0.05  # Share of the effort that is
+
+
+class Compared(NamedTuple):
+    """A flight's ``deviation`` from the healthy ``others``; ``chosen`` says whether these were named as healthy."""
+
+    deviation: Deviation
+    others: Sequence[HealthFigures]
+    chosen: bool
+
+    @property
+    def reference(self) -> str:
+        """What the flight is compared with."""
+        named = "healthy flights" if self.chosen else "of the vehicle's first flights, taken for healthy"
+        return f"{len(self.others)} {named}"
+
+
+def too_few(count: int, chosen: bool) -> str:
+    """Why nothing is said where there are ``count`` other healthy flights."""
+    others = "is 1 other" if count == 1 else f"are {count or 'no'} others"
+    have = f"there {others} of this vehicle"
+    remedy = "fly or name more" if chosen else f"name {FEWEST_FLIGHTS} or more with --baseline"
+    return f"Not enough healthy flights: {have}, and it takes {FEWEST_FLIGHTS} to show how much they differ; {remedy}."
+
+
+def of_fault(flight: HealthFigures, weighed: Explanations, compared: Compared, named: bool) -> str:
+    """Which motor works too hard, and how sure that is."""
+    motor, harder = _suspect(flight, weighed)
+    which = "" if named else "; which one is not sure"
+    return (
+        f"{motor[0].upper()}{motor[1:]} works {harder} harder than in {compared.reference}: with probability "
+        f"{weighed.motor:.2f} a motor or propeller is weak{which}."
+    )
+
+
+def of_drift(flight: HealthFigures, weighed: Explanations, compared: Compared) -> str:
+    """What changed, and what may explain it."""
+    away = compared.deviation
+    changed = ", ".join(
+        f"{axis} {100 * change:+.1f} % (usual ±{100 * USUAL * scale:.1f} %)"
+        for axis, change, scale in zip(AXES, away.change, np.hypot(away.scale, away.centre_error), strict=True)
+    )
+    motor, harder = _suspect(flight, weighed)
+    parts = {
+        "a load that shifted": weighed.load,
+        "yaw alone, by a twisted arm or other propellers": weighed.yaw,
+        "several things": weighed.other,
+        f"{motor}, which would work {harder} harder": float(weighed.motors.max()),
+    }
+    likeliest = max(parts, key=lambda name: parts[name])
+    return (
+        f"With probability {1 - weighed.healthy:.2f} the balance changed from {compared.reference}: {changed}; most "
+        f"likely {likeliest} ({parts[likeliest]:.2f})."
+    )
+
+
+def of_none(flight: HealthFigures, weighed: Explanations, compared: Compared) -> str:
+    """That nothing changed."""
+    return f"The balance is that of {compared.reference}; with probability {1 - weighed.healthy:.2f} it changed."
+
+
+def _suspect(flight: HealthFigures, weighed: Explanations) -> tuple[str, str]:
+    """The likeliest motor, and by how much it works harder."""
+    number = weighed.suspect - 1
+    harder, low, high = (100 * float(value) for value in weighed.harder[:, number])
+    return flight.motors[number], f"{harder:.0f} % ({low:.0f} to {high:.0f} %)"
+
+
+def conditions(flight: HealthFigures, compared: Compared) -> list[str]:
+    """Conditions that differ from those of the healthy flights, a sentence each."""
+    sentences = []
+    leans = [other.balance.lean for other in compared.others if other.balance is not None]
+    if flight.balance is not None and leans:
+        leaned = flight.balance.lean - np.mean(leans, axis=0)
+        if np.abs(leaned).max() >= LEANS:
+            by = ", ".join(f"{axis} {np.degrees(angle):+.1f}°" for axis, angle in zip(AXES, leaned, strict=False))
+            sentences.append(f"It leans otherwise ({by}), by wind or speed; the balance is compared level.")
+    efforts = [other.effort for other in compared.others if other.effort is not None]
+    if flight.effort is not None and efforts:
+        more = flight.effort / float(np.mean(efforts)) - 1
+        if abs(more) >= EFFORTS:
+            sentences.append(
+                f"At the same voltage all motors together are commanded {100 * abs(more):.0f} % "
+                f"{'more' if more > 0 else 'less'}: another payload, other air or propellers."
+            )
+    return sentences

@@ -1,0 +1,139 @@
+"""The healthy reference: the balance of a vehicle's healthy flights, and how much healthy flights differ.
+
+Few vehicles have more than a handful of healthy flights on record, so their scatter is estimated with a prior, and
+verdicts are as cautious as few flights make them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.health.balance import BalanceFigures
+from mavdem.health.motor_signature import MotorSignatures
+
+Array = NDArray[np.float64]
+
+FEWEST_FLIGHTS = 2  # Of healthy ones: one alone does not show how much they differ
+FIRST_FLIGHTS = 3  # So many of a vehicle's first flights are the reference where none is chosen
+
+SCATTER = np.array([0.010, 0.010, 0.008])
+"""Standard deviation of the level balance over healthy flights, before any was seen, in shares of the mean command. A
+battery 3 mm off on arms of 160 mm shifts 2 % of the thrust from one side to the other; commands go with its root or a
+little more slowly. An arm twisted by 1° gives about 3 % in yaw, and a quarter of that is taken for usual."""
+SCATTER_FREEDOM = 6.0  # So many healthy flights that knowledge is worth
+
+LEAN_EFFECT = 1.0
+"""Standard deviation of the effect of lean, 1/rad, before any flight: that of drag which acts an arm's length above or
+below the centre of mass."""
+LEAN_EFFECT_SCATTER = 0.3
+"""The same over flights of one vehicle, 1/rad: where it manoeuvres it also leans without wind."""
+
+
+@dataclass(frozen=True, eq=False)
+class HealthFigures:
+    """One flight of a vehicle, as far as its health is judged by it.
+
+    Attributes:
+        name: of the flight.
+        motors: names of the motors.
+        signatures: of the motors; None where the motors are not known.
+        balance: None where it was too short or the log holds none.
+        date: when it began.
+        collective: mean command of all motors, as a share of the range.
+        voltage: mean of the battery, V.
+    """
+
+    name: str
+    motors: tuple[str, ...] = ()
+    signatures: MotorSignatures | None = None
+    balance: BalanceFigures | None = None
+    date: datetime | None = None
+    collective: float | None = None
+    voltage: float | None = None
+
+    @property
+    def missing(self) -> str:
+        """What the judgement of a motor needs and the flight does not have; empty if it has all."""
+        if self.signatures is None or self.balance is None:
+            return "there is too little settled flight with attitude and motor outputs"
+        if not self.signatures.names_a_motor:
+            return "where its motors are, or which way they turn, is not known"
+        if not all(np.isfinite(each).all() for each in self.balance[:3]):
+            return "its lean was not recorded"
+        return ""
+
+    @property
+    def effort(self) -> float | None:
+        """The collective at a battery of 1 V: it grows with the payload, and not as the battery sags."""
+        if not self.collective or not self.voltage:
+            return None
+        return self.collective * self.voltage
+
+
+class Deviation(NamedTuple):
+    """How far a flight's level balance is from that of healthy flights.
+
+    Attributes:
+        change: (3,) in roll, pitch and yaw, in shares of the mean command.
+        scale: (3,) by which that of a healthy flight is Student-distributed about the healthy flights' true mean.
+        freedom: degrees of freedom of that.
+        centre_error: (3,) standard error of the mean of the healthy flights; all flights share it.
+    """
+
+    change: Array
+    scale: Array
+    freedom: float
+    centre_error: Array
+
+
+def healthy_flights(flights: Sequence[HealthFigures]) -> tuple[HealthFigures, ...]:
+    """Those a vehicle is compared with where none was chosen: its first three by date; none where dates are missing."""
+    usable = [flight for flight in flights if not flight.missing]
+    dated = sorted(
+        ((flight.date, number) for number, flight in enumerate(usable) if flight.date is not None),
+    )
+    if len(dated) < len(usable):
+        return ()
+    return tuple(usable[number] for _, number in dated[:FIRST_FLIGHTS])
+
+
+def deviation(flight: HealthFigures, healthy: Sequence[HealthFigures]) -> Deviation:
+    """How far a flight is from ``healthy`` ones, of which it is none; all have what :attr:`HealthFigures.missing` asks.
+
+    The flights are compared level, by the effect of lean that they show themselves. What is left follows Student's
+    distribution, by the healthy flights' scatter and its prior; to its scale come the error of the effect of lean and
+    that of the flight's own mean.
+    """
+    own = _balance(flight)
+    others = [_balance(each) for each in healthy]
+    effect, effect_error = _lean_effect([own, *others])
+    level = [each.mean - np.append(effect * each.lean, 0.0) for each in others]
+    centre, count = np.mean(level, axis=0), len(level)
+    freedom = SCATTER_FREEDOM + count - 1
+    scatter = (SCATTER_FREEDOM * SCATTER**2 + ((level - centre) ** 2).sum(axis=0)) / freedom
+    change = own.mean - np.append(effect * own.lean, 0.0) - centre
+    leaned = own.lean - np.mean([each.lean for each in others], axis=0)
+    scale = np.sqrt(scatter + np.append(effect_error * leaned, 0.0) ** 2 + own.error**2)
+    return Deviation(change, scale, freedom, np.sqrt(scatter / count))
+
+
+def _balance(flight: HealthFigures) -> BalanceFigures:
+    assert flight.balance is not None
+    return flight.balance
+
+
+def _lean_effect(flights: Sequence[BalanceFigures]) -> tuple[Array, Array]:
+    """(2,) the effect of lean by all flights, and its error in one of them."""
+    effects = np.array([flight.lean_effect for flight in flights])
+    precisions = 1 / (np.array([flight.lean_effect_error for flight in flights]) ** 2 + LEAN_EFFECT_SCATTER**2)
+    known = np.isfinite(effects) & np.isfinite(precisions)
+    precisions = np.where(known, precisions, 0.0)
+    total = precisions.sum(axis=0) + LEAN_EFFECT**-2
+    effect = (precisions * np.where(known, effects, 0.0)).sum(axis=0) / total
+    return effect, np.sqrt(1 / total + LEAN_EFFECT_SCATTER**2)

@@ -1,0 +1,175 @@
+"""Assessments of made-up vehicles: what is found, what is named, and how often healthy flights alarm."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_up_vehicle import MOTORS, QUAD_X, MadeUpVehicle, undated, weak
+
+from mavdem.health.assessment import assess
+from mavdem.health.motor_signature import motor_signatures
+from mavdem.health.reference import deviation
+
+VEHICLES = 40
+
+
+def judged(seed: int, change: np.ndarray | None, healthy: int = 3):
+    vehicle = MadeUpVehicle(seed)
+    baseline = vehicle.flights(healthy)
+    (found,) = assess([vehicle.flight(change)], baseline)
+    return found
+
+
+@pytest.mark.parametrize("motor", [1, 2, 3, 4])
+def test_a_weak_motor_is_found_and_named(motor):
+    found = [judged(seed, weak(motor, 0.2)) for seed in range(VEHICLES)]
+    assert np.mean([one.health == "fault" for one in found]) > 0.8
+    assert {one.suspect_motor for one in found if one.health == "fault"} <= {motor, None}
+    covered = [one.harder[1] <= 20 <= one.harder[2] for one in found if one.harder]
+    assert np.mean(covered) > 0.8
+    named = next(one for one in found if one.suspect_motor)
+    assert named.reason.startswith(f"Motor {motor}")
+
+
+def test_healthy_flights_in_other_winds_are_ok():
+    found = [judged(seed, None) for seed in range(100)]
+    assert sum(one.health == "fault" for one in found) <= 1
+    assert sum(one.health != "ok" for one in found) <= 8
+
+
+@pytest.mark.parametrize(
+    ("change", "words"), [((0.08, -0.06, 0.0), "a load that shifted"), ((0.0, 0.0, -0.07), "yaw alone")]
+)
+def test_what_no_motor_does_is_a_drift_and_names_none(change, words):
+    found = [judged(seed, np.array(change), healthy=4) for seed in range(VEHICLES)]
+    assert all(one.health != "fault" for one in found)
+    assert np.mean([one.health == "drift" for one in found]) > 0.8
+    assert np.mean([words in one.reason for one in found]) > 0.8
+    assert not any(one.suspect_motor for one in found)
+
+
+def test_a_change_that_lasts_becomes_sure():
+    before, after = [], []
+    for seed in range(VEHICLES):
+        vehicle = MadeUpVehicle(seed)
+        baseline = vehicle.flights(3)
+        later = assess(vehicle.flights(4, weak(2, 0.1)), baseline)
+        before.append(later[0].change_probability)
+        after.append(later[-1].change_probability)
+    assert np.median(after) > np.median(before)
+    assert np.mean(np.array(after) > 0.9) > np.mean(np.array(before) > 0.9)
+
+
+def test_a_repair_ends_the_fault():
+    vehicle = MadeUpVehicle(5)
+    baseline = vehicle.flights(4)
+    found = assess([*vehicle.flights(3, weak(1, 0.25)), *vehicle.flights(2)], baseline)
+    assert [one.health for one in found] == ["fault", "fault", "fault", "ok", "ok"]
+
+
+def test_the_order_of_rows_is_no_matter_and_that_of_dates_is_kept():
+    vehicle = MadeUpVehicle(7)
+    baseline, flights = vehicle.flights(3), vehicle.flights(5, weak(3, 0.12))
+    there = assess(flights, baseline)
+    back = assess(flights[::-1], baseline)
+    assert there == back[::-1]
+
+
+def test_without_dates_each_flight_stands_alone():
+    vehicle = MadeUpVehicle(7)
+    baseline, flights = vehicle.flights(3), undated(vehicle.flights(3, weak(3, 0.12)))
+    assert assess(flights, baseline) == tuple(assess([flight], baseline)[0] for flight in flights)
+
+
+def test_a_healthy_flight_is_compared_with_the_other_healthy_ones():
+    vehicle = MadeUpVehicle(2)
+    flights = vehicle.flights(3)
+    odd = replace(vehicle.flight(weak(1, 0.3)), name="odd")
+    found = assess([*flights, odd], [*flights, odd])
+    assert found[-1].health == "fault"
+    assert "than in 3 healthy flights" in found[-1].reason
+
+
+def test_without_a_choice_the_first_flights_are_taken_for_healthy_and_that_is_said():
+    vehicle = MadeUpVehicle(11)
+    flights = [*vehicle.flights(3), *vehicle.flights(2, weak(1, 0.25))]
+    found = assess(flights)
+    assert [one.health for one in found] == ["ok", "ok", "ok", "fault", "fault"]
+    assert "of the vehicle's first flights, taken for healthy" in found[-1].reason
+    assert {one.health for one in assess(undated(flights))} == {"unknown"}
+
+
+@pytest.mark.parametrize("count", [0, 1])
+def test_too_few_healthy_flights_are_said(count):
+    found = judged(1, weak(1, 0.3), healthy=count)
+    assert (found.health, found.fault_probability, found.suspect_motor) == ("unknown", None, None)
+    assert found.reason.startswith("Not enough healthy flights")
+
+
+def test_flights_of_other_motors_are_no_reference():
+    vehicle = MadeUpVehicle(1)
+    baseline = [replace(flight, motors=MOTORS[:3]) for flight in vehicle.flights(3)]
+    assert assess([vehicle.flight()], baseline)[0].health == "unknown"
+
+
+@pytest.mark.parametrize(
+    ("missing", "words"),
+    [
+        ({"balance": None}, "too little settled flight"),
+        ({"signatures": None}, "too little settled flight"),
+        ({"signatures": motor_signatures(4)}, "which way they turn"),
+    ],
+)
+def test_what_is_missing_is_said(missing, words):
+    vehicle = MadeUpVehicle(1)
+    found = assess([replace(vehicle.flight(), **missing)], vehicle.flights(3))[0]
+    assert found.health == "unknown"
+    assert words in found.reason
+
+
+def test_lean_that_was_not_recorded_is_said():
+    vehicle = MadeUpVehicle(1)
+    flight = vehicle.flight()
+    assert flight.balance is not None
+    blind = replace(flight, balance=flight.balance._replace(lean=np.full(2, np.nan)))
+    assert "lean was not recorded" in assess([blind], vehicle.flights(3))[0].reason
+
+
+def test_other_conditions_are_said():
+    vehicle = MadeUpVehicle(1)
+    flight = vehicle.flight()
+    assert flight.balance is not None
+    leaning = flight.balance._replace(lean=flight.balance.lean + np.array([0.2, 0.0]))
+    loaded = replace(flight, balance=leaning, collective=0.6)
+    reason = assess([loaded], vehicle.flights(3))[0].reason
+    assert "commanded 20 % more" in reason
+    assert "leans otherwise" in reason
+    sagged = replace(flight, collective=0.55, voltage=10.0)
+    assert "commanded" not in assess([sagged], vehicle.flights(3))[0].reason
+
+
+def test_wind_from_another_side_makes_the_scale_wider_not_the_change_larger():
+    vehicle = MadeUpVehicle(4, scatter=0.0)
+    healthy = vehicle.flights(4)
+    flight = vehicle.flight()
+    assert flight.balance is not None
+    lean = flight.balance.lean + np.array([0.15, 0.0])
+    mean = flight.balance.mean + np.array([0.9 * 0.15, 0.0, 0.0])
+    windy = replace(flight, balance=flight.balance._replace(lean=lean, mean=mean))
+    calm, windy_found = deviation(flight, healthy), deviation(windy, healthy)
+    assert abs(windy_found.change[0] - calm.change[0]) < 2 * windy_found.scale[0]
+    assert windy_found.scale[0] > 2 * calm.scale[0]
+    assert windy_found.scale[2] == pytest.approx(calm.scale[2])
+
+
+def test_probabilities_of_explanations_sum_to_one():
+    from mavdem.health.explanations import Candidates
+
+    vehicle = MadeUpVehicle(9)
+    weighed = Candidates(QUAD_X).after(deviation(vehicle.flight(weak(4, 0.1)), vehicle.flights(3)))
+    parts = (weighed.healthy, weighed.motor, weighed.load, weighed.yaw, weighed.other)
+    assert sum(parts) == pytest.approx(1.0)
+    assert weighed.candidates.sum() == pytest.approx(1.0)
+    assert (weighed.faults <= weighed.motors + 1e-12).all()
