@@ -180,15 +180,3 @@ def test_a_closed_pipe_is_no_error():
     os.close(writer)
     assert done.returncode == 128 + signal.SIGPIPE
     assert done.stderr == b""
-
-
-@pytest.mark.slow
-def test_a_terminal_without_unicode_gets_its_answer(tmp_path):
-    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
-    words = [*MAVDEM, "learn", FLIGHT, "--train", "700", "--out", tmp_path]
-    done = subprocess.run(words, capture_output=True, env=environment, timeout=60)
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.isascii()
-    assert b" +- " in done.stdout
-    assert b"roll rate, deg/s" in done.stdout
-    assert b"?" not in done.stdout

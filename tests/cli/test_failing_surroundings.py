@@ -20,6 +20,7 @@ from mavdem.cli.output_files import RESULT_FILES
 FLIGHT = Path(__file__).parents[2] / "logs/ardupilot_wind5_steps.tlog"
 MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
 FULL = Path("/dev/full")
+FEW = ["--preset", "paper", "--train", "100", "--test", "20"]  # samples: what is written matters here
 PATIENCE = 300.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
 
 pytestmark = pytest.mark.slow  # each starts the program anew
@@ -32,7 +33,7 @@ def no_file_beyond(size: int) -> None:
 
 
 def fast_learning(out: Path) -> list[str | Path]:
-    return [*MAVDEM, "learn", FLIGHT, "--out", out, "--preset", "paper", "--train", "700"]
+    return [*MAVDEM, "learn", FLIGHT, "--out", out, *FEW]
 
 
 def test_a_recording_that_does_not_fit_is_reported_and_leaves_nothing(tmp_path):
@@ -70,15 +71,24 @@ def test_results_are_whole_when_only_standard_output_fails(tmp_path):
     assert reader.store() is not None
 
 
-def test_settings_of_matplotlib_spoil_neither_pictures_nor_output(tmp_path):
+def test_names_need_not_be_utf_8_nor_terminals_and_settings_of_matplotlib_spoil_nothing(tmp_path):
+    log = Path(os.fsdecode(os.fsencode(tmp_path) + b"/r\xff\xfe.tlog"))
+    out = Path(os.fsdecode(os.fsencode(tmp_path) + b"/o\xff\xfe"))
+    try:
+        log.write_bytes(FLIGHT.read_bytes())
+    except OSError:
+        pytest.skip("this file system takes UTF-8 only")
     settings = tmp_path / "matplotlibrc"
     settings.write_text("text.usetex: True\nfont.family: none\nno such line\n")
     surroundings = {"MPLBACKEND": "none", "MATPLOTLIBRC": str(settings), "MPLCONFIGDIR": str(settings)}
-    done = subprocess.run(
-        fast_learning(tmp_path), capture_output=True, text=True, timeout=PATIENCE, env={**os.environ, **surroundings}
-    )
+    environment = {**os.environ, **surroundings, "PYTHONIOENCODING": "ascii"}
+    words = [*MAVDEM, "learn", log, "--out", out, "--train", "200", "--test", "20"]
+    done = subprocess.run(words, capture_output=True, timeout=PATIENCE, env=environment)
     assert done.returncode == 0, done.stderr
-    assert done.stderr.startswith("Took ") and done.stderr.count("\n") == 3
+    assert done.stderr.startswith(b"Took ") and done.stderr.count(b"\n") == 3
+    assert {path.name for path in out.iterdir()} == set(RESULT_FILES)
+    assert done.stdout.isascii() and b"?" not in done.stdout
+    assert b" +- " in done.stdout and b"roll rate, deg/s" in done.stdout
 
 
 @needs_full
@@ -155,19 +165,6 @@ def test_a_folder_where_a_result_must_go_is_refused_before_the_work(name, tmp_pa
     assert main(["learn", "missing.tlog", "--out", str(tmp_path)]) == 2
     assert f"{name} is a folder" in capsys.readouterr().err
     assert [path.name for path in tmp_path.iterdir()] == [name]
-
-
-def test_names_need_not_be_utf_8(tmp_path):
-    log = Path(os.fsdecode(os.fsencode(tmp_path) + b"/r\xff\xfe.tlog"))
-    out = Path(os.fsdecode(os.fsencode(tmp_path) + b"/o\xff\xfe"))
-    try:
-        log.write_bytes(FLIGHT.read_bytes())
-    except OSError:
-        pytest.skip("this file system takes UTF-8 only")
-    words = [*MAVDEM, "learn", log, "--out", out, "--preset", "paper", "--train", "700"]
-    done = subprocess.run(words, capture_output=True, timeout=PATIENCE)
-    assert done.returncode == 0 and done.stderr.startswith(b"Took ")
-    assert {path.name for path in out.iterdir()} == set(RESULT_FILES)
 
 
 def test_a_complaint_about_a_name_with_line_breaks_is_one_line(tmp_path, capsys):

@@ -20,6 +20,7 @@ from mavdem.cli.output import json_text, print_blocks
 from mavdem.evaluate.findings import PURPOSES
 from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, samples_in
 from mavdem.evaluate.vehicle_figures import AxisFigures, vehicle_of_log
+from mavdem.page.document import Chapter
 from mavdem.report.blocks import Sentence, Table
 
 LOGS = Path(__file__).parents[2] / "logs"
@@ -38,15 +39,21 @@ def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
+@pytest.fixture
+def without_pictures(monkeypatch):
+    """For tests of other things: drawing the page's pictures takes longer than learning from a few seconds."""
+    monkeypatch.setattr("mavdem.page.learned_page.picture_chapter", lambda *_: Chapter("Pictures", []))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", ["real", "paper"])
-def test_the_document_is_the_report_of_the_library(preset, tmp_path, capsys):
+def test_the_document_is_the_report_of_the_library(preset, without_pictures, tmp_path, capsys):
     out = tmp_path / "new" / "folder"
-    words = ["learn", FLIGHT, "--out", str(out), "--preset", preset, "--start", "2s", "--train", "6s", "--test", "100"]
+    words = ["learn", FLIGHT, "--out", str(out), "--preset", preset, "--start", "2s", "--train", "2s", "--test", "50"]
     assert main([*words, "--json"]) == 0
     report = strict_json(capsys.readouterr().out)
     flight = read_flight(FLIGHT)
-    train, test = flight[200:800], flight[800:900]
+    train, test = flight[200:400], flight[400:450]
     learned = learn_model(train, Settings.paper() if preset == "paper" else Settings())
     held_out = evaluate.held_out_test(train, test, learned)
     expected = json.loads(json_text(evaluate.report([train], learned, held_out)))
@@ -58,9 +65,10 @@ def test_the_document_is_the_report_of_the_library(preset, tmp_path, capsys):
     np.testing.assert_allclose(kept.forecast(test.inputs), learned.forecast(test.inputs))
 
 
+@pytest.mark.slow
 def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    words = ["learn", FLIGHT, "--axis", "pitch", "--order", "2", "--train", "700"]
+    words = ["learn", FLIGHT, "--axis", "pitch", "--order", "2", "--train", "300", "--test", "100"]
     assert main(words) == 0
     screen = capsys.readouterr()
     for fact in ("motor effectiveness", "because", "constant mean", "pitch rate", "per µs", "±", "headroom"):
@@ -73,6 +81,7 @@ def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch,
     page = (tmp_path / "ardupilot_wind5_steps" / "report.html").read_text()
     assert page.count("<svg") == 9 and "<script" not in page and "://" not in page and len(page) < 2_000_000
     assert "<h1>ardupilot_wind5_steps.tlog</h1>" in page and "motor effectiveness" in page
+    monkeypatch.setattr("mavdem.page.learned_page.picture_chapter", lambda *_: Chapter("Pictures", []))
     assert main([*words, "--verbose"]) == 0
     said = capsys.readouterr().out
     assert said.startswith(screen.out)
@@ -101,7 +110,7 @@ def test_names_do_not_reach_the_terminal_as_what_it_obeys(capsys):
 
 
 @pytest.mark.slow
-def test_a_flight_too_short_names_the_command_that_fits(tmp_path, capsys):
+def test_a_flight_too_short_names_the_command_that_fits(without_pictures, tmp_path, capsys):
     words = ["learn", FLIGHT, "--out", str(tmp_path / "out"), "--start", "57", "--preset", "paper"]
     assert main(words) == 1
     said = capsys.readouterr()
@@ -120,11 +129,11 @@ def test_a_default_window_lasts_as_long_at_every_rate(rate, train, test):
 
 
 @pytest.mark.slow
-def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it(tmp_path, capsys):
-    words = ["learn", FLIGHT, "--out", str(tmp_path), "--start", "35", "--json"]
+def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it(without_pictures, tmp_path, capsys):
+    words = ["learn", FLIGHT, "--out", str(tmp_path), "--start", "50", "--json"]
     assert main(words) == 0
     report = strict_json(capsys.readouterr().out)
-    flight = read_flight(FLIGHT)[3500:]
+    flight = read_flight(FLIGHT)[5000:]
     assert report["training_samples"] == len(flight)
     kept = Learned.from_json((tmp_path / "model.json").read_text())
     np.testing.assert_array_equal(kept.record.outputs, flight.outputs)
@@ -134,15 +143,15 @@ def test_by_default_it_learns_from_the_whole_settled_flight_and_judges_all_of_it
 
 
 @pytest.mark.slow
-def test_segments_of_one_boot_are_learnt_from_together(tmp_path, monkeypatch, capsys):
+def test_segments_of_one_boot_are_learnt_from_together(without_pictures, tmp_path, monkeypatch, capsys):
     whole = read_flight(FLIGHT)
     boots = {"segment": {"boot": 0}, "cautions": []}, {"segment": {"boot": 1}, "cautions": []}
-    parts = [replace(whole[a:b], provenance=boots[boot]) for a, b, boot in ((0, 900, 0), (1000, 1900, 0), (0, 800, 1))]
+    parts = [replace(whole[a:b], provenance=boots[boot]) for a, b, boot in ((0, 500, 0), (600, 1100, 0), (0, 400, 1))]
     judged = type("Judged", (), {"axis": "roll", "as_dict": lambda self: {}})()
     monkeypatch.setattr("mavdem.analysis.log_analysis.judged_segments", lambda *_: (tuple(parts), judged))
     assert main(["learn", FLIGHT, "--out", str(tmp_path), "--json", "--preset", "paper"]) == 0
     report = json.loads(capsys.readouterr().out)
-    assert [one["samples"] for one in report["segments"]] == [900, 900]
+    assert [one["samples"] for one in report["segments"]] == [500, 500]
 
 
 @pytest.mark.parametrize("start", ["59", "1e9", "1e308"])
@@ -181,7 +190,7 @@ def test_an_out_that_cannot_be_made_is_refused_before_the_work(place, tmp_path, 
 
 
 @pytest.mark.slow
-def test_what_cannot_be_written_leaves_the_old_results(tmp_path, monkeypatch, capsys):
+def test_what_cannot_be_written_leaves_the_old_results(without_pictures, tmp_path, monkeypatch, capsys):
     for name in FILES:
         (tmp_path / name).write_text("old")
 
@@ -189,7 +198,7 @@ def test_what_cannot_be_written_leaves_the_old_results(tmp_path, monkeypatch, ca
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("mavdem.view.write_recording", no_space)
-    assert main(["learn", FLIGHT, "--train", "700", "--out", str(tmp_path)]) == 2
+    assert main(["learn", FLIGHT, "--train", "100", "--test", "20", "--out", str(tmp_path)]) == 2
     assert "No space left" in capsys.readouterr().err
     assert names(tmp_path) == set(output_files.RESULT_FILES)
     assert {(tmp_path / name).read_text() for name in FILES} == {"old"}
@@ -208,14 +217,14 @@ def test_yaw_has_no_model_and_is_judged_only(tmp_path, capsys):
 
 
 @pytest.mark.slow
-def test_all_axes_are_reported_beside_the_model_of_roll(tmp_path, monkeypatch, capsys):
+def test_all_axes_are_reported_beside_the_model_of_roll(without_pictures, tmp_path, monkeypatch, capsys):
     def without_fits(log, names, *others):
         """The physical parameters of the other axes are those of the library's test, and take seconds."""
         axes = {name: AxisFigures((), None, None, f"No {name}.") for name in names}
         return vehicle_of_log(log, (), *others)._replace(axes=axes)
 
     monkeypatch.setattr("mavdem.analysis.log_analysis.vehicle_of_log", without_fits)
-    words = ["learn", FLIGHT, "--out", str(tmp_path), "--axis", "all", "--train", "600", "--test", "100"]
+    words = ["learn", FLIGHT, "--out", str(tmp_path), "--axis", "all", "--train", "100", "--test", "20"]
     assert main([*words, "--json"]) == 0
     report = strict_json(capsys.readouterr().out)
     assert report["outputs"] == ["roll", "roll rate"]

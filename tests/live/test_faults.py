@@ -14,6 +14,7 @@ FAULTS = {"reboot": 14.0, "outage": 25.0, "outage_seconds": 4.0, "clock_jump": 3
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("without_wind_fits")
 def test_a_session_with_all_faults_ends_with_a_good_model_and_every_second_is_accounted_for():
     long = load("ardupilot_faults").model_dump(mode="json")
     weak = {**long["vehicle"], "weak_from": 43.0}  # all of the second flight
