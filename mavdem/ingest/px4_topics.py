@@ -37,7 +37,9 @@ NEEDED: Mapping[str, tuple[str, ...]] = {
     "vehicle_thrust_setpoint": ("xyz[3]",),
     "vehicle_attitude_setpoint": ("q_d[4]", "q_d_valid"),
     "vehicle_rates_setpoint": ("roll", "pitch", "yaw"),
-    "battery_status": ("voltage_v", "voltage_filtered_v"),
+    "battery_status": ("voltage_v", "voltage_filtered_v", "current_a"),
+    "vehicle_imu_status": ("accel_vibration_metric", "accel_clipping[3]", "gyro_clipping[3]"),
+    "vehicle_gps_position": ("time_utc_usec",),
     "manual_control_setpoint": ("roll", "pitch", "yaw", "x", "y", "r", "valid"),
 }
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
@@ -85,6 +87,8 @@ def messages(topics: Topics, parameters: Parameters, vehicle: str, kind: int | N
                 "ATTITUDE_TARGET": _attitude_target(topics),
                 "MANUAL_CONTROL": _manual_control(topics),
                 "SYS_STATUS": _sys_status(topics),
+                "VIBRATION": _vibration(topics),
+                "SYSTEM_TIME": _system_time(topics),
             }
     return {
         name: columns | {"boot": np.zeros(len(columns["time"]), dtype=np.int64)}
@@ -111,6 +115,8 @@ def names(topics: Topics, made: Mapping[str, Columns]) -> dict[str, str]:
         "ATTITUDE_TARGET": "vehicle_rates_setpoint and vehicle_attitude_setpoint",
         "MANUAL_CONTROL": "manual_control_setpoint",
         "SYS_STATUS": "battery_status",
+        "VIBRATION": "vehicle_imu_status",
+        "SYSTEM_TIME": "vehicle_gps_position",
     }
 
 
@@ -281,12 +287,34 @@ def _manual_control(topics: Topics) -> dict[str, NDArray[Any]] | None:
 
 
 def _sys_status(topics: Topics) -> dict[str, NDArray[Any]] | None:
-    """SYS_STATUS.hpp: battery_status, mV, with the decimals the message cuts off."""
+    """SYS_STATUS.hpp: battery_status, mV and cA, with the decimals the message cuts off."""
     battery = _first(topics, "battery_status") or {}
     field = next((name for name in ("voltage_v", "voltage_filtered_v") if name in battery), None)
     if field is None:
         return None
-    return {"time": battery["time"], "voltage_battery": 1000.0 * battery[field].astype(np.float64)}
+    found = {"time": battery["time"], "voltage_battery": 1000.0 * battery[field].astype(np.float64)}
+    if "current_a" in battery:
+        found["current_battery"] = 100.0 * battery["current_a"].astype(np.float64)
+    return found
+
+
+def _vibration(topics: Topics) -> dict[str, NDArray[Any]] | None:
+    """VIBRATION.hpp: vehicle_imu_status of the first IMU; z is the level of its acceleration, m/s²."""
+    status = _first(topics, "vehicle_imu_status")
+    # Before PX4 1.13, which has no gyro_clipping yet, the level was that of the velocity's increments.
+    if status is None or not (_has(status, "accel_clipping", 3) and _has(status, "gyro_clipping", 3)):
+        return None
+    clips = {f"clipping_{axis}": status[f"accel_clipping[{axis}]"] for axis in range(3)}
+    return {"time": status["time"], "vibration_z": status["accel_vibration_metric"], **clips}
+
+
+def _system_time(topics: Topics) -> dict[str, NDArray[Any]] | None:
+    """SYSTEM_TIME.hpp: vehicle_gps_position, where the receiver knows the time."""
+    gps = _first(topics, "vehicle_gps_position")
+    if gps is None or "time_utc_usec" not in gps:
+        return None
+    known = selected(gps, gps["time_utc_usec"] > 0)
+    return {"time": known["time"], "time_unix_usec": known["time_utc_usec"]}
 
 
 def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]] | None:

@@ -39,6 +39,7 @@ class Telemetry:
         firmware: what the autopilot calls its firmware ("ArduCopter V4.4.4 (865cffa5)"); empty where the log does not.
         dropouts: how often the autopilot's own logger reports to have lost messages.
         names: what the source calls messages that were translated ("RCOU"), by their name here.
+        board: the number of the autopilot's board, which no other has, in hexadecimal; empty where the log has none.
     """
 
     system: int
@@ -53,6 +54,7 @@ class Telemetry:
     firmware: str = ""
     dropouts: int = 0
     names: Mapping[str, str] = field(default_factory=dict)
+    board: str = ""
 
     def called(self, message: str) -> str:
         """The name of ``message`` in the source: DataFlash's "RCOU" for "SERVO_OUTPUT_RAW"."""

@@ -35,6 +35,8 @@ PX4_TYPES = {
     "vehicle_rates_setpoint": "VehicleRatesSetpoint",
     "manual_control_setpoint": "ManualControlSetpoint",
     "battery_status": "BatteryStatus",
+    "vehicle_imu_status": "VehicleImuStatus",
+    "vehicle_gps_position": "SensorGps",
 }
 """px4_msgs by PX4's topics."""
 

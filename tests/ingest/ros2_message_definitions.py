@@ -128,6 +128,21 @@ bool connected # Whether or not a battery is connected
 float32 voltage_v # [V] [@invalid 0] Battery voltage
 float32 current_a # [A] [@invalid -1] Battery current
 """,
+    "px4_msgs/msg/VehicleImuStatus": """\
+uint64 timestamp                # time since system start (microseconds)
+
+uint32[3] accel_clipping        # total clipping per axis
+uint32[3] gyro_clipping         # total clipping per axis
+
+float32 accel_vibration_metric  # high frequency vibration level in the accelerometer data (m/s/s)
+float32 gyro_vibration_metric   # high frequency vibration level in the gyro data (rad/s)
+""",
+    "px4_msgs/msg/SensorGps": """\
+uint64 timestamp # time since system start (microseconds)
+
+uint64 time_utc_usec # Timestamp (microseconds, UTC), this is the timestamp which comes from the gps module
+uint8 satellites_used # Number of satellites used
+""",
     "px4_msgs/msg/ManualControlSetpoint": """\
 uint32 MESSAGE_VERSION = 0
 

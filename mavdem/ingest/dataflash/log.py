@@ -14,9 +14,11 @@ from math import isfinite
 import numpy as np
 
 from mavdem.errors import Unreadable
+from mavdem.ingest import board_number
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.dataflash.binary import read_binary
 from mavdem.ingest.dataflash.definitions import DataflashRecording, MessageTable, numbers
+from mavdem.ingest.dataflash.housekeeping import on_boot_clock
 from mavdem.ingest.dataflash.text import is_text, read_text
 from mavdem.ingest.dataflash.translation import GYROS, NEEDED, OF_FLIGHT, translated
 from mavdem.ingest.log import Log, listed, log_of_vehicles, repair_sentences
@@ -52,7 +54,8 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
     logged = {message: numbers(recording.table(message)) for message in NEEDED}
     imu = logged["IMU"]  # by far the most messages: only what is used of each is kept
     gyros = {name: column for name, column in imu.columns.items() if name in (*CLOCKS, "I", *GYROS)}
-    tables, repairs = _on_boot_clock(logged | {"IMU": MessageTable(imu.place, gyros)})
+    timed = {"IMU": MessageTable(imu.place, gyros), "GPS": on_boot_clock(logged["GPS"])}
+    tables, repairs = _on_boot_clock(logged | timed)
     if not any(len(tables[name]["time"]) for name in OF_FLIGHT if name in tables):
         raise Unreadable(_no_flight(source, recording))
     parameters = _parameters(recording.table("PARM"))
@@ -75,6 +78,7 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
         firmware=next((text.strip() for text in texts if _FIRMWARE.match(text)), ""),
         dropouts=dropouts,
         names=made.names,
+        board=board_number.in_texts(texts),
     )
     frames = sum(recording.counts.values())
     return log_of_vehicles((vehicle,), frames, recording.bytes_skipped, counts=recording.counts)

@@ -10,6 +10,9 @@ Fields and units: https://ardupilot.org/copter/docs/logmessages.html, from ArduP
 | ATTITUDE_TARGET body_roll_rate and so on (rad/s) | RATE RDes, PDes, YDes (°/s) |
 | ATTITUDE_TARGET q | ATT or, where faster, ANG: DesRoll, DesPitch, DesYaw (°) |
 | SYS_STATUS voltage_battery (mV) | BAT or, in old logs, CURR: Volt (V, in the oldest cV) |
+| SYS_STATUS current_battery (cA) | of the same message Curr (A, in the oldest cA) |
+| VIBRATION | VIBE VibeX, VibeY, VibeZ (m/s²), Clip of the first IMU |
+| SYSTEM_TIME time_unix_usec | GPS GWk and GMS, in old logs Week and TimeMS |
 | RC_CHANNELS chan1_raw to chan14_raw (µs) | RCIN C1 to C14 |
 | ACTUATOR_CONTROL_TARGET controls of group 0 | RATE ROut, POut, YOut (-1 to 1), AOut (0 to 1): what goes to the mixer |
 | LOCAL_POSITION_NED | XKF1 or NKF1 PN, PE, PD (m), VN, VE, VD (m/s) of the core that is primary (XKF4 PI) |
@@ -34,11 +37,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.ingest.dataflash.fields import Values, count, having, instance, stamped, values
+from mavdem.ingest.dataflash.housekeeping import BATTERIES, battery, calendar_time, vibration
 from mavdem.ingest.mavlink.euler import quaternion
 from mavdem.ingest.telemetry import Columns, joined, rows_by, selected
 from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, IN_AIR, ON_GROUND, heartbeat_fields
@@ -52,8 +56,7 @@ DESIRED_ANGLES = ("DesRoll", "DesPitch", "DesYaw")
 RATES_IGNORED, ATTITUDE_IGNORED = 1 | 2 | 4, 128  # Bits of ATTITUDE_TARGET.type_mask
 OF_FLIGHT = ("ATT", "ANG", "RATE", "IMU", "RCOU", "CTUN", "XKF1", "XKF4", "NKF1", "EV", "ARM")
 """DataFlash's messages of the vehicle's motion, motors and state: a log without them is none of a flight."""
-BATTERIES = ("BAT", "CURR")
-NEEDED = (*OF_FLIGHT, "RCIN", *BATTERIES)  # DataFlash's messages that are translated
+NEEDED = (*OF_FLIGHT, "RCIN", *BATTERIES, "VIBE", "GPS")  # DataFlash's messages that are translated
 SLOWER_SHARE = 0.9  # A message is slower than another when it has fewer than this share of the other's number
 IN_DEGREES = (3, 4)  # The first version of ArduCopter whose releases log RATE in degrees/s
 CENTIDEGREES = (15.0, 400.0)
@@ -61,15 +64,12 @@ CENTIDEGREES = (15.0, 400.0)
 gyro is not, so that it is less than 100 times as much."""
 MOVING_RATE, MIN_MOVING = 0.1, 20  # rad/s of the gyro from which a sample counts, and the samples that decide
 MAX_DEMAND = 2.0  # Demands of the range -1 to 1 lie below it, but for damaged ones
-MAX_VOLTAGE = 200.0  # V: no multirotor has more, and a battery of one cell has more hundredths
 OLD_DEMAND, OLD_THRUST = 4500.0, 1000.0  # Full demand and full thrust where they are not 1
 ARMED_EVENTS = {10: (0, ARMED), 15: (ARMED, ARMED), 11: (ARMED, 0)}
 """base_mode before and after ARMED, AUTO_ARMED and DISARMED."""
 LANDED_EVENTS = {28: (ON_GROUND, IN_AIR), 18: (IN_AIR, ON_GROUND)}
 """landed_state before and after NOT_LANDED and LAND_COMPLETE."""
 ARM_STATES = {0: (ARMED, 0), 1: (0, ARMED)}  # base_mode before and after ARM with this ArmState
-
-Values = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int
     attitude, named, notes = _attitude(tables, version)
     demands, scaled = _demands(tables)
     targets, asked = _targets(tables, version)
-    battery, measured = _battery(tables)
+    volts, measured = battery(tables)
     position, positioned = _position(tables)
     messages = {
         "ATTITUDE": attitude,
@@ -97,7 +97,9 @@ def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int
         "ACTUATOR_CONTROL_TARGET": demands,
         "ATTITUDE_TARGET": targets,
         "RC_CHANNELS": _sticks(tables),
-        "SYS_STATUS": battery,
+        "SYS_STATUS": volts,
+        "VIBRATION": vibration(tables),
+        "SYSTEM_TIME": calendar_time(tables),
         "LOCAL_POSITION_NED": position,
         "VFR_HUD": _climb(tables),
         "HEARTBEAT": _heartbeats(tables, kind),
@@ -105,6 +107,7 @@ def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int
     }
     names = {"ATTITUDE": named, "SERVO_OUTPUT_RAW": "RCOU", "ACTUATOR_CONTROL_TARGET": "RATE", "VFR_HUD": "CTUN"}
     names |= {"LOCAL_POSITION_NED": positioned, "ATTITUDE_TARGET": asked, "RC_CHANNELS": "RCIN", "SYS_STATUS": measured}
+    names |= {"VIBRATION": "VIBE", "SYSTEM_TIME": "GPS"}
     there = {name: columns for name, columns in messages.items() if columns is not None and len(columns["time"])}
     return Translation(there, names, (*notes, *scaled))
 
@@ -117,32 +120,32 @@ def _attitude(
     With the name of the slower message, and what is odd about RATE.
     """
     named = _faster_angles(tables, ANGLES)
-    angles, gyros = _having(tables, named, ANGLES), _instance(_having(tables, "IMU", GYROS), "I", 0)
-    columns = next((names for names in RATES if _having(tables, "RATE", names) is not None), RATES[0])
-    rates = _having(tables, "RATE", columns)
+    angles, gyros = having(tables, named, ANGLES), instance(having(tables, "IMU", GYROS), "I", 0)
+    columns = next((names for names in RATES if having(tables, "RATE", names) is not None), RATES[0])
+    rates = having(tables, "RATE", columns)
     if angles is None or (rates is None and gyros is None):
         return None, named, ()
-    angles_rad = np.radians(_values(angles, ANGLES))
+    angles_rad = np.radians(values(angles, ANGLES))
     notes: tuple[str, ...] = ()
-    if rates is None or (_count(rates) < SLOWER_SHARE * _count(angles) and _count(rates) < _count(gyros)):
+    if rates is None or (count(rates) < SLOWER_SHARE * count(angles) and count(rates) < count(gyros)):
         assert gyros is not None
-        rates, speeds, source = gyros, _values(gyros, GYROS), "IMU"
+        rates, speeds, source = gyros, values(gyros, GYROS), "IMU"
     else:
-        speeds, source = np.radians(_values(rates, columns)), "RATE"
+        speeds, source = np.radians(values(rates, columns)), "RATE"
         if because := _in_centidegrees(rates, speeds, gyros, version):
             speeds = speeds / 100
             notes = (f"RATE is in centidegrees/s, {because}: its rates were divided by 100.",)
-    base, named = (rates, source) if _count(rates) < SLOWER_SHARE * _count(angles) else (angles, named)
+    base, named = (rates, source) if count(rates) < SLOWER_SHARE * count(angles) else (angles, named)
     angles_rad, speeds = _onto(base, angles, angles_rad, turning=True), _onto(base, rates, speeds)
     # To one turn about zero, as MAVLink has it.
     angles_rad = np.where(np.abs(angles_rad) > np.pi, np.remainder(angles_rad + np.pi, 2 * np.pi) - np.pi, angles_rad)
     fields = ("roll", "pitch", "yaw", "rollspeed", "pitchspeed", "yawspeed")
     turned = dict(zip(fields, np.hstack([angles_rad, speeds]).T, strict=True))
-    return _stamped(base, "time_boot_ms", turned), named, notes
+    return stamped(base, "time_boot_ms", turned), named, notes
 
 
 def _faster_angles(tables: Mapping[str, Columns], fields: tuple[str, ...]) -> str:
-    return max(("ATT", "ANG"), key=lambda name: _count(_having(tables, name, fields)))
+    return max(("ATT", "ANG"), key=lambda name: count(having(tables, name, fields)))
 
 
 def _in_centidegrees(rates: Columns, speeds: Values, gyros: Columns | None, version: tuple[int, int] | None) -> str:
@@ -151,7 +154,7 @@ def _in_centidegrees(rates: Columns, speeds: Values, gyros: Columns | None, vers
     Empty where they were degrees.
     """
     if gyros is not None:
-        turning = np.linalg.norm(_onto(rates, gyros, _values(gyros, GYROS)), axis=1)
+        turning = np.linalg.norm(_onto(rates, gyros, values(gyros, GYROS)), axis=1)
         moving = turning > MOVING_RATE
         if np.count_nonzero(moving) >= MIN_MOVING:
             ratio = float(np.median(np.linalg.norm(speeds[moving], axis=1) / turning[moving]))
@@ -168,28 +171,14 @@ def _servos(tables: Mapping[str, Columns]) -> Columns | None:
         return None
     none = np.zeros(len(tables["RCOU"]["time"]), dtype=np.uint16)
     outputs = {f"servo{n}_raw": pulses.get(n, none) for n in range(1, 17)}
-    return _stamped(tables["RCOU"], "time_usec", {"port": none.astype(np.uint8), **outputs})
+    return stamped(tables["RCOU"], "time_usec", {"port": none.astype(np.uint8), **outputs})
 
 
 def _sticks(tables: Mapping[str, Columns]) -> Columns | None:
     pulses = _channels(tables, "RCIN")
     if not pulses:
         return None
-    return _stamped(tables["RCIN"], "time_boot_ms", {f"chan{n}_raw": column for n, column in pulses.items()})
-
-
-def _battery(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
-    """SYS_STATUS of the first battery, with the decimals the message cuts off, and the name of its message."""
-    for name in BATTERIES:
-        logged = _having(tables, name, ("Volt",))
-        if logged is None:
-            continue
-        for field in ("Inst", "Instance", "I"):
-            logged = _instance(logged, field, 0) or logged
-        volts = _values(logged, ("Volt",))[:, 0]
-        hundredths = np.any(volts > 0) and np.nanmedian(volts[volts > 0]) > MAX_VOLTAGE
-        return _stamped(logged, "", {"voltage_battery": volts * (10.0 if hundredths else 1000.0)}), name
-    return None, BATTERIES[0]
+    return stamped(tables["RCIN"], "time_boot_ms", {f"chan{n}_raw": column for n, column in pulses.items()})
 
 
 def _channels(tables: Mapping[str, Columns], name: str) -> dict[int, NDArray[np.uint16]]:
@@ -209,17 +198,17 @@ def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> 
     parts, names = [], []
     named = _faster_angles(tables, DESIRED_ANGLES)
     for desired, measured in zip(DESIRED_RATES, RATES, strict=True):
-        rates = _having(tables, "RATE", (*desired, *measured))
+        rates = having(tables, "RATE", (*desired, *measured))
         if rates is None:
             continue
-        gyros = _instance(_having(tables, "IMU", GYROS), "I", 0)
-        centidegrees = _in_centidegrees(rates, np.radians(_values(rates, measured)), gyros, version)
-        asked = np.radians(_values(rates, desired)) / (100 if centidegrees else 1)
+        gyros = instance(having(tables, "IMU", GYROS), "I", 0)
+        centidegrees = _in_centidegrees(rates, np.radians(values(rates, measured)), gyros, version)
+        asked = np.radians(values(rates, desired)) / (100 if centidegrees else 1)
         parts.append(_target(rates, asked, np.full((len(asked), 4), np.nan), ATTITUDE_IGNORED))
         names.append("RATE")
-    angles = _having(tables, named, DESIRED_ANGLES)
+    angles = having(tables, named, DESIRED_ANGLES)
     if angles is not None:
-        q = quaternion(*np.radians(_values(angles, DESIRED_ANGLES)).T)
+        q = quaternion(*np.radians(values(angles, DESIRED_ANGLES)).T)
         parts.append(_target(angles, np.full((len(q), 3), np.nan), q, RATES_IGNORED))
         names.append(named)
     return _merged(parts), " and ".join(names) or "RATE"
@@ -236,18 +225,18 @@ def _merged(parts: list[Columns]) -> Columns | None:
 def _target(logged: Columns, rates: Values, q: Values, type_mask: int) -> Columns:
     fields = dict(zip(("body_roll_rate", "body_pitch_rate", "body_yaw_rate"), rates.T, strict=True))
     masks = np.full(len(q), type_mask, dtype=np.uint8)
-    return _stamped(logged, "time_boot_ms", {"type_mask": masks, "q": q, **fields})
+    return stamped(logged, "time_boot_ms", {"type_mask": masks, "q": q, **fields})
 
 
 def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[str, ...]]:
     """The demands, −1 to 1, and thrust, 0 to 1 (NaN where RATE has none); and a note where they were scaled."""
     logged, fields = next(
-        ((found, names) for names in DEMANDS if (found := _having(tables, "RATE", names)) is not None), (None, ())
+        ((found, names) for names in DEMANDS if (found := having(tables, "RATE", names)) is not None), (None, ())
     )
     if logged is None:
         return None, ()
-    controls = np.pad(_values(logged, fields), ((0, 0), (0, 8 - len(fields))))
-    thrust = _having(tables, "RATE", ("AOut",))
+    controls = np.pad(values(logged, fields), ((0, 0), (0, 8 - len(fields))))
+    thrust = having(tables, "RATE", ("AOut",))
     controls[:, 3] = np.nan if thrust is None else thrust["AOut"]
     notes: tuple[str, ...] = ()
     demanded = np.abs(controls[:, :3])
@@ -257,7 +246,7 @@ def _demands(tables: Mapping[str, Columns]) -> tuple[Columns | None, tuple[str, 
         controls[:, 3] /= OLD_THRUST
         notes = (f"RATE's demands are outside the range -1 to 1: they were divided by {OLD_DEMAND:.0f}.",)
     group = np.zeros(len(controls), dtype=np.uint8)
-    return _stamped(logged, "time_usec", {"group_mlx": group, "controls": controls}), notes
+    return stamped(logged, "time_usec", {"group_mlx": group, "controls": controls}), notes
 
 
 def _position(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
@@ -267,52 +256,15 @@ def _position(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
     cores, times = np.unique(chosen[chosen >= 0], return_counts=True)
     primary = float(cores[times.argmax()]) if len(cores) else 0
     for name, core in (("XKF1", primary), ("NKF1", 0)):
-        logged = _instance(_having(tables, name, tuple(fields.values())), "C", core)
+        logged = instance(having(tables, name, tuple(fields.values())), "C", core)
         if logged is not None:
-            return _stamped(logged, "time_boot_ms", {ours: logged[theirs] for ours, theirs in fields.items()}), name
+            return stamped(logged, "time_boot_ms", {ours: logged[theirs] for ours, theirs in fields.items()}), name
     return None, "XKF1"
 
 
 def _climb(tables: Mapping[str, Columns]) -> Columns | None:
-    logged = _having(tables, "CTUN", ("CRt",))
-    return None if logged is None else _stamped(logged, "", {"climb": _values(logged, ("CRt",))[:, 0] / 100})
-
-
-def _having(tables: Mapping[str, Columns], name: str, fields: tuple[str, ...]) -> Columns | None:
-    """The messages of that name; None where there are none, or one of the fields is not there as numbers."""
-    columns = tables.get(name, {})
-    if not all(field in columns and columns[field].dtype.kind in "iuf" for field in fields):
-        return None
-    return columns if len(columns["time"]) else None
-
-
-def _instance(columns: Columns | None, field: str, number: float) -> Columns | None:
-    """Those of one instance (sensor, core); all where the messages have no instances."""
-    if columns is None or field not in columns:
-        return columns
-    rows = columns[field] == number
-    return selected(columns, rows) if rows.any() else None
-
-
-def _count(columns: Columns | None) -> int:
-    return 0 if columns is None else len(columns["time"])
-
-
-def _values(columns: Columns, fields: tuple[str, ...]) -> Values:
-    """The fields as columns (N, k); NaN where not finite."""
-    values = np.column_stack([np.asarray(columns[field], dtype=np.float64) for field in fields])
-    values[~np.isfinite(values)] = np.nan
-    return values
-
-
-def _stamped(logged: Columns, stamp: str, fields: Mapping[str, NDArray[Any]]) -> Columns:
-    """A message's columns at the logged stamps, with the field ``stamp`` as MAVLink sends it."""
-    time = logged["time"]
-    if stamp == "time_boot_ms":
-        fields = {stamp: (np.rint(time * 1e3) % 2**32).astype(np.uint32), **fields}  # as the counter wraps
-    elif stamp:
-        fields = {stamp: np.rint(time * 1e6).astype(np.uint64), **fields}
-    return {"time": time, "boot": logged["boot"], **fields}
+    logged = having(tables, "CTUN", ("CRt",))
+    return None if logged is None else stamped(logged, "", {"climb": values(logged, ("CRt",))[:, 0] / 100})
 
 
 def _onto(base: Columns, source: Columns, values: Values, turning: bool = False) -> Values:

@@ -41,6 +41,9 @@ SIZES = {"int8_t": 1, "uint8_t": 1, "bool": 1, "char": 1, "int16_t": 2, "uint16_
 SIZES |= {"float": 4, "int64_t": 8, "uint64_t": 8, "double": 8}
 """Bytes of the basic types."""
 
+INFORMATION = re.compile(rb"char\[\d+\] (?:ver_sw|sys_uuid)|uint32_t ver_sw_release")
+"""Keys of information messages (I) that are kept: PX4's version, and the number of the board."""
+
 _FIELD = re.compile(rb"(\w+)(?:\[(\d+)\])? (\w+);")
 _LARGEST, _NESTED = 0xFFFF, 16
 _HEADER = struct.Struct("<HB")
@@ -95,7 +98,7 @@ class _UlogTopic(NamedTuple):
 class WholeMessages:
     """The whole messages of a ULog file."""
 
-    content: bytes  # a ULog file of the wanted topics, with their formats and subscriptions, and the parameters
+    content: bytes  # a ULog file of the wanted topics, with their formats, subscriptions, parameters and version
     # topic and wrong_stamp: (N,) of each data message in ``content``; far from the stamps around it is a wrong one
     topic: NDArray[np.uint16]
     wrong_stamp: NDArray[np.bool_]
@@ -273,7 +276,7 @@ class _Walk:
             self._add_format(message)
         elif kind == "A":
             self._subscribe(message)
-        elif kind == "P" and not self._topics:
+        elif (kind == "P" and not self._topics) or (kind == "I" and INFORMATION.fullmatch(message, 4, 4 + message[3])):
             self.definitions += message
         elif kind == "P":
             self.data += message

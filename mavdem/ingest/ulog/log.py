@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Mapping
 from math import isfinite
 
 import numpy as np
@@ -57,7 +58,9 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) ->
         repairs=(*_damage(found), *_interpolated(topics, made)),
         translated_from="ULog",
         names=names(topics, made),
+        firmware=_firmware(log.msg_info_dict),
         dropouts=len(found.dropouts),
+        board=str(log.msg_info_dict.get("sys_uuid", "")).lower(),
     )
     if progress is not None:
         progress(1.0)
@@ -105,6 +108,13 @@ def _each_second(state: Columns, topics: dict[str, dict[int, Px4Topic]]) -> Colu
     missing = (last >= 0) & (logged[first] - state["time"][np.maximum(last, 0)] > 1.0)
     rows = np.sort(np.concatenate([np.arange(len(state["time"])), last[missing]]))
     return selected(state, rows) | {"time": np.union1d(state["time"], logged[first][missing])}
+
+
+def _firmware(information: Mapping[str, object]) -> str:
+    """PX4's version and the first digits of its commit, as far as they were logged: "PX4 v1.16.0 (94cb2012)"."""
+    version, commit = information.get("ver_sw_release"), information.get("ver_sw")
+    number = f" v{version >> 24 & 255}.{version >> 16 & 255}.{version >> 8 & 255}" if isinstance(version, int) else ""
+    return f"PX4{number} ({commit[:8]})" if isinstance(commit, str) else f"PX4{number}"
 
 
 def _id(parameters: dict[str, float], name: str) -> int:
