@@ -85,6 +85,7 @@ FLOORS = (
     {"flight"},
     {"ingest"},
     {"alignment"},
+    {"condition"},
     {"dem"},
     {"health"},
     {"baselines", "evaluate", "live"},

@@ -12,7 +12,7 @@ from mavdem.alignment.signals import ATTITUDE_MESSAGES, Signals
 from mavdem.alignment.verdict import MINIMUM_DURATION, Verdict, judge, judge_segments
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
-from mavdem.ingest import Log, read_log
+from mavdem.ingest import Component, Log, read_log
 from mavdem.ingest.telemetry import Telemetry
 
 
@@ -68,17 +68,15 @@ def learnable_segments(
     log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
 ) -> tuple[tuple[Flight, ...], Verdict]:
     """All usable segments of a log, as :func:`read_segments` gives them, and the verdict on the longest."""
-    flights, verdict = judged_segments(log, axis, vehicle, inputs)
+    flights, verdict = judged_segments(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)
     if not flights:
         raise NotLearnable(verdict.reason, verdict.remedy)
     return flights, verdict
 
 
-def judged_segments(
-    log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
-) -> tuple[tuple[Flight, ...], Verdict]:
-    """As :func:`learnable_segments`; no segments where the verdict is no."""
-    verdicts = judge_segments(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)
+def judged_segments(signals: Signals, speakers: Sequence[Component] = ()) -> tuple[tuple[Flight, ...], Verdict]:
+    """As :func:`learnable_segments`, of ``signals``; no segments where the verdict is no."""
+    verdicts = judge_segments(signals, speakers)
     usable = [verdict for verdict in verdicts if verdict.learnable]
     left_out = _left_out(verdicts[0].segments, [verdict.segment for verdict in usable])
     flights = [_with_cautions(verdict, left_out) for verdict in usable]

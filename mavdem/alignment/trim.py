@@ -17,7 +17,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import judge
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
-from mavdem.ingest import Log, read_log
+from mavdem.ingest import Component, Log, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
 
 HIGHEST_PERCENTILE = 99.0  # What stands for the highest output: the very highest is a spike
@@ -80,11 +80,15 @@ def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> Hove
 
 def hover_of_log(log: Log, vehicle: str | None = None) -> HoverFigures:
     """The figures of a ``vehicle`` in a ``log``, as :func:`hover` gives them."""
-    signals = Signals(choose_vehicle(log.vehicles, vehicle), inputs="motors")
+    return hover_of(Signals(choose_vehicle(log.vehicles, vehicle), inputs="motors"), log.components)
+
+
+def hover_of(signals: Signals, speakers: Sequence[Component] = ()) -> HoverFigures:
+    """The figures of ``signals`` with the motors as inputs, as :func:`hover` gives them."""
     segments = settled_segments(signals)
     motors = signals.motors
     if not segments or motors is None or signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
-        verdict = judge(signals, log.components)
+        verdict = judge(signals, speakers)
         raise NotLearnable(verdict.reason, verdict.remedy)
     rows = np.any([within(motors, segment) for segment in segments], axis=0)
     lean: dict[str, float] = {}

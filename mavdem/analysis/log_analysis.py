@@ -10,9 +10,11 @@ from typing import Any, Protocol
 
 from mavdem import evaluate
 from mavdem.alignment.drive import AXES
-from mavdem.alignment.read import judged_segments
+from mavdem.alignment.read import choose_vehicle, judged_segments
+from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import Verdict
 from mavdem.analysis.training_data import TooFewSamples, cut, flown_after, judged, of_one_boot
+from mavdem.condition import Condition, Identity, condition_of, identity_of
 from mavdem.dem import Learned, Settings, learn
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.findings import Finding, findings
@@ -42,6 +44,8 @@ class LogAnalysis:
 
     Attributes:
         verdict: whether a model of the axis can be learnt, on which segment, and its figures.
+        condition: balance, limits, lean, vibration and battery, at any rate.
+        identity: which vehicle, and when.
         vehicle: how hard each motor works; of ``axis="all"`` also the physical parameters of each axis.
         flights: what was learnt from; empty without a model.
         learned: the model; None where there is none.
@@ -52,6 +56,8 @@ class LogAnalysis:
     """
 
     verdict: Verdict
+    condition: Condition
+    identity: Identity
     vehicle: VehicleFigures
     flights: tuple[Flight, ...] = ()
     learned: Learned | None = None
@@ -72,6 +78,8 @@ class LogAnalysis:
             "truth": None if self.truth is None else self.truth.as_dict(),
             "settings": None if learned is None else asdict(learned.settings),
             "verdict": self.verdict.as_dict(),
+            "condition": self.condition.as_dict(),
+            "identity": self.identity.as_dict(),
         }
 
 
@@ -109,7 +117,9 @@ def analyse(
         ValueError: an axis or inputs that are none.
     """
     settings = Settings() if settings is None else settings
-    segments, verdict = judged_segments(log, "roll" if axis == ALL else axis, vehicle, inputs)
+    signals = Signals(choose_vehicle(log.vehicles, vehicle), "roll" if axis == ALL else axis, inputs)
+    segments, verdict = judged_segments(signals, log.components)
+    condition, identity = condition_of(signals), identity_of(signals, log.receive_time[0])
     of_others = AXES[1:] if axis == ALL else ()
 
     def figures() -> VehicleFigures:
@@ -119,7 +129,7 @@ def analyse(
             return vehicle_of_log(log, of_others, vehicle, inputs, done)
 
     if not segments:
-        return LogAnalysis(verdict, figures(), reason=verdict.reason, remedy=verdict.remedy)
+        return LogAnalysis(verdict, condition, identity, figures(), reason=verdict.reason, remedy=verdict.remedy)
     following = None
     if train is None:
         flights = flown_after(of_one_boot(segments), start)
@@ -138,7 +148,7 @@ def analyse(
     except NotLearnable as error:
         if isinstance(error, TooFewSamples) and (start or test):
             raise
-        return LogAnalysis(verdict, figures(), reason=error.reason, remedy=error.remedy)
+        return LogAnalysis(verdict, condition, identity, figures(), reason=error.reason, remedy=error.remedy)
     learned = replace(learned, cautions=(*flights[0].provenance["cautions"], *learned.cautions))
     found = figures()
     if of_others:
@@ -146,7 +156,8 @@ def analyse(
         own = AxisFigures(flights, learned.physical, learned.wind, reason)
         found = found._replace(axes={AXES[0]: own, **found.axes})
     compared = None if known is None else compare_with_truth(learned, flights, known)
-    return LogAnalysis(verdict, found, flights, learned, held_out, findings(learned, held_out), compared)
+    purposes = findings(learned, held_out)
+    return LogAnalysis(verdict, condition, identity, found, flights, learned, held_out, purposes, compared)
 
 
 def _learn(flights: tuple[Flight, ...], settings: Settings, progress: StepProgress) -> Learned:

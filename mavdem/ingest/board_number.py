@@ -7,6 +7,9 @@ from collections.abc import Iterable
 
 ARDUPILOT_TEXT = re.compile(r"^\S+ ([0-9A-F]{8}) ([0-9A-F]{8}) ([0-9A-F]{8})$")
 """What ArduPilot says at boot: the board's name, and the processor's number as three words of four bytes."""
+SIMULATED_TEXT = re.compile(r"^.[0-9a-f]{31}$")
+"""What its simulator says instead: the machine's number, with the vehicle's added to the first letter."""
+SIMULATED_LETTERS = 17  # Letters of it that AUTOPILOT_VERSION has room for
 WORD = 4  # Bytes of such a word, the last byte first
 LEAST_BYTES = 6
 """Bytes of a number that are not zero: simulators number their vehicles in one or two."""
@@ -14,8 +17,12 @@ LEAST_BYTES = 6
 
 def in_texts(texts: Iterable[str]) -> str:
     """The number in what ArduPilot says at boot ("CUAVv5Nano 001A002F 30395113 33333539"); empty where it does not."""
-    found = (ARDUPILOT_TEXT.match(text.strip()) for text in texts)
-    return next(("".join(match.groups()).lower() for match in found if match), "")
+    for text in texts:
+        if found := ARDUPILOT_TEXT.match(text.strip()):
+            return "".join(found.groups()).lower()
+        if SIMULATED_TEXT.match(text.strip()):
+            return text[:SIMULATED_LETTERS].encode().hex()
+    return ""
 
 
 def in_bytes(uid2: bytes, words: bool) -> str:
@@ -24,6 +31,6 @@ def in_bytes(uid2: bytes, words: bool) -> str:
         return ""
     number = uid2.rstrip(b"\0")
     if not words or len(number) > 3 * WORD:
-        return uid2.hex()
+        return (number[:SIMULATED_LETTERS] if words else uid2).hex()
     number = uid2[: 3 * WORD]
     return b"".join(number[at : at + WORD][::-1] for at in range(0, len(number), WORD)).hex()
