@@ -40,8 +40,8 @@ class LivePhase:
 
     def __init__(self) -> None:
         self.least_collective = airborne_collective({})
-        self._armed, self._airborne = _Holding(), _Holding()
-        self._steady = _Holding()  # airborne, and neither taking off nor landing where that is reported
+        self._armed, self._airborne = _SinceWhen(), _SinceWhen()
+        self._steady = _SinceWhen()  # airborne, and neither taking off nor landing where that is reported
         self._beat: bool | None = None
         self._beat_time = nan
         self._reported_until = -inf  # While EXTENDED_SYS_STATE comes, it decides; otherwise the motors' thrust
@@ -138,7 +138,7 @@ class LivePhase:
         """The scale of the motors has changed: whether they carry the vehicle is unknown again."""
         self._collective = _Average()
         if self._reported_until == -inf:
-            self._airborne, self._steady = _Holding(), _Holding()
+            self._airborne, self._steady = _SinceWhen(), _SinceWhen()
             self._airborne.true = self._steady.true = self._was_steady = False
             self._update(nan)
 
@@ -192,7 +192,7 @@ class LivePhase:
             self._settled_from = self._start + TRANSIENT_SECONDS
 
 
-class _Holding:
+class _SinceWhen:
     """Whether something is true, and since when; -inf if it was true in the first message about it."""
 
     def __init__(self) -> None:
