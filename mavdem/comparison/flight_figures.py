@@ -98,6 +98,7 @@ class FlightFigures(Protocol):
     def page(self) -> str | None: ...
 
 
+OK = "ok"  # the status of a flight with figures
 Row = TypeVar("Row", bound=FlightFigures)
 
 
@@ -128,6 +129,6 @@ def _when(date: datetime | None) -> tuple[bool, float]:
 def vehicles_of(rows: Iterable[Row]) -> dict[str, list[list[Row]]]:
     """The flights with figures of each vehicle, as :func:`flights_of` has them, by its name in order."""
     named: dict[str, list[list[Row]]] = {}
-    for flight in flights_of(row for row in rows if row.status == "ok"):
+    for flight in flights_of(row for row in rows if row.status == OK):
         named.setdefault(flight[0].vehicle, []).append(flight)
     return dict(sorted(named.items()))

@@ -13,7 +13,7 @@ from mavdem.page.document import environment
 from mavdem.page.fleet_charts import FleetDrawing, vehicle_drawings
 from mavdem.page.fleet_table import HEADER, NOT_USED, flight_line
 from mavdem.report.blocks import Block
-from mavdem.report.fleet import SEVERITY, TROUBLE, fleet_blocks, vehicle_health, vehicle_words
+from mavdem.report.fleets.summary import SEVERITY, TROUBLE, fleet_blocks, vehicle_health, vehicle_words
 
 MIN_FLIGHTS = 2  # of a vehicle whose figures are drawn
 MAX_DRAWN = 60  # vehicles, those in trouble first: a page with more is too large to mail

@@ -1,0 +1,212 @@
+"""The report of a difference between two states of a vehicle: what changed, what is the same, what cannot be said."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import degrees, hypot
+
+from mavdem.comparison.flight_figures import FlightFigures, vehicles_of
+from mavdem.comparison.vehicle_difference import (
+    BETWEEN,
+    FAMILY_ERROR,
+    Conditions,
+    QuantityChange,
+    VehicleDifference,
+    vehicle_difference,
+)
+from mavdem.comparison.vehicle_estimates import DAMPING, EFFECT, LAG, MEAN_EFFECT, SHARE
+from mavdem.report.blocks import Block, Sentence
+from mavdem.report.names import listed, readable, short
+from mavdem.report.rounding import plus_minus, rounded
+
+NAMELESS = "unknown"
+ALIKE = 1.25  # ratio of winds' torques up to which they are called the same
+MIN_LEAN, MIN_SHARE = 2.0, 0.02  # degrees, and share of a voltage or output, from which a difference is reported
+
+
+def difference_blocks(found: VehicleDifference) -> list[Block]:
+    """All of it, in sentences: changed, the same, uncertain, not comparable, conditions, and how sure that is."""
+    return [
+        *change_blocks(found),
+        *_uncertain(found),
+        *(Sentence(reason, f"Not compared, {name}:") for name, reason in found.incomparable),
+        *_conditions(found),
+        *_vehicles(found),
+        *([Sentence(_sureness(found), "How sure:")] if found.changes else []),
+    ]
+
+
+def change_blocks(found: VehicleDifference) -> list[Block]:
+    """What changed and what is the same."""
+    if not found.changes:
+        return [Sentence("", "Nothing can be compared.")]
+    changed, same = found.of("changed"), found.of("same")
+    blocks: list[Block] = []
+    if changed:
+        blocks.append(Sentence(f"{'; '.join(_change(one, found) for one in changed)}.", "Changed:"))
+    else:
+        blocks.append(Sentence("", "Nothing changed beyond its interval."))
+    if same:
+        blocks.append(Sentence(f"{listed(_grouped(same, found))}.", "The same:"))
+    return blocks
+
+
+def _uncertain(found: VehicleDifference) -> list[Block]:
+    """What was compared without a result."""
+    names = _grouped(found.of("uncertain"), found)
+    return [Sentence(f"{listed(names)}: the interval is too wide.", "Not known:")] if names else []
+
+
+def changes_by_vehicle(rows: Sequence[FlightFigures], baseline: Sequence[FlightFigures]) -> dict[str, list[Block]]:
+    """What changed of each vehicle since its flights of a ``baseline``; what is in both is compared with itself less.
+
+    A vehicle that the baseline lacks has a sentence that says so; flights of nobody are left out.
+    """
+    known = {(row.key, row.file) for row in baseline}
+    before, after = vehicles_of(baseline), vehicles_of(row for row in rows if (row.key, row.file) not in known)
+    blocks: dict[str, list[Block]] = {}
+    for name, flights in after.items():
+        if name == NAMELESS:
+            continue
+        if name not in before:
+            blocks[name] = [Sentence("the baseline has no flight of this vehicle.", "Since the baseline:")]
+            continue
+        found = vehicle_difference(
+            [row for flight in before[name] for row in flight], [row for flight in flights for row in flight]
+        )
+        first, *others = change_blocks(found)
+        assert isinstance(first, Sentence)
+        words = f"{first.lead} {first.text}".strip()
+        counts = f"{_flights(found.flights[1])} after {_flights(found.flights[0])} of the baseline."
+        blocks[name] = [Sentence(f"{words[:1].lower()}{words[1:]}", "Since the baseline:"), *others, Sentence(counts)]
+    return blocks
+
+
+def _change(one: QuantityChange, found: VehicleDifference) -> str:
+    """As in "motor 3's effect −18 % ± 6 %"."""
+    kind, _, _ = one.quantity
+    name = _name(one, found)
+    if kind in (SHARE, EFFECT, MEAN_EFFECT):
+        return f"{name} {_percent(one.difference, one.half_width)}"
+    scale, unit = (1.0, "1/s") if kind == DAMPING else (1e3, "ms")
+    assert one.before is not None and one.after is not None
+    values = f"{rounded(scale * one.before)} → {rounded(scale * one.after)} {unit}"
+    return f"{name} {values} ({_signed(plus_minus(scale * one.difference, scale * one.half_width))})"
+
+
+def _name(one: QuantityChange, found: VehicleDifference) -> str:
+    kind, motor, axis = one.quantity
+    if motor:
+        name = short(found.motors[motor - 1]) if motor <= len(found.motors) else f"motor {motor}"
+        return f"{name}'s {kind}"
+    return f"{kind} on {axis}"
+
+
+def _grouped(changes: Sequence[QuantityChange], found: VehicleDifference) -> list[str]:
+    """Names with the widest half width, those of motors together: "the shares of motors 1, 2 and 4 (± 2 %)"."""
+    words = []
+    for kind in (SHARE, EFFECT):
+        ours = [one for one in changes if one.quantity.kind == kind]
+        if ours:
+            motors = listed(one.quantity.motor for one in ours)
+            width = 100 * max(one.half_width for one in ours)
+            plural = "s" * (len(ours) > 1)
+            words.append(f"the {kind}{plural} of motor{plural} {motors} (± {rounded(width)} %)")
+    for one in changes:
+        kind = one.quantity.kind
+        if kind in (MEAN_EFFECT, DAMPING, LAG):
+            scale, unit = {MEAN_EFFECT: (100.0, "%"), DAMPING: (1.0, "1/s"), LAG: (1e3, "ms")}[kind]
+            words.append(f"{_name(one, found)} (± {rounded(scale * one.half_width)} {unit})")
+    return words
+
+
+def _percent(difference: float, half: float) -> str:
+    decimals = 0 if 100 * half >= 3 else 1
+    return f"{_signed(f'{100 * difference:.{decimals}f}')} % ± {100 * half:.{decimals}f} %"
+
+
+def _signed(number: str) -> str:
+    return number.replace("-", "−") if number.startswith(("-", "(-")) else f"+{number}"
+
+
+def _conditions(found: VehicleDifference) -> list[Block]:
+    """How A and B were flown, which is no change of the vehicle."""
+    one, other = found.conditions
+    words = [*_battery(one, other), *_lean(one, other), *_wind(one, other)]
+    if not words:
+        return []
+    allowed = " The intervals allow for it." if any(change.allowance for change in found.changes) else ""
+    return [Sentence(f"{'; '.join(words)}.{allowed}", "Conditions, no change of the vehicle:")]
+
+
+def _battery(one: Conditions, other: Conditions) -> list[str]:
+    words = []
+    if one.voltage and other.voltage:
+        words.append(f"battery {one.voltage:.1f} → {other.voltage:.1f} V")
+    else:
+        words.append("battery not logged in both")
+    if one.collective and other.collective:
+        change = other.collective / one.collective - 1
+        if abs(change) < MIN_SHARE:
+            words.append("the motors' mean output the same")
+        else:
+            words.append(
+                f"the motors' mean output {100 * change:+.0f} % (payload, battery or climbing)".replace("-", "−")
+            )
+    return words
+
+
+def _lean(one: Conditions, other: Conditions) -> list[str]:
+    if None in (one.lean_roll, one.lean_pitch, other.lean_roll, other.lean_pitch):
+        return ["lean not known in both"]
+    roll, pitch = (
+        degrees((after or 0.0) - (before or 0.0))
+        for before, after in ((one.lean_roll, other.lean_roll), (one.lean_pitch, other.lean_pitch))
+    )
+    if hypot(roll, pitch) < MIN_LEAN:
+        return ["lean the same"]
+    return [f"another lean: {roll:+.0f}° of roll and {pitch:+.0f}° of pitch (wind, or flown forward)".replace("-", "−")]
+
+
+def _wind(one: Conditions, other: Conditions) -> list[str]:
+    unit = readable("rad/s²")
+    words = []
+    for axis in one.wind_torque.keys() & other.wind_torque.keys():
+        before, after = (unit.scale * state.wind_torque[axis] for state in (one, other))
+        if before > 0 and 1 / ALIKE <= after / before <= ALIKE:
+            words.append(f"wind's torque on {axis} the same ({rounded(after)} {unit.name})")
+        else:
+            words.append(f"wind's torque on {axis} {rounded(before)} → {rounded(after)} {unit.name}")
+    return sorted(words, reverse=True)  # roll first
+
+
+def _vehicles(found: VehicleDifference) -> list[Block]:
+    before, after = found.vehicles
+    if NAMELESS in (*before, *after):
+        return [
+            Sentence("a log does not say of which vehicle it is; that both are the same is taken on trust.", "Vehicle:")
+        ]
+    if before and after and set(before) != set(after):
+        text = f"A is {listed(before)} and B is {listed(after)}: what differs may be that between two vehicles."
+        return [Sentence(text, "Caution:")]
+    return []
+
+
+def _sureness(found: VehicleDifference) -> str:
+    """What the statements rest on."""
+    words = (
+        f"± are 90 % intervals. {len(found.changes)} quantities are tested together (Holm): that any is called changed "
+        f"when none did has a chance of at most {100 * FAMILY_ERROR:.0f} %, as far as the intervals hold."
+    )
+    if max(found.flights) == 1:
+        return (
+            f"{words} A and B are one flight each, and their intervals those of one flight each: how much a flight "
+            f"differs from the next is assumed (a share by {100 * BETWEEN[SHARE]:.0f} %, an effect by "
+            f"{100 * BETWEEN[EFFECT]:.0f} %), not measured. Track several flights of each to measure it."
+        )
+    before, after = map(_flights, found.flights)
+    return f"{words} {before} of A and {after} of B show how much flights differ."
+
+
+def _flights(count: int) -> str:
+    return f"{count} flight{'' if count == 1 else 's'}"
