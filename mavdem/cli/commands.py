@@ -46,6 +46,7 @@ class _Commands(click.Group):
         click.Command("learn", help="Learns a linear model, and reports what the vehicle does in wind."),
         click.Command("compare", help="Compares DEM with other methods, window by window."),
         click.Command("order", help="Finds the model order (number of states) by the free energy."),
+        click.Command("track", help="Keeps a table of many flights: tiers, figures and health of each vehicle."),
         click.Command("live", help="Attaches to a link and learns while the vehicle flies."),
         click.Command("convert", help="Converts a log to another file format."),
         click.Command("fly", help="Simulates the flight of a quadrotor in wind."),
@@ -73,7 +74,9 @@ def mavdem() -> None:
          mavdem order flight.tlog
     5. Learn while the vehicle flies.
          mavdem live udpin:127.0.0.1:14550
-    6. Run the paper's experiments.
+    6. Which of many flights or vehicles is different?
+         mavdem track logs/ --out fleet
+    7. Run the paper's experiments.
          mavdem reproduce --list
 
     \b

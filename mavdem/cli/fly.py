@@ -18,8 +18,8 @@ from click.shell_completion import CompletionItem
 from mavdem.cli.options import file_option, no_option
 from mavdem.cli.output import print_json, printable, progress, say, say_aside
 from mavdem.cli.output_files import check_file, writing
-from mavdem.cli.scenario import in_toml, in_words
 from mavdem.cli.signals import ending_at_once
+from mavdem.cli.words.scenario import in_toml, in_words
 from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
 from mavdem.extras import require

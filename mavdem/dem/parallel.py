@@ -33,6 +33,7 @@ other workers idle; their results are kept until then."""
 AHEAD_ELSEWHERE = 256  # the same for a given executor, whose number of workers cannot be asked
 ENDS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP  # signals that end a program from outside
 
+_alone = False  # whether this process starts no others, because others like it have the other cores
 _stop_pipe: Connection | None = None
 """In a worker: the end of a pipe that becomes readable when its results are no longer wanted."""
 
@@ -108,9 +109,15 @@ def _map_chunk(work: Callable[[Job], Result], jobs: list[Job]) -> list[Result]:
 
 def spare_cores() -> int:
     """How many workers are worth starting: the cores this process may use, or 1 where it is a worker itself."""
-    if parent_process() is not None and not _importing_main():
+    if _alone or (parent_process() is not None and not _importing_main()):
         return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def stay_in_this_process() -> None:
+    """From now on nothing here starts processes: this one is a worker, of whatever kind."""
+    global _alone
+    _alone = True
 
 
 class Pool(ProcessPoolExecutor):

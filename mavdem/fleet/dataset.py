@@ -7,9 +7,12 @@ files, so that neither a million vehicles nor a million flights of one make more
 from __future__ import annotations
 
 import hashlib
+import os
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from mavdem.errors import Unreadable
 from mavdem.extras import require
@@ -100,5 +103,20 @@ def write_group(folder: Path, group: str, rows: Iterable[FlightRow]) -> None:
     columns["date"] = [None if date is None else date.replace(tzinfo=None) for date in columns["date"]]
     table = pyarrow.Table.from_pydict(columns, row_schema())
     path.parent.mkdir(parents=True, exist_ok=True)
-    with atomic_write(path) as file:
+    with durable_write(path) as file:
         parquet.write_table(table, file, row_group_size=ROW_GROUP, compression="zstd")
+
+
+@contextmanager
+def durable_write(path: Path) -> Iterator[BinaryIO]:
+    """As ``atomic_write``; at the end the disk has it, so that what it was made from can be removed."""
+    with atomic_write(path) as file:
+        yield file
+        file.flush()
+        os.fsync(file.fileno())
+    with suppress(OSError):  # of file systems that cannot do that with a folder
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)

@@ -192,7 +192,12 @@ def _value(value: Any, kind: Any) -> Any:
     if kind is datetime:
         when = datetime.fromisoformat(value) if isinstance(value, str) else value
         return (when if when.tzinfo else when.replace(tzinfo=UTC)).astimezone(UTC)
-    return str(value).encode("utf-8", "backslashreplace").decode()
+    return as_text(str(value))
+
+
+def as_text(name: str) -> str:
+    """A name as text that UTF-8 can hold, which the name of a file need not be."""
+    return name.encode("utf-8", "backslashreplace").decode()
 
 
 def row_schema() -> Any:

@@ -21,6 +21,8 @@ EXTENSIONS = {".ulg": ULOG, ".bin": DATAFLASH, ".mcap": MCAP}
 ARCHIVES = {b"\x1f\x8b": "a gzip archive", b"PK\x03\x04": "a zip archive"}
 """First bytes of files that often contain a log but are not read."""
 
+STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)  # µs since 1970, of the years 2000 to 2099
+
 LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 
 
@@ -51,6 +53,22 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = N
 
         return read_mcap(name, progress)
     return read_tlog(name, progress)
+
+
+def looks_like_log(path: str | bytes | os.PathLike[str]) -> bool:
+    """Whether a file is a log by its name, or where that says nothing, by its first bytes; it need not be readable."""
+    name = os.fsdecode(path)
+    if Path(name.lower().removesuffix(".xz")).suffix in (*EXTENSIONS, ".tlog"):
+        return True
+    try:
+        beginning = file_beginning(name, 4096)
+    except Unreadable:
+        return False
+    stamped = (
+        int.from_bytes(beginning[:STAMP_BYTES], "big") in STAMPS
+        and beginning[STAMP_BYTES : STAMP_BYTES + 1] in (bytes([MARKER_1]), bytes([MARKER_2]))
+    )  # fmt: skip
+    return stamped or is_dataflash_text(beginning) or beginning.startswith(tuple(BEGINNINGS))
 
 
 def read_stream(path: str | bytes | os.PathLike[str], progress: Progress | None = None) -> FrameStream:

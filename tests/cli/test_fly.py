@@ -24,7 +24,7 @@ import pytest
 from rerun.chunk import RrdReader
 
 from mavdem.cli.commands import main
-from mavdem.cli.scenario import EXCITATIONS, WINDS, in_toml, in_words
+from mavdem.cli.words.scenario import EXCITATIONS, WINDS, in_toml, in_words
 from mavdem.ingest import read_log
 from sitl_scenarios.files import load, names, scenario_of
 

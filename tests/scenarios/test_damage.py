@@ -5,7 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from mavdem.cli.scenario import in_toml, in_words
+from mavdem.cli.words.scenario import in_toml, in_words
 from mavdem.ingest import read_log
 from mavdem.ingest.tlog import write_tlog
 from sitl_scenarios.dynamics import Wear, damages

@@ -1,0 +1,191 @@
+"""``mavdem track``: a table of many flights, and of what changed from one to the next."""
+
+from __future__ import annotations
+
+import os
+import shlex
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+
+import click
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
+from mavdem.cli.output import STDERR, print_json, printable, say, say_aside
+from mavdem.cli.sources import refuse_link
+from mavdem.fleet.dataset import read_rows
+from mavdem.fleet.reading.cluster import Cluster
+from mavdem.fleet.reading.crew import Crew, Reader
+from mavdem.fleet.reading.outcome import Limits
+from mavdem.fleet.summary import FleetSummary, summarised
+from mavdem.fleet.tracking import FleetTracker, TrackedLogs
+from mavdem.fleet.tracking import Progress as LogProgress
+
+SECONDS_BETWEEN_LINES = 30.0  # of progress, where standard error is no terminal
+MAX_LISTED = 8  # logs that failed
+
+
+def _folder(context: click.Context, parameter: click.Parameter, value: str) -> Path:
+    if not value or value.startswith("--"):
+        raise click.BadParameter("it names no folder; use `.` for the current one.", context, parameter)
+    if os.path.lexists(value) and not os.path.isdir(value):
+        raise click.BadParameter(f"{value} is a file: name a folder.", context, parameter)
+    return Path(value)
+
+
+@click.command("track")
+@click.argument("logs", nargs=-1, required=True)
+@click.option("--out", required=True, metavar="FLEET", callback=_folder, help="Folder of the fleet; it grows.")
+@click.option(
+    "--baseline",
+    multiple=True,
+    metavar="LOGS|FLEET",
+    help="Healthy flights that the others are compared with: logs, as above, or another FLEET; may be repeated. "
+    "[default: those of the last run; at first the vehicle's own flights]",
+)
+@click.option("--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]")
+@click.option("--scheduler", metavar="tcp://HOST:PORT", help="Read them on this Dask cluster instead.")
+@click.option(
+    "--time-limit",
+    type=click.FloatRange(1),
+    default=Limits.seconds,
+    show_default=True,
+    help="Seconds that one log may take.",
+)
+@click.option(
+    "--memory-limit",
+    type=click.IntRange(256),
+    default=Limits.megabytes,
+    show_default=True,
+    help="Memory in MB that the reading of one log may take.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@click.pass_context
+def track_command(
+    context: click.Context,
+    logs: tuple[str, ...],
+    out: Path,
+    baseline: tuple[str, ...],
+    jobs: int | None,
+    scheduler: str | None,
+    time_limit: float,
+    memory_limit: int,
+    as_json: bool,
+) -> None:
+    """Keeps a table of many flights: tiers, figures and health of each vehicle.
+
+    LOGS are logs, folders (all logs in them and in the folders below), patterns in quotes, and URLs of all these:
+    s3://, gs://, https://. Each flight gets one row for each vehicle and axis (roll, pitch), with all that its log says
+    at its tier:
+
+    \b
+    a  attitude and motors at 40 Hz or more: effect of each motor, damping, lag, wind, errors
+    b  about 8 to 40 Hz: the slow motion, where that predicts; and what c has
+    c  1 to 8 Hz: balance, headroom, saturation, tilt, vibration, battery
+
+    A log that says nothing has a row with the reason in its column `status`. Logs that are known, also under another
+    name, are not read again. A log that takes more than its limits costs these and no more. The run may be killed at
+    any moment: the same command goes on where it was.
+
+    \b
+    FLEET has:
+      flights/      the table, as Parquet, for DuckDB, Polars and pandas
+      logs.parquet  which logs are known, and what each cost to read
+      pages/        a page a flight
+
+    \b
+    Examples:
+      mavdem track flights/ --out fleet
+      mavdem track 'logs/**/*.bin' --out fleet --baseline logs/new_propellers/
+      mavdem track s3://bucket/logs/ --out fleet --scheduler tcp://10.0.0.1:8786
+      duckdb -c "select vehicle, date, health from 'fleet/flights/**/*.parquet' where axis = 'roll'"
+
+    Exit codes: 0 done, whatever single logs held; 1 there is no flight in any of them; 2 a name that names no log, or a
+    folder that cannot be written to.
+    """
+    for name in logs:
+        refuse_link(name)
+    limits = Limits(time_limit, memory_limit)
+    if scheduler and jobs:
+        raise click.BadParameter(
+            "it is of this machine; with --scheduler the cluster has its own.", param_hint="--jobs"
+        )
+    reader: Reader = Cluster(scheduler, limits) if scheduler else Crew(jobs or _cores(), limits)
+    tracker = FleetTracker(out, reader)
+    with _progress() as progress:
+        tracked = tracker.track(logs, baseline, progress)
+    summary = summarised(read_rows(out))
+    for problem in tracked.problems:
+        say_aside(printable(f"mavdem: {problem}"))
+    if as_json:
+        print_json({"fleet": str(out), "logs": tracked.logs, "read": tracked.read, **summary.as_dict()})
+    else:
+        _say(out, tracked, summary)
+    if tracked.problems:
+        context.exit(UNUSABLE)
+    if not summary.flights:
+        context.exit(UNSUPPORTED)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _say(out: Path, tracked: TrackedLogs, summary: FleetSummary) -> None:
+    vehicles = f"{summary.vehicles} vehicle{'s' * (summary.vehicles != 1)}"
+    say(f"{tracked.logs} logs, {tracked.read} of them read. The fleet has {summary.flights} flights of {vehicles}.")
+    if summary.tiers:
+        say(f"Tiers: {', '.join(f'{tier} {count}' for tier, count in summary.tiers.items())}.")
+    if summary.health:
+        say(f"Health: {', '.join(f'{health} {count}' for health, count in summary.health.items())}.")
+    if summary.failed:
+        say(f"\nWithout a flight: {len(summary.failed)}.")
+        for file, status in summary.failed[:MAX_LISTED]:
+            say(printable(f"  {file}: {status}"))
+        if len(summary.failed) > MAX_LISTED:
+            say(f"  and {len(summary.failed) - MAX_LISTED} more, in the rows whose status is not 'ok'.")
+    query = f"from '{out}/flights/**/*.parquet'"
+    say(printable(f"\nAsk: {shlex.join(['duckdb', '-c', query])}".lstrip("\n")))
+
+
+@contextmanager
+def _progress() -> Iterator[LogProgress]:
+    """Shows on standard error how many logs are done, how fast, and when the last will be."""
+    if not STDERR.is_terminal:
+        yield _Lines()
+        return
+    columns = (
+        TextColumn("Reading logs"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(elapsed_when_finished=True),
+    )
+    with Progress(*columns, console=STDERR, transient=True) as bar:
+        task = bar.add_task("", total=None, rate="")
+        began = monotonic()
+
+        def show(done: int, of: int) -> None:
+            bar.update(task, completed=done, total=of, rate=_rate(done, monotonic() - began))
+
+        yield show
+
+
+def _rate(done: int, seconds: float) -> str:
+    return f"{done / seconds:.1f} a second" if done and seconds else ""
+
+
+class _Lines:
+    """Progress as a line now and then."""
+
+    def __init__(self) -> None:
+        self._began = self._last = monotonic()
+
+    def __call__(self, done: int, of: int) -> None:
+        now = monotonic()
+        if done and done < of and now - self._last >= SECONDS_BETWEEN_LINES:
+            left = (now - self._began) * (of - done) / done
+            say_aside(f"{done} of {of} logs, {_rate(done, now - self._began)}, {left / 60:.0f} min left")
+            self._last = now

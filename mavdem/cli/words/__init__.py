@@ -1,0 +1,1 @@
+"""Words of commands: what takes a file of its own to be put into words."""

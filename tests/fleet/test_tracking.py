@@ -1,0 +1,185 @@
+"""Tracking: what is known is not read again, no log stops a run, and a killed run is resumed to the same data set."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from standin_rows import READ
+from tracked_logs import LIMITS, files_of, make_logs, statuses, track
+
+from mavdem.errors import Unreadable
+from mavdem.fleet.dataset import read_rows
+from mavdem.fleet.journal import JOURNAL
+from mavdem.fleet.ledger import read_ledger
+from mavdem.fleet.lock import locked
+from mavdem.fleet.reading.crew import Crew
+from mavdem.fleet.reading.outcome import Limits
+from mavdem.fleet.row import FlightRow
+from mavdem.fleet.tracking import FleetTracker
+
+
+def test_no_log_stops_a_run(tmp_path):
+    logs = tmp_path / "logs"
+    make_logs(logs / "below", 3)
+    for name in ("slow", "crash", "big", "bug", "damaged", "odd\n\x1b[31m"):
+        make_logs(logs, 1, name)
+    (logs / "empty.ulg").touch()
+    os.mkfifo(logs / "pipe.tlog")
+    os.symlink("loop.bin", logs / "loop.bin")
+    os.symlink(logs, logs / "below" / "up")
+    os.symlink("/nowhere", logs / "gone.mcap")
+    os.truncate(logs / "slow_0.bin", 1 << 40)  # sparse: its content alone takes longer to read than there is time
+    done = track(tmp_path / "fleet", logs)
+    assert (done.logs, done.read, done.problems) == (13, 13, ())
+    found = statuses(tmp_path / "fleet")
+    assert found.pop("crash_0.bin") == "The process that read it died (SIGSEGV), each of 2 times."
+    assert found == {
+        "slow_0.bin": "It takes longer than its time limit of 3 s.",
+        "big_0.bin": "It needs more memory than its limit of 600 MB.",
+        "bug_0.bin": "This should not have happened (KeyError: 'a fault of mavdem').",
+        "damaged_0.bin": "It is damaged.",
+        "pipe.tlog": "It is not a plain file.",
+        "loop.bin": "It cannot be read (Too many levels of symbolic links).",
+        "gone.mcap": "It cannot be read (No such file or directory).",
+    }
+    # Again, only what may be there by now is looked at.
+    assert track(tmp_path / "fleet", logs).read == 3
+    # With more time and memory also what these ended.
+    assert track(tmp_path / "fleet", logs / "big_0.bin", limits=Limits(3, 700)).read == 1
+
+
+def test_what_is_known_is_not_read_again_whatever_it_is_called(tmp_path):
+    out, (one, other) = tmp_path / "fleet", make_logs(tmp_path / "logs", 2)
+    assert track(out, tmp_path / "logs").read == 2
+    before = files_of(out)
+    assert track(out, one, tmp_path / "logs" / "*.bin").read == 0 and files_of(out) == before
+    shutil.copy(one, tmp_path / "logs" / "z_copy.bin")
+    assert track(out, tmp_path / "logs").read == 1  # looked at, and known by its content
+    assert files_of(out) == before and read_ledger(out).by_path[str(tmp_path / "logs" / "z_copy.bin")].ended == "read"
+    other.rename(tmp_path / "logs" / "renamed.bin")
+    track(out, tmp_path / "logs")
+    assert sorted({Path(row.file).name for row in read_rows(out)}) == ["log_0.bin", "renamed.bin"]
+
+
+def test_a_log_that_changed_is_read_anew(tmp_path):
+    out, (one, _) = tmp_path / "fleet", make_logs(tmp_path / "logs", 2)
+    track(out, tmp_path / "logs")
+    one.write_bytes(b"another flight")
+    track(out, tmp_path / "logs")
+    assert len(read_rows(out)) == 4
+    track(tmp_path / "new", tmp_path / "logs")
+    assert files_of(out) == files_of(tmp_path / "new")
+
+
+def test_a_new_schema_reads_all_logs_again(tmp_path, monkeypatch):
+    out = tmp_path / "fleet"
+    make_logs(tmp_path / "logs", 2)
+    track(out, tmp_path / "logs")
+    for module in ("row", "dataset", "ledger"):
+        monkeypatch.setattr(f"mavdem.fleet.{module}.SCHEMA_VERSION", 99)
+    assert track(out, tmp_path / "logs").read == 2 and len(read_rows(out)) == 4
+
+
+RUN = """
+import sys
+from pathlib import Path
+from tracked_logs import track
+track(Path(sys.argv[1]), sys.argv[2])
+"""
+
+
+@pytest.mark.parametrize("lines", [1, 5])
+def test_a_killed_run_is_resumed_to_the_same_data_set(tmp_path, lines):
+    make_logs(tmp_path / "logs", 9, "while")
+    track(tmp_path / "whole", tmp_path / "logs")
+    out = tmp_path / "killed"
+    run = subprocess.Popen(
+        [sys.executable, "-c", RUN, str(out), str(tmp_path / "logs")],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    journal, deadline = out / JOURNAL, time.monotonic() + 30
+    while not journal.exists() or journal.read_bytes().count(b"\n") < lines:
+        assert time.monotonic() < deadline and run.poll() is None
+        time.sleep(0.02)
+    run.send_signal(signal.SIGKILL)
+    run.wait()
+    kept = journal.read_bytes().count(b"\n")
+    with journal.open("ab") as file:
+        file.write(b'{"entry": {"path": "torn')
+    done = track(out, tmp_path / "logs")
+    assert done.read == 9 - kept < 9
+    assert files_of(out) == files_of(tmp_path / "whole") and journal.stat().st_size == 0
+
+
+def test_a_compaction_that_was_cut_off_is_done_again(tmp_path, monkeypatch):
+    out = tmp_path / "fleet"
+    make_logs(tmp_path / "logs", 8)
+    track(tmp_path / "whole", tmp_path / "logs")
+    written = []
+
+    def write_group(folder: Path, group: str, rows: Sequence[FlightRow]) -> None:
+        if len(written) == 2:
+            raise OSError(28, "No space left on device")
+        written.append(group)
+        original(folder, group, rows)
+
+    from mavdem.fleet import compaction
+
+    original = compaction.write_group
+    monkeypatch.setattr(compaction, "write_group", write_group)
+    with pytest.raises(Unreadable, match="cannot be written to .No space left on device.*the same command goes on"):
+        track(out, tmp_path / "logs")
+    monkeypatch.setattr(compaction, "write_group", original)
+    assert track(out, tmp_path / "logs").read == 0
+    assert files_of(out) == files_of(tmp_path / "whole")
+
+
+def test_one_run_at_a_time(tmp_path):
+    make_logs(tmp_path / "logs", 1)
+    out = tmp_path / "fleet"
+    out.mkdir()
+    with locked(out), pytest.raises(Unreadable, match=rf"process {os.getpid()} on .*wait until it has ended"):
+        track(out, tmp_path / "logs")
+    assert track(out, tmp_path / "logs").read == 1
+
+
+def test_names_without_a_log_are_said_and_the_others_read(tmp_path):
+    (log,) = make_logs(tmp_path / "logs", 1)
+    done = track(tmp_path / "fleet", log, tmp_path / "none.bin", tmp_path / "*.ulg")
+    assert done.read == 1 and [problem.split("/")[-1] for problem in done.problems] == [
+        "none.bin does not exist: check the name.",
+        "*.ulg names no log: check the name.",
+    ]
+    with pytest.raises(Unreadable, match="none.bin does not exist"):
+        track(tmp_path / "other", tmp_path / "none.bin")
+    assert not (tmp_path / "other").exists()
+
+
+def test_a_baseline_is_kept_apart_and_stays_until_another_is_given(tmp_path):
+    healthy, flown = make_logs(tmp_path / "healthy", 3), make_logs(tmp_path / "flown", 5, "fly")
+    seen = []
+
+    def second_pass(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
+        seen.append((rows[0].vehicle, [Path(row.file).name for row in baseline]))
+        return rows
+
+    tracker = FleetTracker(tmp_path / "fleet", Crew(1, LIMITS, READ), second_pass=second_pass)
+    tracker.track([str(tmp_path / "flown")], [str(tmp_path / "healthy")])
+    assert {Path(row.file).name for row in read_rows(tmp_path / "fleet")} == {path.name for path in flown}
+    first = dict(seen)
+    assert sum(map(bool, first.values())) > 0
+    seen.clear()
+    tracker.track([str(tmp_path / "flown")])
+    assert not seen  # nothing is new
+    tracker.track([str(tmp_path / "flown")], [str(healthy[0])])
+    assert dict(seen) != first and set(dict(seen)) == set(first)
+    with pytest.raises(Unreadable, match="--baseline"):
+        tracker.track([str(tmp_path / "flown")], [str(tmp_path / "nothing")])
