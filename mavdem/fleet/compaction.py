@@ -68,11 +68,15 @@ def judged(rows: Iterable[FlightRow], second_pass: SecondPass, baseline: Sequenc
     vehicles = defaultdict(list)
     for row in rows:
         vehicles[row.vehicle].append(row)
-    return [
-        row
-        for vehicle, flown in sorted(vehicles.items())
-        for row in second_pass(sorted(flown, key=lambda row: row.order), healthy[vehicle])
-    ]
+    found: list[FlightRow] = []
+    for vehicle, flown in sorted(vehicles.items()):
+        ordered = sorted(flown, key=lambda row: row.order)
+        try:
+            found += second_pass(ordered, healthy[vehicle])
+        except Exception as error:  # a fault of mavdem on one vehicle's figures must not keep back the others'
+            reason = f"Health is unknown: this should not have happened ({type(error).__name__}: {error})."
+            found += [replace(row, health_reason=reason) for row in ordered]
+    return found
 
 
 def _by_identity(entries: Iterable[LedgerEntry]) -> tuple[dict[str, str], dict[str, tuple[str, ...]]]:

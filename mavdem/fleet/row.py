@@ -32,6 +32,7 @@ class FlightRow:
         file: path or URL of the log.
         key: hash of its content and its size, by which a log is known again; empty if it could not be read at all.
         vehicle: its name, by what the log says of its identity; "unknown" where it says nothing.
+        vehicle_basis: what the name is made of, "board" or "accelerometer"; several vehicles may share a "system id".
         autopilot, frame, firmware: as the log has them.
         system: MAVLink system id.
         date: when the flight began, UTC; in the table without a zone.
@@ -54,6 +55,11 @@ class FlightRow:
         trim_share, trim_share_interval: the mean output as a share of the range, over its mean of all motors.
         headroom: what is left at the 99th percentile, as a share of the range.
         saturated: share of the time at full throttle.
+        balance, balance_error: what is asked of the motors in roll, pitch and yaw, in shares of their mean command, and
+            its standard error.
+        balance_lean: mean roll and pitch meanwhile, rad.
+        lean_effect, lean_effect_error: change of each by roll and by pitch, 1/rad, row after row, and its standard
+            error.
         effect, effect_interval, effect_status: angular acceleration for one unit of the motor's output, rad/s².
         damping, damping_interval, damping_status: 1/s.
         lag, lag_interval, lag_status: of the motors, s.
@@ -77,6 +83,7 @@ class FlightRow:
     file: str
     key: str = ""
     vehicle: str = UNKNOWN
+    vehicle_basis: str | None = None
     autopilot: str | None = None
     frame: str | None = None
     firmware: str | None = None
@@ -107,6 +114,11 @@ class FlightRow:
     trim_share_interval: Numbers | None = None
     headroom: Numbers | None = None
     saturated: Numbers | None = None
+    balance: Numbers | None = None
+    balance_error: Numbers | None = None
+    balance_lean: Numbers | None = None
+    lean_effect: Numbers | None = None
+    lean_effect_error: Numbers | None = None
     effect: Numbers | None = None
     effect_interval: Numbers | None = None
     effect_status: str | None = None

@@ -83,7 +83,7 @@ class FleetTracker:
             self.folder.mkdir(parents=True, exist_ok=True)
             with locked(self.folder):
                 new_baseline = self._set_baseline(baseline, progress)
-                read = self._update(self.folder, found.logs, progress, self._second_pass, self._healthy(), new_baseline)
+                read = self._update(self.folder, found.logs, progress, self._second_pass, self.healthy(), new_baseline)
         except OSError as error:
             raise Unreadable(
                 f"{self.folder} cannot be written to ({error.strerror or error}): what was read is kept; once that is "
@@ -91,7 +91,8 @@ class FleetTracker:
             ) from None
         return TrackedLogs(len(found.logs), read, tuple(found.problems))
 
-    def _healthy(self) -> list[FlightRow]:
+    def healthy(self) -> list[FlightRow]:
+        """The rows of the baseline; none if there is none."""
         place = self.folder / BASELINE
         return read_rows(place) if is_fleet(place) else []
 
@@ -99,7 +100,7 @@ class FleetTracker:
         """Takes rows of healthy flights over; returns whether they are others than before."""
         if not names:
             return False
-        before = self._healthy()
+        before = self.healthy()
         place = self.folder / BASELINE
         if len(names) == 1 and is_fleet(Path(names[0])):
             chosen = read_rows(Path(names[0]))
@@ -117,7 +118,7 @@ class FleetTracker:
             why = f"{chosen[0].file}: {chosen[0].status}" if chosen else "its logs cannot be read"
             raise Unreadable(f"--baseline holds no flight ({why}): name logs of healthy flights.")
         write_rows(place, chosen)
-        return self._healthy() != before
+        return self.healthy() != before
 
     def _update(
         self,

@@ -10,24 +10,30 @@ from typing import Any
 import numpy as np
 
 from mavdem.alignment.drive import TILT_AXES
+from mavdem.alignment.signals import Signals
 from mavdem.analysis import LogAnalysis, analyse
+from mavdem.condition import Condition, condition_of, identity_of
 from mavdem.dem import Learned
 from mavdem.dem.parallel import stay_in_this_process
 from mavdem.errors import NotLearnable
 from mavdem.fleet.row import FlightRow
-from mavdem.ingest import Telemetry, read_log
+from mavdem.health.balance import BalanceFigures, balance_of_signals
+from mavdem.ingest import Log, Telemetry, read_log
 
 LEVEL = 0.9  # of all intervals
 SLOW_MOTION_HZ = 8.0  # attitude and motors for tier b
 
+WritePage = Callable[[str, Mapping[str, LogAnalysis], Path], None]
+"""Called with a log's name, its analyses by axis and the path of the page."""
 
-def rows_of_log(path: Path, page: Callable[..., Any] | None, pages: str, key: str) -> list[FlightRow]:
+
+def rows_of_log(path: Path, page: WritePage | None, pages: str, key: str) -> list[FlightRow]:
     """A row for each vehicle and axis of a log; of a vehicle without settled flight one, whose status says why.
 
     Args:
         path: of the log.
-        page: writes a flight's page: called with the analyses by axis and a path.
-        pages: the folder for it.
+        page: writes the page of a flight.
+        pages: the folder for pages.
         key: of the log's content, for the page's name.
 
     Raises:
@@ -35,87 +41,111 @@ def rows_of_log(path: Path, page: Callable[..., Any] | None, pages: str, key: st
     """
     stay_in_this_process()  # others like it have the other cores
     log = read_log(path)
-    rows: list[FlightRow] = []
-    for telemetry in log.vehicles:
-        name = f"{telemetry.system}:{telemetry.component}"
-        head = partial(FlightRow, file=str(path), **_who(telemetry))
-        analyses: dict[str, LogAnalysis] = {}
-        reason = ""
-        for axis in TILT_AXES:
-            try:
-                analyses[axis] = analyse(log, axis, name)
-            except NotLearnable as error:
-                reason = error.reason
-        flown = {axis: one for axis, one in analyses.items() if _tier(one) is not None}
-        if not flown:
-            reasons = [one.reason for one in analyses.values() if one.reason]
-            rows.append(head(status=reasons[0] if reasons else reason))
-            continue
-        place = f"{key[:16]}-{telemetry.system}-{telemetry.component}.html" if page and pages else None
-        if page and place:
-            page(flown, Path(pages) / place)
-        rows += [
-            head(axis=axis, page=f"{Path(pages).name}/{place}" if place else None, **_figures(one))
-            for axis, one in flown.items()
-        ]
+    rows = [row for one in log.vehicles for row in _rows_of_vehicle(log, one, path, page, Path(pages), key)]
     return rows or [FlightRow(file=str(path), status="There is no vehicle in it.")]
 
 
-def _who(telemetry: Telemetry) -> dict[str, Any]:
+def _rows_of_vehicle(
+    log: Log, telemetry: Telemetry, path: Path, page: WritePage | None, pages: Path, key: str
+) -> list[FlightRow]:
+    signals = Signals(telemetry, inputs="motors")
+    identity = identity_of(signals, log.receive_time[0])
+    condition = condition_of(signals)
+    head = partial(
+        FlightRow,
+        file=str(path),
+        vehicle=identity.name,
+        vehicle_basis=identity.basis,
+        system=identity.system,
+        autopilot=identity.autopilot,
+        frame=identity.frame,
+        firmware=identity.firmware or None,
+        date=identity.date,
+        **_of_condition(condition),
+    )
+    analyses: dict[str, LogAnalysis] = {}
+    for axis in TILT_AXES:
+        try:
+            analyses[axis] = analyse(log, axis, f"{telemetry.system}:{telemetry.component}")
+        except NotLearnable as error:
+            return [head(status=error.reason)]
+    if condition.hover is None:
+        return [head(status=next(one.reason for one in analyses.values() if one.reason))]
+    written = None
+    if page is not None:
+        written = f"{pages.name}/{key[:16]}-{telemetry.system}-{telemetry.component}.html"
+        page(path.name, analyses, pages.parent / written)
+    balance = _of_balance(balance_of_signals(signals))
+    layout = _of_layout(signals)
+    return [head(axis=axis, page=written, **layout, **balance, **_of_analysis(one)) for axis, one in analyses.items()]
+
+
+def _of_condition(condition: Condition) -> dict[str, Any]:
+    columns: dict[str, Any] = {
+        "duration": condition.settled,
+        "collective": condition.collective,
+        "tilt_sd": condition.tilt_sd,
+        "tilt_max": condition.tilt_max,
+    }
+    columns |= {f"lean_{axis}": lean.mean for axis, lean in condition.lean.items()}
+    if (battery := condition.battery) is not None:
+        columns |= {
+            "voltage_start": battery.voltage_start,
+            "voltage_end": battery.voltage_end,
+            "voltage_mean": battery.voltage_mean,
+        }
+    if (vibration := condition.vibration) is not None:
+        columns |= {"vibration": vibration.level, "clips": vibration.clips}
+    if (hover := condition.hover) is not None:
+        columns |= {
+            "motors": hover.motors,
+            "input_unit": hover.unit,
+            "trim": hover.trim,
+            "trim_share": hover.trim_share,
+            "trim_share_interval": condition.share_interval,
+            "headroom": hover.headroom,
+            "saturated": hover.at_upper_limit,
+            "mean_inputs": hover.trim,
+        }
+    return columns
+
+
+def _of_layout(signals: Signals) -> dict[str, Any]:
+    if signals.motors is None:
+        return {}
+    layout = signals.motors.layout
+    return {"positions": layout.positions or None, "spins": layout.spins or None}
+
+
+def _of_balance(balance: BalanceFigures | None) -> dict[str, Any]:
+    if balance is None:
+        return {}
     return {
-        "system": telemetry.system,
-        "autopilot": telemetry.autopilot,
-        "frame": telemetry.vehicle,
-        "firmware": telemetry.firmware or None,
+        "balance": balance.mean,
+        "balance_error": balance.error,
+        "balance_lean": balance.lean,
+        "lean_effect": np.ravel(balance.lean_effect),
+        "lean_effect_error": np.ravel(balance.lean_effect_error),
     }
 
 
-def _tier(found: LogAnalysis) -> str | None:
-    if found.learned is not None:
-        return "a"
-    if found.vehicle.hover is None:
-        return None
-    figures = found.verdict.figures
-    return "b" if min(figures.attitude_rate or 0, figures.motor_rate or 0) >= SLOW_MOTION_HZ else "c"
-
-
-def _figures(found: LogAnalysis) -> dict[str, Any]:
-    """All columns that the analysis of one axis fills."""
+def _of_analysis(found: LogAnalysis) -> dict[str, Any]:
+    """The columns of one axis."""
     measured = found.verdict.figures
-    return {
-        "tier": _tier(found),
+    rate = min(measured.attitude_rate or 0, measured.motor_rate or 0)
+    columns: dict[str, Any] = {
+        "tier": "a" if found.learned is not None else "b" if rate >= SLOW_MOTION_HZ else "c",
         "tier_reason": found.reason or None,
-        "duration": measured.duration,
         "attitude_rate": measured.attitude_rate,
         "motor_rate": measured.motor_rate,
         "warnings": found.verdict.cautions if found.learned is None else found.learned.cautions,
-        **_condition(found),
-        **({} if found.learned is None else _model(found, found.learned)),
     }
+    if found.learned is not None:
+        columns |= _of_model(found, found.learned)
+    return columns
 
 
-def _condition(found: LogAnalysis) -> dict[str, Any]:
-    hover = found.vehicle.hover
-    if hover is None:
-        return {}
-    layout: Mapping[str, Any] = found.verdict.flight.provenance.get("motors", {}) if found.verdict.flight else {}
-    return {
-        "duration": hover.seconds,
-        "motors": hover.motors,
-        "positions": layout.get("positions") or None,
-        "spins": layout.get("spins") or None,
-        "input_unit": hover.unit,
-        "trim": hover.trim,
-        "collective": float(np.mean(hover.trim_of_range)),
-        "trim_share": hover.trim_share,
-        "headroom": hover.headroom,
-        "saturated": hover.at_upper_limit,
-        "lean_roll": None if hover.roll is None else np.radians(hover.roll),
-        "lean_pitch": None if hover.pitch is None else np.radians(hover.pitch),
-    }
-
-
-def _model(found: LogAnalysis, learned: Learned) -> dict[str, Any]:
+def _of_model(found: LogAnalysis, learned: Learned) -> dict[str, Any]:
     inputs = np.concatenate([flight.inputs for flight in found.flights]).mean(axis=0)
     outputs = np.concatenate([flight.outputs for flight in found.flights]).mean(axis=0)
     columns: dict[str, Any] = {"mean_inputs": inputs, "mean_outputs": outputs}
@@ -137,9 +167,12 @@ def _model(found: LogAnalysis, learned: Learned) -> dict[str, Any]:
             "damping_interval": half.damping,
             "lag_interval": half.lag,
             **{f"{name}_status": physical.status[name] for name in ("effect", "damping", "lag")},
-            # In settled flight the mean acceleration is 0, so what the motors and the damping leave is the wind's.
-            "residual_gain_inputs": -physical.effect,
-            "residual_gain_outputs": (0.0, physical.damping),
-            "residual_offset": float(physical.effect @ inputs - physical.damping * outputs[-1]),
         }
+        if physical.identifiable:
+            # In settled flight the mean acceleration is 0, so what the motors and the damping leave is the wind's.
+            columns |= {
+                "residual_gain_inputs": -physical.effect,
+                "residual_gain_outputs": (0.0, physical.damping),
+                "residual_offset": float(physical.effect @ inputs - physical.damping * outputs[-1]),
+            }
     return columns

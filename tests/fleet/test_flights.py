@@ -1,0 +1,96 @@
+"""Flights of a log: what a row says is what the log says, at each tier, and health comes from the vehicle's others."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mavdem
+from mavdem.analysis import LogAnalysis
+from mavdem.errors import Unreadable
+from mavdem.fleet.reading.flights import rows_of_log
+from mavdem.fleet.row import FlightRow
+from mavdem.fleet.second_pass import residual_mean, with_health
+
+LOGS = Path(__file__).parents[2] / "logs"
+SLOW = LOGS / "ardupilot_default_rates.tlog"
+
+
+@pytest.fixture(scope="module")
+def slow_rows() -> list[FlightRow]:
+    return rows_of_log(SLOW, None, "", "key")
+
+
+def test_a_slow_log_gives_what_it_holds_and_says_why_no_more(slow_rows):
+    hover = mavdem.hover(SLOW)
+    assert [row.axis for row in slow_rows] == ["roll", "pitch"]
+    for row in slow_rows:
+        assert (row.tier, row.status, row.effect) == ("c", "ok", None) and "4.0 Hz" in row.tier_reason
+        assert row.trim == pytest.approx(hover.trim) and row.headroom == pytest.approx(hover.headroom)
+        assert row.duration == pytest.approx(hover.seconds) and row.attitude_rate == pytest.approx(4, abs=0.2)
+        assert row.lean_roll == pytest.approx(np.radians(hover.roll))
+        assert len(row.positions) == len(row.spins) == len(row.motors) == 4
+
+
+def test_a_page_is_written_once_for_a_vehicle(tmp_path):
+    written = []
+
+    def page(name: str, analyses: Mapping[str, LogAnalysis], path: Path) -> None:
+        written.append((name, list(analyses), path))
+
+    rows = rows_of_log(SLOW, page, str(tmp_path / "pages"), "0123456789abcdef0123")
+    assert written == [(SLOW.name, ["roll", "pitch"], tmp_path / "pages" / "0123456789abcdef-1-1.html")]
+    assert {row.page for row in rows} == {"pages/0123456789abcdef-1-1.html"}
+
+
+def test_a_log_that_is_none_cannot_be_read(tmp_path):
+    (tmp_path / "x.bin").write_bytes(b"PK\x03\x04")
+    with pytest.raises(Unreadable, match="is a zip archive"):
+        rows_of_log(tmp_path / "x.bin", None, "", "")
+
+
+def flight(key: str, inputs: tuple[float, ...], **columns: object) -> FlightRow:
+    """A flight whose model says that each µs of either motor turns it by 1 or -1 rad/s², damped by 2/s."""
+    effect = np.array([1.0, -1.0])
+    values = {
+        "motors": ("1", "2"),
+        "axis": "roll",
+        "mean_inputs": inputs,
+        "mean_outputs": (0.1, 0.0),
+        "residual_gain_inputs": -effect,
+        "residual_gain_outputs": (0.0, 2.0),
+        "residual_offset": float(effect @ inputs),
+    }
+    return FlightRow(file=f"{key}.bin", key=key, **values | columns)
+
+
+def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
+    healthy = [flight(str(number), (1500 + number, 1500 - number)) for number in (-1, 0, 1)]
+    mean, interval = residual_mean(flight("new", (1510, 1500)), healthy)
+    assert mean == pytest.approx(-10)
+    # Each of the three leaves -3, 0 and 3 by the other two: a half width of Student's t with two degrees of freedom.
+    assert interval == pytest.approx(2.920 * np.sqrt(6), rel=1e-3)
+    assert residual_mean(healthy[0], healthy)[0] == pytest.approx(3)
+    assert residual_mean(flight("new", (1510, 1500), motors=("other", "names")), healthy) == (None, None)
+    assert residual_mean(flight("new", (1510, 1500), axis="pitch"), healthy) == (None, None)
+
+
+def test_flights_of_nobody_known_are_not_compared(slow_rows):
+    row = replace(slow_rows[0], vehicle_basis="system id")
+    (found,) = with_health([row], [])
+    assert found.health == "unknown" and "does not say which vehicle" in found.health_reason
+    (failed,) = with_health([FlightRow(file="x", status="It is empty.")], [])
+    assert failed.health_reason is None
+
+
+def test_health_comes_from_the_vehicle_s_healthy_flights(slow_rows):
+    row = replace(slow_rows[0], vehicle="7", vehicle_basis="board")
+    flown = [replace(row, key=f"{number}", file=f"{number}") for number in range(3)]
+    spoilt = replace(row, key="9", file="9", balance=tuple(np.add(row.balance, (0.08, 0.08, -0.08))))
+    found = with_health([*flown, spoilt], flown)
+    assert [one.health for one in found[:3]] == ["ok"] * 3
+    assert found[3].health in ("fault", "drift") and found[3].fault_probability > found[0].fault_probability
