@@ -35,6 +35,7 @@ def test_the_comparison_s_examples_run(monkeypatch, capsys):
     assert "\nconstant mean 1.0\n" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_scenarios_example_flies(capsys):
     (code,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "scenarios.md").read_text(), re.DOTALL)
     names: dict[str, object] = {}

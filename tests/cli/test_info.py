@@ -113,6 +113,7 @@ def test_the_vehicle_asked_for_must_be_there(capsys):
     assert "5:1" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("faults", "said"),
     [

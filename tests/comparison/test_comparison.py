@@ -306,6 +306,7 @@ def test_of_few_windows_nothing_is_distinguished():
     )
 
 
+@pytest.mark.slow
 def test_of_six_flights_each_is_a_pair():
     parts = [window for name in "abcdef" for window in windows(name, FLIGHTS["a"][100 * ord(name) - 9700 :], 200, 50)]
     found = compare(parts, [HOLD, IS_OFF])

@@ -158,6 +158,7 @@ def test_the_maps_are_the_autoregression_s_own_steps():
     np.testing.assert_allclose(maps.predicted(channels[100:103]), [past[3][:2], past[-1][:2]], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_no_lag_and_no_error_reaches_across_a_gap():
     flight = controlled(7, 1500)
     online = OnlineLearner(Settings(order=2, d=1, window=7, parameter_precision=1.0, horizon=None), dt=0.01)

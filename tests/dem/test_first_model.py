@@ -21,6 +21,7 @@ def flight() -> mavdem.Flight:
     return mavdem.read_flight(LOG)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("milliseconds", "samples"),
     # Before, with the samples beside: 859, 463, 258, 165, 160, 495, 476, 325, 339, and none at 100 ms within 60 s.

@@ -95,6 +95,7 @@ def test_a_change_of_the_controller_is_found_and_dated(seed):
     assert len(found) == 1 and found[0].startswith("About 3.5 s")
 
 
+@pytest.mark.slow
 def test_learning_says_so():
     inputs = np.minimum(FLIGHT.inputs, np.quantile(FLIGHT.inputs, 0.8, axis=0))
     flight = Flight(FLIGHT.time, inputs, FLIGHT.outputs)

@@ -65,6 +65,7 @@ def found(flight: Flight) -> np.ndarray:
     return turning
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_an_x_is_found_by_what_rolls_it(seed):
     turning = found(simulated(wind=0.5, lag=0.05, seed=seed)[:700])

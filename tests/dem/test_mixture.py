@@ -26,6 +26,7 @@ def learned():
     return learn(TRAIN)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 5])
 def test_the_motors_are_measurements_of_the_motion(seed):
     """The autopilot hardly errs here: its motors tell more of the motion than the plant alone can know of the wind."""

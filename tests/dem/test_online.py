@@ -338,6 +338,7 @@ def test_a_process_forked_while_another_thread_learns_can_learn():
         assert os.waitpid(child, 0)[1] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("step", "said"), [(0.02, "come every 0.02 s, where dt is 0.01 s"), (-0.01, "do not go on")])
 def test_a_dt_that_is_not_that_of_the_samples_is_an_obstacle(step, said):
     online = OnlineLearner(COMPLETE, dt=0.01)

@@ -74,6 +74,7 @@ def test_it_is_known_from_the_first_fit_on_and_anew_after_a_gap():
     assert np.isfinite(after[BEGINS + 1 :]).all()
 
 
+@pytest.mark.slow
 def test_a_fit_in_an_executor_makes_no_sample_wait():
     pending: Future = Future()
     online = OnlineWind(WINDY.dt, 10, Mock(**{"submit.return_value": pending}), None)

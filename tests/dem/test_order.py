@@ -95,6 +95,7 @@ def test_nobody_s_inputs_are_not_looked_at():
     assert int(np.argmax(told)) + 1 == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("smoothness", [1.0, 4.0])
 def test_the_smoothness_of_the_noise_comes_out(smoothness):
     flight = paper_flight(2, 1, smoothness=smoothness)

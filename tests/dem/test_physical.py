@@ -199,12 +199,14 @@ def test_a_steered_flight_gives_the_truth_back(known):
     assert abs(found.lag - LAG) < half.lag
 
 
+@pytest.mark.slow
 def test_directions_that_count_turns_the_other_way_round_are_turned():
     flight = flown(0, steering=1.0)
     turned = Flight(flight.time, flight.inputs, flight.outputs, effect_directions=-np.sign(MOTORS))
     np.testing.assert_array_equal(np.sign(physical(turned).effect), np.sign(MOTORS))
 
 
+@pytest.mark.slow
 def test_nothing_is_identifiable_where_motors_only_react_to_the_wind():
     found = physical(flown(0, steering=0.0, wind=3.0))
     assert found.status == dict.fromkeys(PARAMETERS, "not identifiable")
@@ -310,6 +312,7 @@ def test_simulated_flights_are_identifiable_where_they_steer_and_then_truly(name
             assert abs(found.lag - lag) < half.lag
 
 
+@pytest.mark.slow
 def test_what_cannot_be_fitted_is_said():
     flight = flown(0, steering=1.0)
     with pytest.raises(ValueError, match="derivative of another"):

@@ -288,6 +288,7 @@ def scenario(name: str, steer: float = 0.0) -> tuple[Flight, np.ndarray, Paramet
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["hover_blower", "iris_dryden", "iris_gusts", "crazyflie_gusts"])
 def test_it_is_the_truth_of_a_simulated_flight_by_its_true_parameters(name):
     flight, torque, known = scenario(name)
@@ -298,6 +299,7 @@ def test_it_is_the_truth_of_a_simulated_flight_by_its_true_parameters(name):
     assert found.resolved
 
 
+@pytest.mark.slow
 def test_it_is_not_resolved_beside_steering_that_is_much_larger():
     flight, torque, known = scenario("calm", steer=3.0)
     found = wind(known._replace(components=((FIRST_ORDER, 0.2, 0.05),)), Record.of(flight))

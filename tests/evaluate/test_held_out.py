@@ -31,6 +31,7 @@ def test_every_sample_after_the_first_windows_is_held_out_once(held_out):
     np.testing.assert_array_equal(held_out.forecasts[HOLD_LAST][:, 0], FLIGHT.outputs[at[::STEPS] - 1])
 
 
+@pytest.mark.slow
 def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
     trained: list[set[float]] = []
     forecasts: list[set[float]] = []
@@ -51,6 +52,7 @@ def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
     assert all(not one & other for one, other in zip(trained, forecasts, strict=True))
 
 
+@pytest.mark.slow
 def test_nothing_after_a_sample_is_used_to_forecast_it(held_out):
     changed, moved = FLIGHT.outputs.copy(), FLIGHT.inputs.copy()
     last = np.searchsorted(FLIGHT.time, held_out.time[-1, 0])
@@ -103,6 +105,7 @@ def test_figures_are_those_of_the_windows(held_out):
     assert found["inside_90_percent_band"] == held_out.coverage
 
 
+@pytest.mark.slow
 def test_segments_are_held_out_together_and_filters_begin_anew_in_each():
     first, second = FLIGHT[:900], FLIGHT[1100:]
     held_out = held_out_windows([first, second], QUICK, STEPS)
@@ -112,6 +115,7 @@ def test_segments_are_held_out_together_and_filters_begin_anew_in_each():
     assert all(one.any() for one in inside)
 
 
+@pytest.mark.slow
 def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, monkeypatch):
     def refused(segments, settings):
         raise ValueError("the outputs must vary")

@@ -60,6 +60,7 @@ def test_an_output_that_is_constant_while_learning_has_no_unit_of_error():
         evaluate.relative_mspe(train, whole, whole.outputs)
 
 
+@pytest.mark.slow
 def test_the_report_is_plain_json_and_puts_the_best_first():
     train, test = flight()[:400], flight()[400:]
     learned = mavdem.learn(train, mavdem.Settings(window=9, parameter_precision=1.0))

@@ -36,6 +36,7 @@ def test_a_frame_has_the_columns_of_the_csv_file(flight):
     assert frame.attrs["provenance"] == flight.provenance
 
 
+@pytest.mark.slow
 def test_a_dataset_is_indexed_by_time_and_name(flight):
     data = flight.to_xarray()
     assert data.outputs.dims == ("time", "output") and data.time.attrs["units"] == "s"

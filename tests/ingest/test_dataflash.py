@@ -121,6 +121,7 @@ def test_the_translation_holds_dfreaders_values_in_mavlinks_units(steps: Path) -
     assert (vehicle.system, vehicle.vehicle, vehicle.autopilot) == (1, "QUADROTOR", "ARDUPILOTMEGA")
 
 
+@pytest.mark.slow
 def test_the_same_flight_over_the_link_reads_the_same() -> None:
     (logged,) = read_dataflash(shared(STEPS)).vehicles
     (sent,) = [one for one in read_log(shared(STEPS.with_suffix(".tlog"))).vehicles if "ATTITUDE" in one.messages]
@@ -604,6 +605,7 @@ def test_many_boots_take_no_long(tmp_path: Path) -> None:
     assert time.perf_counter() - began < 5
 
 
+@pytest.mark.slow
 def test_all_headers_and_no_message_takes_no_long(tmp_path: Path) -> None:
     runs = [b"\xa3\x95" * 500_000, b"\xa3\x95\x80" * 300_000, b"\xa3\x95\x81" * 300_000]
     for content in (runs[0], *(made.formats() + run for run in runs)):

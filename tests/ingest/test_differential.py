@@ -223,6 +223,7 @@ def test_blocks_of_a_few_bytes_read_as_one_block(sent: list[tuple[bytes, bytes, 
         assert everything(in_small_blocks(stream)) == everything(read(stream))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", sorted(SAMPLES.glob("*.tlog")), ids=lambda path: path.name)
 def test_samples_in_blocks_of_a_few_bytes(path: Path) -> None:
     content = path.read_bytes()[:10_000]

@@ -564,6 +564,7 @@ def test_a_cut_recording_is_read_up_to_the_cut(compression: CompressionType, tmp
     assert fewest == len(WHOLE)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32), st.sampled_from(COMPRESSIONS), st.booleans())
 @settings(max_examples=40)
 def test_damage_never_makes_an_error_or_a_false_message(

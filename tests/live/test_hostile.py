@@ -32,6 +32,7 @@ def usual_rows() -> np.ndarray:
     return replay(FLIGHT.frames(end=20.0)).table()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_random_bytes_between_frames_change_no_value(seed):
     chance = random.Random(seed)
@@ -130,6 +131,7 @@ def test_ten_thousand_senders_take_no_memory_and_not_the_place_of_the_vehicle():
     np.testing.assert_array_equal(again.table(), usual.table())
 
 
+@pytest.mark.slow
 def test_parameters_and_events_are_bounded():
     stream = LiveStream(vehicle="1:1")
     for number in range(5000):

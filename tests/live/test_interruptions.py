@@ -155,6 +155,7 @@ def test_a_rate_that_comes_back_has_the_step_it_had():
     assert steps[0] == steps[-1] == 0.01 and 0.02 in steps
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("before", "after"), [(100.0, 50.0), (50.0, 100.0), (200.0, 80.0)])
 def test_another_rate_in_flight_decides_the_step_anew(before, after):
     slow = Flight(hover=FLIGHT.hover, attitude=before, motors=before).frames(end=18.0)

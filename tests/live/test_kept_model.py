@@ -69,6 +69,7 @@ def kept(*models: mavdem.Learned, executor: Executor | None = None) -> KeptModel
     return one
 
 
+@pytest.mark.slow
 def test_the_error_is_small_for_a_model_of_the_same_motion_and_large_for_noise():
     assert forecast_error(good(), flown(1000, 5)) < 0.05
     assert forecast_error(poor(), flown(1000, 5)) > 0.3

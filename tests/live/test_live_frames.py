@@ -118,6 +118,7 @@ def test_a_recorded_flight_has_the_frames_of_its_file():
     assert found(content, random.Random(1))[0] == by_the_file_reader(content)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["random", "FE", "FD", "long chain", "cut frame"])
 def test_hostile_bytes_are_bounded_in_memory_and_time(kind):
     chance = random.Random(0)
@@ -140,6 +141,7 @@ def test_hostile_bytes_are_bounded_in_memory_and_time(kind):
     assert len(good) >= 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pattern", [b"\xfe", b"\xfe\xfe\xfe\xfe\xfe\x1e", b"\xfd\xff\x00", b"\xfe\x01"])
 def test_twenty_of_the_largest_datagrams_a_second_full_of_markers_leave_time_for_others(pattern):
     finder, datagram = LiveFrames(), (pattern * 65507)[:65507]

@@ -124,6 +124,7 @@ def test_a_late_first_landed_state_keeps_the_flight_and_landing_is_in_the_air_bu
     assert other.fly(20.0) and other.fly(1.0, landed=IN_AIR), "it has not just taken off"
 
 
+@pytest.mark.slow
 def test_a_landing_without_vertical_speed_is_not_learned_from_and_what_is_missing_is_said():
     path = SHARED / "sitl_events/ap_motor.tlog"
     if not path.exists():

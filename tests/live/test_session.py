@@ -156,6 +156,7 @@ def test_rates_are_asked_for_and_given_back(monkeypatch):
     assert all((each.target_system, each.target_component) == (1, 1) for each in sent)
 
 
+@pytest.mark.slow
 def test_who_waits_to_be_spoken_to_is_greeted_once_a_second_while_it_is_silent(monkeypatch):
     now = [100.0]
     monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
@@ -239,6 +240,7 @@ def test_silence_is_reported(monkeypatch):
     assert sum("Nothing was received" in sentence for sentence in said) == 1
 
 
+@pytest.mark.slow
 def test_what_came_before_a_silence_does_not_pass_for_what_comes(monkeypatch):
     now = [100.0]
     monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
@@ -262,6 +264,7 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(monkeypatch):
     assert said.count(f"Nothing was received for {SILENCE_SECONDS:.0f} s.") == 1
 
 
+@pytest.mark.slow
 def test_a_long_silence_is_said_less_and_less_often_and_its_end_once(monkeypatch):
     now = [100.0]
     monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])

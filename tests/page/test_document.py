@@ -71,6 +71,7 @@ def page(name: str = "flight.tlog") -> str:
     return render_page(name, name, blocks, chapters, [(name, "8.3 ± 0.7")] * 7)
 
 
+@pytest.mark.slow
 def test_the_same_result_makes_the_same_bytes():
     assert page() == page()
 
@@ -129,6 +130,7 @@ def in_browser(text: str, folder: Path, width: int) -> tuple[str, str]:
     return ran.stdout, ran.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "width"), [("flight.tlog", 1600), (HOSTILE + "x" * 200, 500)])
 def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(name, width, tmp_path):
     dom, log = in_browser(page(name), tmp_path, width)

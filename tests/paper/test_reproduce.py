@@ -148,6 +148,7 @@ def runner():
     return Runner(SMALL)
 
 
+@pytest.mark.slow
 def test_a_prediction_is_judged_by_what_it_shows(runner):
     window = runner.sample
     learned = mavdem.learn(window.train, PAPER)

@@ -64,6 +64,7 @@ def svg(figure: Figure) -> str:
     return file.getvalue()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*METHODS, "forecast"])
 def test_a_picture_has_the_colours_of_the_palette_and_text_as_text(name, figures):
     drawn = svg(figures[name])
@@ -192,6 +193,7 @@ def test_a_command_of_unknown_geometry_goes_by_the_effects_and_a_demand_is_itsel
     np.testing.assert_array_equal(AxisCommand.of(demand).weights, [1.0])
 
 
+@pytest.mark.slow
 def test_without_physical_parameters_only_what_needs_them_is_refused(learned, monkeypatch):
     for name in ("physical", "wind"):
         monkeypatch.setitem(learned.__dict__, name, None)
@@ -202,6 +204,7 @@ def test_without_physical_parameters_only_what_needs_them_is_refused(learned, mo
     assert "physical parameters" not in svg(learned.plot.bode())
 
 
+@pytest.mark.slow
 def test_what_is_not_identifiable_is_said_in_the_picture(learned, monkeypatch):
     monkeypatch.setitem(
         learned.__dict__,

@@ -126,6 +126,7 @@ def test_multisines_of_all_axes_share_no_frequency_and_are_orthogonal():
     assert power.sum(1).max() == 1
 
 
+@pytest.mark.slow
 def test_sticks_move_as_slowly_as_asked_and_each_for_itself():
     wanted = Sticks(kind="sticks", axis="all", sd=4.0, s=0.25)
     flown = excited(wanted, duration=600.0)

@@ -185,6 +185,7 @@ PLACES = [
 ]
 
 
+@pytest.mark.slow
 @given(st.lists(st.tuples(st.sampled_from(PLACES), st.one_of(VALUES, st.lists(VALUES, max_size=2))), max_size=4))
 def test_whatever_stands_in_a_scenario_it_is_one_or_is_refused_in_one_line(changes):
     table = load("lossy_link").model_dump(mode="json")

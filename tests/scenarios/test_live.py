@@ -125,6 +125,7 @@ class Counted(Ground):
         return [message for message in self.heard if message.get_type() == kind]
 
 
+@pytest.mark.slow
 def test_rate_and_clock(monkeypatch):
     ground = Nearby(monkeypatch)
     outcome, _ = ground.flown(8.0, 4.0)

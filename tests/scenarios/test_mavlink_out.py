@@ -247,6 +247,7 @@ def test_the_clock_of_32_bit_microseconds_wraps(tmp_path):
     assert (np.diff(servos["time"]) > 0).all()
 
 
+@pytest.mark.slow
 def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
     faults = Faults(
         loss=0.1, delay=0.05, jitter=0.03, reordered=0.2, reboot=6.0, outage=9.0, outage_seconds=2.0, clock_jump=12.0

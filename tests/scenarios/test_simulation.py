@@ -92,6 +92,7 @@ def test_on_the_ground_nothing_moves_and_nothing_acts(flight):
     assert not flight.moment[standing].any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speaks, disarmed", [("px4", 900), ("ardupilot", 1000)])
 def test_outputs_are_whole_microseconds_and_the_autopilots_own_when_disarmed(speaks, disarmed):
     motion = fly(brief(stream=StreamSpec(speaks=speaks)))
@@ -252,6 +253,7 @@ def test_a_weak_motor_is_driven_harder_and_gives_the_same_thrust():
     assert np.argmax(outputs) == 2 and outputs[2] > 1.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
 def test_setpoints_have_the_doublets_and_the_vehicle_follows_them(speaks, axis):
@@ -289,6 +291,7 @@ def test_sticks_turn_the_heading_as_far_as_their_rate_says():
     assert np.ptp(turned) > np.radians(25)
 
 
+@pytest.mark.slow
 def test_a_heading_that_goes_round_is_followed_the_short_way():
     sticks = Sticks(kind="sticks", axis="yaw", sd=30.0, s=10.0)
     # With noise on the heading, it and its setpoint are on two sides of south for a while.
@@ -301,6 +304,7 @@ def test_a_heading_that_goes_round_is_followed_the_short_way():
     assert np.abs(motion.rates_setpoint[:, 2] - motion.sticks[:, 2]).max() < np.radians(20)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("curve", [0.0, 1.0])
 def test_a_thrust_curve_changes_commands_and_not_the_flight(curve):
     sections = {"wind": (), "excitation": Doublets(kind="doublets", amplitude=4.0)}

@@ -35,6 +35,7 @@ def test_the_linear_system_with_lag_and_disturbance_moves_as_the_vehicle_did(flo
     assert (true - predicted).std() < 0.01 * true.std()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("axis", "inertia"), [("roll", 3.4e-3), ("pitch", 4.0e-3), ("yaw", 6.9e-3)])
 def test_it_does_about_every_axis_while_all_are_excited(axis, inertia):
     excitation = Multisine(kind="multisine", axis="all", sd=2.0, lowest=0.3, highest=4.0, period=10.0)
@@ -70,6 +71,7 @@ def test_the_system_is_the_papers(flown):
     assert known["lag"] == pytest.approx([0.02, 0.02, 0.02])
 
 
+@pytest.mark.slow
 def test_effects_of_motors_are_those_of_the_trim_that_is_flown():
     """In 8 m/s the rotors differ in speed and the vehicle is tilted; a regression on the rotors' speeds sees it."""
     wind = (SteadyWind(kind="steady", speed=8.0, direction=60.0),)
@@ -94,6 +96,7 @@ def test_effects_of_motors_are_those_of_the_trim_that_is_flown():
     assert pairs[0] != pytest.approx(np.abs(known["roll_B"][1]).sum(), rel=0.015)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
 def test_effects_of_motors_before_and_after_one_weakens(speaks):
     vehicle = VehicleSpec(weak_motor=2, weak_from=12.0, weak_thrust=0.64)
@@ -110,6 +113,7 @@ def test_effects_of_motors_before_and_after_one_weakens(speaks):
     np.testing.assert_allclose(always["roll_effect"], known["roll_effect_weak"], rtol=0.01)
 
 
+@pytest.mark.slow
 def test_effects_follow_from_voltage_inertia_and_thrust_curve():
     plain = VehicleSpec()
     base = np.abs(effect(plain))
@@ -139,6 +143,7 @@ def test_the_disturbance_is_the_moment_that_the_scenario_asks_for(flown):
     assert known["roll_disturbance"][hover].std() == pytest.approx(1.0, rel=0.3)
 
 
+@pytest.mark.slow
 def test_the_file_is_the_same_for_the_same_flight(tmp_path, flown):
     scenario, motion = flown
     write_truth(tmp_path / "a.npz", scenario, motion)

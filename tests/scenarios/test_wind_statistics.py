@@ -43,6 +43,7 @@ def drawn(draw, dt, seed=0, series=SERIES):
     return np.array([draw(dt, SAMPLES, np.random.default_rng([seed, i])) for i in range(series)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dt", STEPS)
 @pytest.mark.parametrize("model", MODELS)
 def test_a_random_model_is_the_process_it_says(model, dt):

@@ -158,6 +158,7 @@ def test_outputs_and_predictions_a_quarter_of_a_second_ahead_are_in_degrees_at_t
     np.testing.assert_allclose(edges[40:, 0], expected.T.ravel())
 
 
+@pytest.mark.slow
 def test_the_longest_useful_horizon_is_shown_and_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the first batch whose errors say so; where none is useful, one step."""
     named: list[str] = []
@@ -175,6 +176,7 @@ def test_the_longest_useful_horizon_is_shown_and_named(tmp_path: Path, monkeypat
         assert f"{useful * DT:.2g} s ahead" in named
 
 
+@pytest.mark.slow
 def test_the_command_is_that_of_the_weights_or_else_every_motor(recording: Path, tmp_path: Path) -> None:
     times, values = drawn(recording)["command"]
     np.testing.assert_allclose(times, TIME, atol=1e-8)
@@ -213,6 +215,7 @@ def test_the_wind_s_torque_is_drawn_with_its_band_when_it_acted(recording: Path)
     np.testing.assert_allclose(edges[161:360:2, 0] - edges[160:360:2, 0], 2 * half)
 
 
+@pytest.mark.slow
 def test_what_happens_is_logged_with_its_time_and_size(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
     torque = np.random.default_rng(1).normal(size=4000)
@@ -276,6 +279,7 @@ def test_a_flight_is_shown_as_it_is_learnt_from(tmp_path: Path) -> None:
     assert widths == {"parameters/A": 3, "parameters/B": 8, "noise_precisions": 1}
 
 
+@pytest.mark.slow
 def test_other_channels_are_drawn_apart_from_those_before(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
     demand = CHANNELS._replace(dt=0.02, horizons=(1, 12, 50), input_names=("roll demand",), input_units=("",))
@@ -301,6 +305,7 @@ def test_other_channels_are_drawn_apart_from_those_before(tmp_path: Path) -> Non
     assert second - shown == {"status", "log", *FIGURES, *learned}
 
 
+@pytest.mark.slow
 def test_a_missing_stretch_parts_every_line(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
     with LiveView(CHANNELS, [RecordingFile(path)]) as view:
@@ -314,6 +319,7 @@ def test_a_missing_stretch_parts_every_line(tmp_path: Path) -> None:
         assert times[9] < times[10] < times[11]
 
 
+@pytest.mark.slow
 def test_time_goes_on_where_a_reboot_sets_the_clock_back(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
     with LiveView(CHANNELS, [RecordingFile(path)]) as view:
@@ -342,6 +348,7 @@ def test_a_line_about_a_moment_ago_is_no_reboot() -> None:
     assert timeline.place(2.5) == 500.5 + REBOOT_GAP_SECONDS
 
 
+@pytest.mark.slow
 def test_what_is_not_known_is_left_out(tmp_path: Path) -> None:
     learner = mavdem.OnlineLearner(dt=DT)
     path = tmp_path / "flight.rrd"
@@ -374,6 +381,7 @@ class Slow(RecordingFile):
         return super().open(recording)
 
 
+@pytest.mark.slow
 def test_who_receives_does_not_wait_for_a_view_to_open(tmp_path: Path) -> None:
     sink = Slow(tmp_path / "flight.rrd")
     Timer(5.0, sink.go.set).start()  # or the old code would wait for ever
@@ -487,6 +495,7 @@ def test_closing_twice_is_closing_once_and_nothing_comes_after(recording: Path, 
     assert len(drawn(path)["command"][0]) == 1
 
 
+@pytest.mark.slow
 def test_a_file_that_cannot_be_written_is_reported_and_ends_nothing(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
     with LiveView(CHANNELS, [RecordingFile(tmp_path / "nowhere" / "flight.rrd"), RecordingFile(path)]) as view:

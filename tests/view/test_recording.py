@@ -153,6 +153,7 @@ def test_free_parameters_are_drawn_by_iteration_in_degrees(recording: Path, lear
     assert sum(name.startswith("learning/lambda") for name in drawn) == 2
 
 
+@pytest.mark.slow
 def test_what_is_learnt_under_a_prior_that_knows_nothing(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
     write(path, mavdem.learn(PARTS, mavdem.Settings.paper()))
