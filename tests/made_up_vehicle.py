@@ -14,7 +14,8 @@ from mavdem.health.reference import HealthFigures
 MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
 QUAD_X = motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)], [1, 1, -1, -1])
 OFFSET = np.array([0.01, -0.02, 0.005])
-LEAN_EFFECT, ERROR, EFFECT_ERROR = 0.9, 0.003, 0.15
+LEAN_EFFECT = np.array([[0.9, 0.1], [-0.1, 0.8], [0.3, -0.2]])
+ERROR, EFFECT_ERROR = 0.003, 0.15
 FIRST = datetime(2026, 3, 1, tzinfo=UTC)
 
 
@@ -32,9 +33,9 @@ class MadeUpVehicle:
         rng = self.rng
         lean = rng.normal(scale=0.05, size=2)
         mean = OFFSET + rng.normal(scale=self.scatter, size=3) + (0.0 if change is None else change)
-        mean[:2] += LEAN_EFFECT * lean
-        effect = LEAN_EFFECT + rng.normal(scale=EFFECT_ERROR, size=2)
-        balance = BalanceFigures(mean, np.full(3, ERROR), lean, effect, np.full(2, EFFECT_ERROR), 60.0)
+        mean += LEAN_EFFECT @ lean
+        effect = LEAN_EFFECT + rng.normal(scale=EFFECT_ERROR, size=(3, 2))
+        balance = BalanceFigures(mean, np.full(3, ERROR), lean, effect, np.full((3, 2), EFFECT_ERROR), 60.0)
         self.flown += 1
         when = FIRST + timedelta(days=self.flown)
         return HealthFigures(f"flight {self.flown}", self.motors, QUAD_X, balance, when, 0.5, 11.0)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 from mavdem.health import reasons
+from mavdem.health.effort import EffortChange, effort_change
 from mavdem.health.explanations import Candidates, Explanations
 from mavdem.health.reference import FEWEST_FLIGHTS, HealthFigures, deviation, healthy_flights
 
@@ -23,8 +24,8 @@ class Assessment(NamedTuple):
 
     Attributes:
         health: "fault": a motor works 8 % harder or more than in healthy flights, for it or its propeller is weak;
-            "drift": the balance changed, by less or not by a motor; "ok": as in healthy flights; "unknown": ``reason``
-            says what is missing.
+            "drift": the balance changed, by less or not by a motor, or the effort did; "ok": as in healthy flights;
+            "unknown": ``reason`` says what is missing.
         fault_probability: of a fault; None where unknown.
         change_probability: that anything changed, faults included; None where unknown.
         suspect_motor: from 1, of a fault where one is named.
@@ -53,7 +54,7 @@ def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] |
     healthy = [flight for flight in (healthy_flights(flights) if baseline is None else baseline) if not flight.missing]
     found: dict[int, Assessment] = {}
     candidates: dict[tuple[str, ...], Candidates] = {}
-    before: dict[tuple[str, ...], Explanations] = {}
+    before: dict[tuple[str, ...], tuple[Explanations, EffortChange | None]] = {}
     for number in sorted(range(len(flights)), key=lambda number: _when(flights[number])):
         flight = flights[number]
         others = [other for other in healthy if other is not flight and other.motors == flight.motors]
@@ -63,15 +64,15 @@ def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] |
             found[number] = _unknown(reasons.too_few(len(others), chosen))
         else:
             considered = candidates.setdefault(flight.motors, Candidates(flight.signatures))
+            # One of unknown date says nothing of what comes next, and one that was chosen as healthy stands alone.
+            alone = flight.date is None or flight in healthy
+            last, last_effort = (None, None) if alone else before.get(flight.motors, (None, None))
             away = deviation(flight, others)
-            if flight.date is None or flight in healthy:
-                # One of unknown date says nothing of what comes next, and one that was chosen as healthy stands alone.
-                weighed = considered.after(away)
-            else:
-                last = before.get(flight.motors)
-                weighed = considered.after(away, None if last is None else last.candidates)
-                before[flight.motors] = weighed
-            found[number] = _judged(flight, weighed, reasons.Compared(away, others, chosen))
+            weighed = considered.after(away, None if last is None else last.candidates)
+            effort = effort_change(flight, others, last_effort)
+            if not alone:
+                before[flight.motors] = weighed, effort
+            found[number] = _judged(flight, weighed, reasons.Compared(away, effort, others, chosen))
     return tuple(found[number] for number in range(len(flights)))
 
 
@@ -85,14 +86,15 @@ def _unknown(reason: str) -> Assessment:
 
 
 def _judged(flight: HealthFigures, weighed: Explanations, compared: reasons.Compared) -> Assessment:
-    change = 1 - weighed.healthy
+    # The effort says nothing of a single motor, and a weak one takes little of it.
+    same = weighed.healthy * (1.0 if compared.effort is None else 1 - compared.effort.probability)
     if weighed.fault >= FAULT:
         named = float(weighed.faults.max()) >= NAMED * weighed.fault
         harder, low, high = (100 * float(value) for value in weighed.harder[:, weighed.suspect - 1])
         reason = " ".join([reasons.of_fault(flight, weighed, compared, named), *reasons.conditions(flight, compared)])
         suspect, interval = (weighed.suspect, (harder, low, high)) if named else (None, None)
-        return Assessment("fault", weighed.fault, change, suspect, interval, reason)
-    health: Health = "drift" if change >= DRIFT else "ok"
+        return Assessment("fault", weighed.fault, 1 - same, suspect, interval, reason)
+    health: Health = "drift" if 1 - same >= DRIFT else "ok"
     sentence = reasons.of_drift if health == "drift" else reasons.of_none
-    reason = " ".join([sentence(flight, weighed, compared), *reasons.conditions(flight, compared)])
-    return Assessment(health, weighed.fault, change, None, None, reason)
+    reason = " ".join([sentence(flight, weighed, compared, 1 - same), *reasons.conditions(flight, compared)])
+    return Assessment(health, weighed.fault, 1 - same, None, None, reason)

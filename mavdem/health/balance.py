@@ -1,8 +1,9 @@
 """Balance: what a settled flight asks of its motors in roll, pitch and yaw, and how that follows the vehicle's lean.
 
-Wind from one side makes a vehicle lean against it and, by the flapping of its rotors and the drag above or below its
-centre of mass, asks for a steady torque too. Both change together within a flight, gust by gust, so each flight shows
-its own slope of the balance over the lean, whoever damaged what. With it, flights in other winds are compared level.
+Wind from one side makes a vehicle lean against it and, by the flapping of its rotors, by drag above or below its centre
+of mass and by a load beside it, asks for a steady torque too. Both change together within a flight, gust by gust, so
+each flight shows its own slopes of the balance over the lean, whatever is damaged. With them, flights in other winds
+are compared level.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ class BalanceFigures(NamedTuple):
         mean: (3,) of roll, pitch and yaw.
         error: (3,) of ``mean`` at this lean, by the scatter of blocks of 3 s or a little more.
         lean: (2,) mean roll and pitch, rad.
-        lean_effect: (2,) change of the balance in roll by roll, in pitch by pitch, 1/rad.
-        lean_effect_error: (2,)
+        lean_effect: (3, 2) change of the balance by roll and by pitch, 1/rad.
+        lean_effect_error: (3, 2)
         seconds: of settled flight.
     """
 
@@ -110,19 +111,24 @@ def _figures(blocks: list[tuple[Array, Array]], signatures: MotorSignatures, sec
     if len(blocks) < FEWEST_BLOCKS or len(signatures.axes) == 1:
         return None
     balance, lean = (np.array(each) for each in zip(*blocks, strict=True))
-    error, slope, slope_error = np.full(3, np.nan), np.full(2, np.nan), np.full(2, np.nan)
-    for axis in range(3):
-        rest = balance[:, axis] - balance[:, axis].mean()
-        leaned = lean[:, axis] - lean[:, axis].mean() if axis < 2 else np.zeros(len(rest))
-        power = float(leaned @ leaned)
-        if power > 0:  # False for NaN too
-            slope[axis] = leaned @ rest / power
-            rest = rest - slope[axis] * leaned
-        spread = np.sqrt(rest @ rest / (len(rest) - 2) * _inflation(rest))
-        error[axis] = spread / np.sqrt(len(rest))
-        if power > 0:
-            slope_error[axis] = spread / np.sqrt(power)
-    return BalanceFigures(balance.mean(axis=0), error, lean.mean(axis=0), slope, slope_error, seconds)
+    rest, leaned = balance - balance.mean(axis=0), lean - lean.mean(axis=0)
+    effect, effect_variance = np.full((3, 2), np.nan), np.full((3, 2), np.nan)
+    freedom = len(blocks) - 1
+    if np.isfinite(leaned).all() and np.linalg.matrix_rank(leaned) == 2:
+        inverse = np.linalg.inv(leaned.T @ leaned)
+        effect = (inverse @ leaned.T @ rest).T
+        rest = rest - leaned @ effect.T
+        freedom -= 2
+        effect_variance = np.broadcast_to(np.diag(inverse), (3, 2))
+    variance = (rest**2).sum(axis=0) / freedom * [_inflation(column) for column in rest.T]
+    return BalanceFigures(
+        balance.mean(axis=0),
+        np.sqrt(variance / len(blocks)),
+        lean.mean(axis=0),
+        effect,
+        np.sqrt(variance[:, None] * effect_variance),
+        seconds,
+    )
 
 
 def _inflation(rest: Array) -> float:

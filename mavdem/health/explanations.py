@@ -17,7 +17,7 @@ from mavdem.health.reference import Deviation
 
 Array = NDArray[np.float64]
 
-PRIORS = {"healthy": 0.80, "motor": 0.10, "load": 0.04, "yaw": 0.04, "other": 0.02}
+PRIORS = {"healthy": 0.76, "motor": 0.10, "load": 0.08, "yaw": 0.04, "other": 0.02}
 """Before any flight: that nothing changed, that one of the motors or propellers is weak, that roll and pitch, yaw
 alone, or all three changed in any way."""
 LASTS = 0.8  # Probability that what holds in one flight holds in the next; else all is as before any flight

@@ -8,18 +8,19 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.health.balance import AXES
+from mavdem.health.effort import EffortChange
 from mavdem.health.explanations import Explanations
 from mavdem.health.reference import FEWEST_FLIGHTS, Deviation, HealthFigures
 
 USUAL = 1.645  # Standard errors in half an interval of 90 %
 LEANS = np.radians(2.0)  # Difference of lean that is worth a sentence
-EFFORTS = 0.05  # Share of the effort that is
 
 
 class Compared(NamedTuple):
-    """A flight's ``deviation`` from the healthy ``others``; ``chosen`` says whether these were named as healthy."""
+    """A flight's ``deviation`` and ``effort`` beside the healthy ``others``; ``chosen`` if these were named."""
 
     deviation: Deviation
+    effort: EffortChange | None
     others: Sequence[HealthFigures]
     chosen: bool
 
@@ -48,13 +49,18 @@ def of_fault(flight: HealthFigures, weighed: Explanations, compared: Compared, n
     )
 
 
-def of_drift(flight: HealthFigures, weighed: Explanations, compared: Compared) -> str:
-    """What changed, and what may explain it."""
+def of_drift(flight: HealthFigures, weighed: Explanations, compared: Compared, probability: float) -> str:
+    """What changed, with its ``probability``, and what may explain it."""
     away = compared.deviation
+    scale = np.hypot(away.scale, away.centre_error)
     changed = ", ".join(
-        f"{axis} {100 * change:+.1f} % (usual ±{100 * USUAL * scale:.1f} %)"
-        for axis, change, scale in zip(AXES, away.change, np.hypot(away.scale, away.centre_error), strict=True)
+        f"{axis} {100 * change:+.1f} % (usual ±{100 * USUAL * each:.1f} %)"
+        for axis, change, each in zip(AXES, away.change, scale, strict=True)
     )
+    sentence = f"With probability {probability:.2f} something changed from {compared.reference}"
+    balanced = 1 - weighed.healthy
+    if compared.effort is not None and compared.effort.probability > balanced:
+        return f"{sentence}, most likely the effort; the balance did with probability {balanced:.2f}."
     motor, harder = _suspect(flight, weighed)
     parts = {
         "a load that shifted": weighed.load,
@@ -63,15 +69,12 @@ def of_drift(flight: HealthFigures, weighed: Explanations, compared: Compared) -
         f"{motor}, which would work {harder} harder": float(weighed.motors.max()),
     }
     likeliest = max(parts, key=lambda name: parts[name])
-    return (
-        f"With probability {1 - weighed.healthy:.2f} the balance changed from {compared.reference}: {changed}; most "
-        f"likely {likeliest} ({parts[likeliest]:.2f})."
-    )
+    return f"{sentence}: {changed}; most likely {likeliest} ({parts[likeliest]:.2f})."
 
 
-def of_none(flight: HealthFigures, weighed: Explanations, compared: Compared) -> str:
-    """That nothing changed."""
-    return f"The balance is that of {compared.reference}; with probability {1 - weighed.healthy:.2f} it changed."
+def of_none(flight: HealthFigures, weighed: Explanations, compared: Compared, probability: float) -> str:
+    """That nothing changed, with the ``probability`` that something did."""
+    return f"All is as in {compared.reference}; with probability {probability:.2f} something changed."
 
 
 def _suspect(flight: HealthFigures, weighed: Explanations) -> tuple[str, str]:
@@ -90,12 +93,11 @@ def conditions(flight: HealthFigures, compared: Compared) -> list[str]:
         if np.abs(leaned).max() >= LEANS:
             by = ", ".join(f"{axis} {np.degrees(angle):+.1f}°" for axis, angle in zip(AXES, leaned, strict=False))
             sentences.append(f"It leans otherwise ({by}), by wind or speed; the balance is compared level.")
-    efforts = [other.effort for other in compared.others if other.effort is not None]
-    if flight.effort is not None and efforts:
-        more = flight.effort / float(np.mean(efforts)) - 1
-        if abs(more) >= EFFORTS:
-            sentences.append(
-                f"At the same voltage all motors together are commanded {100 * abs(more):.0f} % "
-                f"{'more' if more > 0 else 'less'}: another payload, other air or propellers."
-            )
+    effort = compared.effort
+    if effort is not None and abs(effort.more) >= effort.usual:
+        sentences.append(
+            f"At the same voltage all motors together are commanded {100 * abs(effort.more):.0f} % "
+            f"{'more' if effort.more > 0 else 'less'} (usual ±{100 * effort.usual:.0f} %): another payload, other air, "
+            "or propellers that give another thrust."
+        )
     return sentences

@@ -28,11 +28,12 @@ battery 3 mm off on arms of 160 mm shifts 2 % of the thrust from one side to the
 little more slowly. An arm twisted by 1° gives about 3 % in yaw, and a quarter of that is taken for usual."""
 SCATTER_FREEDOM = 6.0  # So many healthy flights that knowledge is worth
 
-LEAN_EFFECT = 1.0
-"""Standard deviation of the effect of lean, 1/rad, before any flight: that of drag which acts an arm's length above or
-below the centre of mass."""
-LEAN_EFFECT_SCATTER = 0.3
-"""The same over flights of one vehicle, 1/rad: where it manoeuvres it also leans without wind."""
+LEAN_EFFECT = np.array([[1.0, 0.3], [0.3, 1.0], [0.3, 0.3]])
+"""Standard deviation of the effects of lean, 1/rad, before any flight: drag an arm's length above or below the centre
+of mass in roll and pitch; in yaw, and across, a load 5 mm beside it."""
+LEAN_EFFECT_SCATTER, LEAN_EFFECT_FREEDOM = 0.3, 2.0
+"""Standard deviation of the same over flights of one vehicle, 1/rad, before any flight, and how many flights that is
+worth: loads differ, and where a vehicle manoeuvres it also leans without wind."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,20 +108,19 @@ def deviation(flight: HealthFigures, healthy: Sequence[HealthFigures]) -> Deviat
     """How far a flight is from ``healthy`` ones, of which it is none; all have what :attr:`HealthFigures.missing` asks.
 
     The flights are compared level, by the effect of lean that they show themselves. What is left follows Student's
-    distribution, by the healthy flights' scatter and its prior; to its scale come the error of the effect of lean and
-    that of the flight's own mean.
+    distribution, by the healthy flights' scatter and its prior; to its scale come the errors of the effects of lean
+    and of the flight's own mean.
     """
-    own = _balance(flight)
-    others = [_balance(each) for each in healthy]
-    effect, effect_error = _lean_effect([own, *others])
-    level = [each.mean - np.append(effect * each.lean, 0.0) for each in others]
-    centre, count = np.mean(level, axis=0), len(level)
+    found = [_balance(each) for each in (flight, *healthy)]
+    effect, variance = _lean_effects(found)
+    lean = np.array([each.lean for each in found])
+    level = np.array([each.mean for each in found]) - np.einsum("fal,fl->fa", effect, lean)
+    error = np.einsum("fal,fl->fa", variance, lean**2) + np.array([each.error for each in found]) ** 2
+    centre, count = level[1:].mean(axis=0), len(healthy)
     freedom = SCATTER_FREEDOM + count - 1
-    scatter = (SCATTER_FREEDOM * SCATTER**2 + ((level - centre) ** 2).sum(axis=0)) / freedom
-    change = own.mean - np.append(effect * own.lean, 0.0) - centre
-    leaned = own.lean - np.mean([each.lean for each in others], axis=0)
-    scale = np.sqrt(scatter + np.append(effect_error * leaned, 0.0) ** 2 + own.error**2)
-    return Deviation(change, scale, freedom, np.sqrt(scatter / count))
+    scatter = (SCATTER_FREEDOM * SCATTER**2 + ((level[1:] - centre) ** 2).sum(axis=0)) / freedom
+    centre_error = np.sqrt((scatter + error[1:].mean(axis=0)) / count)
+    return Deviation(level[0] - centre, np.sqrt(scatter + error[0]), freedom, centre_error)
 
 
 def _balance(flight: HealthFigures) -> BalanceFigures:
@@ -128,12 +128,22 @@ def _balance(flight: HealthFigures) -> BalanceFigures:
     return flight.balance
 
 
-def _lean_effect(flights: Sequence[BalanceFigures]) -> tuple[Array, Array]:
-    """(2,) the effect of lean by all flights, and its error in one of them."""
-    effects = np.array([flight.lean_effect for flight in flights])
-    precisions = 1 / (np.array([flight.lean_effect_error for flight in flights]) ** 2 + LEAN_EFFECT_SCATTER**2)
-    known = np.isfinite(effects) & np.isfinite(precisions)
-    precisions = np.where(known, precisions, 0.0)
-    total = precisions.sum(axis=0) + LEAN_EFFECT**-2
-    effect = (precisions * np.where(known, effects, 0.0)).sum(axis=0) / total
-    return effect, np.sqrt(1 / total + LEAN_EFFECT_SCATTER**2)
+def _lean_effects(flights: Sequence[BalanceFigures]) -> tuple[Array, Array]:
+    """(f, 3, 2) the effects of lean in each flight, and their variances: what it shows itself, drawn to the mean.
+
+    How much they differ shows in the flights, and half of that is taken for what manoeuvres make of the estimates.
+    """
+    seen = np.array([flight.lean_effect for flight in flights])
+    variance = np.array([flight.lean_effect_error for flight in flights]) ** 2
+    known = np.isfinite(seen) & np.isfinite(variance)
+    seen, variance = np.where(known, seen, 0.0), np.where(known, variance, np.inf)
+    plain = seen.sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    spread = np.where(known, (seen - plain) ** 2, 0.0).sum(axis=0)
+    scatter = (LEAN_EFFECT_FREEDOM * LEAN_EFFECT_SCATTER**2 + spread) / (
+        LEAN_EFFECT_FREEDOM + np.maximum(known.sum(axis=0) - 1, 0)
+    )
+    weights = 1 / (variance + scatter)
+    total = weights.sum(axis=0) + LEAN_EFFECT**-2
+    mean = (weights * seen).sum(axis=0) / total
+    own, common = 1 / (variance + scatter / 2), 1 / (scatter / 2 + 1 / total)
+    return (own * seen + common * mean) / (own + common), 1 / (own + common)

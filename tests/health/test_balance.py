@@ -9,7 +9,8 @@ from mavdem.health.balance import balance_figures
 from mavdem.health.motor_signature import motor_signatures
 
 QUAD_X = motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)], [1, 1, -1, -1])
-MEAN, EFFECT = np.array([0.03, -0.02, 0.01]), np.array([0.8, -0.4])
+MEAN = np.array([0.03, -0.02, 0.01])
+EFFECT = np.array([[0.8, 0.0], [0.1, -0.4], [0.3, -0.2]])
 
 
 def gusts(rng: np.random.Generator, samples: int) -> np.ndarray:
@@ -22,7 +23,7 @@ def flown(seed: int, seconds: float = 60.0, noise: float = 0.02):
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, seconds, 0.02)
     lean = np.array([0.05, -0.03]) + gusts(rng, len(time))
-    balance = MEAN + np.column_stack([EFFECT * (lean - lean.mean(axis=0)), np.zeros(len(time))])
+    balance = MEAN + (lean - lean.mean(axis=0)) @ EFFECT.T
     shares = QUAD_X.commands(np.column_stack([np.ones(len(time)), balance]))
     return time, 0.5 * (shares + noise * rng.normal(size=shares.shape)), lean
 
@@ -33,7 +34,9 @@ def test_mean_and_effect_of_lean_are_found_within_their_errors():
         time, commands, lean = flown(seed)
         found = balance_figures(time, commands, lean, QUAD_X)
         assert found is not None
-        away.append([*(found.mean - MEAN) / found.error, *(found.lean_effect - EFFECT) / found.lean_effect_error])
+        away.append(
+            [*(found.mean - MEAN) / found.error, *((found.lean_effect - EFFECT) / found.lean_effect_error).ravel()]
+        )
         assert found.lean == pytest.approx(lean.mean(axis=0), abs=1e-3)
     # Standard scores: their mean is 0 and their size 1, within what 60 flights show (3 standard errors).
     assert np.abs(np.mean(away, axis=0)).max() < 3 / np.sqrt(60) * 1.2

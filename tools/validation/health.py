@@ -1,0 +1,261 @@
+#!/usr/bin/env python
+"""What the verdict on a vehicle's motors is worth: on recorded flights with a cut propeller, by chance, simulated.
+
+recorded: each flight of FOLDER against the good ones, and each good one against the other good ones; and how well other
+figures of the same flights separate 20 and 25 mm from 0 and 5 mm.
+chance: how often healthy flights are called otherwise, if they scatter as the prior says.
+simulated: healthy flights, weak motors, chipped propellers and shifted loads in wind from all sides.
+
+Usage: tools/validation/health.py [FOLDER] [--vehicles 400] [--flights 40]
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from datetime import UTC, datetime, timedelta
+from itertools import combinations
+from pathlib import Path
+
+import click
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from mavdem.alignment.read import choose_vehicle
+from mavdem.alignment.segments import settled_segments
+from mavdem.alignment.signals import Signals
+from mavdem.alignment.trim import hover_of_log
+from mavdem.health import reference
+from mavdem.health.assessment import Assessment, assess
+from mavdem.health.balance import BalanceFigures, balance_figures, balance_of_signals
+from mavdem.health.motor_signature import motor_signatures
+from mavdem.health.reference import HealthFigures
+from mavdem.ingest import read_log
+from sitl_scenarios.holding import IN_AIR
+from sitl_scenarios.mixer import MAX_PULSE, MIN_PULSE
+from sitl_scenarios.scenario import Scenario
+from sitl_scenarios.simulation import fly
+
+MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
+QUAD_X = motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)], [1, 1, -1, -1])
+VERDICTS = ("ok", "drift", "fault", "unknown")
+
+
+@click.command(help=__doc__)
+@click.argument("folder", default="../shared/data/real/propeller", type=click.Path(path_type=Path))
+@click.option("--vehicles", default=400, help="Made-up vehicles for the rate of false alarms.")
+@click.option("--flights", default=40, help="Simulated flights of each kind.")
+def main(folder: Path, vehicles: int, flights: int) -> None:
+    recorded(folder)
+    for healthy in (2, 3, 6):
+        by_chance(healthy, vehicles)
+    simulated(flights)
+
+
+def recorded(folder: Path) -> None:
+    paths = sorted(folder.glob("*.BIN"))
+    if not paths:
+        print(f"There are no flights in {folder}.")
+        return
+    flights: list[HealthFigures] = []
+    shares: dict[str, tuple[float, ...]] = {}
+    for path in paths:
+        log = read_log(path)
+        signals = Signals(choose_vehicle(log.vehicles), inputs="motors")
+        if signals.motors is None:
+            print(f"{path.name} has no motor outputs.")
+            continue
+        layout = signals.motors.layout
+        hover = hover_of_log(log)
+        battery = signals.telemetry.messages["SYS_STATUS"]
+        (flown, *_) = settled_segments(signals)
+        settled = (battery["time"] >= flown.start) & (battery["time"] <= flown.end)
+        flights.append(
+            HealthFigures(
+                path.stem,
+                layout.names,
+                motor_signatures(len(layout.motors), layout.positions, layout.spins),
+                balance_of_signals(signals),
+                collective=float(np.mean(hover.trim_of_range)),
+                voltage=float(np.mean(battery["voltage_battery"][settled])) / 1000,
+            )
+        )
+        shares[path.stem] = hover.trim_share
+    good = [flight for flight in flights if "good" in flight.name]
+    verdicts = assess(flights, good)
+    print(f"\nRecorded: {len(flights)} flights, each alone, against {len(good)} good ones (a good one: the others)")
+    print(f"{'flight':20} {'health':8} {'fault':>6} {'change':>6} motor  harder, %")
+    for flight, found in zip(flights, verdicts, strict=True):
+        probability = "     -" if found.fault_probability is None else f"{found.fault_probability:6.3f}"
+        change = "     -" if found.change_probability is None else f"{found.change_probability:6.3f}"
+        harder = "" if found.harder is None else "{:.0f} ({:.0f} to {:.0f})".format(*found.harder)
+        print(f"{flight.name:20} {found.health:8} {probability} {change} {found.suspect_motor or '-':>5}  {harder}")
+    separation(flights, good, verdicts, shares)
+    leaving_out(flights, good)
+
+
+def separation(
+    flights: Sequence[HealthFigures],
+    good: Sequence[HealthFigures],
+    verdicts: Sequence[Assessment],
+    shares: dict[str, tuple[float, ...]],
+) -> None:
+    """The area under the curve of each figure alone, by which 20 and 25 mm differ from 0 and 5 mm."""
+    usual = np.mean([shares[flight.name] for flight in good], axis=0)
+    without = uncorrected(flights, good)
+    figures: dict[str, Sequence[float | None]] = {
+        "probability of a fault": [found.fault_probability for found in verdicts],
+        "the same, without the effect of lean": [found.fault_probability for found in without],
+        "probability of any change": [found.change_probability for found in verdicts],
+        "greatest share of any motor": [max(shares[flight.name]) for flight in flights],
+        "greatest rise of any motor's share": [max(shares[flight.name] - usual) for flight in flights],
+        "share of motor 1 (known afterwards)": [shares[flight.name][0] for flight in flights],
+        "collective at the same voltage": [flight.effort for flight in flights],
+    }
+    cut = [int(found.group(1)) if (found := re.search(r"cut(\d+)", flight.name)) else 0 for flight in flights]
+    print("\nArea under the curve of each figure alone, 20 and 25 mm against 0 and 5 mm:")
+    for name, values in figures.items():
+        pairs = list(zip(cut, values, strict=True))
+        bad = [value for millimetres, value in pairs if millimetres >= 20 and value is not None]
+        rest = [value for millimetres, value in pairs if millimetres <= 5 and value is not None]
+        area = np.mean([(b > r) + 0.5 * (b == r) for b in bad for r in rest])
+        print(f"  {area:.2f}  {name}; lowest of 20 and 25 mm {min(bad):.3f}, highest of 0 and 5 mm {max(rest):.3f}")
+
+
+def uncorrected(flights: Sequence[HealthFigures], good: Sequence[HealthFigures]) -> tuple[Assessment, ...]:
+    """Verdicts if wind had no effect on the balance."""
+    level = {flight.name: replace(flight, balance=_level(flight.balance)) for flight in flights}
+    return assess(list(level.values()), [level[flight.name] for flight in good])
+
+
+def _level(balance: BalanceFigures | None) -> BalanceFigures | None:
+    return None if balance is None else balance._replace(lean=np.zeros(2))
+
+
+def leaving_out(flights: Sequence[HealthFigures], good: Sequence[HealthFigures]) -> None:
+    """All choices of two or more good flights as the healthy ones: the rest of the good ones, and the cut ones."""
+    counts: dict[str, Counter[str]] = {}
+    named: Counter[int | None] = Counter()
+    for size in range(reference.FEWEST_FLIGHTS, len(good) + 1):
+        for chosen in combinations(good, size):
+            others = [flight for flight in flights if flight not in chosen]
+            for flight, found in zip(others, assess(others, chosen), strict=True):
+                kind = flight.name.split("_")[1]
+                counts.setdefault(kind, Counter())[found.health] += 1
+                if found.health == "fault":
+                    named[found.suspect_motor] += 1
+    print("\nThe same with every choice of two or more good flights as the healthy ones:")
+    for kind, count in sorted(counts.items(), key=lambda item: (len(item[0]), item[0])):
+        print(f"  {kind:9} " + ", ".join(f"{name} {count[name]}" for name in VERDICTS if count[name]))
+    print("  motors named in faults: " + ", ".join(f"{motor or 'none'} {count}" for motor, count in named.items()))
+
+
+def by_chance(healthy: int, vehicles: int) -> None:
+    """False alarms of vehicles whose flights scatter as the prior says, the first flight after the healthy ones."""
+    rng = np.random.default_rng(healthy)
+    first: Counter[str] = Counter()
+    later: Counter[str] = Counter()
+    for _ in range(vehicles):
+        freedom = reference.SCATTER_FREEDOM
+        scatter = reference.SCATTER * np.sqrt(freedom / rng.chisquare(freedom, 3))
+        effect = rng.normal(scale=reference.LEAN_EFFECT)
+        baseline = [_made_up(rng, scatter, effect, day) for day in range(healthy)]
+        found = assess([_made_up(rng, scatter, effect, 10 + day) for day in range(5)], baseline)
+        first[found[0].health] += 1
+        later.update(one.health for one in found[1:])
+    print(f"\nBy chance, {vehicles} vehicles with {healthy} healthy flights, shares of other healthy flights:")
+    print("  the next flight: " + _shares(first) + "; the four after it: " + _shares(later))
+
+
+def _made_up(rng: np.random.Generator, scatter: np.ndarray, effect: np.ndarray, day: int) -> HealthFigures:
+    lean = rng.normal(scale=0.05, size=2)
+    # What differs from flight to flight is half real, half by manoeuvres.
+    own = effect + rng.normal(scale=reference.LEAN_EFFECT_SCATTER / np.sqrt(2), size=(3, 2))
+    mean = rng.normal(scale=np.hypot(scatter, 0.003)) + own @ lean
+    seen = own + rng.normal(scale=np.hypot(reference.LEAN_EFFECT_SCATTER / np.sqrt(2), 0.15), size=(3, 2))
+    balance = BalanceFigures(mean, np.full(3, 0.003), lean, seen, np.full((3, 2), 0.15), 60.0)
+    return HealthFigures(str(day), MOTORS, QUAD_X, balance, datetime(2026, 1, 1, tzinfo=UTC) + timedelta(days=day))
+
+
+def _shares(counts: Counter[str]) -> str:
+    return ", ".join(f"{name} {counts[name] / counts.total():.3f}" for name in VERDICTS if counts[name])
+
+
+KINDS: dict[str, dict[str, dict[str, float]]] = {
+    "healthy": {},
+    **{
+        f"motor of {100 * left:.0f} % thrust": {"vehicle": {"weak_motor": 1, "weak_thrust": left}}
+        for left in (0.95, 0.9, 0.85, 0.8, 0.7)
+    },
+    "chipped propeller (85 % thrust, 82 % torque)": {"propeller": {"motor": 1}},
+    "load shifted by 10 mm": {"load": {"forward": 7.0, "right": 7.0}},
+    "load shifted by 20 mm": {"load": {"forward": 14.0, "right": -14.0}},
+}
+
+
+def simulated(count: int) -> None:
+    """Each kind of flight against three healthy ones, all in other winds, batteries and places of the load."""
+    rng = np.random.default_rng(20)
+    flown = {kind: [_flown(rng, change, number) for number in range(count)] for kind, change in KINDS.items()}
+    healthy = flown["healthy"]
+    print(
+        f"\nSimulated (Iris, wind of 0 to 8 m/s from all sides, load within 3 mm): {count} flights of each kind, each"
+    )
+    print("against 3 healthy ones drawn at random, five times")
+    for kind, flights in flown.items():
+        verdicts: Counter[str] = Counter()
+        right: list[bool] = []
+        for number, (flight, motor) in enumerate(flights):
+            for draw in range(5):
+                pick = np.random.default_rng([number, draw]).permutation(count)
+                baseline = [healthy[i][0] for i in pick if i != number][:3]
+                (found,) = assess([flight], baseline)
+                verdicts[found.health] += 1
+                if found.health == "fault":
+                    right.append(found.suspect_motor == motor)
+        named = f"; right motor named in {np.mean(right):.2f} of the faults" if right else ""
+        print(f"  {kind:45} {_shares(verdicts)}{named}")
+
+
+def _flown(rng: np.random.Generator, change: dict[str, dict[str, float]], number: int) -> tuple[HealthFigures, int]:
+    """A flight of 50 s with the ``change``, in other conditions each time, and the motor that is weak."""
+    motor = int(rng.integers(1, 5))
+    offset = rng.normal(scale=3.0, size=2)
+    table: dict[str, dict[str, float]] = {
+        "vehicle": {"battery_sag": rng.uniform(0.0, 0.1)},
+        "load": {"forward": offset[0], "right": offset[1]},
+    }
+    for section, values in change.items():
+        for name, value in values.items():
+            before = table.setdefault(section, {}).get(name, 0.0)
+            table[section][name] = motor if name in ("weak_motor", "motor") else before + value
+    wind = {
+        "kind": "dryden",
+        "speed": rng.uniform(0.0, 8.0),
+        "direction": rng.uniform(0.0, 360.0),
+        "wind_at_20_feet": rng.uniform(5.0, 20.0),
+    }
+    scenario = Scenario.model_validate(
+        {
+            "description": "",
+            "duration": 50.0,
+            "height": 10.0,
+            "seed": int(rng.integers(1 << 30)),
+            **table,
+            "wind": (wind,),
+        }
+    )
+    motion = fly(scenario)
+    # At the autopilots' default rate of 10 Hz, after the climb-out.
+    airborne = motion.landed_state == IN_AIR
+    rows = np.flatnonzero(airborne & (motion.time > motion.time[airborne][0] + 5.0))[::25]
+    commands = (motion.outputs[rows] - MIN_PULSE) / (MAX_PULSE - MIN_PULSE)
+    lean = Rotation.from_quat(motion.known_attitude[rows], scalar_first=True).as_euler("ZYX")[:, :0:-1]
+    balance = balance_figures(motion.time[rows], commands, lean, QUAD_X)
+    return HealthFigures(f"{number}", MOTORS, QUAD_X, balance), motor
+
+
+if __name__ == "__main__":
+    main()
