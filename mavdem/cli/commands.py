@@ -26,6 +26,10 @@ COMPLETION = "_MAVDEM_COMPLETE"
 """Environment variable by which click's shell scripts ask for completions."""
 
 
+OF_FLEETS = ("diff", "track")
+"""Commands whose modules are in ``mavdem.cli.fleets``."""
+
+
 class _Commands(click.Group):
     """Imports a command when it is named: what it needs takes a second, which ``--help`` need not wait."""
 
@@ -35,7 +39,8 @@ class _Commands(click.Group):
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None:
             with ending_at_once():
-                command = getattr(import_module(f"mavdem.cli.{command.name}"), f"{command.name}_command")
+                room = "mavdem.cli.fleets" if command.name in OF_FLEETS else "mavdem.cli"
+                command = getattr(import_module(f"{room}.{command.name}"), f"{command.name}_command")
         return name, command, rest
 
 
@@ -46,6 +51,7 @@ class _Commands(click.Group):
         click.Command("learn", help="Learns a linear model, and reports what the vehicle does in wind."),
         click.Command("compare", help="Compares DEM with other methods, window by window."),
         click.Command("order", help="Finds the model order (number of states) by the free energy."),
+        click.Command("diff", help="Reports what changed of a vehicle between two flights, or two fleets."),
         click.Command("track", help="Keeps a table of many flights: tiers, figures and health of each vehicle."),
         click.Command("live", help="Attaches to a link and learns while the vehicle flies."),
         click.Command("convert", help="Converts a log to another file format."),

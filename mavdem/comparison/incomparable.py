@@ -22,7 +22,10 @@ def other_kinds(before: Flights, after: Flights) -> str:
     ]
     if all(counts) and counts[0] != counts[1]:
         return f"A has {_spoken(counts[0])} motors and B {_spoken(counts[1])}: these are other vehicles."
-    units = [{row.input_unit for flight in flights for row in flight if row.motors} for flights in (before, after)]
+    units = [
+        {row.input_unit for flight in flights for row in flight if row.input_unit is not None}
+        for flights in (before, after)
+    ]
     frames = [{row.frame for flight in flights for row in flight if row.frame} for flights in (before, after)]
     if all(frames) and not frames[0] & frames[1]:
         return f"A is a {_spoken(frames[0])} and B a {_spoken(frames[1])}: these are other vehicles."
@@ -68,7 +71,11 @@ def _reason(
         if not rows:
             reasons.append(f"{side} has no figures of {axis}")
         elif kind == SHARE:
-            reasons.append(f"{side} has no motor outputs with a known range")
+            without = any(row.trim_share for row in rows)
+            missing = (
+                "too little flight for the interval of its shares" if without else "no motor outputs of known range"
+            )
+            reasons.append(f"{side} has {missing}")
         elif known_not := [status for status in ("biased", "not identifiable") if status in statuses]:
             reasons.append(f"{_spoken(known_not)} in {side}")
         elif tiers and "a" not in tiers:

@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 
 from scipy.stats import t as student
 
-from mavdem.comparison.flight_figures import OK, FlightFigures, flights_of
+from mavdem.comparison.flight_figures import NAMELESS, OK, FlightFigures, flights_of, vehicles_of
 from mavdem.comparison.incomparable import other_kinds, why_not
 from mavdem.comparison.vehicle_estimates import (
     DAMPING,
@@ -160,6 +160,26 @@ def vehicle_difference(before: Sequence[FlightFigures], after: Sequence[FlightFi
     motors = next((tuple(row.motors) for flights in sides for flight in flights for row in flight if row.motors), ())
     counts = (len(sides[0]), len(sides[1]))
     return VehicleDifference((names[0], names[1]), motors, counts, tuple(changes), tuple(incomparable), conditions)
+
+
+def differences_by_vehicle(
+    rows: Sequence[FlightFigures], baseline: Sequence[FlightFigures]
+) -> dict[str, VehicleDifference | None]:
+    """The difference of each vehicle's flights to those of a ``baseline``, which themselves do not count as later ones.
+
+    None where the baseline has no flight of the vehicle. Flights that do not say whose they are are left out.
+    """
+    known = {row.key for row in baseline if row.key}
+    before, after = vehicles_of(baseline), vehicles_of(row for row in rows if row.key not in known)
+    return {
+        name: vehicle_difference(
+            [row for flight in before[name] for row in flight], [row for flight in flights for row in flight]
+        )
+        if name in before
+        else None
+        for name, flights in after.items()
+        if name != NAMELESS
+    }
 
 
 def _compared(kind: str, before: Sequence[FlightEstimate], after: Sequence[FlightEstimate], allowance: float) -> _Raw:

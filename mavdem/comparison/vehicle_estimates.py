@@ -49,7 +49,7 @@ def estimates_of(flight: Sequence[FlightFigures]) -> dict[Quantity, FlightEstima
             known_shares = {
                 motor: FlightEstimate(log(value), half / value / _Z)
                 for motor, (value, half) in enumerate(zip(row.trim_share, row.trim_share_interval, strict=True), 1)
-                if value > 0
+                if value > 0 and half is not None
             }
             found |= _beside_median(SHARE, "", known_shares)
         for kind, known, interval, status in (

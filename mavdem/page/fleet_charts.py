@@ -112,7 +112,8 @@ def _entry(name: str, place: int, count: int, row: FlightRow) -> tuple[float, fl
     values, halves = getattr(row, name), getattr(row, f"{name}_interval")
     if values is None or len(values) != count:
         return nan, nan
-    return values[place], halves[place] if halves is not None and len(halves) == count else nan
+    half = halves[place] if halves is not None and len(halves) == count else None
+    return values[place], nan if half is None else half
 
 
 def _effect(place: int, count: int, row: FlightRow) -> tuple[float, float]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 from mavdem.analysis import LogAnalysis
+from mavdem.files import atomic_write
 from mavdem.page.document import Chapter, render_page
 from mavdem.page.pictures import PicturePlan, picture_chapter
 from mavdem.report.blocks import Block, Sentence
@@ -40,6 +42,13 @@ def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = IND
     if name is None:
         subtitle = "No model could be learnt from this flight; what it holds nevertheless."
     return render_page(file, subtitle, axis_blocks(first), chapters, strip, back=("Fleet", index))
+
+
+def write_flight_page(file: str, analyses: Mapping[str, LogAnalysis], path: Path) -> None:
+    """Writes :func:`flight_page`, whole or not at all; raises ``OSError`` where it cannot."""
+    with atomic_write(path) as page:
+        # The name of a file need not be Unicode.
+        page.write(flight_page(file, analyses).encode(errors="replace"))
 
 
 def axis_blocks(one: LogAnalysis) -> list[Block]:

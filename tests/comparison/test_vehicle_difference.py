@@ -159,3 +159,10 @@ def test_the_document_is_plain_json():
 
     found = vehicle_difference(flight(0), flight(1, share=0.2)).as_dict()
     assert json.loads(json.dumps(found, allow_nan=False)) == found
+
+
+def test_shares_without_an_interval_are_not_compared_and_the_reason_is_said():
+    short = [replace(row, trim_share_interval=(None,) * 4) for row in flight(1)]
+    found = vehicle_difference(flight(0), short)
+    assert SHARE not in {one.quantity.kind for one in found.changes}
+    assert "B has too little flight" in dict(found.incomparable)["motors' shares"]

@@ -18,7 +18,7 @@ from mavdem.page.flight_page import flight_page
 FLIGHT = simulated(samples=900, wind=4.0, lag=0.05)
 TRAIN, TEST = FLIGHT[:800], FLIGHT[800:]
 MAX_BYTES = 300_000
-VERDICT = SimpleNamespace(as_dict=dict)
+VERDICT = PLAIN = SimpleNamespace(as_dict=dict)
 NOTHING = VehicleFigures({}, None)
 
 
@@ -26,7 +26,7 @@ NOTHING = VehicleFigures({}, None)
 def analysis() -> LogAnalysis:
     learned = mavdem.learn(TRAIN, mavdem.Settings(window=9, parameter_precision=1.0))
     held_out = held_out_test(TRAIN, TEST, learned)
-    return LogAnalysis(VERDICT, NOTHING, (TRAIN,), learned, held_out, findings(learned, held_out))
+    return LogAnalysis(VERDICT, PLAIN, PLAIN, NOTHING, (TRAIN,), learned, held_out, findings(learned, held_out))
 
 
 def test_two_axes_fit_into_a_small_page_that_leads_back(analysis):
@@ -44,6 +44,6 @@ def test_without_matplotlib_the_page_says_how_to_get_pictures(analysis, monkeypa
 
 
 def test_a_flight_without_a_model_says_why_and_what_to_do():
-    reason = LogAnalysis(VERDICT, NOTHING, reason="Motors come at 4 Hz.", remedy="Log them <faster>.")
+    reason = LogAnalysis(VERDICT, PLAIN, PLAIN, NOTHING, reason="Motors come at 4 Hz.", remedy="Log them <faster>.")
     text = flight_page("<b>.tlog", {"roll": reason})
     assert "Motors come at 4 Hz." in text and "Log them &lt;faster&gt;." in text and "<b>" not in text

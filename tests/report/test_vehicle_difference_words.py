@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 from fleet_rows import flight_row
 
-from mavdem.comparison.vehicle_difference import vehicle_difference
+from mavdem.comparison.vehicle_difference import differences_by_vehicle, vehicle_difference
 from mavdem.report.blocks import text_of
-from mavdem.report.fleets.differences import changes_by_vehicle, difference_blocks
+from mavdem.report.fleets.differences import baseline_blocks, difference_blocks
 
 
 def flown(number, vehicle="quad", **changed):
@@ -62,7 +62,8 @@ def test_nothing_to_compare_has_its_reason():
 def test_the_baseline_is_compared_with_the_other_flights_of_each_vehicle():
     baseline = [row for number in range(4) for row in flown(number)]
     later = [row for number in range(4, 8) for row in flown(number, **WEAK)]
-    found = changes_by_vehicle([*baseline, *later, *flown(0, "new"), *flown(0, "unknown")], baseline)
+    rows = [*baseline, *later, *flown(0, "new"), *flown(0, "unknown")]
+    found = {name: baseline_blocks(one) for name, one in differences_by_vehicle(rows, baseline).items()}
     assert set(found) == {"quad", "new"}
     assert "motor 3's share +12" in text_of(found["quad"])
     assert "4 flights after 4 flights of the baseline" in text_of(found["quad"])

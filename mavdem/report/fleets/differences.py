@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import degrees, hypot
 
-from mavdem.comparison.flight_figures import FlightFigures, vehicles_of
+from mavdem.comparison.flight_figures import NAMELESS
 from mavdem.comparison.vehicle_difference import (
     BETWEEN,
     FAMILY_ERROR,
     Conditions,
     QuantityChange,
     VehicleDifference,
-    vehicle_difference,
 )
 from mavdem.comparison.vehicle_estimates import DAMPING, EFFECT, LAG, MEAN_EFFECT, SHARE
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.names import listed, readable, short
 from mavdem.report.rounding import plus_minus, rounded
 
-NAMELESS = "unknown"
 ALIKE = 1.25  # ratio of winds' torques up to which they are called the same
 MIN_LEAN, MIN_SHARE = 2.0, 0.02  # degrees, and share of a voltage or output, from which a difference is reported
 
@@ -29,7 +27,7 @@ def difference_blocks(found: VehicleDifference) -> list[Block]:
     return [
         *change_blocks(found),
         *_uncertain(found),
-        *(Sentence(reason, f"Not compared, {name}:") for name, reason in found.incomparable),
+        *_incomparable(found),
         *_conditions(found),
         *_vehicles(found),
         *([Sentence(_sureness(found), "How sure:")] if found.changes else []),
@@ -51,35 +49,30 @@ def change_blocks(found: VehicleDifference) -> list[Block]:
     return blocks
 
 
+def _incomparable(found: VehicleDifference) -> list[Block]:
+    """Each reason once, with what it is of."""
+    names: dict[str, list[str]] = {}
+    for name, reason in found.incomparable:
+        names.setdefault(reason, []).append(name)
+    return [Sentence(f"{listed(those)}: {reason}", "Not compared:") for reason, those in names.items()]
+
+
 def _uncertain(found: VehicleDifference) -> list[Block]:
     """What was compared without a result."""
     names = _grouped(found.of("uncertain"), found)
     return [Sentence(f"{listed(names)}: the interval is too wide.", "Not known:")] if names else []
 
 
-def changes_by_vehicle(rows: Sequence[FlightFigures], baseline: Sequence[FlightFigures]) -> dict[str, list[Block]]:
-    """What changed of each vehicle since its flights of a ``baseline``; what is in both is compared with itself less.
-
-    A vehicle that the baseline lacks has a sentence that says so; flights of nobody are left out.
-    """
-    known = {(row.key, row.file) for row in baseline}
-    before, after = vehicles_of(baseline), vehicles_of(row for row in rows if (row.key, row.file) not in known)
-    blocks: dict[str, list[Block]] = {}
-    for name, flights in after.items():
-        if name == NAMELESS:
-            continue
-        if name not in before:
-            blocks[name] = [Sentence("the baseline has no flight of this vehicle.", "Since the baseline:")]
-            continue
-        found = vehicle_difference(
-            [row for flight in before[name] for row in flight], [row for flight in flights for row in flight]
-        )
-        first, *others = change_blocks(found)
-        assert isinstance(first, Sentence)
-        words = f"{first.lead} {first.text}".strip()
-        counts = f"{_flights(found.flights[1])} after {_flights(found.flights[0])} of the baseline."
-        blocks[name] = [Sentence(f"{words[:1].lower()}{words[1:]}", "Since the baseline:"), *others, Sentence(counts)]
-    return blocks
+def baseline_blocks(found: VehicleDifference | None) -> list[Block]:
+    """What changed of a vehicle since the baseline; None where that has no flight of the vehicle."""
+    lead = "Since the baseline:"
+    if found is None:
+        return [Sentence("the baseline has no flight of this vehicle.", lead)]
+    first, *others = change_blocks(found)
+    assert isinstance(first, Sentence)
+    words = f"{first.lead} {first.text}".strip()
+    counts = f"{_flights(found.flights[1])} after {_flights(found.flights[0])} of the baseline."
+    return [Sentence(f"{words[:1].lower()}{words[1:]}", lead), *others, Sentence(counts)]
 
 
 def _change(one: QuantityChange, found: VehicleDifference) -> str:

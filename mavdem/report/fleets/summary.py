@@ -7,11 +7,10 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import PurePath
 
-from mavdem.comparison.flight_figures import OK, FlightFigures, flights_of, vehicles_of
+from mavdem.comparison.flight_figures import NAMELESS, OK, FlightFigures, flights_of, vehicles_of
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.names import listed
 
-NAMELESS = "unknown"  # the vehicle of logs that do not say whose they are
 TROUBLE = ("fault", "drift")
 SEVERITY = (*TROUBLE, "unknown", OK)
 TIERS = {"a": "everything", "b": "slow motion and conditions", "c": "conditions only"}

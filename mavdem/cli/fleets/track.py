@@ -13,18 +13,26 @@ import click
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
-from mavdem.cli.output import STDERR, print_json, printable, say, say_aside
+from mavdem.cli.output import STDERR, print_blocks, print_json, printable, say, say_aside
+from mavdem.cli.output_files import write_page
 from mavdem.cli.sources import refuse_link
+from mavdem.comparison.vehicle_difference import differences_by_vehicle
 from mavdem.fleet.dataset import read_rows
 from mavdem.fleet.reading.cluster import Cluster
 from mavdem.fleet.reading.crew import Crew, Reader
 from mavdem.fleet.reading.outcome import Limits
-from mavdem.fleet.summary import FleetSummary, summarised
-from mavdem.fleet.tracking import FleetTracker, TrackedLogs
+from mavdem.fleet.summary import summarised
+from mavdem.fleet.tracking import FleetTracker
 from mavdem.fleet.tracking import Progress as LogProgress
+from mavdem.page.fleet_page import fleet_page
+from mavdem.report.blocks import Sentence
+from mavdem.report.fleets.differences import baseline_blocks
+from mavdem.report.fleets.summary import fleet_blocks
 
 SECONDS_BETWEEN_LINES = 30.0  # of progress, where standard error is no terminal
-MAX_LISTED = 8  # logs that failed
+INDEX = "index.html"
+PAGE = "mavdem.page.flight_page:write_flight_page"
+"""The function that writes a flight's page, as workers call it."""
 
 
 def _folder(context: click.Context, parameter: click.Parameter, value: str) -> Path:
@@ -93,6 +101,7 @@ def track_command(
     FLEET has:
       flights/      the table, as Parquet, for DuckDB, Polars and pandas
       logs.parquet  which logs are known, and what each cost to read
+      index.html    what was found, each vehicle's figures over its flights, and all flights; open it in a browser
       pages/        a page a flight
 
     \b
@@ -113,16 +122,27 @@ def track_command(
             "it is of this machine; with --scheduler the cluster has its own.", param_hint="--jobs"
         )
     reader: Reader = Cluster(scheduler, limits) if scheduler else Crew(jobs or _cores(), limits)
-    tracker = FleetTracker(out, reader)
+    tracker = FleetTracker(out, reader, PAGE)
     with _progress() as progress:
         tracked = tracker.track(logs, baseline, progress)
-    summary = summarised(read_rows(out))
+    rows = read_rows(out)
+    summary = summarised(rows)
+    changes = differences_by_vehicle(rows, tracker.healthy()) if tracker.healthy() else {}
+    told = {name: baseline_blocks(one) for name, one in changes.items()}
+    write_page(out / INDEX, fleet_page(rows, told))
     for problem in tracked.problems:
         say_aside(printable(f"mavdem: {problem}"))
     if as_json:
-        print_json({"fleet": str(out), "logs": tracked.logs, "read": tracked.read, **summary.as_dict()})
+        since = {name: None if one is None else one.as_dict() for name, one in changes.items()}
+        index = str(out / INDEX)
+        counts = {"logs": tracked.logs, "read": tracked.read}
+        print_json({"fleet": str(out), "index": index, **counts, **summary.as_dict(), "since_baseline": since})
     else:
-        _say(out, tracked, summary)
+        say(f"{tracked.logs} log{'s' * (tracked.logs != 1)}, {tracked.read} of them read.\n")
+        print_blocks(fleet_blocks(rows))
+        for name, blocks in told.items():
+            print_blocks([Sentence("", f"{name}:"), *blocks])
+        _say_what_next(out)
     if tracked.problems:
         context.exit(UNUSABLE)
     if not summary.flights:
@@ -133,21 +153,11 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _say(out: Path, tracked: TrackedLogs, summary: FleetSummary) -> None:
-    vehicles = f"{summary.vehicles} vehicle{'s' * (summary.vehicles != 1)}"
-    say(f"{tracked.logs} logs, {tracked.read} of them read. The fleet has {summary.flights} flights of {vehicles}.")
-    if summary.tiers:
-        say(f"Tiers: {', '.join(f'{tier} {count}' for tier, count in summary.tiers.items())}.")
-    if summary.health:
-        say(f"Health: {', '.join(f'{health} {count}' for health, count in summary.health.items())}.")
-    if summary.failed:
-        say(f"\nWithout a flight: {len(summary.failed)}.")
-        for file, status in summary.failed[:MAX_LISTED]:
-            say(printable(f"  {file}: {status}"))
-        if len(summary.failed) > MAX_LISTED:
-            say(f"  and {len(summary.failed) - MAX_LISTED} more, in the rows whose status is not 'ok'.")
+def _say_what_next(out: Path) -> None:
+    """On standard error: what to open, and what to ask."""
+    say_aside(printable(f"Look: {out / INDEX}"))
     query = f"from '{out}/flights/**/*.parquet'"
-    say(printable(f"\nAsk: {shlex.join(['duckdb', '-c', query])}".lstrip("\n")))
+    say_aside(printable(f"Ask: {shlex.join(['duckdb', '-c', query])}"))
 
 
 @contextmanager

@@ -1,0 +1,121 @@
+"""``mavdem diff``: two fleets, two reports, or two logs in words or as one document, and refusals with their reason."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from fleet_rows import flight_row
+
+from mavdem.cli.commands import main
+from mavdem.fleet.dataset import write_rows
+from mavdem.fleet.row import FlightRow
+
+pytest.importorskip("pyarrow")
+
+
+def flown(vehicle, numbers, **changed):
+    return [flight_row(vehicle, number, axis, **changed) for number in numbers for axis in ("roll", "pitch")]
+
+
+WEAK = {"effect": (-40.0, 40.0, 0.7 * 41.0, -39.0), "trim_share": (0.97, 0.95, 1.12, 0.96)}
+
+
+@pytest.fixture
+def fleets(tmp_path):
+    write_rows(tmp_path / "old", [*flown("alpha", range(4)), *flown("beta", range(2))])
+    write_rows(tmp_path / "new", [*flown("alpha", range(4, 8), **WEAK), *flown("gamma", range(2))])
+    return str(tmp_path / "old"), str(tmp_path / "new")
+
+
+def test_the_vehicle_that_both_fleets_have_is_compared(fleets, capsys):
+    assert main(["diff", *fleets]) == 0
+    said = capsys.readouterr().out
+    assert "Changed: motor 3's share +12" in said and "4 flights of A and 4 flights of B" in said
+
+
+def test_the_document_is_one_and_has_what_changed(fleets, capsys):
+    assert main(["diff", *fleets, "--vehicle", "alpha", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    changed = {
+        (one["quantity"]["kind"], one["quantity"]["motor"])
+        for one in document["changes"]
+        if one["outcome"] == "changed"
+    }
+    assert changed == {("share", 3), ("effect", 3)}
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["--vehicle", "delta"], "A has no vehicle delta. Choose one of: alpha and beta."),
+        (["--vehicle", "beta"], "B has no vehicle beta."),
+    ],
+)
+def test_a_vehicle_that_is_not_there_is_refused_with_those_that_are(words, reason, fleets, capsys):
+    assert main(["diff", *fleets, *words]) == 1
+    assert reason in capsys.readouterr().err
+
+
+def test_several_vehicles_in_both_need_a_choice(fleets, capsys):
+    assert main(["diff", fleets[0], fleets[0]]) == 1
+    assert "Choose with --vehicle: alpha and beta." in capsys.readouterr().err
+
+
+def test_flights_of_nobody_are_not_compared_as_one_vehicle(tmp_path, capsys):
+    write_rows(tmp_path, flown("unknown", range(3)))
+    assert main(["diff", str(tmp_path), str(tmp_path)]) == 1
+    assert "do not say of which vehicle" in capsys.readouterr().err
+
+
+def test_nothing_to_compare_is_one_document_with_the_reason(tmp_path, capsys):
+    write_rows(tmp_path / "quad", flown("alpha", range(2)))
+    six = {"motors": tuple("123456"), "trim_share": None, "effect": None}
+    write_rows(tmp_path / "hexa", flown("alpha", range(2), **six))
+    assert main(["diff", str(tmp_path / "quad"), str(tmp_path / "hexa"), "--json"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert document["changes"] == [] and "other vehicles" in document["incomparable"][0]["reason"]
+
+
+def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path, capsys):
+    rows = {"a.bin": flown("alpha", [0]), "b.bin": [FlightRow(file="b.bin", status="It is empty.")]}
+    monkeypatch.setattr("mavdem.fleet.reading.flights.rows_of_log", lambda path, *_: rows[path.name])
+    monkeypatch.setattr("mavdem.cli.fleets.diff.rows_of_log", lambda path, *_: rows[path.name], raising=False)
+    assert main(["diff", "a.bin", "a.bin"]) == 0
+    assert "Nothing changed beyond its interval." in capsys.readouterr().out
+    assert main(["diff", "a.bin", "b.bin"]) == 1
+    assert "B has no flight with figures. It is empty." in capsys.readouterr().err
+
+
+def report(effect):
+    physical = {
+        "effect": effect,
+        "damping": 0.6,
+        "lag": 0.04,
+        "interval_90_percent": {"effect": [2.0] * 4, "damping": 0.2, "lag": 0.01},
+        "status": dict.fromkeys(("effect", "damping", "lag"), "reported"),
+    }
+    return {"inputs": ["1", "2", "3", "4"], "outputs": ["roll", "roll rate"], "physical": physical, "wind": None}
+
+
+def test_what_learn_wrote_is_compared_by_its_folder_or_file(tmp_path, capsys):
+    for name, third in (("before", 41.0), ("after", 20.0)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "report.json").write_text(json.dumps(report([-40.0, 40.0, third, -39.0])))
+    assert main(["diff", str(tmp_path / "before"), str(tmp_path / "after" / "report.json")]) == 0
+    assert "Changed: 3's effect −51 %" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", ["{}", "[]", "not json", '{"free_energy": 1}', '{"outputs": ["roll"], "physical": 3}'])
+def test_another_json_file_is_refused_in_one_sentence(text, tmp_path, capsys):
+    path = tmp_path / "report.json"
+    path.write_text(text)
+    assert main(["diff", str(path), str(path)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "cannot be read" in said and "should not have happened" not in said
+
+
+def test_a_link_and_a_missing_log_are_bad_input(capsys):
+    assert main(["diff", "udpin:127.0.0.1:14550", "x.bin"]) == 2
+    assert main(["diff", "missing.bin", "missing.bin"]) == 2
+    assert "should not have happened" not in capsys.readouterr().err
