@@ -77,8 +77,7 @@ def test_the_same_command_writes_the_same_bytes(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
-@pytest.mark.parametrize("frame", ["x", "plus"])
+@pytest.mark.parametrize(("speaks", "frame"), [("px4", "x"), ("ardupilot", "plus")])
 def test_it_can_be_learnt_from_and_motors_are_where_they_are(speaks, frame, tmp_path, capsys):
     mine = tmp_path / "mine.toml"
     scenario = load("iris_multisine").model_dump(mode="json", exclude_none=True)

@@ -174,8 +174,9 @@ def test_noise_precisions_may_be_shared_by_groups():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("p", range(7))
-@pytest.mark.parametrize("d", range(7))
+@pytest.mark.parametrize(
+    ("p", "d"), [(0, 0), (0, 6), (6, 0), (6, 6), *((n, n + 1) for n in range(1, 5)), (3, 1), (5, 2)]
+)
 def test_every_order_from_zero_to_six_can_be_learnt(p, d):
     window = max(p, d) + 1
     settings = Settings(

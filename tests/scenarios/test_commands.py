@@ -86,7 +86,7 @@ def test_intervals_are_set_at_once_reported_and_restored(speaks):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
-@pytest.mark.parametrize("interval", [1, 3, 7, 3999, 4000, 4001])
+@pytest.mark.parametrize("interval", [1, 7, 3999, 4001])
 def test_no_interval_is_shorter_than_a_cycle(speaks, interval):
     vehicle = Vehicle(speaks)
     for name in vehicle.transmitter.schedule.usual:
