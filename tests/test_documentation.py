@@ -3,12 +3,12 @@
 import re
 import shlex
 import tomllib
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 
 import mavdem.comparison
+from mavdem.cli.commands import imported_command
 from sitl_scenarios.files import names as scenarios
 
 ROOT = Path(__file__).parents[1]
@@ -74,7 +74,7 @@ COMMANDS = [
 @pytest.mark.parametrize(("page", "line"), COMMANDS)
 def test_every_command_that_is_shown_exists_with_its_options(page, line):
     _, name, *words = shlex.split(re.sub(r" > \S+$", "", line))
-    command = getattr(import_module(f"mavdem.cli.{name}"), f"{name}_command")
+    command = imported_command(name)
     known = {option for parameter in command.params for option in parameter.opts}
     assert {word for word in words if word.startswith("--")} <= known
     if name == "fly" and not words[0].startswith("--"):

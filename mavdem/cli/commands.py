@@ -30,6 +30,13 @@ OF_FLEETS = ("diff", "track")
 """Commands whose modules are in ``mavdem.cli.fleets``."""
 
 
+def imported_command(name: str) -> click.Command:
+    """The command of this name, from the module that is named like it."""
+    room = "mavdem.cli.fleets" if name in OF_FLEETS else "mavdem.cli"
+    command: click.Command = getattr(import_module(f"{room}.{name}"), f"{name}_command")
+    return command
+
+
 class _Commands(click.Group):
     """Imports a command when it is named: what it needs takes a second, which ``--help`` need not wait."""
 
@@ -39,8 +46,7 @@ class _Commands(click.Group):
         name, command, rest = super().resolve_command(ctx, args)
         if command is not None:
             with ending_at_once():
-                room = "mavdem.cli.fleets" if command.name in OF_FLEETS else "mavdem.cli"
-                command = getattr(import_module(f"{room}.{command.name}"), f"{command.name}_command")
+                command = imported_command(str(command.name))
         return name, command, rest
 
 

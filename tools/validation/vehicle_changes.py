@@ -90,7 +90,7 @@ def together(flights: Sequence[Flight]) -> list[list[FlightRow]]:
     return [[row for flight in group for row in flight] for group in groups]
 
 
-@click.command()
+@click.command(help=__doc__)
 @click.option("--seed", default=1, show_default=True)
 @click.option("--healthy", default=14, show_default=True, help="Flights of each healthy vehicle.")
 @click.option("--weak", default=6, show_default=True, help="Flights of each vehicle with a weak motor.")
