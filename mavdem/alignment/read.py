@@ -8,16 +8,22 @@ from os import PathLike
 
 from mavdem.alignment.columns import message_counts
 from mavdem.alignment.segments import Segment
-from mavdem.alignment.signals import ATTITUDE_MESSAGES, Signals
+from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE, SLOW_MOTION_RATE, Signals
 from mavdem.alignment.verdict import MINIMUM_DURATION, Verdict, judge, judge_segments
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
 from mavdem.ingest import Component, Log, read_log
 from mavdem.ingest.telemetry import Telemetry
 
+TIERS = ("a", "b", "c")  # What the rates of a log allow: everything; its slow motion; figures of its condition
+
 
 def read_flight(
-    path: str | bytes | PathLike[str], axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
+    path: str | bytes | PathLike[str],
+    axis: str = "roll",
+    vehicle: str | None = None,
+    inputs: str | None = None,
+    tier: str = "a",
 ) -> Flight:
     """The longest usable segment of a log; its cautions are in ``provenance["cautions"]``.
 
@@ -27,13 +33,18 @@ def read_flight(
         vehicle: "system" or "system:component", where the log holds several.
         inputs: "motors", or "demand": what the controller asked of the axis, one column; None for the motors, unless
             they come too slowly and the demand does not.
+        tier: the lowest that will do: "a", attitude and inputs at 40 Hz or more, for a model; "b", 8 Hz and more, for
+            its slow motion; "c", at any rate, whether or not its attitude is consistent. The provenance's cautions then
+            say why no full model can be learnt from it.
 
     Raises:
         Unreadable: the log cannot be read.
         NotLearnable: it holds no vehicle, or several and none was chosen, or the verdict is no.
-        ValueError: ``path`` is no path, or an axis or inputs that are neither.
+        ValueError: ``path`` is no path, or an axis, inputs or a tier that is none.
     """
-    flight, _ = learnable_flight(read_log(path), axis, vehicle, inputs)
+    if tier not in TIERS:
+        raise ValueError(f"tier must be one of {', '.join(TIERS)}, not {tier!r}")
+    flight, _ = learnable_flight(read_log(path), axis, vehicle, inputs, tier)
     return flight
 
 
@@ -57,11 +68,19 @@ def read_segments(
 
 
 def learnable_flight(
-    log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
+    log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None, tier: str = "a"
 ) -> tuple[Flight, Verdict]:
-    """The longest usable segment of a log, as :func:`read_flight` gives it, and the verdict that lets it through."""
-    verdict = judge(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)
-    return _with_cautions(verdict), verdict
+    """The longest usable segment of a log, as :func:`read_flight` gives it, and the verdict on it."""
+    signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
+    verdict = judge(signals, log.components)
+    if verdict.learnable or tier == "a":
+        return _with_cautions(verdict), verdict
+    doubt = (f"No full {axis} model can be learnt from it: {verdict.reason}",)
+    slow = judge(signals, log.components, SLOW_MOTION_RATE)
+    if slow.learnable or tier == "b" or verdict.flight is None:
+        return _with_cautions(slow, doubt), verdict
+    provenance = {**verdict.flight.provenance, "cautions": list(doubt)}
+    return replace(verdict.flight, provenance=provenance), verdict
 
 
 def learnable_segments(
@@ -74,9 +93,11 @@ def learnable_segments(
     return flights, verdict
 
 
-def judged_segments(signals: Signals, speakers: Sequence[Component] = ()) -> tuple[tuple[Flight, ...], Verdict]:
-    """As :func:`learnable_segments`, of ``signals``; no segments where the verdict is no."""
-    verdicts = judge_segments(signals, speakers)
+def judged_segments(
+    signals: Signals, speakers: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
+) -> tuple[tuple[Flight, ...], Verdict]:
+    """As :func:`learnable_segments`, of ``signals`` that need no more than ``least_rate``, Hz; none where it is no."""
+    verdicts = judge_segments(signals, speakers, least_rate)
     usable = [verdict for verdict in verdicts if verdict.learnable]
     left_out = _left_out(verdicts[0].segments, [verdict.segment for verdict in usable])
     flights = [_with_cautions(verdict, left_out) for verdict in usable]

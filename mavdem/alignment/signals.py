@@ -44,6 +44,10 @@ MINIMUM_RATE = 40.0
 left of a 50 Hz stream on a link that loses a fifth. On recorded flights motors add nothing to a forecast at 1-10 Hz and
 do at 50."""
 
+SLOW_MOTION_RATE = 8.0
+"""Hz, of both, from which a model may predict the slow motion: of flights decimated to 10 Hz and recorded at 10 Hz,
+nine in ten were predicted better than without a model. Motors' effect, damping and lag show at higher frequencies."""
+
 
 Inputs = TypeVar("Inputs")
 

@@ -61,10 +61,11 @@ class Verdict:
         return {name: value for name, value in values.items() if name not in ("flight", "segments")}
 
 
-def judge(signals: Signals, speakers: Sequence[Component] = ()) -> Verdict:
+def judge(signals: Signals, speakers: Sequence[Component] = (), least_rate: float = MINIMUM_RATE) -> Verdict:
     """The verdict: yes on the longest settled segment that can be learnt from, or no on the longest.
 
-    The ``speakers`` are the components in the log, among them whoever asks the vehicle for other rates.
+    The ``speakers`` are the components in the log, among them whoever asks the vehicle for other rates; ``least_rate``,
+    Hz, is what both streams need: ``SLOW_MOTION_RATE`` where the slow motion is enough.
     """
     telemetry, axis = signals.telemetry, signals.axis
 
@@ -101,7 +102,7 @@ def judge(signals: Signals, speakers: Sequence[Component] = ()) -> Verdict:
         return refused(_NEVER_ARMED, FLY, figures)
     if figures.airborne == 0:
         return refused(*_grounded(signals, figures), figures)
-    log = _Evidence(signals, attitude, drive, speakers, figures)
+    log = _Evidence(signals, attitude, drive, speakers, figures, least_rate)
     if not found:
         return refused(
             *(_too_slow(log, figures) or _slowed_down(log) or _too_short(figures, telemetry.translated_from)), figures
@@ -117,16 +118,19 @@ def judge(signals: Signals, speakers: Sequence[Component] = ()) -> Verdict:
     return refusals[0]
 
 
-def judge_segments(signals: Signals, speakers: Sequence[Component] = ()) -> tuple[Verdict, ...]:
+def judge_segments(
+    signals: Signals, speakers: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
+) -> tuple[Verdict, ...]:
     """The verdict of :func:`judge` and, if that is yes, one on each other segment of ``MINIMUM_DURATION`` or more.
 
     All flights have the sampling step of the first; a segment too slow for that (``MAX_STEP_RATIO``) is refused.
     """
-    first = judge(signals, speakers)
+    first = judge(signals, speakers, least_rate)
     if not first.learnable:
         return (first,)
     assert first.flight is not None and signals.attitude is not None and signals.drive is not None
-    log = _Evidence(signals, signals.attitude, signals.drive, speakers, quality.of_log(signals, len(first.segments)))
+    figures = quality.of_log(signals, len(first.segments))
+    log = _Evidence(signals, signals.attitude, signals.drive, speakers, figures, least_rate)
     others = (one for one in first.segments if one != first.segment and one.duration >= MINIMUM_DURATION)
     return first, *(_of_segment(log, other, first.segments, first.flight.dt) for other in others)
 
@@ -159,6 +163,7 @@ class _Evidence:
     drive: Motors
     speakers: Sequence[Component]
     figures: QualityFigures
+    least_rate: float  # Hz, that both streams need
 
     def name(self, stream: Attitude | Motors) -> str:
         """The name of the stream's messages in the log."""
@@ -227,12 +232,14 @@ def _without_drive(signals: Signals) -> Obstacle:
 
 def _too_slow(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
     rates = {log.name(log.attitude): figures.attitude_rate or 0.0, log.name(log.drive): figures.motor_rate or 0.0}
-    reason = too_slow(rates, log.signals.axis)
+    reason = too_slow(rates, log.signals.axis, log.least_rate)
     return None if reason is None else (reason, _for_faster(log, rates[log.name(log.attitude)] >= MINIMUM_RATE))
 
 
 def _slowed_down(log: _Evidence) -> Obstacle | None:
     """Whether a stream that comes fast elsewhere comes too slowly in most of the air: somebody asked for less."""
+    if log.least_rate < MINIMUM_RATE:
+        return None
     found = {
         log.name(stream): slow
         for stream in (log.attitude, log.drive)
@@ -259,9 +266,9 @@ def _for_faster(log: _Evidence, attitude_is_fast: bool) -> str:
     return ask_for_rate(signals.telemetry, speakers=log.speakers)
 
 
-def too_slow(rates: Mapping[str, float], axis: str) -> str | None:
-    """A sentence on all messages too slow for ``axis``, of ``rates`` in Hz by name; None if none is."""
-    slow = [(name, below(rate, MINIMUM_RATE)) for name, rate in rates.items() if rate < MINIMUM_RATE]
+def too_slow(rates: Mapping[str, float], axis: str, least: float = MINIMUM_RATE) -> str | None:
+    """A sentence on all messages slower than ``least``, of ``rates`` in Hz by name; None if none is."""
+    slow = [(name, below(rate, least)) for name, rate in rates.items() if rate < least]
     if not slow:
         return None
     named = (f"{name} {'at' if place else 'comes at'} {rate} Hz" for place, (name, rate) in enumerate(slow))
@@ -279,12 +286,12 @@ def _held(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
     """Whether a stream repeats old values under new stamps."""
     attitude = (log.name(log.attitude), figures.attitude_rate or 0.0, figures.attitude_fresh or 0.0)
     drive = (log.name(log.drive), figures.motor_rate or 0.0, figures.motor_fresh or 0.0)
-    held = [stream for stream in (attitude, drive) if stream[2] < MINIMUM_RATE]
+    held = [stream for stream in (attitude, drive) if stream[2] < log.least_rate]
     if not held:
         return None
     name, rate, new = held[0]
     return (
-        f"{name} changes only at {below(new, MINIMUM_RATE)} Hz, though it is sent at {rate:.3g} Hz; "
+        f"{name} changes only at {below(new, log.least_rate)} Hz, though it is sent at {rate:.3g} Hz; "
         f"{log.signals.axis} dynamics need {MINIMUM_RATE:.0f} Hz of new values.",
         f"Find what repeats old values between the autopilot and the log. {ask_for_rate(log.signals.telemetry)}",
     )

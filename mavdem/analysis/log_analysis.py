@@ -11,10 +11,13 @@ from typing import Any, Protocol
 from mavdem import evaluate
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import choose_vehicle, judged_segments
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.alignment.verdict import Verdict
+from mavdem.analysis.slow_motion import CAUTION as SLOW_MOTION
+from mavdem.analysis.slow_motion import objection
 from mavdem.analysis.training_data import TooFewSamples, cut, flown_after, judged, of_one_boot
 from mavdem.condition import Condition, Identity, condition_of, identity_of
+from mavdem.condition.tier import Tier, tier_of
 from mavdem.dem import Learned, Settings, learn
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.findings import Finding, findings
@@ -43,29 +46,31 @@ class LogAnalysis:
     """One vehicle and axis of a log.
 
     Attributes:
-        verdict: whether a model of the axis can be learnt, on which segment, and its figures.
+        verdict: whether a full model of the axis can be learnt, on which segment, and its figures.
+        tier: what the log allows, why no more, and what the next tier needs.
         condition: balance, limits, lean, vibration and battery, at any rate.
         identity: which vehicle, and when.
         vehicle: how hard each motor works; of ``axis="all"`` also the physical parameters of each axis.
+        reason, remedy: why there is no full model, and what to change; empty where there is one.
         flights: what was learnt from; empty without a model.
-        learned: the model; None where there is none.
+        learned: the model: in tier "b" of the slow motion, and without physical parameters; None where there is none.
         held_out: forecasts of windows that no model saw; None without a model.
         findings: what the model is good for, purpose by purpose.
         truth: the estimates beside the truth of a simulated flight, where its file was given.
-        reason, remedy: why there is no model, and what to change; empty where there is one.
     """
 
     verdict: Verdict
+    tier: Tier
     condition: Condition
     identity: Identity
     vehicle: VehicleFigures
+    reason: str = ""
+    remedy: str = ""
     flights: tuple[Flight, ...] = ()
     learned: Learned | None = None
     held_out: HeldOut | None = None
     findings: tuple[Finding, ...] = ()
     truth: TruthComparison | None = None
-    reason: str = ""
-    remedy: str = ""
 
     def as_dict(self) -> dict[str, Any]:
         """All figures as plain JSON values; angles in rad, rates in rad/s, time in s."""
@@ -74,12 +79,15 @@ class LogAnalysis:
         return {
             **model,
             **self.vehicle.as_dict(),
+            **self.tier.as_dict(),
+            "reason": self.reason,
+            "remedy": self.remedy,
+            "condition": self.condition.as_dict(),
+            "identity": self.identity.as_dict(),
             "findings": [finding._asdict() for finding in self.findings],
             "truth": None if self.truth is None else self.truth.as_dict(),
             "settings": None if learned is None else asdict(learned.settings),
             "verdict": self.verdict.as_dict(),
-            "condition": self.condition.as_dict(),
-            "identity": self.identity.as_dict(),
         }
 
 
@@ -99,7 +107,8 @@ def analyse(
     """All that a log says of one vehicle and axis.
 
     The model is learnt from the whole settled flight of the longest segment's boot and judged by held-out windows. With
-    ``train`` it is learnt from so much of the longest segment, and tested once on what follows.
+    ``train`` it is learnt from so much of the longest segment, and tested once on what follows. In tier "b" it is kept
+    only if it predicts better than no model (``mavdem.analysis.slow_motion``).
 
     Args:
         log: of ``mavdem.ingest.read_log``.
@@ -116,48 +125,63 @@ def analyse(
         Unreadable: ``truth`` is not the truth of this flight.
         ValueError: an axis or inputs that are none.
     """
-    settings = Settings() if settings is None else settings
-    signals = Signals(choose_vehicle(log.vehicles, vehicle), "roll" if axis == ALL else axis, inputs)
+    signals = Signals(choose_vehicle(log.vehicles, vehicle), AXES[0] if axis == ALL else axis, inputs)
     segments, verdict = judged_segments(signals, log.components)
     condition, identity = condition_of(signals), identity_of(signals, log.receive_time[0])
-    of_others = AXES[1:] if axis == ALL else ()
-
-    def figures() -> VehicleFigures:
-        if not of_others:
-            return vehicle_of_log(log, (), vehicle, inputs)
-        with progress("Estimating the physical parameters") as done:
-            return vehicle_of_log(log, of_others, vehicle, inputs, done)
-
+    tier, figures = tier_of(verdict, condition), vehicle_of_log(log, (), vehicle, inputs)
+    found = LogAnalysis(verdict, tier, condition, identity, figures, tier.reason, tier.remedy)
+    slow = tier.name == "b"
+    if slow:
+        segments, of_slow = judged_segments(signals, log.components, SLOW_MOTION_RATE)
+        if not segments:
+            return replace(found, reason=_joined(tier.reason, of_slow.reason))
     if not segments:
-        return LogAnalysis(verdict, condition, identity, figures(), reason=verdict.reason, remedy=verdict.remedy)
-    following = None
-    if train is None:
-        flights = flown_after(of_one_boot(segments), start)
-    else:
-        training, following = cut(max(segments, key=len), start, train, test)
-        flights = (training,)
-    known = None if truth is None else truth_of(flights, truth)
+        return found
     try:
-        if following is None:
-            with progress("Judging by held-out windows") as done:
-                held_out = judged(flights, settings, test, done)
-            learned = _learn(flights, settings, progress)
-        else:
-            learned = _learn(flights, settings, progress)
-            held_out = held_out_test(flights[0], following, learned)
+        flights, learned, held_out = _model(segments, settings or Settings(), start, train, test, progress)
     except NotLearnable as error:
-        if isinstance(error, TooFewSamples) and (start or test):
+        if isinstance(error, TooFewSamples) and (start or train or test):
             raise
-        return LogAnalysis(verdict, condition, identity, figures(), reason=error.reason, remedy=error.remedy)
-    learned = replace(learned, cautions=(*flights[0].provenance["cautions"], *learned.cautions))
-    found = figures()
-    if of_others:
-        reason = "" if learned.physical else "No physical parameters can be fitted."
-        own = AxisFigures(flights, learned.physical, learned.wind, reason)
-        found = found._replace(axes={AXES[0]: own, **found.axes})
-    compared = None if known is None else compare_with_truth(learned, flights, known)
-    purposes = findings(learned, held_out)
-    return LogAnalysis(verdict, condition, identity, found, flights, learned, held_out, purposes, compared)
+        return replace(found, reason=_joined(tier.reason if slow else "", error.reason), remedy=error.remedy)
+    if slow and (refused := objection(held_out)):
+        return replace(found, reason=_joined(tier.reason, refused))
+    known = None if truth is None else truth_of(flights, truth)
+    cautions = (*([SLOW_MOTION] if slow else []), *flights[0].provenance["cautions"], *learned.cautions)
+    learned = replace(learned, cautions=cautions)
+    if axis == ALL:
+        with progress("Estimating the physical parameters") as done:
+            others = vehicle_of_log(log, AXES[1:], vehicle, inputs, done)
+        own = AxisFigures(flights, learned.physical, learned.wind, learned.physical_reason)
+        figures = others._replace(axes={AXES[0]: own, **others.axes})
+    return replace(
+        found,
+        vehicle=figures,
+        reason=tier.reason if slow else "",
+        flights=flights,
+        learned=learned,
+        held_out=held_out,
+        findings=findings(learned, held_out),
+        truth=None if known is None else compare_with_truth(learned, flights, known),
+    )
+
+
+def _model(
+    segments: tuple[Flight, ...],
+    settings: Settings,
+    start: float,
+    train: Length | None,
+    test: Length | None,
+    progress: StepProgress,
+) -> tuple[tuple[Flight, ...], Learned, HeldOut]:
+    """What was learnt from, the model, and forecasts of windows that no model saw."""
+    if train is not None:
+        training, following = cut(max(segments, key=len), start, train, test)
+        learned = _learn((training,), settings, progress)
+        return (training,), learned, held_out_test(training, following, learned)
+    flights = flown_after(of_one_boot(segments), start)
+    with progress("Judging by held-out windows") as done:
+        held_out = judged(flights, settings, test, done)
+    return flights, _learn(flights, settings, progress), held_out
 
 
 def _learn(flights: tuple[Flight, ...], settings: Settings, progress: StepProgress) -> Learned:
@@ -169,3 +193,7 @@ def _learn(flights: tuple[Flight, ...], settings: Settings, progress: StepProgre
             f"No model could be learnt: {error}.",
             "Choose another part of the flight with --start, or a longer --train.",
         ) from error
+
+
+def _joined(first: str, second: str) -> str:
+    return second if not first or second == first else f"{first} {second}"

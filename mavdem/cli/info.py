@@ -6,10 +6,10 @@ from typing import Any
 
 import click
 
-from mavdem.alignment.inventory import inventory
 from mavdem.cli.options import source_options
 from mavdem.cli.output import complain, print_json, say
 from mavdem.cli.sources import read_source
+from mavdem.condition.inventory import inventory
 from mavdem.report.blocks import Sentence
 from mavdem.report.log_contents import sender, stream_contents, vehicle_contents
 

@@ -12,23 +12,27 @@ import click
 from click.core import ParameterSource
 
 from mavdem.alignment.drive import TILT_AXES
-from mavdem.alignment.inventory import inventory
-from mavdem.analysis import analyse
+from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.training_data import TooFewSamples
 from mavdem.cli.options import chosen_settings, file_option, model_options, source_options, window_options
-from mavdem.cli.output import print_blocks, print_json, printable, progress, say_aside
-from mavdem.cli.output_files import RECORDING, check_folder, folder_named, result_files, write_results
+from mavdem.cli.output import complain, print_blocks, print_json, printable, progress, say_aside
+from mavdem.cli.output_files import RECORDING, check_folder, folder_named, result_files, write_figures, write_results
 from mavdem.cli.sources import read_source
+from mavdem.condition.inventory import inventory
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.flight_windows import Length
 from mavdem.evaluate.vehicle_figures import ALL
 from mavdem.extras import advice
+from mavdem.page.condition_page import condition_page
 from mavdem.page.learned_page import learned_page
 from mavdem.report.blocks import Sentence
+from mavdem.report.condition import condition_blocks, tier_sentences
 from mavdem.report.details import detail_blocks
 from mavdem.report.screen import screen, title
 from mavdem.report.truth import truth_blocks
 from mavdem.report.vehicle import vehicle_blocks
+
+UNSUPPORTED = 1  # the exit code of a log that holds no model
 
 
 def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> float:
@@ -94,6 +98,10 @@ def learn_command(
       warnings, where there are any
     With --axis all also a row for each of roll, pitch and yaw.
 
+    A log whose rates allow less gives that: at 8 to 40 Hz (tier b) a model of the slow motion, if it predicts better
+    than none; at any rate from 1 Hz (tier c) balance, limits, lean, vibration and battery. Without a model the folder
+    receives report.html and report.json only, and the exit code is 1.
+
     \b
     The folder --out receives:
       report.html  all of it with pictures, in one file to mail
@@ -126,21 +134,28 @@ def learn_command(
         again = f"Ask for shorter ones: `{_again(error.lengths)}`." if error.lengths else error.remedy
         raise NotLearnable(error.reason, again) from error
     learned, held_out, figures = analysis.learned, analysis.held_out, analysis.vehicle
-    if learned is None or held_out is None:
+    if learned is None and analysis.tier.name is None:
         raise NotLearnable(analysis.reason, analysis.remedy)
+    names = result_files(with_model=learned is not None)
     report = {
         **analysis.as_dict(),
         "seconds": round(perf_counter() - began, 3),
-        "files": {name: str(folder / name) for name in result_files()},
+        "files": {name: str(folder / name) for name in names},
     }
+    held = inventory(log, analysis.verdict.axis, vehicle, inputs)
+    if learned is None or held_out is None:
+        _without_model(analysis, report, folder, source, held, as_json)
+        raise click.exceptions.Exit(UNSUPPORTED)
     heading = Sentence(*map(printable, title(analysis.flights)))
     blocks = screen(learned, held_out, figures.hover)
+    if analysis.tier.name != "a":
+        # What to do next is to record faster, whatever the findings.
+        blocks = [*tier_sentences(report), *blocks[:-1], *condition_blocks(report), Sentence(analysis.remedy, "Next:")]
     if axis == ALL:
         blocks += vehicle_blocks(figures)
     if analysis.truth is not None:
         blocks += truth_blocks(analysis.truth)
     details = detail_blocks(learned, report)
-    held = inventory(log, analysis.verdict.axis, vehicle, inputs)
     page = learned_page(heading, blocks, details, learned, held_out, figures.hover, held)
     write_results(folder, report, page, analysis.flights, learned, held_out)
     if hint := advice(f"{RECORDING} was not written, since it", "view"):
@@ -152,6 +167,24 @@ def learn_command(
         return
     print_blocks([heading, *blocks, *(details if verbose else [])])
     _say_what_is_written(folder, report)
+
+
+def _without_model(
+    analysis: LogAnalysis, report: dict[str, Any], folder: Path, source: str, held: dict[str, Any], as_json: bool
+) -> None:
+    """Writes and prints the figures that need no model, and says why there is none."""
+    axis, settled = analysis.verdict.axis, analysis.condition.settled
+    heading = Sentence(f"{axis}, {settled:.0f} s of settled flight, no model.", f"{printable(Path(source).name)}:")
+    report["error"] = {"reason": analysis.reason, "remedy": analysis.remedy}
+    figures = [*tier_sentences(report), *condition_blocks(report)]
+    why = [Sentence(analysis.reason), Sentence(analysis.remedy, "What to do:")]
+    write_figures(folder, report, condition_page(heading, [*why, *figures], held))
+    if as_json:
+        print_json(report)
+    else:
+        print_blocks([heading, *figures])
+        _say_what_is_written(folder, report)
+    complain(analysis.reason, analysis.remedy, as_json=False)
 
 
 def named_after(source: str) -> Path:

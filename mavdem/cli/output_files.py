@@ -23,6 +23,7 @@ from mavdem.flight import Flight
 
 RECORDING = "flight.rrd"
 RESULT_FILES = ("model.json", "report.json", "report.html", RECORDING, "flight.mcap")  # of the files of a learnt flight
+FIGURES = ("report.json", "report.html")  # those that need no model
 
 
 def folder_named(context: click.Context, parameter: click.Parameter, value: str | None) -> Path | None:
@@ -83,8 +84,19 @@ def page_bytes(page: str) -> bytes:
     return page.encode(errors="replace")
 
 
-def result_files() -> tuple[str, ...]:
-    """The ``RESULT_FILES`` that can be written: the recording needs Rerun."""
+def write_figures(folder: Path, report: dict[str, Any], page: str) -> None:
+    """Writes the :func:`result_files` of a flight without a model; those of a model learnt before go."""
+    with files_in(folder, FIGURES) as (figures, html):
+        figures.write_text(json_text(report) + "\n")
+        html.write_bytes(page_bytes(page))
+    for name in set(RESULT_FILES) - set(FIGURES):
+        (folder / name).unlink(missing_ok=True)
+
+
+def result_files(with_model: bool = True) -> tuple[str, ...]:
+    """The ``RESULT_FILES`` that can be written: most need a model, and the recording needs Rerun."""
+    if not with_model:
+        return FIGURES
     return tuple(name for name in RESULT_FILES if name != RECORDING or not missing("view"))
 
 

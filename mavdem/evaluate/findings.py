@@ -37,8 +37,8 @@ class Finding(NamedTuple):
 
 def findings(learned: Learned, held_out: HeldOut | None) -> tuple[Finding, ...]:
     """Motor effectiveness, damping and lag, wind and, where ``held_out`` windows were forecast, prediction."""
-    read = learned.physical
-    found = [_effect(read), _motion(read), _wind(learned)]
+    read, why_not = learned.physical, learned.physical_reason
+    found = [_effect(read, why_not), _motion(read, why_not), _wind(learned)]
     if held_out is not None:
         found.append(_prediction(held_out))
     return tuple(
@@ -52,12 +52,11 @@ def _first_sentence(text: str) -> str:
 
 
 PURPOSES = ("motor effectiveness", "damping and lag", "wind", "prediction")
-NO_PARAMETERS = "No physical parameters can be fitted to this flight."
 
 
-def _effect(read: Physical | None) -> tuple[Grade, str]:
+def _effect(read: Physical | None, why_not: str) -> tuple[Grade, str]:
     if read is None:
-        return NONE, NO_PARAMETERS
+        return NONE, why_not
     if read.status["effect"] != "reported":
         return (NONE if read.status["effect"] == "not identifiable" else LIMITED), read.reasons["effect"]
     mean, half = read.mean_effect(LEVEL)
@@ -65,9 +64,9 @@ def _effect(read: Physical | None) -> tuple[Grade, str]:
     return grade, f"Known to ±{100 * half / mean:.0f} %."
 
 
-def _motion(read: Physical | None) -> tuple[Grade, str]:
+def _motion(read: Physical | None, why_not: str) -> tuple[Grade, str]:
     if read is None:
-        return NONE, NO_PARAMETERS
+        return NONE, why_not
     _, damping, lag, _ = read.interval(LEVEL)
     known = {
         name: half / value
@@ -100,7 +99,7 @@ def known_wind(found: WindTorque | None, read: Physical | None) -> WindTorque | 
 def _wind(learned: Learned) -> tuple[Grade, str]:
     found, read = learned.wind, learned.physical
     if found is None or read is None:
-        return NONE, NO_PARAMETERS
+        return NONE, learned.physical_reason
     if not read.identifiable:
         # The torque of the wind is what is left when that of the motors is taken away.
         return NONE, "It follows from the motors' effect, which is not identifiable."

@@ -36,7 +36,7 @@ def learned_page(
         learned: the model.
         held_out: windows that no model saw which forecasts them.
         hover: how hard each motor works, where that is known.
-        held: the log's inventory, of ``mavdem.alignment.inventory``.
+        held: the log's inventory, of ``mavdem.condition.inventory``.
     """
     return render_page(
         heading.lead.rstrip(":"),

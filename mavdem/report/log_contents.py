@@ -7,13 +7,14 @@ from typing import Any
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.report.blocks import Sentence, Table
+from mavdem.report.condition import condition_sentences, identity_sentence, tier_sentences
 
 SLOW_HZ = 0.95  # messages below this rate are listed together: they are too slow to describe the motion
 MIN_LOST_SHARE = 0.01  # share of missing sequence numbers from which it is reported; less is a radio link in good order
 
 
 def log_blocks(held: dict[str, Any]) -> list[Sentence | Table]:
-    """All of an inventory of ``mavdem.alignment.inventory``: each vehicle, then what was received from whom."""
+    """All of an inventory of ``mavdem.condition.inventory``: each vehicle, then what was received from whom."""
     vehicles = [block for one in held["vehicles"] for block in vehicle_contents(one)]
     return [*vehicles, *stream_contents(held)]
 
@@ -31,6 +32,7 @@ def vehicle_contents(one: dict[str, Any]) -> list[Sentence | Table]:
     ]
     if verdict["remedy"]:
         blocks.append(Sentence(verdict["remedy"], "What to do:"))
+    blocks += [*tier_sentences(one), identity_sentence(one["identity"]), *condition_sentences(one["condition"])]
     blocks += [Sentence(caution, "Caution:") for caution in verdict["cautions"]]
     blocks += [Sentence(repair, "Noted:") for repair in one["repairs"]]
     if one["segments"]:

@@ -19,9 +19,9 @@ from hypothesis import strategies as st
 from pymavlink import DFReader
 
 from mavdem.alignment import drive, setpoints, signals
-from mavdem.alignment.inventory import inventory
 from mavdem.alignment.read import read_flight
 from mavdem.alignment.signals import Signals
+from mavdem.condition.inventory import inventory
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.dataflash.binary import read_binary

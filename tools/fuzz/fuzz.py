@@ -23,7 +23,7 @@ import atheris
 import click
 
 with atheris.instrument_imports(include=["mavdem", "pyulog"]):
-    import mavdem.alignment.inventory
+    import mavdem.condition.inventory
     import mavdem.ingest.dataflash.log
     import mavdem.ingest.mcap.log
     import mavdem.ingest.ulog.log  # noqa: F401

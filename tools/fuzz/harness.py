@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mavdem.alignment.inventory import inventory
+from mavdem.condition.inventory import inventory
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.ingest import Log
 

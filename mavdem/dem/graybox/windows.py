@@ -14,6 +14,9 @@ from mavdem.dem.record import Record
 
 WINDOW_SECONDS, SHORTEST_WINDOW_SECONDS = 7.0, 2.0
 MIN_SAMPLES = 200
+FEWEST_RATE = 39.0
+"""Hz: of fewer samples, a lag and damping of tens of milliseconds are no more than a guess. A grid of 40 Hz may have a
+little less."""
 FASTEST_RATE = 199.0  # Hz: of twice that or more, every so many samples are taken
 
 
@@ -43,6 +46,11 @@ def cut(record: Record) -> Cut:
     Raises:
         ValueError: no output is the rate of another, there are too few samples, or no motor moves.
     """
+    if 1 / record.dt < FEWEST_RATE:
+        raise ValueError(
+            "motors' effect, damping, lag and poles show at several Hz, which needs 40 samples a second, not "
+            f"{1 / record.dt:.3g}"
+        )
     if not record.inputs.std(axis=0).any():
         raise ValueError("physical parameters need motors that move: all inputs are constant")
     rate = rate_column(record)

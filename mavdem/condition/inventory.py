@@ -1,4 +1,4 @@
-"""Inventory of a log: components, messages and rates, damage, and a verdict for each vehicle."""
+"""Inventory of a log: senders, messages and rates, damage, and of each vehicle verdict, tier and condition."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from scipy.stats import trim_mean
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import judge
+from mavdem.condition.condition import condition_of
+from mavdem.condition.identity import identity_of
+from mavdem.condition.tier import tier_of
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Columns, Telemetry, selected
 
@@ -52,7 +55,8 @@ def inventory(log: Log, axis: str = "roll", vehicle: str | None = None, inputs: 
 
 
 def _vehicle(telemetry: Telemetry, axis: str, inputs: str | None, log: Log) -> dict[str, Any]:
-    verdict = judge(Signals(telemetry, axis, inputs), log.components)
+    signals = Signals(telemetry, axis, inputs)
+    verdict, condition = judge(signals, log.components), condition_of(signals)
     return {
         "system": telemetry.system,
         "component": telemetry.component,
@@ -69,6 +73,9 @@ def _vehicle(telemetry: Telemetry, axis: str, inputs: str | None, log: Log) -> d
         "segments": [{**asdict(segment), "duration": segment.duration} for segment in verdict.segments],
         "repairs": list(telemetry.repairs),
         "verdict": verdict.as_dict(),
+        **tier_of(verdict, condition).as_dict(),
+        "identity": identity_of(signals, log.receive_time[0]).as_dict(),
+        "condition": condition.as_dict(),
     }
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hover import Hover, changed
 
-from mavdem.alignment.inventory import inventory
+from mavdem.condition.inventory import inventory
 from mavdem.ingest.log import Component, Log
 from mavdem.ingest.telemetry import Telemetry
 
