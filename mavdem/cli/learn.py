@@ -25,10 +25,10 @@ from mavdem.evaluate.vehicle_figures import ALL
 from mavdem.extras import advice
 from mavdem.page.condition_page import condition_page
 from mavdem.page.learned_page import learned_page
+from mavdem.report.analysis_screen import analysis_blocks
 from mavdem.report.blocks import Sentence
-from mavdem.report.condition import condition_blocks, tier_sentences
 from mavdem.report.details import detail_blocks
-from mavdem.report.screen import screen, title
+from mavdem.report.screen import title
 from mavdem.report.truth import truth_blocks
 from mavdem.report.vehicle import vehicle_blocks
 
@@ -147,10 +147,7 @@ def learn_command(
         _without_model(analysis, report, folder, source, held, as_json)
         raise click.exceptions.Exit(UNSUPPORTED)
     heading = Sentence(*map(printable, title(analysis.flights)))
-    blocks = screen(learned, held_out, figures.hover)
-    if analysis.tier.name != "a":
-        # What to do next is to record faster, whatever the findings.
-        blocks = [*tier_sentences(report), *blocks[:-1], *condition_blocks(report), Sentence(analysis.remedy, "Next:")]
+    blocks = analysis_blocks(analysis)
     if axis == ALL:
         blocks += vehicle_blocks(figures)
     if analysis.truth is not None:
@@ -176,13 +173,12 @@ def _without_model(
     axis, settled = analysis.verdict.axis, analysis.condition.settled
     heading = Sentence(f"{axis}, {settled:.0f} s of settled flight, no model.", f"{printable(Path(source).name)}:")
     report["error"] = {"reason": analysis.reason, "remedy": analysis.remedy}
-    figures = [*tier_sentences(report), *condition_blocks(report)]
-    why = [Sentence(analysis.reason), Sentence(analysis.remedy, "What to do:")]
-    write_figures(folder, report, condition_page(heading, [*why, *figures], held))
+    blocks = analysis_blocks(analysis)
+    write_figures(folder, report, condition_page(heading, blocks, held))
     if as_json:
         print_json(report)
     else:
-        print_blocks([heading, *figures])
+        print_blocks([heading, *blocks])
         _say_what_is_written(folder, report)
     complain(analysis.reason, analysis.remedy, as_json=False)
 

@@ -126,25 +126,24 @@ class Learned(LearnedDownstream):
             return self._arranged(np.full(len(self.theta_covariance), np.nan))
         return self._arranged(self.scatter.half_width(level))
 
-    @property
+    @cached_property
     def physical(self) -> Physical | None:
         """The gray-box model of motors, damping and lag; ``None`` where none can be fitted.
 
         See :func:`mavdem.dem.physical`.
         """
-        return self._physical_or_reason[0]
+        try:
+            return physical(self.record)
+        except ValueError:
+            return None
 
     @property
     def physical_reason(self) -> str:
         """Why no physical parameters can be fitted, one sentence; empty where they can."""
-        return self._physical_or_reason[1]
-
-    @cached_property
-    def _physical_or_reason(self) -> tuple[Physical | None, str]:
         try:
-            return physical(self.record), ""
+            return "" if self.physical is not None or physical(self.record) else ""
         except ValueError as error:
-            return None, f"{str(error)[:1].upper()}{str(error)[1:]}."
+            return f"{str(error)[:1].upper()}{str(error)[1:]}."
 
     @cached_property
     def wind(self) -> WindTorque | None:

@@ -9,11 +9,10 @@ from mavdem.analysis import LogAnalysis
 from mavdem.files import atomic_write
 from mavdem.page.document import Chapter, render_page
 from mavdem.page.pictures import PicturePlan, picture_chapter
-from mavdem.report.blocks import Block, Sentence
+from mavdem.report.analysis_screen import analysis_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.names import Labels
-from mavdem.report.screen import key_figures, screen
-from mavdem.report.vehicle import hover_blocks
+from mavdem.report.screen import key_figures
 
 COARSE = 1.5  # points in which a line keeps its extremes: about a pixel of what is seen
 INDEX = "../index.html"
@@ -31,7 +30,7 @@ def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = IND
     (first_axis, first), *others = analyses.items()
     name = next((one.learned for one in analyses.values() if one.learned is not None), None)
     strip = key_figures(first.learned, first.held_out) if first.learned is not None else []
-    chapters = [Chapter(axis.capitalize(), axis_blocks(one)) for axis, one in others]
+    chapters = [Chapter(axis.capitalize(), analysis_blocks(one)) for axis, one in others]
     chapters += [_pictures(axis, one) for axis, one in analyses.items() if one.learned is not None]
     chapters += [
         Chapter(f"The model of {axis}, and how it was learnt", detail_blocks(one.learned, one.as_dict()), folded=True)
@@ -41,7 +40,7 @@ def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = IND
     subtitle = f"{first_axis.capitalize()} first." if others else f"{first_axis.capitalize()}."
     if name is None:
         subtitle = "No model could be learnt from this flight; what it holds nevertheless."
-    return render_page(file, subtitle, axis_blocks(first), chapters, strip, back=("Fleet", index))
+    return render_page(file, subtitle, analysis_blocks(first), chapters, strip, back=("Fleet", index))
 
 
 def write_flight_page(file: str, analyses: Mapping[str, LogAnalysis], path: Path) -> None:
@@ -49,16 +48,6 @@ def write_flight_page(file: str, analyses: Mapping[str, LogAnalysis], path: Path
     with atomic_write(path) as page:
         # The name of a file need not be Unicode.
         page.write(flight_page(file, analyses).encode(errors="replace"))
-
-
-def axis_blocks(one: LogAnalysis) -> list[Block]:
-    """What is reported of one axis: the screen of ``learn``, or why there is no model and what is known without."""
-    if one.learned is not None:
-        return screen(one.learned, one.held_out, one.vehicle.hover)
-    blocks: list[Block] = [Sentence(one.reason, "No model:")]
-    if one.remedy:
-        blocks.append(Sentence(one.remedy, "What to do:"))
-    return [*blocks, *hover_blocks(one.vehicle.hover)]
 
 
 def _pictures(axis: str, one: LogAnalysis) -> Chapter:

@@ -56,11 +56,6 @@ def condition_sentences(condition: dict[str, Any]) -> list[Sentence]:
     return found
 
 
-def condition_blocks(report: dict[str, Any]) -> list[Sentence]:
-    """Which vehicle, and its condition, by ``LogAnalysis.as_dict``."""
-    return [identity_sentence(report["identity"]), *condition_sentences(report["condition"])]
-
-
 def _flown(condition: dict[str, Any]) -> Sentence:
     armed = "" if condition["armed"] is None else f", {condition['armed']:.0f} s armed"
     settled = f"{condition['settled']:.0f} s in settled flight"
