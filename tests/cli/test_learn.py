@@ -20,6 +20,8 @@ from mavdem.cli.output import json_text, print_blocks
 from mavdem.evaluate.findings import PURPOSES
 from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, samples_in
 from mavdem.evaluate.vehicle_figures import AxisFigures, vehicle_of_log
+from mavdem.ingest import read_log
+from mavdem.ingest.telemetry import selected
 from mavdem.page.document import Chapter
 from mavdem.report.blocks import Sentence, Table
 
@@ -160,15 +162,45 @@ def test_a_start_too_late_is_refused(start, tmp_path, capsys):
     assert "--start" in json.loads(capsys.readouterr().out)["error"]["remedy"]
 
 
-def test_a_flight_that_cannot_be_learnt_from_is_refused_with_the_remedy(tmp_path, capsys):
+def test_a_flight_too_slow_for_a_model_gives_its_condition_the_reason_and_the_remedy(tmp_path, capsys):
     slow = LOGS / "ardupilot_default_rates.tlog"
     if not slow.exists():
         pytest.skip("ardupilot_default_rates.tlog is not among the sample flights")
-    assert main(["learn", str(slow), "--out", str(tmp_path / "out"), "--json"]) == 1
-    error = json.loads(capsys.readouterr().out)["error"]
-    assert "Hz" in error["reason"]
-    assert error["remedy"]
-    assert not (tmp_path / "out").exists()
+    for old in ("model.json", "flight.mcap"):
+        (tmp_path / old).write_text("of a flight before")
+    assert main(["learn", str(slow), "--out", str(tmp_path), "--json"]) == 1
+    said = capsys.readouterr()
+    report = strict_json(said.out)
+    assert "Hz" in report["error"]["reason"] and report["error"]["remedy"] in said.err
+    assert (report["tier"], report["next_tier"]["tier"]) == ("c", "b")
+    assert report["condition"]["hover"]["trim_share"] == pytest.approx([1, 1, 1, 1], abs=0.01)
+    assert names(tmp_path) == {"report.json", "report.html"}
+    assert strict_json((tmp_path / "report.json").read_text()) == report
+    page = (tmp_path / "report.html").read_text()
+    assert "headroom" in page and "Tier c:" in page and report["error"]["reason"] in page
+    assert main(["learn", str(slow), "--out", str(tmp_path)]) == 1
+    said = capsys.readouterr()
+    assert "headroom" in said.out and report["error"]["reason"] in said.err
+
+
+def test_a_flight_at_10_hz_gives_a_model_of_its_slow_motion_and_no_physical_parameters(tmp_path, monkeypatch, capsys):
+    whole = read_log(FLIGHT)
+    slow = replace(whole.vehicles[0], messages=each_tenth(whole.vehicles[0].messages))
+    monkeypatch.setattr("mavdem.cli.learn.read_source", lambda _: replace(whole, vehicles=(slow,)))
+    assert main(["learn", FLIGHT, "--out", str(tmp_path), "--json"]) == 0
+    report = strict_json(capsys.readouterr().out)
+    assert (report["tier"], report["next_tier"]["tier"]) == ("b", "a")
+    assert report["forecast_over_constant_mean"] < 0.9 and report["dt"] == pytest.approx(0.1, rel=0.01)
+    assert (report["physical"], report["wind"], report["closed_loop"]["poles"]) == (None, None, [])
+    effect = next(one for one in report["findings"] if one["purpose"] == "motor effectiveness")
+    assert effect["grade"] == "NOT IDENTIFIABLE" and "40 samples a second" in effect["reason"]
+    assert "What to do:" in (tmp_path / "report.html").read_text()
+
+
+def each_tenth(messages):
+    """Attitude and motor outputs as a slower link would send them."""
+    streams = ("ATTITUDE", "SERVO_OUTPUT_RAW")
+    return {name: selected(one, slice(None, None, 10)) if name in streams else one for name, one in messages.items()}
 
 
 def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, capsys):
@@ -176,9 +208,9 @@ def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, cap
         raise np.linalg.LinAlgError("Singular matrix")
 
     monkeypatch.setattr("mavdem.analysis.log_analysis.learn", breaks_down)
-    assert main(["learn", FLIGHT, "--train", "700", "--out", str(tmp_path / "out")]) == 1
+    assert main(["learn", FLIGHT, "--train", "700", "--out", str(tmp_path)]) == 1
     assert "Singular matrix" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
+    assert names(tmp_path) == {"report.json", "report.html"}
 
 
 @pytest.mark.parametrize("place", ["file", "file/below", 300 * "x"])

@@ -21,7 +21,6 @@ from mavdem.health.balance import BalanceFigures, balance_of_signals
 from mavdem.ingest import Log, Telemetry, read_log
 
 LEVEL = 0.9  # of all intervals
-SLOW_MOTION_HZ = 8.0  # attitude and motors for tier b
 
 WritePage = Callable[[str, Mapping[str, LogAnalysis], Path], None]
 """Called with a log's name, its analyses by axis and the path of the page."""
@@ -132,9 +131,8 @@ def _of_balance(balance: BalanceFigures | None) -> dict[str, Any]:
 def _of_analysis(found: LogAnalysis) -> dict[str, Any]:
     """The columns of one axis."""
     measured = found.verdict.figures
-    rate = min(measured.attitude_rate or 0, measured.motor_rate or 0)
     columns: dict[str, Any] = {
-        "tier": "a" if found.learned is not None else "b" if rate >= SLOW_MOTION_HZ else "c",
+        "tier": found.tier.name,
         "tier_reason": found.reason or None,
         "attitude_rate": measured.attitude_rate,
         "motor_rate": measured.motor_rate,

@@ -1,0 +1,109 @@
+"""The analysis of a log at each tier: what is learnt, what is withheld, and why."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hover import Hover
+
+from mavdem.analysis import LogAnalysis, analyse
+from mavdem.analysis.slow_motion import MOST_OF_BASELINE, objection
+from mavdem.errors import NotLearnable
+from mavdem.evaluate import HeldOut
+from mavdem.ingest import Log, read_log
+from mavdem.ingest.telemetry import selected
+
+DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
+SAMPLE = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
+
+
+def log(name: str) -> Log:
+    if not (DATA / name).exists():
+        pytest.skip(f"{name} is not here; MAVDEM_SHARED_DATA says where the recorded flights are")
+    return read_log(DATA / name)
+
+
+def without_a_model(found: LogAnalysis) -> bool:
+    return (found.learned, found.held_out, found.flights, found.findings) == (None, None, (), ())
+
+
+@pytest.fixture(scope="module")
+def slow() -> LogAnalysis:
+    """A flight at 100 Hz as a link of 10 Hz would send it."""
+    whole = read_log(SAMPLE)
+    (vehicle,) = whole.vehicles
+    streams = ("ATTITUDE", "SERVO_OUTPUT_RAW")
+    messages = {
+        name: selected(one, slice(None, None, 10)) if name in streams else one for name, one in vehicle.messages.items()
+    }
+    return analyse(replace(whole, vehicles=(replace(vehicle, messages=messages),)))
+
+
+def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_is_told(slow):
+    assert slow.tier.name == "b" and slow.learned is not None and slow.held_out is not None
+    assert slow.held_out.error_ratio() < MOST_OF_BASELINE and slow.held_out.coverage > 0.75
+    assert (slow.learned.physical, slow.learned.wind, slow.learned.closed_loop.poles) == (None, None, ())
+    assert "40 samples a second" in slow.learned.physical_reason
+    assert "slow motion" in slow.learned.cautions[0]
+    assert "Hz" in slow.reason and slow.remedy
+    with pytest.raises(ValueError, match="40 samples a second"):
+        slow.learned.simulate(slow.flights[0].inputs)
+
+
+def held_out(ratio: float, windows: int, spread: float) -> HeldOut:
+    """Windows in which the forecast's squared error is about ``ratio`` times the constant mean's."""
+    rng = np.random.default_rng(1)
+    measured = np.zeros((windows, 10, 1))
+    errors = np.sqrt(ratio * np.exp(spread * rng.standard_normal(windows)))[:, None, None] + measured
+    one = np.ones_like(measured)
+    forecasts = {"forecast": errors, "prediction": errors, "constant mean": one, "hold last": 1.2 * one}
+    time = np.arange(10 * windows).reshape(windows, 10) / 10
+    return HeldOut(time, measured, forecasts, 2 * one, one, np.ones(1))
+
+
+@pytest.mark.parametrize(
+    ("ratio", "windows", "spread", "kept"),
+    [
+        (0.5, 20, 0.1, True),
+        (0.95, 40, 0.01, False),
+        (0.8, 5, 0.1, False),
+        (0.85, 20, 3.0, False),
+        (1.1, 40, 0.1, False),
+    ],
+)
+def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, windows, spread, kept):
+    assert (objection(held_out(ratio, windows, spread)) == "") == kept
+
+
+def test_an_alias_is_no_slow_motion_however_well_it_is_predicted():
+    found = analyse(log("logs/wlichon_baseline.BIN"))
+    assert found.tier.name == "b" and without_a_model(found)
+    assert "contradict" in found.reason
+    assert found.condition.hover is not None
+
+
+@pytest.mark.parametrize(
+    ("name", "tier"),
+    [
+        ("real/propeller/hover_good_1.BIN", "b"),
+        ("logs/dronekit_flight.tlog", "c"),
+        ("logs/wlichon_baseline.tlog", "c"),
+        ("logs/pyulog_sample.ulg", None),
+        ("logs/bluerobotics_00025.tlog", None),
+    ],
+)
+def test_every_log_says_something_or_why_not(name, tier):
+    found = analyse(log(name))
+    assert found.tier.name == tier and found.reason and found.remedy and without_a_model(found)
+    assert found.condition.duration > 0 and found.identity.name
+    assert (found.condition.hover is not None) == (tier is not None)
+
+
+def test_a_vehicle_that_is_not_in_the_log_is_refused():
+    telemetry = Hover().telemetry(10.0, 10.0)
+    with pytest.raises(NotLearnable, match="no vehicle 9"):
+        analyse(Log("", (telemetry,), (), (), 0, 0, (0.0, 0.0)), vehicle="9")
