@@ -90,7 +90,7 @@ def test_the_examples_from_python_run(tmp_path, monkeypatch, capsys):
     for code in examples:
         exec(code, names)
         names["flight"] = names["flight"][:1000]  # of which the learner has a model, too
-    assert len(examples) == 4 and names["again"].model.A.shape == (3, 3)
+    assert len(examples) == 5 and names["again"].model.A.shape == (3, 3)
     assert capsys.readouterr().out.splitlines()[-3:] == ["(2, 2)", "(3, 3)", "(4, 4)"]
 
 
