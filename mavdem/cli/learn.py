@@ -25,10 +25,9 @@ from mavdem.evaluate.vehicle_figures import ALL
 from mavdem.extras import advice
 from mavdem.page.condition_page import condition_page
 from mavdem.page.learned_page import learned_page
-from mavdem.report.analysis_screen import analysis_blocks
 from mavdem.report.blocks import Sentence
 from mavdem.report.details import detail_blocks
-from mavdem.report.screen import title
+from mavdem.report.screen import analysis_blocks, title
 from mavdem.report.truth import truth_blocks
 from mavdem.report.vehicle import vehicle_blocks
 

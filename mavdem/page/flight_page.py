@@ -9,10 +9,9 @@ from mavdem.analysis import LogAnalysis
 from mavdem.files import atomic_write
 from mavdem.page.document import Chapter, render_page
 from mavdem.page.pictures import PicturePlan, picture_chapter
-from mavdem.report.analysis_screen import analysis_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.names import Labels
-from mavdem.report.screen import key_figures
+from mavdem.report.screen import analysis_blocks, key_figures
 
 COARSE = 1.5  # points in which a line keeps its extremes: about a pixel of what is seen
 INDEX = "../index.html"

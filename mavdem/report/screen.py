@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from mavdem.alignment.trim import HoverFigures
+from mavdem.analysis import LogAnalysis
 from mavdem.dem import Learned, Physical
 from mavdem.dem.closed_loop.response import LoopPole
 from mavdem.dem.validation import LEVEL
@@ -15,6 +16,7 @@ from mavdem.evaluate.findings import Finding, findings, known_wind, next_step, w
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, text_of
+from mavdem.report.condition import condition_sentences, identity_sentence, tier_sentences
 from mavdem.report.names import Labels, named, readable
 from mavdem.report.rounding import plus_minus, rounded
 from mavdem.report.vehicle import hover_columns, lean, wind_blocks
@@ -38,6 +40,21 @@ def screen(learned: Learned, held_out: HeldOut | None = None, hover: HoverFigure
         *(Sentence(warning, "Warning:") for warning in warnings_of(learned, held_out)),
         Sentence(next_step(found), "Next:"),
     ]
+
+
+def analysis_blocks(found: LogAnalysis) -> list[Block]:
+    """What is reported of one vehicle and axis: the screen of its model, else what is known without one, and why."""
+    model: list[Block] = []
+    if found.learned is not None:
+        model = screen(found.learned, found.held_out, found.vehicle.hover)
+    if found.tier.name == "a" and model:
+        return model
+    tier = tier_sentences(found.tier.as_dict())
+    # What to do next is to record faster, whatever the findings.
+    why = [] if model else [Sentence(found.reason, "No model:")]
+    remedy = [Sentence(found.remedy, "What to do:")] if found.remedy else []
+    identity = identity_sentence(found.identity.as_dict())
+    return [*why, *remedy, *tier, *model[:-1], identity, *condition_sentences(found.condition.as_dict())]
 
 
 def title(flights: Sequence[Flight]) -> Sentence:
