@@ -74,12 +74,6 @@ def _array(values: Numbers | None, count: int) -> Array:
     return np.array([np.nan if value is None else value for value in values])
 
 
-def _effects(values: Numbers | None) -> Array:
-    """A row for each axis, of what was put into the table row after row."""
-    found = _array(values, 2)
-    return found.reshape(-1, 2) if len(found) > 2 else found
-
-
 def _figures(row: FlightRow) -> HealthFigures:
     motors = row.motors or ()
     balance = None
@@ -88,8 +82,8 @@ def _figures(row: FlightRow) -> HealthFigures:
             _array(row.balance, 3),
             _array(row.balance_error, 3),
             _array(row.balance_lean, 2),
-            _effects(row.lean_effect),
-            _effects(row.lean_effect_error),
+            _array(row.lean_effect, 6).reshape(3, 2),
+            _array(row.lean_effect_error, 6).reshape(3, 2),
             row.duration or 0.0,
         )
     return HealthFigures(

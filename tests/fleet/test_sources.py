@@ -1,0 +1,103 @@
+"""Sources: which logs names stand for, here and behind URLs."""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections.abc import Iterator
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+import pytest
+from standin_rows import READ
+from tracked_logs import LIMITS, make_logs, track
+
+from mavdem.errors import Unreadable
+from mavdem.fleet.dataset import read_rows
+from mavdem.fleet.reading.crew import Crew
+from mavdem.fleet.reading.sources import fetch, find_logs
+from mavdem.fleet.tracking import FleetTracker
+
+LOGS = Path(__file__).parents[2] / "logs"
+
+
+def names(*given: object, apart_from: Path | None = None) -> list[str]:
+    return [Path(log.path).name for log in find_logs([str(one) for one in given], apart_from).logs]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in ("a.bin", "below/b.ULG", "below/c.mcap", "below/d.ulg.xz", "results/e.bin"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"?")
+    (tmp_path / "no_ending").write_bytes((LOGS / "ardupilot_default_rates.tlog").read_bytes()[:9000])
+    (tmp_path / "server.log").write_text("text, not a flight\n" * 99)
+    (tmp_path / "photo.jpg").write_bytes(b"\xff\xd8\xff\xe0\x00\x10JF\xfd" + bytes(999))
+    (tmp_path / "notes.txt").write_text("none")
+    return tmp_path
+
+
+def test_a_folder_gives_what_looks_like_a_log_by_its_name_or_its_first_bytes(folder):
+    found = ["a.bin", "b.ULG", "c.mcap", "d.ulg.xz", "no_ending"]
+    assert names(folder, apart_from=folder / "results") == found
+    assert names(folder) == [*found, "e.bin"]
+
+
+def test_a_file_is_taken_whatever_it_holds_and_each_log_once(folder):
+    assert names(folder / "notes.txt", folder / "a.bin", folder / "*.bin", f"file://{folder}/a.bin") == [
+        "a.bin",
+        "notes.txt",
+    ]
+    assert names(folder / "**" / "*.bin", apart_from=folder / "results") == ["a.bin"]
+
+
+def test_a_folder_that_is_its_own_part_is_read_once(folder):
+    before = names(folder)
+    os.symlink(folder, folder / "below" / "up")
+    assert names(folder) == before
+
+
+def test_a_name_that_looks_like_a_pattern_is_a_file_first(tmp_path):
+    (tmp_path / "log[1].bin").write_bytes(b"?")
+    assert names(tmp_path / "log[1].bin") == ["log[1].bin"]
+
+
+@pytest.fixture
+def served(tmp_path: Path) -> Iterator[tuple[Path, str]]:
+    """A folder, and the URL of a server of it."""
+    (tmp_path / "served").mkdir()
+
+    class Silent(SimpleHTTPRequestHandler):
+        def log_message(self, format: str, *args: object) -> None:
+            """Says nothing."""
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Silent, directory=str(tmp_path / "served")))
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    yield tmp_path / "served", f"http://127.0.0.1:{server.server_port}"
+    server.shutdown()
+    thread.join()
+
+
+def test_logs_behind_urls_are_read_and_known(served, tmp_path):
+    folder, url = served
+    make_logs(folder, 3)
+    (folder / "readme.txt").write_text("none")
+    assert names(f"{url}/") == ["log_0.bin", "log_1.bin", "log_2.bin"]
+    out = tmp_path / "fleet"
+    tracker = FleetTracker(out, Crew(1, LIMITS, READ))
+    assert (
+        tracker.track([f"{url}/log_0.bin", f"{url}/gone.bin"]).problems[0].startswith(f"{url}/gone.bin cannot be read")
+    )
+    assert [row.file for row in read_rows(out)] == [f"{url}/log_0.bin"] * 2
+    # The same content from a disk is known.
+    assert track(out, folder / "log_0.bin").read == 1 and len(read_rows(out)) == 2
+
+
+def test_what_a_file_system_lacks_is_said(tmp_path, monkeypatch):
+    (problem,) = find_logs(["s3://bucket/flight.bin"]).problems
+    assert "s3fs" in problem or "cannot be read" in problem
+    assert "cannot be read" in find_logs(["nonsense://x/flight.bin"]).problems[0]
+    with pytest.raises(Unreadable, match="cannot be fetched"):
+        fetch("http://127.0.0.1:9/x.bin", tmp_path / "x.bin")
