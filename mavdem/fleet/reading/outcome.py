@@ -24,7 +24,7 @@ class Limits:
     """What one log may cost: ``seconds``, and ``megabytes`` of memory of the process that reads it."""
 
     seconds: float = 300.0
-    megabytes: int = 800
+    megabytes: int = 600
 
 
 @dataclass(frozen=True)
