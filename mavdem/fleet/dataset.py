@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
@@ -37,6 +38,16 @@ def groups_in(folder: Path) -> list[str]:
     """The groups that have a file, in order."""
     found = folder.glob(f"flights/schema={SCHEMA_VERSION}/group=*/flights.parquet")
     return sorted(path.parent.name.removeprefix("group=") for path in found)
+
+
+def set_old_aside(folder: Path) -> None:
+    """Moves rows with another version of the columns from ``flights`` to ``old``, where no reader counts them."""
+    for path in sorted(folder.glob("flights/schema=*")):
+        if path.name != f"schema={SCHEMA_VERSION}":
+            place = folder / "old" / path.name
+            place.parent.mkdir(exist_ok=True)
+            shutil.rmtree(place, ignore_errors=True)
+            path.rename(place)
 
 
 def is_fleet(folder: Path) -> bool:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -46,20 +46,19 @@ def with_health(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
     reference = given or list(healthy_flights(list(own.values())))
     names = {flight.name for flight in reference}
     healthy = {_key(row, row.axis): row for row in (*healthy_rows, *flown) if figures[_key(row)].name in names}
-    return [_judged(row, verdicts, list(healthy.values())) if row.status == OK else row for row in rows]
+    models = {row.axis: HealthyModels(healthy.values(), row) for row in flown}
+    return [_judged(row, verdicts[_key(row)], models[row.axis]) if row.status == OK else row for row in rows]
 
 
-def _judged(row: FlightRow, verdicts: Mapping[FlightKey, Assessment], healthy: Sequence[FlightRow]) -> FlightRow:
-    found = verdicts[_key(row)]
-    mean, interval = residual_mean(row, healthy)
+def _judged(row: FlightRow, found: Assessment, models: HealthyModels) -> FlightRow:
     return replace(
         row,
         health=found.health,
         fault_probability=found.fault_probability,
         suspect_motor=found.suspect_motor,
         health_reason=found.reason,
-        residual_mean=mean,
-        residual_mean_interval=interval,
+        residual_mean=models.residual_mean(row),
+        residual_mean_interval=models.interval,
     )
 
 
@@ -97,39 +96,42 @@ def _figures(row: FlightRow) -> HealthFigures:
     )
 
 
-def residual_mean(row: FlightRow, healthy: Sequence[FlightRow]) -> tuple[float | None, float | None]:
-    """The mean one-step residual of healthy flights' models on a flight, and its half width, rad/s²; None if unknown.
+class HealthyModels:
+    """The models of healthy flights of one vehicle and axis, frozen.
 
-    Each model predicts no angular acceleration at its own flight's means; what it leaves at this flight's is the
-    residual. Its interval comes from the scatter of these residuals over healthy flights.
+    Each predicts no angular acceleration at its own flight's means; what it leaves at another's is the residual.
+
+    Args:
+        healthy: rows of the vehicle.
+        like: a row with the axis and the motors.
+
+    Attributes:
+        interval: half width of the residual mean of a healthy flight, rad/s², by the scatter of these; None of few.
     """
-    models = [
-        other
-        for other in healthy
-        if other.axis == row.axis and other.residual_offset is not None and other.motors == row.motors
-    ]
-    found = _residual(row, [model for model in models if model.key != row.key])
-    if found is None:
-        return None, None
-    scatter = [
-        residual
-        for model in models
-        if (residual := _residual(model, [other for other in models if other is not model])) is not None
-    ]
-    if len(scatter) < FEWEST_MODELS:
-        return found, None
-    return found, float(t.ppf(TWO_SIDED, len(scatter) - 1) * np.sqrt(np.mean(np.square(scatter))))
 
+    def __init__(self, healthy: Iterable[FlightRow], like: FlightRow) -> None:
+        self._models = [
+            row
+            for row in healthy
+            if row.axis == like.axis and row.motors == like.motors and row.residual_offset is not None
+        ]
+        left = [residual for row in self._models if (residual := self.residual_mean(row)) is not None]
+        self.interval = (
+            float(t.ppf(TWO_SIDED, len(left) - 1) * np.sqrt(np.mean(np.square(left))))
+            if len(left) >= FEWEST_MODELS
+            else None
+        )
 
-def _residual(row: FlightRow, models: Sequence[FlightRow]) -> float | None:
-    if not models or row.mean_inputs is None:
-        return None
-    inputs, outputs = _array(row.mean_inputs, 0), _array(row.mean_outputs or (0.0, 0.0), 2)
-    residuals = [
-        float(_array(model.residual_gain_inputs, 0) @ inputs)
-        + float(_array(model.residual_gain_outputs, 2) @ outputs)
-        + (model.residual_offset or 0.0)
-        for model in models
-        if model.residual_gain_inputs is not None and len(model.residual_gain_inputs) == len(inputs)
-    ]
-    return float(np.mean(residuals)) if residuals else None
+    def residual_mean(self, row: FlightRow) -> float | None:
+        """The mean one-step residual of the models of other flights than this on it, rad/s²; None where not known."""
+        if row.mean_inputs is None:
+            return None
+        inputs, outputs = _array(row.mean_inputs, 0), _array(row.mean_outputs or (0.0, 0.0), 2)
+        residuals = [
+            float(_array(model.residual_gain_inputs, len(inputs)) @ inputs)
+            + float(_array(model.residual_gain_outputs, 2) @ outputs)
+            + (model.residual_offset or 0.0)
+            for model in self._models
+            if model.key != row.key and model.motors == row.motors
+        ]
+        return float(np.mean(residuals)) if residuals else None

@@ -9,7 +9,7 @@ from pathlib import Path
 from mavdem.errors import Unreadable
 from mavdem.extras import require
 from mavdem.fleet.compaction import SecondPass, compact
-from mavdem.fleet.dataset import group_of, is_fleet, read_rows, write_rows
+from mavdem.fleet.dataset import group_of, is_fleet, read_rows, set_old_aside, write_rows
 from mavdem.fleet.journal import Journal
 from mavdem.fleet.ledger import Ledger, entry_of, read_ledger
 from mavdem.fleet.lock import locked
@@ -132,6 +132,7 @@ class FleetTracker:
         """Reads what is new into a folder's data set; returns how many logs that were."""
         limits = self._reader.limits
         (folder / PAGES).mkdir(exist_ok=True)
+        set_old_aside(folder)
         with Journal(folder) as journal:
             ledger = read_ledger(folder)
             journal.into(ledger)

@@ -35,6 +35,7 @@ def test_a_batch_has_few_logs_and_no_more_bytes_than_are_read_twice_gladly():
     assert [[source.path for source in batch] for batch in batches(large)] == [["large"], ["small", "unknown"]]
 
 
+@pytest.mark.slow
 def test_a_killed_worker_loses_nothing(tmp_path, two_workers):
     make_logs(tmp_path / "logs", 24, "while")
     make_logs(tmp_path / "logs", 1, "crash")

@@ -14,7 +14,7 @@ from mavdem.analysis import LogAnalysis
 from mavdem.errors import Unreadable
 from mavdem.fleet.reading.flights import rows_of_log
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.second_pass import residual_mean, with_health
+from mavdem.fleet.second_pass import HealthyModels, with_health
 
 LOGS = Path(__file__).parents[2] / "logs"
 SLOW = LOGS / "ardupilot_default_rates.tlog"
@@ -70,13 +70,14 @@ def flight(key: str, inputs: tuple[float, ...], **columns: object) -> FlightRow:
 
 def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
     healthy = [flight(str(number), (1500 + number, 1500 - number)) for number in (-1, 0, 1)]
-    mean, interval = residual_mean(flight("new", (1510, 1500)), healthy)
-    assert mean == pytest.approx(-10)
+    models = HealthyModels(healthy, healthy[0])
+    assert models.residual_mean(flight("new", (1510, 1500))) == pytest.approx(-10)
     # Each of the three leaves -3, 0 and 3 by the other two: a half width of Student's t with two degrees of freedom.
-    assert interval == pytest.approx(2.920 * np.sqrt(6), rel=1e-3)
-    assert residual_mean(healthy[0], healthy)[0] == pytest.approx(3)
-    assert residual_mean(flight("new", (1510, 1500), motors=("other", "names")), healthy) == (None, None)
-    assert residual_mean(flight("new", (1510, 1500), axis="pitch"), healthy) == (None, None)
+    assert models.interval == pytest.approx(2.920 * np.sqrt(6), rel=1e-3)
+    assert models.residual_mean(healthy[0]) == pytest.approx(3)
+    others = HealthyModels(healthy, flight("new", (1510, 1500), axis="pitch"))
+    assert others.residual_mean(flight("new", (1510, 1500))) is None and others.interval is None
+    assert models.residual_mean(flight("new", (1510, 1500), motors=("other", "names"))) is None
 
 
 def test_flights_of_nobody_known_are_not_compared(slow_rows):

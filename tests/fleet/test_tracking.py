@@ -26,6 +26,7 @@ from mavdem.fleet.row import FlightRow
 from mavdem.fleet.tracking import FleetTracker
 
 
+@pytest.mark.slow
 def test_no_log_stops_a_run(tmp_path):
     logs = tmp_path / "logs"
     make_logs(logs / "below", 3)
@@ -86,6 +87,9 @@ def test_a_new_schema_reads_all_logs_again(tmp_path, monkeypatch):
     for module in ("row", "dataset", "ledger"):
         monkeypatch.setattr(f"mavdem.fleet.{module}.SCHEMA_VERSION", 99)
     assert track(out, tmp_path / "logs").read == 2 and len(read_rows(out)) == 4
+    # A reader of all files finds each flight once, and nothing is lost.
+    assert [path.name for path in (out / "flights").iterdir()] == ["schema=99"]
+    assert [path.name for path in (out / "old").iterdir()] == ["schema=1"]
 
 
 RUN = """
@@ -96,6 +100,7 @@ track(Path(sys.argv[1]), sys.argv[2])
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lines", [1, 5])
 def test_a_killed_run_is_resumed_to_the_same_data_set(tmp_path, lines):
     make_logs(tmp_path / "logs", 9, "while")

@@ -68,8 +68,8 @@ def _rows_of_vehicle(
             analyses[axis] = analyse(log, axis, f"{telemetry.system}:{telemetry.component}")
         except NotLearnable as error:
             return [head(status=error.reason)]
-    if condition.hover is None:
-        return [head(status=next(one.reason for one in analyses.values() if one.reason))]
+    if all(one.tier.name is None for one in analyses.values()):
+        return [head(status=analyses[TILT_AXES[0]].reason)]
     written = None
     if page is not None:
         written = f"{pages.name}/{key[:16]}-{telemetry.system}-{telemetry.component}.html"

@@ -11,6 +11,7 @@ import sys
 import time
 from contextlib import suppress
 from dataclasses import asdict, replace
+from tempfile import TemporaryDirectory
 
 from mavdem.errors import Unreadable
 from mavdem.fleet.reading.outcome import READ_LOG, READY, Job, Limits, ReadOutcome, failed
@@ -32,6 +33,7 @@ class LimitedWorker:
         self.limits = limits
         self._read = read
         self._process: subprocess.Popen[bytes] | None = None
+        self._scratch: TemporaryDirectory[str] | None = None  # what it fetches is removed also where it was killed
         self._received = b""
         self._stopped = False
 
@@ -83,13 +85,20 @@ class LimitedWorker:
             raise Unreadable("The run has ended.")
         threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         self._received = b""
+        self._scratch = TemporaryDirectory(prefix="mavdem-", ignore_cleanup_errors=True)
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "mavdem.fleet.reading.worker", str(self.limits.megabytes), self._read],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=None if os.environ.get("MAVDEM_TRACEBACK") else subprocess.DEVNULL,
             # It finds what this process finds; and Ctrl-C reaches this process only, which decides what it means.
-            env={**os.environ, **threads, "MPLBACKEND": "agg", "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            env={
+                **os.environ,
+                **threads,
+                "MPLBACKEND": "agg",
+                "TMPDIR": self._scratch.name,
+                "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+            },
             start_new_session=True,
         )
         if self._line(SECONDS_TO_START) != READY.encode() and not self._stopped:
@@ -135,4 +144,6 @@ class LimitedWorker:
             if pipe is not None:
                 with suppress(OSError):
                     pipe.close()
+        if self._scratch is not None:
+            self._scratch.cleanup()
         return code
