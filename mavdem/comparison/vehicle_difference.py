@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from math import exp, hypot, log, sqrt
 from typing import Any, Literal, NamedTuple
 
+import numpy as np
 from scipy.stats import t as student
 
 from mavdem.comparison.flight_figures import NAMELESS, OK, FlightFigures, flights_of, vehicles_of
@@ -28,14 +29,15 @@ from mavdem.comparison.vehicle_estimates import (
     Quantity,
     estimates_of,
 )
+from mavdem.health.reference import SCATTER
 
 FAMILY_ERROR = 0.05
-BETWEEN = {SHARE: 0.01, EFFECT: 0.02, MEAN_EFFECT: 0.1, DAMPING: 0.2, LAG: 0.004}
-"""Assumed standard deviation of a quantity from flight to flight of the same vehicle; of shares and
-effects relative."""
+BETWEEN = {SHARE: float(np.linalg.norm(SCATTER)), EFFECT: 0.02, MEAN_EFFECT: 0.1, DAMPING: 0.2, LAG: 0.004}
+"""Assumed standard deviation of a quantity from flight to flight of the same vehicle; of shares and effects relative.
+Of shares it is what health assumes of the three axes; the others are chosen by tools/validation/vehicle_changes.py."""
 PRIOR_FLIGHTS = 8  # flights that the assumption weighs as many as
 WITHIN_FREEDOM = 20  # degrees of freedom of the intervals of flights
-SHARE_PER_LEAN = 0.2  # per rad: what air that blows past may change of a motor's share
+SHARE_PER_LEAN = 0.5  # 1/rad, standard deviation: drag half an arm's length above or below the centre of mass
 RESOLUTION = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.02}
 """Half widths up to which a quantity that did not change is called the same."""
 
@@ -51,7 +53,7 @@ class QuantityChange(NamedTuple):
         difference, half_width: after less before, and the half width of its 90 % interval; relative ones for
             shares and effects.
         p: probability of a difference as large if nothing changed.
-        allowance: what of the half width is owed to other conditions.
+        allowance: standard deviation of what other conditions may do to it, which is in the half width.
         outcome: "changed", "same", or "uncertain" where the interval is too wide for either.
     """
 
@@ -222,9 +224,9 @@ def _merged(parts: Sequence[_Raw]) -> _Raw:
 
 def _judged(quantity: Quantity, raw: _Raw) -> QuantityChange:
     """The difference in the unit people read, with its interval and p-value; not yet tested beside the others."""
-    sd = sqrt(raw.variance)
-    half = float(student.ppf(0.5 + LEVEL / 2, raw.freedom)) * sd + raw.allowance
-    p = float(2 * student.sf(max(abs(raw.difference) - raw.allowance, 0.0) / sd, raw.freedom))
+    sd = hypot(sqrt(raw.variance), raw.allowance)
+    half = float(student.ppf(0.5 + LEVEL / 2, raw.freedom)) * sd
+    p = float(2 * student.sf(abs(raw.difference) / sd, raw.freedom))
     before: float | None = raw.before
     after: float | None = raw.after
     difference = raw.difference
@@ -247,7 +249,7 @@ def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
 
 
 def _allowance(kind: str, conditions: tuple[Conditions, Conditions]) -> float:
-    """By how much a quantity may differ because the conditions do."""
+    """Standard deviation of a quantity's difference because the conditions differ."""
     one, other = conditions
     if kind == SHARE:
         pairs = (one.lean_roll, other.lean_roll), (one.lean_pitch, other.lean_pitch)

@@ -16,6 +16,7 @@ import os
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from itertools import combinations, product
+from math import degrees, hypot
 from pathlib import Path
 from typing import NamedTuple
 
@@ -32,6 +33,7 @@ from mavdem.fleet.row import FlightRow
 Flight = list[FlightRow]
 HALVES = {"chosen on": 0, "test": 1}
 FEW = 3  # flights of each state, where several are compared
+LIKE = 4.0  # degrees of lean within which wind is taken for alike
 
 
 class Counted(NamedTuple):
@@ -103,8 +105,10 @@ def main(seed: int, healthy: int, weak: int, thrust: float, rows: Path | None) -
         known = flown(repeated(seed, healthy, weak, thrust))
         if rows is not None:
             rows.write_text("".join(f"{row.to_json()}\n" for row in known))
-    click.echo("| half | vehicle | states | same: pairs | changed | weak: pairs | found | named | another named |")
-    click.echo("|---|---|---|---:|---:|---:|---:|---:|---:|")
+    click.echo(
+        "| half | vehicle | states | lean | same: pairs | changed | weak: pairs | found | named | another named |"
+    )
+    click.echo("|---|---|---|---|---:|---:|---:|---:|---:|---:|")
     for (half, rest), vehicle in product(HALVES.items(), SPEEDS):
         flights = flights_of(row for row in known if row.vehicle == vehicle)
         good = [one for one in flights if one[0].suspect_motor is None]
@@ -112,20 +116,26 @@ def main(seed: int, healthy: int, weak: int, thrust: float, rows: Path | None) -
         bad = [one for one in flights if one[0].suspect_motor is not None]
         for name, states in (("1 flight", good), (f"{FEW} flights", together(good))):
             same = counted(combinations(states, 2))
-            # Of a weak vehicle always one flight: what is asked is whether it is seen at once.
-            found = added([counted(product(states, [one]), one[0].suspect_motor or 0) for one in bad])
-            cells = (
-                half,
-                vehicle,
-                name,
-                same.pairs,
-                same.changed,
-                found.pairs,
-                found.changed,
-                found.named,
-                found.others,
-            )
-            click.echo(f"| {' | '.join(map(str, cells))} |")
+            for lean, limit in (("like", LIKE), ("any", 180.0)):
+                same = counted(pair for pair in combinations(states, 2) if _leans(*pair) < limit)
+                # Of a weak vehicle always one flight: what is asked is whether it is seen at once.
+                found_of = [
+                    counted([(state, one) for state in states if _leans(state, one) < limit], one[0].suspect_motor or 0)
+                    for one in bad
+                ]
+                found = added(found_of)
+                counts = (same.pairs, same.changed, found.pairs, found.changed, found.named, found.others)
+                click.echo(f"| {half} | {vehicle} | {name} | {lean} | {' | '.join(map(str, counts))} |")
+
+
+def _leans(one: Sequence[FlightRow], other: Sequence[FlightRow]) -> float:
+    """By how many degrees the mean leans of two states differ."""
+    roll, pitch = (
+        sum(getattr(row, name) or 0.0 for row in one) / len(one)
+        - sum(getattr(row, name) or 0.0 for row in other) / len(other)
+        for name in ("lean_roll", "lean_pitch")
+    )
+    return degrees(hypot(roll, pitch))
 
 
 if __name__ == "__main__":
