@@ -15,7 +15,7 @@ Health = Literal["ok", "drift", "fault", "unknown"]
 FAULT = 0.5
 """Probability of a fault from which a flight is called one. ``tools/validation/health.py`` prints how many healthy
 flights are by chance, and the same of ``DRIFT``."""
-DRIFT = 0.25  # Probability of any change from which a flight is called a drift
+DRIFT = 0.5  # Probability of any change from which a flight is called a drift
 NAMED = 0.8  # A motor is named if, given that one is faulty, it is that one with this probability
 
 

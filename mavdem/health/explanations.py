@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 PRIORS = {"healthy": 0.76, "motor": 0.10, "load": 0.08, "yaw": 0.04, "other": 0.02}
 """Before any flight: that nothing changed, that one of the motors or propellers is weak, that roll and pitch, yaw
 alone, or all three changed in any way."""
-LASTS = 0.8  # Probability that what holds in one flight holds in the next; else all is as before any flight
+LASTS = 0.5  # Probability that what holds in one flight holds in the next: much is seen and put right on the ground
 HARDER = 0.15
 """Mean of the exponential prior by how much a weak motor must work harder: what a quarter less thrust takes."""
 SHIFT = 0.05

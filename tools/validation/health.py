@@ -27,7 +27,7 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.segments import settled_segments
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.trim import hover_of_log
-from mavdem.health import reference
+from mavdem.health import effort, reference
 from mavdem.health.assessment import Assessment, assess
 from mavdem.health.balance import BalanceFigures, balance_figures, balance_of_signals
 from mavdem.health.motor_signature import motor_signatures
@@ -160,23 +160,28 @@ def by_chance(healthy: int, vehicles: int) -> None:
     for _ in range(vehicles):
         freedom = reference.SCATTER_FREEDOM
         scatter = reference.SCATTER * np.sqrt(freedom / rng.chisquare(freedom, 3))
+        spread = effort.SCATTER * np.sqrt(freedom / rng.chisquare(freedom))
         effect = rng.normal(scale=reference.LEAN_EFFECT)
-        baseline = [_made_up(rng, scatter, effect, day) for day in range(healthy)]
-        found = assess([_made_up(rng, scatter, effect, 10 + day) for day in range(5)], baseline)
+        baseline = [_made_up(rng, scatter, effect, spread, day) for day in range(healthy)]
+        found = assess([_made_up(rng, scatter, effect, spread, 10 + day) for day in range(5)], baseline)
         first[found[0].health] += 1
         later.update(one.health for one in found[1:])
     print(f"\nBy chance, {vehicles} vehicles with {healthy} healthy flights, shares of other healthy flights:")
     print("  the next flight: " + _shares(first) + "; the four after it: " + _shares(later))
 
 
-def _made_up(rng: np.random.Generator, scatter: np.ndarray, effect: np.ndarray, day: int) -> HealthFigures:
+def _made_up(
+    rng: np.random.Generator, scatter: np.ndarray, effect: np.ndarray, spread: float, day: int
+) -> HealthFigures:
     lean = rng.normal(scale=0.05, size=2)
     # What differs from flight to flight is half real, half by manoeuvres.
     own = effect + rng.normal(scale=reference.LEAN_EFFECT_SCATTER / np.sqrt(2), size=(3, 2))
     mean = rng.normal(scale=np.hypot(scatter, 0.003)) + own @ lean
     seen = own + rng.normal(scale=np.hypot(reference.LEAN_EFFECT_SCATTER / np.sqrt(2), 0.15), size=(3, 2))
     balance = BalanceFigures(mean, np.full(3, 0.003), lean, seen, np.full((3, 2), 0.15), 60.0)
-    return HealthFigures(str(day), MOTORS, QUAD_X, balance, datetime(2026, 1, 1, tzinfo=UTC) + timedelta(days=day))
+    when = datetime(2026, 1, 1, tzinfo=UTC) + timedelta(days=day)
+    collective = 0.5 * np.exp(rng.normal(scale=spread))
+    return HealthFigures(str(day), MOTORS, QUAD_X, balance, when, float(collective), 1.0)
 
 
 def _shares(counts: Counter[str]) -> str:
