@@ -71,7 +71,8 @@ class FlightRow:
         coverage: share of held-out samples inside the band of 90 %.
         residual_mean, residual_mean_interval: of the vehicle's healthy flights' models on this flight, rad/s².
         health: "ok", "drift", "fault" or "unknown".
-        fault_probability: from 0 to 1.
+        fault_probability: that a motor or propeller is weak, from 0 to 1.
+        change_probability: that anything changed, from 0 to 1.
         suspect_motor: from 1; the number in the order of ``motors``.
         health_reason: what speaks for it, or what is missing.
         warnings: one sentence each.
@@ -142,6 +143,7 @@ class FlightRow:
     residual_mean_interval: float | None = None
     health: str = UNKNOWN
     fault_probability: float | None = None
+    change_probability: float | None = None
     suspect_motor: int | None = None
     health_reason: str | None = None
     warnings: tuple[str, ...] = ()

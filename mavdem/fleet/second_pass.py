@@ -55,6 +55,7 @@ def _judged(row: FlightRow, found: Assessment, models: HealthyModels) -> FlightR
         row,
         health=found.health,
         fault_probability=found.fault_probability,
+        change_probability=found.change_probability,
         suspect_motor=found.suspect_motor,
         health_reason=found.reason,
         residual_mean=models.residual_mean(row),

@@ -13,7 +13,7 @@ from mavdem.health.reference import FEWEST_FLIGHTS, HealthFigures, deviation, he
 Health = Literal["ok", "drift", "fault", "unknown"]
 
 FAULT = 0.5
-"""Probability of a fault from which a flight is called one. ``tools/validation/health.py`` prints how many healthy
+"""Probability of a fault from which a flight is called one. ``tools/validation/propellers.py`` prints how many healthy
 flights are by chance, and the same of ``DRIFT``."""
 DRIFT = 0.5  # Probability of any change from which a flight is called a drift
 NAMED = 0.8  # A motor is named if, given that one is faulty, it is that one with this probability

@@ -6,7 +6,7 @@ figures of the same flights separate 20 and 25 mm from 0 and 5 mm.
 chance: how often healthy flights are called otherwise, if they scatter as the prior says.
 simulated: healthy flights, weak motors, chipped propellers and shifted loads in wind from all sides.
 
-Usage: tools/validation/health.py [FOLDER] [--vehicles 400] [--flights 40]
+Usage: tools/validation/propellers.py [FOLDER] [--vehicles 400] [--flights 40]
 """
 
 from __future__ import annotations
@@ -24,9 +24,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.segments import settled_segments
 from mavdem.alignment.signals import Signals
-from mavdem.alignment.trim import hover_of_log
+from mavdem.condition import condition_of
 from mavdem.health import effort, reference
 from mavdem.health.assessment import Assessment, assess
 from mavdem.health.balance import BalanceFigures, balance_figures, balance_of_signals
@@ -54,35 +53,35 @@ def main(folder: Path, vehicles: int, flights: int) -> None:
     simulated(flights)
 
 
+def recorded_flights(folder: Path) -> list[tuple[HealthFigures, tuple[float, ...]]]:
+    """The figures of each flight of a folder, and each motor's share of the mean command."""
+    found = []
+    for path in sorted(folder.glob("*.BIN")):
+        telemetry = choose_vehicle(read_log(path).vehicles)
+        signals = Signals(telemetry, inputs="motors")
+        condition, motors = condition_of(signals), signals.motors
+        if motors is None or condition.hover is None:
+            continue
+        layout, battery = motors.layout, condition.battery
+        figures = HealthFigures(
+            path.stem,
+            layout.names,
+            motor_signatures(len(layout.motors), layout.positions, layout.spins),
+            balance_of_signals(signals),
+            collective=condition.collective,
+            voltage=None if battery is None else battery.voltage_mean,
+        )
+        found.append((figures, condition.hover.trim_share))
+    return found
+
+
 def recorded(folder: Path) -> None:
-    paths = sorted(folder.glob("*.BIN"))
-    if not paths:
+    read = recorded_flights(folder)
+    if not read:
         print(f"There are no flights in {folder}.")
         return
-    flights: list[HealthFigures] = []
-    shares: dict[str, tuple[float, ...]] = {}
-    for path in paths:
-        log = read_log(path)
-        signals = Signals(choose_vehicle(log.vehicles), inputs="motors")
-        if signals.motors is None:
-            print(f"{path.name} has no motor outputs.")
-            continue
-        layout = signals.motors.layout
-        hover = hover_of_log(log)
-        battery = signals.telemetry.messages["SYS_STATUS"]
-        (flown, *_) = settled_segments(signals)
-        settled = (battery["time"] >= flown.start) & (battery["time"] <= flown.end)
-        flights.append(
-            HealthFigures(
-                path.stem,
-                layout.names,
-                motor_signatures(len(layout.motors), layout.positions, layout.spins),
-                balance_of_signals(signals),
-                collective=float(np.mean(hover.trim_of_range)),
-                voltage=float(np.mean(battery["voltage_battery"][settled])) / 1000,
-            )
-        )
-        shares[path.stem] = hover.trim_share
+    flights = [figures for figures, _ in read]
+    shares = {figures.name: share for figures, share in read}
     good = [flight for flight in flights if "good" in flight.name]
     verdicts = assess(flights, good)
     print(f"\nRecorded: {len(flights)} flights, each alone, against {len(good)} good ones (a good one: the others)")
