@@ -266,6 +266,7 @@ def live_command(
                     "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
                     "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
                     "obstacle": status.obstacle,
+                    "alarms": [alarm.as_dict() for alarm in status.alarms],
                     "events": list(session.sentences),
                     "rrd": str(rrd) if dashboard.recorded else None,
                     "record": None if recording is None else {"file": str(record), "frames": recording.frames},
@@ -365,4 +366,5 @@ def _status_line(status: SessionStatus, axis: str) -> str:
     late = f", latency {1e3 * status.latency[1]:.1f} ms (99 %)" if status.learned + status.shown else ""
     ahead = f"; {ahead}" if (ahead := _ahead(status, axis)) else ""
     learned = f"{status.vehicle}: {rates}; {status.learned} samples learned{late}{ahead}"
-    return f"{learned}. {sentence(status.obstacle)}" if status.obstacle else f"{learned}; learning."
+    line = f"{learned}. {sentence(status.obstacle)}" if status.obstacle else f"{learned}; learning."
+    return f"{line} {status.alarm}".rstrip()

@@ -90,6 +90,13 @@ class Drive:
         working = [latest[0][place] for bank, place in self.picks if bank == 0]
         return (sum(working) / len(working) - scale.low) / (scale.high - scale.low)
 
+    def commands(self, scale: OutputScale) -> list[float]:
+        """The latest of each motor as a share of its range; empty before all have come, and of a demand."""
+        if self.message == DEMAND_MESSAGE or not all(bank.samples.values for bank in self.banks):
+            return []
+        latest = (self.banks[bank].samples.values[-1][place] for bank, place in self.picks)
+        return [(value - scale.low) / (scale.high - scale.low) for value in latest]
+
 
 class Outputs:
     """All outputs and demands of one vehicle; ``axis`` and ``inputs`` as for ``Signals``.

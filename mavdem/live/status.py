@@ -8,6 +8,7 @@ from math import nan
 from typing import Any, NamedTuple
 
 from mavdem.dem import Estimate
+from mavdem.health.motor_watch import MotorAlarm
 
 
 def sentence(text: str) -> str:
@@ -77,6 +78,7 @@ class SessionStatus:
         garbage: bytes that belong to no frame.
         senders: each sender kept: system, component, kind, autopilot, frames, lost, flies.
         others: frames of senders that are no longer kept.
+        alarms: lasting changes of the motors' balance so far.
     """
 
     vehicle: str | None = None
@@ -96,6 +98,12 @@ class SessionStatus:
     garbage: int = 0
     senders: tuple[dict[str, Any], ...] = ()
     others: int = 0
+    alarms: tuple[MotorAlarm, ...] = ()
+
+    @property
+    def alarm(self) -> str:
+        """The latest alarm on a motor; empty without one."""
+        return next((alarm.sentence for alarm in reversed(self.alarms) if alarm.motor is not None), "")
 
     def predicting(self, estimate: Estimate | None) -> SessionStatus:
         """The same with ``ahead`` and ``useful`` of an estimate."""

@@ -15,11 +15,12 @@ from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT, airborne_collec
 from mavdem.alignment.segments import STEP_TOLERANCE
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RATE
 from mavdem.alignment.verdict import NO_ATTITUDE, too_slow
+from mavdem.health.motor_watch import MotorAlarm, MotorWatch
 from mavdem.ingest.mavlink.compose import FrameSender
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
-from mavdem.ingest.motors import MULTIROTORS, OutputScale
+from mavdem.ingest.motors import MULTIROTORS, MotorGeometry, OutputScale
 from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.aligner import DECISION_SECONDS, AlignedRow, Aligner, Setup
 from mavdem.live.clock import LiveClock, LiveStamp
@@ -73,6 +74,9 @@ class LiveStream:
         self._attitude: str | None = None
         self._drive: Drive | None = None
         self._scale: OutputScale | None = None
+        self._watch: MotorWatch | None = None
+        self._watched: MotorGeometry | None = None
+        self._alarms: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
         self._reviewed, self._connected_from, self._known_changes = -inf, inf, -1
         self._boot, self._received, self._said_evidence = 0, 0.0, False
         self._judged, self._judged_from, self._outliers = 0, 0.0, 0  # Messages judged by their stamps since then
@@ -150,6 +154,7 @@ class LiveStream:
             garbage=self._frames.garbage,
             senders=tuple({fact: getattr(one, fact) for fact in facts} for one in self._senders),
             others=self._senders.others,
+            alarms=tuple(self._alarms),
         )
 
     def _take(self, frame: LiveFrame, rows: list[AlignedRow]) -> None:
@@ -199,6 +204,7 @@ class LiveStream:
             if stream is not None:
                 if self._drive is not None and self._scale is not None and stream is self._drive.banks[0].samples:
                     self._phase.take_collective(time, self._drive.collective(self._scale))
+                    self._watch_motors(time, self._drive, self._scale)
                 self._complete(stream, rows)
         elif name == "HEARTBEAT":
             followed = self._senders.followed
@@ -216,6 +222,19 @@ class LiveStream:
             self._aligner.end()
         if not abs(self._clock.now - self._reviewed) < REVIEW_SECONDS:
             self._review()
+
+    def _watch_motors(self, time: float, drive: Drive, scale: OutputScale) -> None:
+        """Tests a sample of the motors for a lasting change, which is reported."""
+        layout, commands = drive.layout, drive.commands(scale)
+        if not commands:
+            return
+        if self._watch is None or layout != self._watched:
+            place = layout.names, layout.motors, layout.positions, layout.spins
+            self._watch, self._watched = MotorWatch(*place, layout.positions_assumed), layout
+        alarm = self._watch.take(time, commands, self._phase.settled(time))
+        if alarm is not None:
+            self._alarms.append(alarm)
+            self._report(alarm.sentence)
 
     def _complete(self, samples: SampleBuffer, rows: list[AlignedRow]) -> None:
         """Adds the rows that a new sample completes."""
@@ -357,6 +376,7 @@ class LiveStream:
         self._outputs.restart()
         self._drive = None
         self._phase = LivePhase()
+        self._watch = None
         self._aligner.restart()
         self._reviewed, self._connected_from = -inf, inf
 

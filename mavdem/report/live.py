@@ -20,6 +20,7 @@ def live_report(
     """
     errors = history.errors()
     blocks: list[Sentence | Table] = [Sentence("", lead=_headline(errors, axis))]
+    blocks += [Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in status.alarms]
     if status.obstacle:
         blocks.append(Sentence(status.obstacle, "At the end:"))
     if errors:

@@ -30,7 +30,10 @@ def figures(channels: Channels, status: SessionStatus, row: ViewRow, until: floa
     """
     output, now, unit = channels.output_names[0], row.estimate, readable("rad/s²")
     state = "learning" if not status.obstacle and until is not None else "waiting"
-    shown = {"State": (f"{state}, {status.learned * channels.dt:.0f} s learned", _reason(status, until))}
+    if status.alarm:
+        state = "alarm"
+    said = status.alarm or _reason(status, until)
+    shown = {"State": (f"{state}, {status.learned * channels.dt:.0f} s learned", said)}
     error = torque = effect = (UNKNOWN, "")
     (seconds, half), (ahead, ratio) = status.ahead, status.useful
     if isfinite(half):

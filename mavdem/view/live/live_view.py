@@ -54,7 +54,7 @@ class LiveView:
 
     def __init__(self, channels: Channels, sinks: Sequence[Sink]) -> None:
         self._timeline, self._lock = Timeline(), Lock()
-        self._channels, self._closed = channels, False
+        self._channels, self._closed, self._marked = channels, False, 0  # Alarms that are marked
         recording_id = uuid4()
         self._threads = [SinkThread(sink, channels, recording_id) for sink in sinks]
         atexit.register(self.close)
@@ -113,6 +113,12 @@ class LiveView:
 
     def status(self, status: SessionStatus) -> None:
         """Shows the latest ``status``, once a second."""
+        for alarm in status.alarms[self._marked :]:
+            with self._lock:
+                began = alarm.since + self._timeline.shift
+            what = f"{alarm.name} works harder" if alarm.name else "roll and pitch are balanced otherwise"
+            self._log(began, "WARN", f"{what} from here on")
+        self._marked = max(self._marked, len(status.alarms))
         for thread in self._threads:
             thread.status = status
 

@@ -1,0 +1,202 @@
+"""A sequential test of the motors' balance in flight: which motor works harder than before, lastingly.
+
+Every half second the mean commands of the motors, as shares of their own mean, give the balance in roll, pitch and yaw.
+It is compared with that of the flight before, for changes that began one to twenty seconds ago, under hypotheses that
+exclude each other: nothing changed; motor i works harder, by 5 to 80 %, which shows as its signature; a load shifted or
+the wind did, which shows in roll and pitch only; yaw alone changed; all three did, whatever the cause.
+
+Each hypothesis has a Bayes factor against "nothing changed", a mixture over the size of the change. Summed over the
+times at which the change may have begun they are a Shiryaev–Roberts statistic; where it must reach A, the mean time to
+a false alarm is A steps at least (M. Pollak, "Optimal detection of a change in distribution", Annals of Statistics
+1985; with mixtures: J. Shin, A. Ramdas and A. Rinaldo, "E-detectors", New England Journal of Statistics in Data Science
+2024), as far as the noise is as it is taken to be. Which change it is, is decided by the Bayes factors against each
+other, as in S. Dayanik, C. Goulding and H. V. Poor, "Bayesian sequential change diagnosis", Mathematics of Operations
+Research 2008.
+
+Noise is coloured by the wind and by manoeuvres. Its long-run variance is taken from means over half a second to four
+seconds, before the change and, where that is more, after it: a manoeuvre that begins makes the test wait. The factors
+are those of a t distribution, for the variance is estimated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import floor, inf, log
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.health.motor_signature import Array, MotorSignatures
+
+BLOCK_SECONDS = 0.5  # Of commands that are averaged: a tenth of what a change may take to be found
+MIN_SAMPLES = 3  # In a block
+REFERENCE_SECONDS = 8.0  # Before a change, at least
+MEMORY_SECONDS = 60.0  # Over which the reference forgets: wind and battery change, and damage comes at once
+KEPT_SECONDS = 150.0
+WINDOWS = (2, 3, 4, 6, 8, 10, 14, 20, 30, 40)  # Blocks since the change began
+BATCHES = (1, 2, 4, 8)  # Blocks whose mean shows the long-run variance
+HOURS_TO_FALSE_ALARM = 10.0
+SIZES = np.geomspace(0.05, 0.8, 13)  # Of a motor's command, as a share of the mean: how much harder it may work
+OTHER_SD = 0.06  # Of a change in roll, pitch or yaw that is no motor's, as a share of the mean command
+PRIOR_SD = 0.006  # Of half a second's balance, before the flight has shown its own; and what that counts for
+PRIOR_BLOCKS = 10.0
+WANDER_SD = 0.003  # Of a balance that nothing changed: no mean is known better
+RARE, RARE_BESIDE_MOTORS = 0.05, 0.3
+"""How often a change that is neither a motor's nor in roll and pitch alone comes, beside those in roll and pitch, and
+beside motors: a load that shifts in wind changes yaw too, and to name a sound motor is the worst that can be said."""
+LASTING_SECONDS = 8.0  # Of a change in roll and pitch alone: a gust is over by then
+CERTAIN = 20.0  # Times as likely as all other causes together: from there on a cause is named
+
+
+class BalanceChange(NamedTuple):
+    """A lasting change of the motors' balance."""
+
+    time: float  # s, when it was found
+    since: float  # s, when it began, within a second or two
+    motor: int | None  # that works harder, from 0; None: a load shifted, or the wind did
+    size: float  # how much harder the motor works, as a share of the mean command; or the change in roll and pitch
+    probability: float  # that this and no other change is the cause, by the hypotheses above
+
+
+class _Changes(NamedTuple):
+    """What changed by window (w,), each since another time."""
+
+    moved: Array  # (w, a) the balance, from before to after
+    variance: Array  # (w, a) of that
+    freedom: Array  # (w,) degrees of freedom of the variance
+
+
+class BalanceTest:
+    """The test of one vehicle: takes samples in the order of their times, and says when the balance has changed."""
+
+    def __init__(self, signatures: MotorSignatures) -> None:
+        if not signatures.names_a_motor:
+            raise ValueError("the motors' places and spins are not known, so no motor can be named")
+        self._weights = signatures.weights[1:]
+        self._signatures = self._weights.T
+        # Which axes a shifted load changes.
+        self._flat = np.array([axis != "yaw" for axis in signatures.axes[1:]], dtype=np.float64)
+        self._enough = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forgets the flight, as after a landing."""
+        self._times: list[float] = []
+        self._blocks: list[Array] = []
+        self._number, self._sum, self._count = -1, np.zeros(len(self._signatures)), 0  # Of the block that is open
+
+    def take(self, time: float, commands: Sequence[float] | Array) -> BalanceChange | None:
+        """A sample of the commands (k,), as shares of the range, at ``time``, s, in settled flight."""
+        found, number = None, floor(time / BLOCK_SECONDS)
+        if number != self._number:
+            if self._count >= MIN_SAMPLES:
+                found = self._block((self._number + 1) * BLOCK_SECONDS, self._sum / self._count)
+            self._number, self._sum, self._count = number, np.zeros(len(self._signatures)), 0
+        self._sum = self._sum + commands
+        self._count += 1
+        return found
+
+    def _block(self, time: float, commands: Array) -> BalanceChange | None:
+        mean = float(commands.mean())
+        if not mean > 0:
+            return None
+        self._times.append(time)
+        self._blocks.append(self._weights @ (commands / mean))
+        keep = round(KEPT_SECONDS / BLOCK_SECONDS)
+        del self._times[:-keep], self._blocks[:-keep]
+        return self._evidence()
+
+    def _evidence(self) -> BalanceChange | None:
+        windows = np.array([n for n in WINDOWS if len(self._blocks) >= n + REFERENCE_SECONDS / BLOCK_SECONDS], int)
+        if not len(windows):
+            return None
+        changes = _changes(np.array(self._blocks), windows)
+        null = _log_t(changes, 0.0)
+        sized = SIZES[:, np.newaxis, np.newaxis, np.newaxis] * self._signatures[:, np.newaxis]
+        by_window = _log_sum(_log_t(changes, sized)) - log(len(SIZES)) - null  # (k, w)
+        load, *rest = (
+            _log_t(changes, 0.0, OTHER_SD**2 * free) - null
+            for free in (self._flat, 1 - self._flat, np.ones_like(self._flat))
+        )
+        motors = _log_sum(by_window.T) - log(len(by_window))
+        others = _log_sum([_log_sum(one) for one in rest])
+        best = int(np.argmax(motors))
+        rivals = [*np.delete(motors, best), _log_sum(load), others + log(RARE_BESIDE_MOTORS), 0.0]
+        odds = float(motors[best] - _log_sum(rivals))
+        if motors[best] >= self._enough and odds >= log(CERTAIN):
+            return self._motor(best, changes, windows, int(np.argmax(by_window[best])), odds)
+        lasting = windows * BLOCK_SECONDS >= LASTING_SECONDS
+        if lasting.any():
+            odds = float(_log_sum(load[lasting]) - _log_sum([*motors, others + log(RARE), 0.0]))
+            if _log_sum(load[lasting]) >= self._enough and odds >= log(CERTAIN):
+                place = int(np.argmax(np.where(lasting, load, -inf)))
+                size = float(np.linalg.norm(changes.moved[place] * self._flat))
+                return self._found(None, int(windows[place]), size, odds)
+        return None
+
+    def _motor(
+        self, motor: int, changes: _Changes, windows: NDArray[np.int_], place: int, odds: float
+    ) -> BalanceChange:
+        weighted = self._signatures[motor] / changes.variance[place]
+        size = float(weighted @ changes.moved[place] / (weighted @ self._signatures[motor]))
+        return self._found(motor, int(windows[place]), size, odds)
+
+    def _found(self, motor: int | None, n: int, size: float, odds: float) -> BalanceChange:
+        time, since = self._times[-1], self._times[-n] - BLOCK_SECONDS
+        # What comes is compared with what is now.
+        self._times, self._blocks = self._times[-n:], self._blocks[-n:]
+        return BalanceChange(time, since, motor, size, float(1 / (1 + np.exp(-odds))))
+
+
+def _changes(blocks: Array, windows: NDArray[np.int_]) -> _Changes:
+    """What changed between the ``blocks`` (N, a) before and those of each of the ``windows`` (w,), the last ones."""
+    whole, cut = len(blocks), len(blocks) - windows
+    weights = np.exp(np.arange(whole) * (BLOCK_SECONDS / MEMORY_SECONDS))
+    weight, square = np.cumsum(weights)[cut - 1], np.cumsum(weights**2)[cut - 1]
+    before = np.cumsum(weights[:, np.newaxis] * blocks, axis=0)[cut - 1] / weight[:, np.newaxis]
+    known = weight**2 / square
+    sums = np.vstack([np.zeros(blocks.shape[1]), np.cumsum(blocks, axis=0)])
+    after = (sums[whole] - sums[cut]) / windows[:, np.newaxis]
+    noise = _long_run(sums, np.zeros_like(cut), cut, before, np.full_like(before, PRIOR_SD**2))
+    here = np.maximum(noise, _long_run(sums, cut, np.full_like(cut, whole), after, noise))
+    variance = noise / known[:, np.newaxis] + here / windows[:, np.newaxis] + WANDER_SD**2
+    return _Changes(after - before, variance, PRIOR_BLOCKS / 2 + known / 4)
+
+
+def _long_run(sums: Array, begin: NDArray[np.int_], end: NDArray[np.int_], mean: Array, prior: Array) -> Array:
+    """(w, a) n times the variance of a mean over n blocks, of those from ``begin`` to ``end`` (w,) about ``mean``.
+
+    ``sums`` (N + 1, a) are those of the blocks before each; the ``prior`` (w, a) counts as ``PRIOR_BLOCKS``.
+    """
+    found = prior
+    for batch in BATCHES:
+        if len(sums) <= batch:
+            break
+        means = (sums[batch:] - sums[:-batch]) / batch
+        first, second = (np.vstack([np.zeros(means.shape[1]), np.cumsum(one, axis=0)]) for one in (means, means**2))
+        start = np.minimum(begin, len(means))
+        last = np.clip(end - batch + 1, start, len(means))
+        count = (last - start)[:, np.newaxis]
+        squares = second[last] - second[start] - 2 * mean * (first[last] - first[start]) + count * mean**2
+        # Batches overlap: as many count as follow each other.
+        several = np.where(count > batch, (end - begin)[:, np.newaxis] / batch, 0.0)
+        held = PRIOR_BLOCKS / batch
+        found = np.maximum(found, (held * prior + several * batch * squares / np.maximum(count, 1)) / (held + several))
+    return found
+
+
+def _log_sum(logs: Any) -> Any:
+    """Logarithm of the sum along the first axis of what has these ``logs``."""
+    return np.logaddexp.reduce(logs, axis=0)
+
+
+def _log_t(changes: _Changes, shift: Array | float, more: Array | float = 0.0) -> Array:
+    """(..., w) log densities, up to what depends on the freedom only, of t distributions about ``shift`` (..., w, a).
+
+    ``more``: variance (a,) beside that of the changes.
+    """
+    variance = changes.variance + more
+    squares = ((changes.moved - shift) ** 2 / variance).sum(axis=-1)
+    power = (changes.freedom + variance.shape[-1]) / 2
+    return np.asarray(-np.log(variance).sum(axis=-1) / 2 - power * np.log1p(squares / changes.freedom))

@@ -1,0 +1,82 @@
+"""A motor that weakens in flight: the live path says which, and a log of the same stream says the same."""
+
+import numpy as np
+import pytest
+from mavlink_streams import SHARED
+
+from mavdem.alignment.signals import Signals
+from mavdem.analysis.motor_alarms import motor_alarms
+from mavdem.cli.live import _status_line
+from mavdem.evaluate.live_history import LiveHistory
+from mavdem.ingest import read_log
+from mavdem.ingest.formats import read_stream
+from mavdem.ingest.tlog import write_tlog
+from mavdem.live import LiveStream, SessionStatus
+from mavdem.live.status import ACCOUNT
+from mavdem.report.live import live_report
+from sitl_scenarios.mavlink.recorded import recorded
+from sitl_scenarios.scenario import DrydenWind, Scenario, StreamSpec, VehicleSpec
+from sitl_scenarios.simulation import CYCLES, fly
+
+EVENTS = SHARED / "sitl_events"
+
+
+def streamed(path):
+    """A live stream that was fed a log's bytes, and what it said."""
+    stream, data = LiveStream(), bytes(read_stream(path).data)
+    said = []
+    for begin in range(0, len(data), 4096):
+        stream.feed(1.7e9, data[begin : begin + 4096])
+        said += [event.sentence for event in stream.events()]
+    return stream, said
+
+
+def of_log(path):
+    return motor_alarms(Signals(read_log(path).vehicles[0], "roll"))
+
+
+@pytest.fixture(scope="module", params=["px4", "ardupilot"])
+def flown(request, tmp_path_factory):
+    """At 12 Hz: enough for the motors, and too slow for a model."""
+    wind = (DrydenWind(kind="dryden", speed=4.0, direction=60.0),)
+    vehicle = VehicleSpec(weak_motor=3, weak_from=25.0, weak_thrust=0.8)
+    stream = StreamSpec(speaks=request.param, rate=12.0)
+    scenario = Scenario(duration=45.0, height=2.0, seed=3, vehicle=vehicle, wind=wind, stream=stream)
+    path = tmp_path_factory.mktemp("weak") / "flight.tlog"
+    with path.open("wb") as file:
+        write_tlog(file, recorded(scenario, fly(scenario), CYCLES[request.param], lambda _: None))
+    return path
+
+
+def test_a_motor_that_weakens_is_named_in_flight(flown):
+    stream, said = streamed(flown)
+    [alarm] = stream.status().alarms
+    # Two seconds on the ground before the first arming.
+    assert (alarm.motor, alarm.name) == (3, "motor 3 (front left)")
+    assert 27.0 < alarm.time < 32.0 and alarm.since == pytest.approx(27.0, abs=1.5)
+    assert [sentence for sentence in said if sentence.startswith("Alarm")] == [alarm.sentence]
+
+
+def test_its_log_says_the_same(flown):
+    live, offline = streamed(flown)[0].status().alarms, of_log(flown)
+    assert [one[:4] for one in live] == [one[:4] for one in offline]
+    np.testing.assert_allclose([one[4:6] for one in live], [one[4:6] for one in offline], atol=0.01)
+
+
+def test_status_line_and_page_say_it(flown):
+    status = streamed(flown)[0].status()
+    assert status.alarm and _status_line(status, "roll").endswith(status.alarm)
+    blocks = live_report(LiveHistory(0.25), status, dict.fromkeys(ACCOUNT, 0.0), "roll")
+    assert any("motor 3 (front left) works" in str(block) for block in blocks)
+    assert not SessionStatus().alarm and "works" not in _status_line(SessionStatus(vehicle="1:1"), "roll")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not EVENTS.exists(), reason="needs recorded flights: set MAVDEM_SHARED_DATA")
+def test_recorded_live_and_offline_agree_and_a_jump_of_the_wind_is_no_motor():
+    live, offline = streamed(EVENTS / "ap_motor.tlog")[0].status().alarms, of_log(EVENTS / "ap_motor.tlog")
+    # SIM_ENGINE_MUL = 0.65 from 117.33 s on.
+    assert [one.motor for one in live] == [1] and 117.3 < live[0].time < 122.3
+    assert [one[:4] for one in live] == [one[:4] for one in offline]
+    assert not of_log(EVENTS / "px4_windjump.tlog")
+    assert not of_log(EVENTS / "ap_quiet10.BIN")
