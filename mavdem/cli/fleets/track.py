@@ -123,8 +123,12 @@ def track_command(
         )
     reader: Reader = Cluster(scheduler, limits) if scheduler else Crew(jobs or _cores(), limits)
     tracker = FleetTracker(out, reader, PAGE)
-    with _progress() as progress:
-        tracked = tracker.track(logs, baseline, progress)
+    try:
+        with _progress() as progress:
+            tracked = tracker.track(logs, baseline, progress)
+    except KeyboardInterrupt:
+        say_aside("What was read is kept: the same command goes on.")
+        raise
     rows = read_rows(out)
     summary = summarised(rows)
     changes = differences_by_vehicle(rows, tracker.healthy()) if tracker.healthy() else {}

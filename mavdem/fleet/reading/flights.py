@@ -69,7 +69,7 @@ def _rows_of_vehicle(
         except NotLearnable as error:
             return [head(status=error.reason)]
     if all(one.tier.name is None for one in analyses.values()):
-        return [head(status=analyses[TILT_AXES[0]].reason)]
+        return [head(status=_why_nothing(analyses[TILT_AXES[0]]))]
     written = None
     if page is not None:
         written = f"{pages.name}/{key[:16]}-{telemetry.system}-{telemetry.component}.html"
@@ -77,6 +77,14 @@ def _rows_of_vehicle(
     balance = _of_balance(balance_of_signals(signals))
     layout = _of_layout(signals)
     return [head(axis=axis, page=written, **layout, **balance, **_of_analysis(one)) for axis, one in analyses.items()]
+
+
+def _why_nothing(found: LogAnalysis) -> str:
+    """Why a log holds no settled flight; its rates are not the cause where there is none at any rate."""
+    measured = found.verdict.figures
+    if measured.airborne and not measured.segments:
+        return f"It holds no settled flight, between climb and landing, in {measured.airborne:.0f} s in the air."
+    return found.reason
 
 
 def _of_condition(condition: Condition) -> dict[str, Any]:

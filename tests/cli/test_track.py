@@ -1,0 +1,60 @@
+"""``mavdem track``: a fleet in one command, its answers, and how it refuses."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import polars
+import pytest
+
+from mavdem.cli.commands import main
+
+LOGS = Path(__file__).parents[2] / "logs"
+
+
+@pytest.mark.slow
+def test_a_fleet_in_one_command(tmp_path, capsys):
+    flights = tmp_path / "flights"
+    flights.mkdir()
+    shutil.copy(LOGS / "ardupilot_default_rates.tlog", flights)
+    (flights / "damaged.ulg").write_bytes(b"ULog\x01\x12\x35\x01" + bytes(99))
+    out = tmp_path / "fleet"
+    assert main(["track", str(flights), "--out", str(out), "--jobs", "1", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["logs"], found["read"], found["flights"], found["tiers"]) == (2, 2, 1, {"c": 1})
+    assert [Path(one["file"]).name for one in found["failed"]] == ["damaged.ulg"]
+    rows = polars.read_parquet(out / "flights" / "**" / "*.parquet").sort("axis")
+    assert rows.filter(polars.col("status") == "ok")["axis"].to_list() == ["pitch", "roll"]
+    assert (out / rows["page"].drop_nulls()[0]).is_file() and (out / "index.html").is_file()
+    # Again, in words.
+    assert main(["track", str(flights), "--out", str(out)]) == 0
+    written = capsys.readouterr()
+    assert written.out.startswith("2 logs, 0 of them read.") and "index.html" in written.err
+
+
+@pytest.mark.slow
+def test_logs_without_a_flight_are_no_success(tmp_path, capsys):
+    (tmp_path / "empty.bin").touch()
+    assert main(["track", str(tmp_path / "empty.bin"), "--out", str(tmp_path / "fleet"), "--jobs", "1"]) == 1
+    assert "empty" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["none.bin", "--out", "fleet"], "none.bin does not exist: check the name."),
+        (["udpin:127.0.0.1:14550", "--out", "fleet"], "is a MAVLink link, and only logs are read here"),
+        (["x.bin"], "Missing option '--out'"),
+        (["x.bin", "--out", "x.bin"], "x.bin is a file: name a folder."),
+        (["x.bin", "--out", "--json"], "names no folder"),
+        (["x.bin", "--out", "fleet", "--jobs", "2", "--scheduler", "tcp://127.0.0.1:9"], "--jobs"),
+        (["x.bin", "--out", "fleet", "--memory-limit", "3"], "--memory-limit"),
+    ],
+)
+def test_what_cannot_be_tracked_is_said(tmp_path, monkeypatch, capsys, words, sentence):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x.bin").write_bytes(b"?")
+    assert main(["track", *words]) == 2
+    assert sentence in capsys.readouterr().err and not (tmp_path / "fleet").exists()
