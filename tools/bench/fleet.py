@@ -33,10 +33,10 @@ from sitl_scenarios.simulation import fly as fly_through
 
 ROOT = Path(__file__).parents[2]
 MOTIONS = ("iris_von_karman", "iris_dryden", "ardupilot_steps", "calm", "crazyflie_gusts", "iris_sticks")
-SLOW_RATES = (1, 2, 4, 10, 20)  # Hz; most logs of the field have no more
+SLOW_RATES = (1, 1, 2, 2, 4, 4, 4, 4, 10)  # Hz; most logs of the field have no more
 FAST_RATES = (50, 100)
 SECONDS = 40.0  # of a simulated flight
-FAST_SHARE, RECORDED_SHARE, DAMAGED_SHARE, HOSTILE_SHARE = 0.04, 0.15, 0.10, 0.04
+FAST_SHARE, RECORDED_SHARE, DAMAGED_SHARE, HOSTILE_SHARE = 0.005, 0.06, 0.12, 0.05
 LIMITS = ("--time-limit", "120")
 SECONDS_BETWEEN_LOOKS = 0.2
 

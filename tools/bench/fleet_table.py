@@ -55,11 +55,12 @@ def main(count: int, vehicles: int) -> None:
     limits = Limits()
 
     def timed(name: str, work: Callable[[], object]) -> None:
-        began = time.perf_counter()
+        began, busy = time.perf_counter(), time.process_time()
         work()
-        took = time.perf_counter() - began
+        took, busy = time.perf_counter() - began, time.process_time() - busy
         most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        print(f"{name:34}  {took:8.2f} s  {1e6 * took / count:8.0f} µs a log  {most:6.0f} MB", flush=True)
+        each = f"{1e6 * took / count:8.0f} µs a log, {1e6 * busy / count:6.0f} of a processor"
+        print(f"{name:30}  {took:7.1f} s {each}  {most:5.0f} MB", flush=True)
 
     with TemporaryDirectory() as folder:
         place = Path(folder)
