@@ -11,7 +11,7 @@ from mavdem.comparison.flight_figures import flights_of, vehicles_of
 from mavdem.fleet.row import UNKNOWN, FlightRow
 from mavdem.page.document import environment
 from mavdem.page.fleet_charts import FleetDrawing, vehicle_drawings
-from mavdem.page.fleet_table import HEADER, NOT_USED, flight_line
+from mavdem.page.fleet_table import NOT_USED, flight_table
 from mavdem.report.blocks import Block
 from mavdem.report.fleets.summary import SEVERITY, TROUBLE, fleet_blocks, vehicle_health, vehicle_words
 
@@ -75,6 +75,7 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
         for name in ranked
         if name in drawn or name in told or vehicle_health(vehicles[name]) in TROUBLE
     ]
+    header, lines = flight_table([row for flight in _newest_first(rows) for row in flight])
     return (
         environment()
         .get_template("fleet.html")
@@ -82,8 +83,8 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
             blocks=fleet_blocks(rows),
             vehicles=parts,
             not_drawn=len(flown_often) - len(drawn),
-            header=HEADER,
-            lines=[flight_line(row) for flight in _newest_first(rows) for row in flight],
+            header=header,
+            lines=lines,
             first_shown=FIRST_SHOWN,
             severity=(*TROUBLE, NOT_USED, *SEVERITY[len(TROUBLE) :]),
             made_by=f"mavdem {version('mavdem')}, Python {platform.python_version()}",

@@ -32,6 +32,7 @@ HEADER = (
     ("notes", "text"),
 )
 """Names of the columns, and what they are sorted as."""
+ALWAYS = 6  # columns that are there even if they are empty
 NOT_USED = "not used"  # in the place of the health of a log without a flight
 MAX_NOTE = 160  # letters of the notes of a line: the page of the flight has all
 _ANGLE = readable("rad/s²").scale
@@ -45,8 +46,20 @@ class FlightLine(NamedTuple):
     cells: Sequence[str]
 
 
+def flight_table(rows: Sequence[FlightRow]) -> tuple[list[tuple[str, str]], list[FlightLine]]:
+    """The header and the lines, without the columns of which no row knows anything."""
+    lines = [flight_line(row) for row in rows]
+    kept = [
+        place
+        for place in range(len(HEADER))
+        if place < ALWAYS or place == len(HEADER) - 1 or any(line.cells[place] for line in lines)
+    ]
+    header = [HEADER[place] for place in kept]
+    return header, [line._replace(cells=[line.cells[place] for place in kept]) for line in lines]
+
+
 def flight_line(row: FlightRow) -> FlightLine:
-    """The line of a row; a cell is empty where a value is not known."""
+    """The line of a row, all its cells; one is empty where a value is not known."""
     name = PurePath(row.file).name or row.file
     if row.status != OK:
         empty = [""] * (len(HEADER) - 8)

@@ -10,7 +10,7 @@ from mavdem.files import atomic_write
 from mavdem.page.document import Chapter, render_page
 from mavdem.page.pictures import PicturePlan, picture_chapter
 from mavdem.report.details import detail_blocks
-from mavdem.report.names import Labels
+from mavdem.report.names import Labels, listed
 from mavdem.report.screen import analysis_blocks, key_figures
 
 COARSE = 1.5  # points in which a line keeps its extremes: about a pixel of what is seen
@@ -26,20 +26,25 @@ def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = IND
         analyses: what the log says of one vehicle, by axis; one at least.
         index: where the link back leads.
     """
-    (first_axis, first), *others = analyses.items()
+    (_, first), *others = analyses.items()
     name = next((one.learned for one in analyses.values() if one.learned is not None), None)
     strip = key_figures(first.learned, first.held_out) if first.learned is not None else []
-    chapters = [Chapter(axis.capitalize(), analysis_blocks(one)) for axis, one in others]
+    blocks = analysis_blocks(first)
+    # Vehicle, battery and balance are the same on each axis.
+    chapters = [
+        Chapter(axis.capitalize(), [block for block in analysis_blocks(one) if block not in blocks])
+        for axis, one in others
+    ]
     chapters += [_pictures(axis, one) for axis, one in analyses.items() if one.learned is not None]
     chapters += [
         Chapter(f"The model of {axis}, and how it was learnt", detail_blocks(one.learned, one.as_dict()), folded=True)
         for axis, one in analyses.items()
         if one.learned is not None
     ]
-    subtitle = f"{first_axis.capitalize()} first." if others else f"{first_axis.capitalize()}."
+    subtitle = f"{listed(analyses).capitalize()} of a flight."
     if name is None:
         subtitle = "No model could be learnt from this flight; what it holds nevertheless."
-    return render_page(file, subtitle, analysis_blocks(first), chapters, strip, back=("Fleet", index))
+    return render_page(file, subtitle, blocks, chapters, strip, back=("Fleet", index))
 
 
 def write_flight_page(file: str, analyses: Mapping[str, LogAnalysis], path: Path) -> None:

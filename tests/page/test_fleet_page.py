@@ -155,3 +155,18 @@ def test_a_browser_runs_nothing_that_a_log_says_and_scrolls_sideways_in_the_tabl
         return await browser.run("[document.title, document.documentElement.scrollWidth <= innerWidth]")
 
     assert in_browser(fleet_page(hostile()), tmp_path, do, width) == ["Fleet", True]
+
+
+def test_columns_of_which_nothing_is_known_are_left_out():
+    nothing = dict.fromkeys(("effect", "damping", "lag", "wind_torque_sd", "residual_mean", "error_ratio"))
+    text = fleet_page([flight_row("quad", number, tier="c", **nothing) for number in range(3)])
+    heads = re.findall(r'<button type="button">(.*?)</button>', text.split("<thead>")[1].split("</thead>")[0])
+    assert heads == ["flight", "vehicle", "date", "axis", "tier", "health", "settled (s)", "largest share", "notes"]
+    cells = re.findall(r"<tr>(.*?)</tr>", text.split("<tbody>")[-1])
+    assert {line.count("<td") for line in cells} == {len(heads)}
+
+
+def test_each_line_leads_to_the_page_of_its_flight():
+    text = fleet_page([flight_row("quad", 0, page="pages/a b#1.html"), flight_row("quad", 1, page=None)])
+    assert text.count("<td><a href=") + text.count('"><a href=') == 1
+    assert 'href="pages/a%20b%231.html"' in text
