@@ -142,7 +142,9 @@ def analyse(
     except NotLearnable as error:
         if isinstance(error, TooFewSamples) and (start or train or test):
             raise
-        return replace(found, reason=_joined(tier.reason if slow else "", error.reason), remedy=error.remedy)
+        if slow:
+            return replace(found, reason=_joined(tier.reason, error.reason))
+        return replace(found, reason=error.reason, remedy=error.remedy)
     if slow and (refused := objection(held_out)):
         return replace(found, reason=_joined(tier.reason, refused))
     known = None if truth is None else truth_of(flights, truth)
@@ -196,4 +198,4 @@ def _learn(flights: tuple[Flight, ...], settings: Settings, progress: StepProgre
 
 
 def _joined(first: str, second: str) -> str:
-    return second if not first or second == first else f"{first} {second}"
+    return first if second == first else f"{first} {second}"

@@ -17,10 +17,11 @@ def objection(held_out: HeldOut) -> str:
     for name in BASELINES:
         ratio = held_out.error_ratio() / held_out.error_ratio(name)
         test = paired(held_out.error_ratios(baseline=name), np.ones(len(held_out)))
-        if test.verdict != "lower" or not ratio <= MOST_OF_BASELINE:
-            chance = f"p = {test.p_value:.2g}, needed {SIGNIFICANCE:g}"
-            return (
-                f"A model of the slow motion has {ratio:.2g} times the squared error of “{name}” in "
-                f"{len(held_out)} held-out windows of {held_out.seconds:.2g} s ({chance}): no better than luck."
-            )
+        of = (
+            f"A model of the slow motion has {ratio:.2g} times the squared error of “{name}” in {len(held_out)} windows"
+        )
+        if not ratio <= MOST_OF_BASELINE:
+            return f"{of} that it has not seen: at most {MOST_OF_BASELINE:g} times would make it worth having."
+        if test.verdict != "lower":
+            return f"{of} that it has not seen, which may be luck (p = {test.p_value:.2g}, needed {SIGNIFICANCE:g})."
     return ""

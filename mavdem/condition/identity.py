@@ -13,6 +13,7 @@ from mavdem.alignment.segments import settled_segments
 from mavdem.alignment.signals import Signals
 from mavdem.ingest import board_number
 from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import version_text
 
 CALIBRATIONS = {
     "accelerometer": (
@@ -113,7 +114,7 @@ def _firmware(telemetry: Telemetry) -> str:
         return said
     version = int(columns["flight_sw_version"][-1])
     name = {"ARDUPILOTMEGA": "ArduPilot V", "PX4": "PX4 v"}.get(telemetry.autopilot, "")
-    return f"{name}{version >> 24 & 255}.{version >> 16 & 255}.{version >> 8 & 255}" if version else ""
+    return f"{name}{version_text(version)}" if version else ""
 
 
 def _date(signals: Signals, received: float) -> datetime | None:

@@ -27,6 +27,16 @@ RADIO = "TELEMETRY_RADIO"  # What sends ``RADIO_MESSAGES`` only, and no HEARTBEA
 RADIO_MESSAGES = frozenset({"RADIO_STATUS", "RADIO"})
 UNNAMED = "UNKNOWN"  # Name of a vehicle or an autopilot that no HEARTBEAT gives
 
+VERSION_KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
+"""FIRMWARE_VERSION_TYPE: the least last byte of a version number, and the kind of version; none of a release."""
+
+
+def version_text(number: int) -> str:
+    """A firmware's version as PX4 and ArduPilot number it, a byte each: "1.16.1-rc"."""
+    major, minor, patch, last = number.to_bytes(4, "big")
+    kind = next(name for least, name in reversed(VERSION_KINDS.items()) if last >= least)
+    return f"{major}.{minor}.{patch}-{kind}".rstrip("-")
+
 
 def heartbeat_fields(vehicle_type: int, autopilot: int, base_mode: NDArray[Any]) -> dict[str, NDArray[Any]]:
     """Fields of HEARTBEAT (N,) for one vehicle, from its MAV_TYPE, its MAV_AUTOPILOT and ``base_mode`` (N,)."""

@@ -20,6 +20,9 @@ MESSAGES = {
     "DSF": (136, "QIHIIII", "TimeUS,Dp,Blk,Bytes,FMn,FMx,FAv"),
     "RCIN": (137, "Q" + 14 * "H", "TimeUS," + ",".join(f"C{n}" for n in range(1, 15))),
     "CTUN": (135, "Qfhh", "TimeUS,ThI,DCRt,CRt"),
+    "BAT": (138, "QBfff", "TimeUS,Inst,Volt,VoltR,Curr"),
+    "VIBE": (139, "QBfffI", "TimeUS,IMU,VibeX,VibeY,VibeZ,Clip"),
+    "GPS": (140, "QBBIH", "TimeUS,I,Status,GMS,GWk"),
 }
 
 

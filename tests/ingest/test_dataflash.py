@@ -155,7 +155,7 @@ def test_a_made_up_log(tmp_path: Path) -> None:
     log = log_of(content, tmp_path)
     (vehicle,) = log.vehicles
     assert (vehicle.system, vehicle.component, vehicle.vehicle, vehicle.repairs) == (7, 1, "QUADROTOR", ())
-    assert (log.bytes_skipped, log.frames) == (0, 12 + 4 + 600 + 4)
+    assert (log.bytes_skipped, log.frames) == (0, 15 + 4 + 600 + 4)
     attitude = vehicle.messages["ATTITUDE"]
     assert np.allclose(attitude["time"], TIMES, atol=1e-9)
     assert np.allclose(attitude["roll"][:5], np.radians([2, 4, 6, 8, 10]))

@@ -22,7 +22,7 @@ from mavdem.ingest.mavlink.framing import Progress
 from mavdem.ingest.px4_topics import NEEDED, Px4Topic, mav_type, messages, names
 from mavdem.ingest.telemetry import Columns, Telemetry, joined, rate_without_gaps, rows_by, selected
 from mavdem.ingest.ulog.framing import MAGIC, WholeMessages, whole_messages
-from mavdem.ingest.vocabulary import PX4, UNNAMED
+from mavdem.ingest.vocabulary import PX4, UNNAMED, version_text
 
 
 def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
@@ -113,7 +113,7 @@ def _each_second(state: Columns, topics: dict[str, dict[int, Px4Topic]]) -> Colu
 def _firmware(information: Mapping[str, object]) -> str:
     """PX4's version and the first digits of its commit, as far as they were logged: "PX4 v1.16.0 (94cb2012)"."""
     version, commit = information.get("ver_sw_release"), information.get("ver_sw")
-    number = f" v{version >> 24 & 255}.{version >> 16 & 255}.{version >> 8 & 255}" if isinstance(version, int) else ""
+    number = f" v{version_text(version)}" if isinstance(version, int) and 0 <= version < 1 << 32 else ""
     return f"PX4{number} ({commit[:8]})" if isinstance(commit, str) else f"PX4{number}"
 
 
