@@ -31,7 +31,7 @@ SCATTER_FREEDOM = 6.0  # So many healthy flights that knowledge is worth
 LEAN_EFFECT = np.array([[1.0, 0.3], [0.3, 1.0], [0.3, 0.3]])
 """Standard deviation of the effects of lean, 1/rad, before any flight: drag an arm's length above or below the centre
 of mass in roll and pitch; in yaw, and across, a load 5 mm beside it."""
-LEAN_EFFECT_SCATTER, LEAN_EFFECT_FREEDOM = 0.3, 2.0
+LEAN_EFFECT_SCATTER, LEAN_EFFECT_FREEDOM = 0.2, 1.0
 """Standard deviation of the same over flights of one vehicle, 1/rad, before any flight, and how many flights that is
 worth: loads differ, and where a vehicle manoeuvres it also leans without wind."""
 
