@@ -65,11 +65,13 @@ class FlightRow:
         lag, lag_interval, lag_status: of the motors, s.
         wind_torque_sd, wind_torque_mean, wind_torque_interval: rad/s²; the interval is that of the mean.
         mean_inputs, mean_outputs: over the settled flight; an entry for each input and output of the model.
-        residual_gain_inputs, residual_gain_outputs, residual_offset: the mean one-step residual of this flight's frozen
-            model on another flight, rad/s², is the sum of gains times that flight's means, and the offset.
+        residual_gain_inputs, residual_gain_outputs, residual_offset: the mean angular acceleration that this flight's
+            frozen model leaves unexplained in another one, rad/s², is the sum of gains times that flight's means and
+            the offset.
         error_ratio: forecast error over that of the better forecast without a model, on parts held out.
         coverage: share of held-out samples inside the band of 90 %.
-        residual_mean, residual_mean_interval: of the vehicle's healthy flights' models on this flight, rad/s².
+        residual_mean, residual_mean_interval: what the models of the vehicle's healthy flights leave unexplained in
+            this one, in the mean, rad/s².
         health: "ok", "drift", "fault" or "unknown".
         fault_probability: that a motor or propeller is weak, from 0 to 1.
         change_probability: that anything changed, from 0 to 1.

@@ -124,7 +124,7 @@ class HealthyModels:
         )
 
     def residual_mean(self, row: FlightRow) -> float | None:
-        """The mean one-step residual of the models of other flights than this on it, rad/s²; None where not known."""
+        """The mean acceleration that other flights' models leave unexplained in this, rad/s²; None where not known."""
         if row.mean_inputs is None:
             return None
         inputs, outputs = _array(row.mean_inputs, 0), _array(row.mean_outputs or (0.0, 0.0), 2)
