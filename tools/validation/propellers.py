@@ -224,7 +224,7 @@ def simulated(count: int) -> None:
 
 
 def _flown(rng: np.random.Generator, change: dict[str, dict[str, float]], number: int) -> tuple[HealthFigures, int]:
-    """A flight of 50 s with the ``change``, in other conditions each time, and the motor that is weak."""
+    """A flight of 70 s with the ``change``, in other conditions each time, and the motor that is weak."""
     motor = int(rng.integers(1, 5))
     offset = rng.normal(scale=3.0, size=2)
     table: dict[str, dict[str, float]] = {
@@ -244,7 +244,7 @@ def _flown(rng: np.random.Generator, change: dict[str, dict[str, float]], number
     scenario = Scenario.model_validate(
         {
             "description": "",
-            "duration": 50.0,
+            "duration": 70.0,
             "height": 10.0,
             "seed": int(rng.integers(1 << 30)),
             **table,
