@@ -13,6 +13,7 @@ from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import choose_vehicle, judged_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.alignment.verdict import Verdict
+from mavdem.analysis.motor_alarms import motor_alarms
 from mavdem.analysis.slow_motion import CAUTION as SLOW_MOTION
 from mavdem.analysis.slow_motion import objection
 from mavdem.analysis.training_data import TooFewSamples, cut, flown_after, judged, of_one_boot
@@ -26,6 +27,7 @@ from mavdem.evaluate.held_out import HeldOut, held_out_test
 from mavdem.evaluate.truth import TruthComparison, compare_with_truth, truth_of
 from mavdem.evaluate.vehicle_figures import ALL, AxisFigures, VehicleFigures, vehicle_of_log
 from mavdem.flight import Flight
+from mavdem.health.motor_watch import MotorAlarm
 from mavdem.ingest import Log
 
 
@@ -57,6 +59,7 @@ class LogAnalysis:
         held_out: forecasts of windows that no model saw; None without a model.
         findings: what the model is good for, purpose by purpose.
         truth: the estimates beside the truth of a simulated flight, where its file was given.
+        alarms: lasting changes of the motors' balance in flight, as a live session would have found them.
     """
 
     verdict: Verdict
@@ -71,6 +74,7 @@ class LogAnalysis:
     held_out: HeldOut | None = None
     findings: tuple[Finding, ...] = ()
     truth: TruthComparison | None = None
+    alarms: tuple[MotorAlarm, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """All figures as plain JSON values; angles in rad, rates in rad/s, time in s."""
@@ -84,6 +88,7 @@ class LogAnalysis:
             "remedy": self.remedy,
             "condition": self.condition.as_dict(),
             "identity": self.identity.as_dict(),
+            "alarms": [alarm.as_dict() for alarm in self.alarms],
             "findings": [finding._asdict() for finding in self.findings],
             "truth": None if self.truth is None else self.truth.as_dict(),
             "settings": None if learned is None else asdict(learned.settings),
@@ -130,6 +135,7 @@ def analyse(
     condition, identity = condition_of(signals), identity_of(signals, log.receive_time[0])
     tier, figures = tier_of(verdict, condition), vehicle_of_log(log, (), vehicle, inputs)
     found = LogAnalysis(verdict, tier, condition, identity, figures, tier.reason, tier.remedy)
+    found = replace(found, alarms=motor_alarms(signals))
     slow = tier.name == "b"
     if slow:
         segments, of_slow = judged_segments(signals, log.components, SLOW_MOTION_RATE)

@@ -42,7 +42,7 @@ OTHER_SD = 0.06  # Of a change in roll, pitch or yaw that is no motor's, as a sh
 PRIOR_SD = 0.006  # Of half a second's balance, before the flight has shown its own; and what that counts for
 PRIOR_BLOCKS = 10.0
 WANDER_SD = 0.003  # Of a balance that nothing changed: no mean is known better
-RARE, RARE_BESIDE_MOTORS = 0.05, 0.3
+RARE, RARE_BESIDE_MOTORS = 0.05, 0.1
 """How often a change that is neither a motor's nor in roll and pitch alone comes, beside those in roll and pitch, and
 beside motors: a load that shifts in wind changes yaw too, and to name a sound motor is the worst that can be said."""
 LASTING_SECONDS = 8.0  # Of a change in roll and pitch alone: a gust is over by then

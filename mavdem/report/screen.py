@@ -47,14 +47,15 @@ def analysis_blocks(found: LogAnalysis) -> list[Block]:
     model: list[Block] = []
     if found.learned is not None:
         model = screen(found.learned, found.held_out, found.vehicle.hover)
+    alarms: list[Block] = [Sentence(one.sentence.removeprefix("Alarm: "), "Motors:") for one in found.alarms]
     if found.tier.name == "a" and model:
-        return model
+        return [*alarms, *model]
     tier = tier_sentences(found.tier.as_dict())
     # What to do next is to record faster, whatever the findings.
     why = [] if model else [Sentence(found.reason, "No model:")]
     remedy = [Sentence(found.remedy, "What to do:")] if found.remedy else []
     identity = identity_sentence(found.identity.as_dict())
-    return [*why, *remedy, *tier, *model[:-1], identity, *condition_sentences(found.condition.as_dict())]
+    return [*alarms, *why, *remedy, *tier, *model[:-1], identity, *condition_sentences(found.condition.as_dict())]
 
 
 def title(flights: Sequence[Flight]) -> Sentence:

@@ -14,8 +14,10 @@ from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.slow_motion import MOST_OF_BASELINE, objection
 from mavdem.errors import NotLearnable
 from mavdem.evaluate import HeldOut
+from mavdem.health.motor_watch import MotorAlarm
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.telemetry import selected
+from mavdem.report.screen import analysis_blocks
 
 DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
 SAMPLE = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
@@ -52,6 +54,14 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
     assert "Hz" in slow.reason and slow.remedy
     with pytest.raises(ValueError, match="40 samples a second"):
         slow.learned.simulate(slow.flights[0].inputs)
+
+
+def test_a_motor_that_weakened_in_flight_is_told_first(slow):
+    assert slow.alarms == ()
+    weak = replace(slow, alarms=(MotorAlarm(30.0, 28.5, 2, "motor 2 (rear left)", 0.25, 0.98),))
+    assert str(analysis_blocks(weak)[0]).count("motor 2 (rear left) works 25% harder since 28 s") == 1
+    (said,) = weak.as_dict()["alarms"]
+    assert (said["motor"], said["since"]) == (2, 28.5) and "motor 2" in said["sentence"]
 
 
 def held_out(ratio: float, windows: int, spread: float) -> HeldOut:
