@@ -10,6 +10,7 @@ interval. All quantities are tested together: the chance that any is called chan
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import datetime
 from math import exp, hypot, log, sqrt
 from typing import Any, Literal, NamedTuple
 
@@ -164,23 +165,40 @@ def vehicle_difference(before: Sequence[FlightFigures], after: Sequence[FlightFi
     return VehicleDifference((names[0], names[1]), motors, counts, tuple(changes), tuple(incomparable), conditions)
 
 
-def differences_by_vehicle(
-    rows: Sequence[FlightFigures], baseline: Sequence[FlightFigures]
-) -> dict[str, VehicleDifference | None]:
-    """The difference of each vehicle's flights to those of a ``baseline``, which themselves do not count as later ones.
+class SinceBaseline(NamedTuple):
+    """The latest flight of a vehicle beside its flights of a baseline.
 
-    None where the baseline has no flight of the vehicle. Flights that do not say whose they are are left out.
+    Attributes:
+        file, date: of the latest flight.
+        found: what differs; None where the baseline has no flight of the vehicle.
+    """
+
+    file: str
+    date: datetime | None
+    found: VehicleDifference | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        date = None if self.date is None else self.date.isoformat()
+        return {"file": self.file, "date": date, "found": None if self.found is None else self.found.as_dict()}
+
+
+def since_baseline(rows: Sequence[FlightFigures], baseline: Sequence[FlightFigures]) -> dict[str, SinceBaseline]:
+    """The latest flight of each vehicle beside those of a ``baseline``, which themselves are no later ones.
+
+    The latest alone: flights with a fault and without one, taken together, would hide it. Flights that do not say whose
+    they are are left out.
     """
     known = {row.key for row in baseline if row.key}
     before, after = vehicles_of(baseline), vehicles_of(row for row in rows if row.key not in known)
+    latest = {name: flights[-1] for name, flights in after.items() if name != NAMELESS}
     return {
-        name: vehicle_difference(
-            [row for flight in before[name] for row in flight], [row for flight in flights for row in flight]
+        name: SinceBaseline(
+            flight[0].file,
+            flight[0].date,
+            vehicle_difference([row for one in before[name] for row in one], flight) if name in before else None,
         )
-        if name in before
-        else None
-        for name, flights in after.items()
-        if name != NAMELESS
+        for name, flight in latest.items()
     }
 
 

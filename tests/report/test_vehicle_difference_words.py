@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from fleet_rows import flight_row
 
-from mavdem.comparison.vehicle_difference import differences_by_vehicle, vehicle_difference
+from mavdem.comparison.vehicle_difference import since_baseline, vehicle_difference
 from mavdem.report.blocks import text_of
 from mavdem.report.fleets.differences import baseline_blocks, difference_blocks
 
@@ -59,12 +59,12 @@ def test_nothing_to_compare_has_its_reason():
     assert text.startswith("Nothing can be compared.") and "B has no flight with figures." in text
 
 
-def test_the_baseline_is_compared_with_the_other_flights_of_each_vehicle():
+def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
     baseline = [row for number in range(4) for row in flown(number)]
     later = [row for number in range(4, 8) for row in flown(number, **WEAK)]
     rows = [*baseline, *later, *flown(0, "new"), *flown(0, "unknown")]
-    found = {name: baseline_blocks(one) for name, one in differences_by_vehicle(rows, baseline).items()}
+    found = {name: baseline_blocks(one) for name, one in since_baseline(rows, baseline).items()}
     assert set(found) == {"quad", "new"}
     assert "motor 3's share +12" in text_of(found["quad"])
-    assert "4 flights after 4 flights of the baseline" in text_of(found["quad"])
+    assert "the latest flight, 0007.ulg (2026-01-12), beside 4 flights." in text_of(found["quad"])
     assert "no flight of this vehicle" in text_of(found["new"])

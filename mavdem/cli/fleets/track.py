@@ -16,7 +16,7 @@ from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
 from mavdem.cli.output import STDERR, print_blocks, print_json, printable, say, say_aside
 from mavdem.cli.output_files import write_page
 from mavdem.cli.sources import refuse_link
-from mavdem.comparison.vehicle_difference import differences_by_vehicle
+from mavdem.comparison.vehicle_difference import since_baseline
 from mavdem.fleet.dataset import read_rows
 from mavdem.fleet.reading.cluster import Cluster
 from mavdem.fleet.reading.crew import Crew, Reader
@@ -131,13 +131,13 @@ def track_command(
         raise
     rows = read_rows(out)
     summary = summarised(rows)
-    changes = differences_by_vehicle(rows, tracker.healthy()) if tracker.healthy() else {}
+    changes = since_baseline(rows, tracker.healthy()) if tracker.healthy() else {}
     told = {name: baseline_blocks(one) for name, one in changes.items()}
     write_page(out / INDEX, fleet_page(rows, told))
     for problem in tracked.problems:
         say_aside(printable(f"mavdem: {problem}"))
     if as_json:
-        since = {name: None if one is None else one.as_dict() for name, one in changes.items()}
+        since = {name: one.as_dict() for name, one in changes.items()}
         index = str(out / INDEX)
         counts = {"logs": tracked.logs, "read": tracked.read}
         print_json({"fleet": str(out), "index": index, **counts, **summary.as_dict(), "since_baseline": since})

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import degrees, hypot
+from pathlib import PurePath
 
 from mavdem.comparison.flight_figures import NAMELESS
 from mavdem.comparison.vehicle_difference import (
@@ -11,6 +12,7 @@ from mavdem.comparison.vehicle_difference import (
     FAMILY_ERROR,
     Conditions,
     QuantityChange,
+    SinceBaseline,
     VehicleDifference,
 )
 from mavdem.comparison.vehicle_estimates import DAMPING, EFFECT, LAG, MEAN_EFFECT, SHARE
@@ -63,16 +65,15 @@ def _uncertain(found: VehicleDifference) -> list[Block]:
     return [Sentence(f"{listed(names)}: the interval is too wide.", "Not known:")] if names else []
 
 
-def baseline_blocks(found: VehicleDifference | None) -> list[Block]:
-    """What changed of a vehicle since the baseline; None where that has no flight of the vehicle."""
+def baseline_blocks(since: SinceBaseline) -> list[Block]:
+    """What differs between a vehicle's latest flight and its flights of the baseline."""
     lead = "Since the baseline:"
-    if found is None:
+    if since.found is None:
         return [Sentence("the baseline has no flight of this vehicle.", lead)]
-    first, *others = change_blocks(found)
-    assert isinstance(first, Sentence)
-    words = f"{first.lead} {first.text}".strip()
-    counts = f"{_flights(found.flights[1])} after {_flights(found.flights[0])} of the baseline."
-    return [Sentence(f"{words[:1].lower()}{words[1:]}", lead), *others, Sentence(counts)]
+    name = PurePath(since.file).name
+    when = "" if since.date is None else f" ({since.date:%Y-%m-%d})"
+    latest = Sentence(f"the latest flight, {name}{when}, beside {_flights(since.found.flights[0])}.", lead)
+    return [latest, *change_blocks(since.found)]
 
 
 def _change(one: QuantityChange, found: VehicleDifference) -> str:
