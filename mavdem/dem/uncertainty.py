@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import next_fast_len
 from scipy.stats import t as student
 
 from mavdem.dem.engine.ascent import Ascent
@@ -125,7 +126,7 @@ def _lagged(rows: Array, kernel: Array) -> Array:
     if lags < 1:
         return np.zeros((rows.shape[1], rows.shape[1]))
     both_sides = np.concatenate([kernel[:lags][::-1], [0.0], kernel[:lags]])
-    size = 2 * len(rows) + lags
+    size = next_fast_len(2 * len(rows) + lags, real=True)
     smoothed = np.fft.irfft(np.fft.rfft(rows, size, axis=0) * np.fft.rfft(both_sides, size)[:, None], size, axis=0)
     return np.asarray(rows.T @ smoothed[lags : lags + len(rows)])
 

@@ -52,6 +52,7 @@ def test_through_mcap_a_telemetry_log_comes_back_byte_by_byte(log, tmp_path, cap
     assert {path.name for path in tmp_path.iterdir()} == {"flight.mcap", "back.tlog"}
 
 
+@pytest.mark.slow
 def test_every_command_reads_the_mcap(tmp_path, capsys):
     mcap = tmp_path / "flight.mcap"
     convert(capsys, FLIGHT, mcap)

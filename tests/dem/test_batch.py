@@ -101,6 +101,7 @@ def test_a_dask_cluster_does_the_work(expected):
         assert as_texts(learn_many(JOBS, client.get_executor())) == expected
 
 
+@pytest.mark.slow
 def test_a_few_jobs_start_no_processes(two_workers, expected):
     answers = learn_many(JOBS[:FEW])
     first = next(answers)

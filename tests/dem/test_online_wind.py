@@ -37,6 +37,7 @@ def of():
     return wind_filter(Record.of(WINDY))
 
 
+@pytest.mark.slow
 def test_it_is_the_smoother_s_but_for_what_later_samples_add(of):
     tracked = _Tracked(of, WINDY.dt, WINDY.inputs[:1], WINDY.outputs[:1])
     live = np.full(len(WINDY), np.nan)
@@ -54,6 +55,7 @@ def test_it_is_the_smoother_s_but_for_what_later_samples_add(of):
     assert np.std(live[far] - whole[far]) < 0.1 * whole.std()
 
 
+@pytest.mark.slow
 def test_weights_are_those_of_a_longer_smoother(of):
     known = plant(2.0, 0.05, of.physical.components, WINDY.dt)
     filtered = SteadyFilter.of(known, 0.01)

@@ -56,6 +56,7 @@ def compared(learned, path, *flights) -> TruthComparison:
     return compare_with_truth(learned, flights, truth_of(flights, path))
 
 
+@pytest.mark.slow
 def test_each_estimate_stands_beside_its_truth(learned, flight, scenario, motion, path):
     found, known = compared(learned, path, flight), truth(scenario, motion)
     by_name = {one.name: one for one in found.parameters}

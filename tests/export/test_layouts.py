@@ -35,6 +35,7 @@ def series(tmp_path_factory: pytest.TempPathFactory) -> set[tuple[str, str]]:
         }
 
 
+@pytest.mark.slow
 def test_plotjuggler_s_layout(series: set[tuple[str, str]]) -> None:
     layout = ElementTree.parse(LAYOUTS / "plotjuggler.xml")
     names = [curve.attrib["name"] for curve in layout.iter("curve")]
@@ -45,6 +46,7 @@ def test_plotjuggler_s_layout(series: set[tuple[str, str]]) -> None:
         assert sum(sizes) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_foxglove_s_layout(series: set[tuple[str, str]]) -> None:
     layout = json.loads((LAYOUTS / "foxglove.json").read_text())
     paths = [path["value"] for panel in layout["configById"].values() for path in panel["paths"]]

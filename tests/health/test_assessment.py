@@ -49,6 +49,7 @@ def test_what_no_motor_does_is_a_drift_and_names_none(change, words):
     assert np.mean([words in one.reason for one in found]) > 0.8
 
 
+@pytest.mark.slow
 def test_a_change_that_lasts_becomes_sure():
     before, after = [], []
     for seed in range(VEHICLES):

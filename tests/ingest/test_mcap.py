@@ -82,6 +82,7 @@ def test_there_and_back_other_logs_keep_every_frame_and_stamp(log: Path, tmp_pat
     assert_same(read_tlog(back), read_mcap(tmp_path / f"{log.stem}.mcap"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("log", SAMPLE_LOGS, ids=lambda log: log.stem)
 def test_columns_are_those_of_the_telemetry_log(log: Path, tmp_path: Path) -> None:
     path = converted(log, tmp_path)

@@ -80,6 +80,7 @@ def test_the_error_is_small_for_a_model_of_the_same_motion_and_large_for_noise()
     assert forecast_error(good(), Record(other.inputs, other.outputs, 2 * DT, (1000,))) == np.inf
 
 
+@pytest.mark.slow
 def test_a_model_is_kept_once_the_samples_after_it_confirm_it():
     assert kept(good()).model is None
     assert kept(poor(), good()).model.learned is poor(), "better than none"

@@ -111,6 +111,7 @@ def test_a_row_is_reported_with_the_message_that_completes_it():
     assert max(delays) < 5 * 0.01 + 1 / 400 + 0.001
 
 
+@pytest.mark.slow
 def test_a_datagram_takes_a_small_part_of_what_an_estimate_may():
     """At 400 Hz of both streams; the bar is 0.3 ms a datagram, tools/bench/live_latency.py has figures."""
     frames, stream = Flight(attitude=400.0, motors=400.0).frames(end=20.0), LiveStream()

@@ -105,6 +105,7 @@ def in_browser(text, folder, do, width=1600):
 CELLS = "[...document.querySelectorAll('#flights tbody tr:not([hidden])')].map(row => row.cells[{}].textContent)"
 
 
+@pytest.mark.slow
 def test_a_browser_sorts_and_filters_a_thousand_flights_by_keyboard(tmp_path):
     async def do(browser):
         assert await browser.run("document.documentElement.scrollWidth <= innerWidth")
@@ -149,6 +150,7 @@ def test_a_browser_sorts_and_filters_a_thousand_flights_by_keyboard(tmp_path):
     assert seconds < 3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("width", [500, 1600])
 def test_a_browser_runs_nothing_that_a_log_says_and_scrolls_sideways_in_the_table_only(width, tmp_path):
     async def do(browser):

@@ -36,6 +36,7 @@ def analysis() -> LogAnalysis:
     return LogAnalysis(VERDICT, FAST, *KNOWN, **model)
 
 
+@pytest.mark.slow
 def test_two_axes_fit_into_a_small_page_that_leads_back(analysis):
     text = flight_page("flight.tlog", {"roll": analysis, "pitch": analysis})
     assert len(text.encode()) < MAX_BYTES and text.count("<svg") == 2 * 3

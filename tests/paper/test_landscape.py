@@ -89,6 +89,7 @@ def test_these_settings_end_at_the_truth():
     assert (np.abs(end.mean - [A, B]) < end.posterior).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["the paper's settings", "… q = p", "… P^θ = e⁴", "… every sample used"])
 def test_these_settings_are_needed(name):
     end = cases.run_case(NAMED[name], ITERATIONS)

@@ -185,6 +185,7 @@ def check_report(folder, names):
     return document
 
 
+@pytest.mark.slow
 def test_one_item_makes_a_whole_report(runner, tmp_path):
     (item,) = (item for item in ITEMS if item.claim.name == "noise")
     write_report(tmp_path, [ItemReport(item, item.run(runner))], runner, 1.0)

@@ -75,6 +75,7 @@ def test_a_picture_has_the_colours_of_the_palette_and_text_as_text(name, figures
     assert "fill: #ffffff" not in drawn, "it has a background"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [*METHODS, "forecast"])
 def test_every_axis_is_named_and_no_legend_or_title_lies_over_data_or_each_other(name, figures):
     figure = figures[name]
@@ -97,6 +98,7 @@ def labels(figure: Figure) -> str:
     return " ".join([axes.get_xlabel() + axes.get_ylabel() + axes.get_title("left") for axes in figure.axes])
 
 
+@pytest.mark.slow
 def test_angles_are_in_degrees(figures, learned):
     assert "rad" not in " ".join(labels(figures[name]) for name in figures if name != "poles")
     for name, unit in {"bode": "°/s per µs", "step": "roll (°)", "disturbance": "°/s²", "forecast": "roll (°)"}.items():
@@ -223,6 +225,7 @@ def test_the_effect_of_a_demand_is_not_put_beside_a_motor(learned, flight):
     assert [axes.get_title("left") for axes in learned.plot.motors(fewer).axes] == ["trim", "headroom"]
 
 
+@pytest.mark.slow
 def test_a_notebook_shows_a_picture(figures):
     assert figures["bode"]._repr_png_().startswith(b"\x89PNG")
     assert "matplotlib.pyplot" not in sys.modules or not sys.modules["matplotlib.pyplot"].get_fignums()

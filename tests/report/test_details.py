@@ -110,6 +110,7 @@ def test_the_least_determined_combination_is_named(learned):
     assert "Not identifiable" not in words(told(altered(learned, undetermined=())))
 
 
+@pytest.mark.slow
 def test_outputs_are_reported_where_c_is_free_and_only_there(learned):
     def headers(one: mavdem.Learned) -> list[list[str]]:
         return [block.header for block in told(one) if isinstance(block, Table)]
@@ -132,6 +133,7 @@ def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():
     )
 
 
+@pytest.mark.slow
 def test_it_says_how_far_ahead_predictions_without_the_inputs_are_worth_something(learned):
     steps = learned.prediction.useful_steps(0.5)
     assert (steps > 0).all()

@@ -48,6 +48,7 @@ def hovering(motion, begin, end):
     return motion.outputs[(motion.time > begin) & (motion.time < end)].mean(0)
 
 
+@pytest.mark.slow
 def test_hover_balances_again(broken):
     _, scenario, motion = broken
     [(start, condition)] = damages(scenario)

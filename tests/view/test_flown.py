@@ -38,6 +38,7 @@ def columns(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, np.
     return found
 
 
+@pytest.mark.slow
 def test_the_vehicle_is_where_it_was_and_turned_as_it_was(columns):
     here, vehicle = columns["/world/here"], columns["/world/here/vehicle"]
     rows = np.searchsorted(MOTION.time, here["time"] - 1e-6)
