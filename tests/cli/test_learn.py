@@ -183,6 +183,7 @@ def test_a_flight_too_slow_for_a_model_gives_its_condition_the_reason_and_the_re
     assert "headroom" in said.out and report["error"]["reason"] in said.err
 
 
+@pytest.mark.slow
 def test_a_flight_at_10_hz_gives_a_model_of_its_slow_motion_and_no_physical_parameters(tmp_path, monkeypatch, capsys):
     whole = read_log(FLIGHT)
     slow = replace(whole.vehicles[0], messages=each_tenth(whole.vehicles[0].messages))

@@ -57,6 +57,7 @@ def test_no_log_stops_a_run(tmp_path):
     assert track(tmp_path / "fleet", logs / "big_0.bin", limits=Limits(3, 700)).read == 1
 
 
+@pytest.mark.slow
 def test_what_is_known_is_not_read_again_whatever_it_is_called(tmp_path):
     out, (one, other) = tmp_path / "fleet", make_logs(tmp_path / "logs", 2)
     assert track(out, tmp_path / "logs").read == 2
@@ -70,6 +71,7 @@ def test_what_is_known_is_not_read_again_whatever_it_is_called(tmp_path):
     assert sorted({Path(row.file).name for row in read_rows(out)}) == ["log_0.bin", "renamed.bin"]
 
 
+@pytest.mark.slow
 def test_a_log_that_changed_is_read_anew(tmp_path):
     out, (one, _) = tmp_path / "fleet", make_logs(tmp_path / "logs", 2)
     track(out, tmp_path / "logs")
@@ -80,6 +82,7 @@ def test_a_log_that_changed_is_read_anew(tmp_path):
     assert files_of(out) == files_of(tmp_path / "new")
 
 
+@pytest.mark.slow
 def test_a_new_schema_reads_all_logs_again(tmp_path, monkeypatch):
     out = tmp_path / "fleet"
     make_logs(tmp_path / "logs", 2)
@@ -124,6 +127,7 @@ def test_a_killed_run_is_resumed_to_the_same_data_set(tmp_path, lines):
     assert files_of(out) == files_of(tmp_path / "whole") and journal.stat().st_size == 0
 
 
+@pytest.mark.slow
 def test_a_compaction_that_was_cut_off_is_done_again(tmp_path, monkeypatch):
     out = tmp_path / "fleet"
     make_logs(tmp_path / "logs", 8)
