@@ -2,7 +2,8 @@
 """A thousand mixed logs through `mavdem track`: speed-up, memory, kills and a cluster; prints a table.
 
 The logs are simulated flights at 1 to 100 Hz, cuts of recorded ones, and damaged and hostile files. Each run has a
-folder of its own; at the end all data sets must be the same, byte for byte.
+folder of its own; at the end all data sets must be the same, byte for byte. "reading" is how many processes were at
+work on logs at a time, "memory" that of all processes of the command together, not of the cluster.
 
 Usage: tools/bench/fleet.py [--logs 1000] [--shared ../shared/data] FOLDER
 """
@@ -26,6 +27,7 @@ from typing import NamedTuple
 import click
 
 from mavdem.export.conversion import STREAMS
+from mavdem.fleet.ledger import read_ledger
 from sitl_scenarios.files import load, scenario_of
 from sitl_scenarios.mavlink.recorded import recorded
 from sitl_scenarios.simulation import Simulation
@@ -185,6 +187,11 @@ def fingerprint(out: Path) -> str:
     return digest.hexdigest()[:12]
 
 
+def reading(out: Path) -> float:
+    """Seconds that all processes together spent on logs: over those of the run, how many were at work at a time."""
+    return float(sum(entry.seconds for entry in read_ledger(out).by_path.values()))
+
+
 def killed_and_resumed(logs: Path, out: Path, whole: float, chance: random.Random) -> str:
     """Kills a run three times at random moments, and lets the fourth end."""
     moments = [chance.uniform(0.1, 0.5) * whole for _ in range(3)]
@@ -224,15 +231,17 @@ def main(folder: Path, count: int, shared: Path) -> None:
         print(f"made {count} logs in {time.perf_counter() - began:.0f} s", flush=True)
     size = sum(path.stat().st_size for path in logs.rglob("*") if path.is_file())
     print(f"{count} logs, {size / 1e6:.0f} MB, {os.cpu_count()} cores; load before: {os.getloadavg()[0]:.1f}\n")
-    print("run                       seconds  logs/s  memory MB  load  data set", flush=True)
+    print("run                       seconds  logs/s  reading  memory MB  load  data set", flush=True)
 
     def show(name: str, run: Run, out: Path) -> None:
-        figures = f"{run.seconds:7.0f}  {count / run.seconds:6.2f}  {run.megabytes:9.0f}  {run.load:4.1f}"
+        rates = f"{count / run.seconds:6.2f}  {reading(out) / run.seconds:7.2f}"
+        figures = f"{run.seconds:7.0f}  {rates}  {run.megabytes:9.0f}  {run.load:4.1f}"
         print(f"{name:24}  {figures}  {fingerprint(out)}", flush=True)
 
     two = watched(command(logs, folder / "two", "--jobs", "2"))
     show("2 jobs", two, folder / "two")
-    show("again, all known", watched(command(logs, folder / "two", "--jobs", "2")), folder / "two")
+    again = watched(command(logs, folder / "two", "--jobs", "2"))
+    print(f"again, when all is known: {again.seconds:.0f} s, {again.megabytes:.0f} MB", flush=True)
     one = watched(command(logs, folder / "one", "--jobs", "1"))
     show("1 job", one, folder / "one")
     print(f"2 jobs are {one.seconds / two.seconds:.2f} times as fast as 1", flush=True)
