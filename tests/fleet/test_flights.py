@@ -42,6 +42,8 @@ def test_a_page_is_written_once_for_a_vehicle(tmp_path):
     def page(name: str, analyses: Mapping[str, LogAnalysis], path: Path) -> None:
         written.append((name, list(analyses), path))
 
+    assert {row.page for row in rows_of_log(SLOW, page, str(tmp_path / "pages"), "")} == {None} and not written
+    (tmp_path / "pages").mkdir()
     rows = rows_of_log(SLOW, page, str(tmp_path / "pages"), "0123456789abcdef0123")
     assert written == [(SLOW.name, ["roll", "pitch"], tmp_path / "pages" / "0123456789abcdef-1-1.html")]
     assert {row.page for row in rows} == {"pages/0123456789abcdef-1-1.html"}

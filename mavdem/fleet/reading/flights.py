@@ -71,7 +71,7 @@ def _rows_of_vehicle(
     if all(one.tier.name is None for one in analyses.values()):
         return [head(status=_why_nothing(analyses[TILT_AXES[0]]))]
     written = None
-    if page is not None:
+    if page is not None and pages.is_dir():  # a worker of a cluster may not have the fleet's folder
         written = f"{pages.name}/{key[:16]}-{telemetry.system}-{telemetry.component}.html"
         page(path.name, analyses, pages.parent / written)
     balance = _of_balance(balance_of_signals(signals))
