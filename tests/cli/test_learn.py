@@ -12,7 +12,9 @@ import pytest
 
 from mavdem import Learned, Settings, evaluate
 from mavdem import learn as learn_model
+from mavdem.alignment.quality import QualityFigures
 from mavdem.alignment.read import read_flight
+from mavdem.alignment.verdict import Verdict
 from mavdem.cli import output_files
 from mavdem.cli.commands import main
 from mavdem.cli.learn import named_after
@@ -149,7 +151,7 @@ def test_segments_of_one_boot_are_learnt_from_together(without_pictures, tmp_pat
     whole = read_flight(FLIGHT)
     boots = {"segment": {"boot": 0}, "cautions": []}, {"segment": {"boot": 1}, "cautions": []}
     parts = [replace(whole[a:b], provenance=boots[boot]) for a, b, boot in ((0, 500, 0), (600, 1100, 0), (0, 400, 1))]
-    judged = type("Judged", (), {"axis": "roll", "as_dict": lambda self: {}})()
+    judged = Verdict("roll", True, "Two boots.", "", (), None, QualityFigures())
     monkeypatch.setattr("mavdem.analysis.log_analysis.judged_segments", lambda *_: (tuple(parts), judged))
     assert main(["learn", FLIGHT, "--out", str(tmp_path), "--json", "--preset", "paper"]) == 0
     report = json.loads(capsys.readouterr().out)
