@@ -49,7 +49,7 @@ def watched(kind: str, number: int, folder: Path, rate: float) -> Watched:
     return Watched(kind, number, hours, flight.breaks, flight.motor, tuple(watch.alarms))
 
 
-@click.command()
+@click.command(help=__doc__)
 @click.argument("folder", type=click.Path(path_type=Path, file_okay=False))
 @click.option("--rate", default=10.0, show_default=True, help="Hz of the motors' samples, at most 50.")
 @click.option("--flights", type=int, help="Of each kind at most; all by default.")
