@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -160,8 +159,8 @@ def _cores() -> int:
 def _say_what_next(out: Path) -> None:
     """On standard error: what to open, and what to ask."""
     say_aside(printable(f"Look: {out / INDEX}"))
-    query = f"from '{out}/flights/**/*.parquet'"
-    say_aside(printable(f"Ask: {shlex.join(['duckdb', '-c', query])}"))
+    table = f"{out}/flights/**/*.parquet".replace("'", "''")  # as SQL quotes it
+    say_aside(printable(f"Query, for example in DuckDB: from '{table}'"))
 
 
 @contextmanager
