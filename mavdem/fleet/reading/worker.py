@@ -84,6 +84,8 @@ def _outcome(job: Job, read: ReadLog) -> ReadOutcome:
             rows = read(path, named(job.page) if job.page else None, job.pages, key)
             return ReadOutcome("read", tuple(_of(row, job, path, key) for row in rows), key)
     except Unreadable as error:
+        if isinstance(error.__context__, MemoryError):
+            raise MemoryError from None  # with a higher limit it may be read
         return failed(job, "read" if key else "source", _nameless(str(error), job.path), key)
     except OSError as error:
         return failed(job, "source", f"It cannot be read ({error.strerror or error}).", key)
