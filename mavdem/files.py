@@ -16,18 +16,22 @@ from typing import BinaryIO
 
 
 @contextmanager
-def atomic_write(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
+def atomic_write(path: str | os.PathLike[str], scratch: Path | None = None) -> Iterator[BinaryIO]:
     """Gives what to write to; when all is written the file is there, in place of one that was.
+
+    Args:
+        path: of the file.
+        scratch: the folder, on the same file system, for what is unfinished; beside the file unless given.
 
     Raises:
         OSError: it cannot be written there, as when there is no such folder.
     """
-    with atomic_writes(path) as (unfinished,), unfinished.open("wb") as file:
+    with atomic_writes(path, scratch=scratch) as (unfinished,), unfinished.open("wb") as file:
         yield file
 
 
 @contextmanager
-def atomic_writes(*paths: str | os.PathLike[str]) -> Iterator[tuple[Path, ...]]:
+def atomic_writes(*paths: str | os.PathLike[str], scratch: Path | None = None) -> Iterator[tuple[Path, ...]]:
     """Gives for each file the path of one to write instead; when all are written they take their places together.
 
     Raises:
@@ -40,7 +44,7 @@ def atomic_writes(*paths: str | os.PathLike[str]) -> Iterator[tuple[Path, ...]]:
     with ExitStack() as stack:
         unfinished = []
         for place in places:
-            folder = stack.enter_context(TemporaryDirectory(dir=place.parent, prefix=".unfinished."))
+            folder = stack.enter_context(TemporaryDirectory(dir=scratch or place.parent, prefix=".unfinished."))
             unfinished.append(Path(folder) / place.name)
         yield tuple(unfinished)
         for new, place in zip(unfinished, places, strict=True):

@@ -21,6 +21,7 @@ from mavdem.files import atomic_write
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, row_schema
 
 ROW_GROUP = 10_000  # rows that a reader skips at once, by the least and the greatest vehicle's name among them
+UNFINISHED = ".unfinished"  # the folder of a fleet for files that are being written
 NEEDED_FOR = "Reading and writing the data set of a fleet"
 
 
@@ -114,17 +115,29 @@ def write_group(folder: Path, group: str, rows: Iterable[FlightRow]) -> None:
     columns["date"] = [None if date is None else date.replace(tzinfo=None) for date in columns["date"]]
     table = pyarrow.Table.from_pydict(columns, row_schema())
     path.parent.mkdir(parents=True, exist_ok=True)
-    with durable_write(path) as file:
+    with durable_write(path, folder) as file:
         parquet.write_table(table, file, row_group_size=ROW_GROUP, compression="zstd")
 
 
 @contextmanager
-def durable_write(path: Path) -> Iterator[BinaryIO]:
-    """As ``atomic_write``; at the end the disk has it, so that what it was made from can be removed."""
-    with atomic_write(path) as file:
-        yield file
-        file.flush()
-        os.fsync(file.fileno())
+def durable_write(path: Path, fleet: Path) -> Iterator[BinaryIO]:
+    """As ``atomic_write``; at the end the disk has it, so that what it was made from can be removed.
+
+    What a run that was killed left unfinished is not among the rows, where readers of all files would count it, and the
+    next to write removes it: one run at a time writes to a fleet.
+    """
+    scratch = fleet / UNFINISHED
+    shutil.rmtree(scratch, ignore_errors=True)
+    scratch.mkdir(exist_ok=True)
+    try:
+        # `flights` may be a link to another disk, to which no file can be moved from here.
+        moves = os.stat(os.path.realpath(path.parent)).st_dev == os.stat(scratch).st_dev
+        with atomic_write(path, scratch if moves else None) as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+    finally:
+        shutil.rmtree(scratch, ignore_errors=True)
     with suppress(OSError):  # of file systems that cannot do that with a folder
         folder = os.open(path.parent, os.O_RDONLY)
         try:

@@ -92,6 +92,16 @@ class Ledger:
             self._by_key[entry.key] = entry
             self._by_size[size_of(entry.key)].add(entry.key)
 
+    def keeps(self, source: Source, outcome: ReadOutcome) -> bool:
+        """Whether what it has of a log stays, as this outcome says nothing of the content.
+
+        A source that cannot be reached now may be as it was; so may one that ended its reading, unless it has changed.
+        """
+        entry = self.by_path.get(as_text(source.path))
+        if outcome.key or entry is None or not (entry.key and _current(entry)):
+            return False
+        return outcome.ended == "source" or source.version in ("", entry.version)
+
     def named(self, sources: Iterable[Source]) -> list[LedgerEntry]:
         """The entries of logs that were named; of those it has."""
         names = (as_text(source.path) for source in sources)
@@ -155,5 +165,5 @@ def write_ledger(folder: Path, ledger: Ledger) -> None:
     kinds = {"str": text, "float": number, "int": pyarrow.int64(), "tuple[str, ...]": pyarrow.list_(text)}
     schema = pyarrow.schema([(field.name, kinds[str(field.type)]) for field in fields(LedgerEntry)])
     columns = {name: [getattr(entry, name) for entry in entries] for name in schema.names}
-    with durable_write(folder / LEDGER) as file:
+    with durable_write(folder / LEDGER, folder) as file:
         parquet.write_table(pyarrow.Table.from_pydict(columns, schema), file, compression="zstd")

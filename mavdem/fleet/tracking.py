@@ -32,7 +32,7 @@ class TrackedLogs:
     Attributes:
         logs: how many were named.
         read: how many of them were read; the others were known.
-        problems: names that name no log, a sentence each.
+        problems: names that name no log, and known logs that could not be read now, a sentence each.
     """
 
     logs: int
@@ -62,6 +62,7 @@ class FleetTracker:
         self._reader = reader
         self._page = page
         self._second_pass = second_pass
+        self._unread: list[str] = []  # of this run: known logs that could not be read, a sentence each
 
     def track(
         self, names: Sequence[str], baseline: Sequence[str] = (), progress: Progress = lambda *_: None
@@ -76,6 +77,7 @@ class FleetTracker:
         Raises:
             Unreadable: there is no log, another run is at work, the folder cannot be written to, or is damaged.
         """
+        self._unread = []
         found = find_logs(names, self.folder)
         if not found.logs and not is_fleet(self.folder):
             raise Unreadable(found.problems[0])
@@ -89,7 +91,7 @@ class FleetTracker:
                 f"{self.folder} cannot be written to ({error.strerror or error}): what was read is kept; once that is "
                 "put right, the same command goes on."
             ) from None
-        return TrackedLogs(len(found.logs), read, tuple(found.problems))
+        return TrackedLogs(len(found.logs), read, (*found.problems, *self._unread))
 
     def healthy(self) -> list[FlightRow]:
         """The rows of the baseline; none if there is none."""
@@ -146,7 +148,11 @@ class FleetTracker:
 
             progress(0, len(new))
             for number, (source, outcome) in enumerate(self._reader.outcomes(new, job_of), 1):
-                _note(journal, ledger, source, outcome, self._reader)
+                if ledger.keeps(source, outcome):
+                    why = outcome.rows[0].status
+                    self._unread.append(f"{source.path} cannot be read now: what is known of it is kept. {why}")
+                else:
+                    _note(journal, ledger, source, outcome, self._reader)
                 progress(number, len(new))
             compact(folder, journal, second_pass, healthy, all_groups)
         return len(new)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+import shutil
 from datetime import UTC, datetime
 
 import duckdb
@@ -12,7 +13,7 @@ import polars
 import pytest
 
 from mavdem.errors import Unreadable
-from mavdem.fleet.dataset import group_file, group_of, groups_in, read_rows, write_rows
+from mavdem.fleet.dataset import UNFINISHED, durable_write, group_file, group_of, groups_in, read_rows, write_rows
 from mavdem.fleet.row import FlightRow, row_schema
 
 FULL = FlightRow(
@@ -81,6 +82,20 @@ def test_rows_that_are_gone_take_their_file_with_them(tmp_path):
     write_rows(tmp_path, [FULL, FAILED])
     write_rows(tmp_path, [FAILED])
     assert read_rows(tmp_path) == [FAILED] and groups_in(tmp_path) == [group_of("unknown")]
+
+
+def test_what_a_killed_run_left_unfinished_is_no_row_and_goes_with_the_next(tmp_path):
+    write_rows(tmp_path, [FULL])
+    path = group_file(tmp_path, group_of(FULL.vehicle))
+    before = sorted(tmp_path.rglob("*"))
+    with durable_write(path, tmp_path) as file:
+        file.write(b"what is there if the run is killed here")
+        left = [one.relative_to(tmp_path) for one in tmp_path.rglob("*.parquet")]
+        assert len(left) == 2 and len([one for one in left if one.parts[0] == "flights"]) == 1
+        shutil.copytree(tmp_path / left[left[0].parts[0] == "flights"].parts[0], tmp_path / "kept")
+    (tmp_path / "kept").rename(tmp_path / UNFINISHED)
+    write_rows(tmp_path, [FULL])
+    assert sorted(tmp_path.rglob("*")) == before and read_rows(tmp_path) == [FULL]
 
 
 def test_names_that_are_no_utf_8_are_kept_in_a_readable_form(tmp_path):

@@ -95,6 +95,31 @@ def test_a_new_schema_reads_all_logs_again(tmp_path, monkeypatch):
     assert [path.name for path in (out / "old").iterdir()] == ["schema=1"]
 
 
+def test_a_log_that_cannot_be_reached_for_a_while_keeps_its_rows(tmp_path):
+    (one,) = make_logs(tmp_path / "disk", 1)
+    (tmp_path / "links").mkdir()
+    (tmp_path / "links" / one.name).symlink_to(one)
+    out = tmp_path / "fleet"
+    assert track(out, tmp_path / "links").problems == ()
+    before = files_of(out)
+    (tmp_path / "disk").rename(tmp_path / "off")
+    (problem,) = track(out, tmp_path / "links").problems
+    assert problem.endswith("what is known of it is kept. It cannot be read (No such file or directory).")
+    assert files_of(out) == before and statuses(out) == {}
+    (tmp_path / "off").rename(tmp_path / "disk")
+    done = track(out, tmp_path / "links")
+    assert (done.read, done.problems) == (0, ()) and files_of(out) == before
+
+
+@pytest.mark.slow
+def test_a_log_that_changed_and_takes_too_long_has_a_row_that_says_so(tmp_path):
+    (one,) = make_logs(tmp_path / "logs", 1)
+    track(tmp_path / "fleet", one)
+    os.truncate(one, 1 << 40)
+    assert track(tmp_path / "fleet", one, limits=Limits(1, 600)).problems == ()
+    assert statuses(tmp_path / "fleet") == {one.name: "It takes longer than its time limit of 1 s."}
+
+
 RUN = """
 import sys
 from pathlib import Path

@@ -110,8 +110,8 @@ def track_command(
       mavdem track s3://bucket/logs/ --out fleet --scheduler tcp://10.0.0.1:8786
       duckdb -c "select vehicle, date, health from 'fleet/flights/**/*.parquet' where axis = 'roll'"
 
-    Exit codes: 0 done, whatever single logs held; 1 there is no flight in any of them; 2 a name that names no log, or a
-    folder that cannot be written to.
+    Exit codes: 0 done, whatever single logs held; 1 there is no flight in any of them; 2 a name that names no log, a
+    known log that cannot be read now, or a folder that cannot be written to.
     """
     for name in logs:
         refuse_link(name)
