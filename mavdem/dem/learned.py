@@ -163,7 +163,7 @@ class Learned(LearnedDownstream):
     def closed_loop(self) -> ClosedLoopResponse:
         """The dominant poles of the attitude loop as flown, or the reason why they are not identifiable.
 
-        See :func:`mavdem.dem.closed_loop.response.attitude_loop`.
+        See ``mavdem.dem.closed_loop.response.attitude_loop``.
         """
         return attitude_loop(self.record, self.physical)
 
