@@ -343,7 +343,7 @@ class Scenario(Section):
         flight = "less than the duration of the flight", self.duration, "s"
         limits = [(given >= self.duration, key, given, *flight) for key, given in lasting if given is not None]
         once = [(f"faults.{key}", getattr(self.faults, key)) for key in ("reboot", "outage", "clock_jump")]
-        once += [("vehicle.weak_from", self.vehicle.weak_from)]
+        once += [("vehicle.weak_from", self.vehicle.weak_from if self.vehicle.weak_motor else None)]
         once += [("propeller.start", self.propeller.start), ("load.start", self.load.start)]
         which = "the flight" if self.flights == 1 else "all flights"
         flights = f"less than the duration of {which}", self.flights * self.duration, "s"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from os import PathLike
@@ -21,7 +21,7 @@ from mavdem.condition import Condition, Identity, condition_of, identity_of
 from mavdem.condition.tier import Tier, tier_of
 from mavdem.dem import Learned, Settings, learn
 from mavdem.errors import NotLearnable
-from mavdem.evaluate.findings import Finding, findings
+from mavdem.evaluate.findings import Finding, findings, limited_by
 from mavdem.evaluate.flight_windows import Length
 from mavdem.evaluate.held_out import HeldOut, held_out_test
 from mavdem.evaluate.truth import TruthComparison, compare_with_truth, truth_of
@@ -168,9 +168,22 @@ def analyse(
         flights=flights,
         learned=learned,
         held_out=held_out,
-        findings=findings(learned, held_out),
+        findings=_findings(flights, learned, held_out, found.alarms),
         truth=None if known is None else compare_with_truth(learned, flights, known),
     )
+
+
+def _findings(
+    flights: Sequence[Flight], learned: Learned, held_out: HeldOut, alarms: Sequence[MotorAlarm]
+) -> tuple[Finding, ...]:
+    """What the model is good for: less, where a motor changed in what it was learnt from."""
+    found = findings(learned, held_out)
+    for alarm in alarms:
+        if alarm.motor is not None and flights[0].time[0] < alarm.since < flights[-1].time[-1]:
+            name = alarm.name.capitalize()
+            reason = f"{name} changed at {alarm.since:.0f} s; this takes the flight before and after together."
+            return limited_by(found, reason)
+    return found
 
 
 def _model(

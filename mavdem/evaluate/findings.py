@@ -149,6 +149,15 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
     return tuple(found)
 
 
+def limited_by(found: Sequence[Finding], reason: str) -> tuple[Finding, ...]:
+    """The same, with at most LIMITED, for that ``reason``, what was GOOD of the vehicle and the wind."""
+    of_vehicle = PURPOSES[:3]
+    return tuple(
+        one._replace(grade=LIMITED, reason=reason) if one.purpose in of_vehicle and one.grade == GOOD else one
+        for one in found
+    )
+
+
 def next_step(found: Sequence[Finding]) -> str:
     """What to do next, one sentence, by what was ``found``: the first purpose that is not served decides."""
     grades = {one.purpose: one.grade for one in found}

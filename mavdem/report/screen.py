@@ -25,12 +25,18 @@ ROWS = {FORECAST: "forecast, motors recorded", PREDICTION: "prediction, motors u
 """Of the table of errors, beside the baselines."""
 
 
-def screen(learned: Learned, held_out: HeldOut | None = None, hover: HoverFigures | None = None) -> list[Block]:
+def screen(
+    learned: Learned,
+    held_out: HeldOut | None = None,
+    hover: HoverFigures | None = None,
+    found: Sequence[Finding] | None = None,
+) -> list[Block]:
     """The findings by purpose, the vehicle, the wind, prediction, and warnings.
 
-    ``held_out`` windows and the motors' ``hover`` figures are left out where there are none.
+    ``held_out`` windows and the motors' ``hover`` figures are left out where there are none; the findings are those of
+    the model unless ``found`` otherwise.
     """
-    labels, found = Labels.of(learned), findings(learned, held_out)
+    labels, found = Labels.of(learned), findings(learned, held_out) if found is None else found
     return [
         *finding_blocks(found),
         *_vehicle(labels, learned.physical, hover),
@@ -46,8 +52,15 @@ def analysis_blocks(found: LogAnalysis) -> list[Block]:
     """What is reported of one vehicle and axis: the screen of its model, else what is known without one, and why."""
     model: list[Block] = []
     if found.learned is not None:
-        model = screen(found.learned, found.held_out, found.vehicle.hover)
+        model = screen(found.learned, found.held_out, found.vehicle.hover, found.findings)
     alarms: list[Block] = [Sentence(one.sentence.removeprefix("Alarm: "), "Motors:") for one in found.alarms]
+    if suspect := next((one.name for one in found.alarms if one.motor is not None), ""):
+        inspect = (
+            f"Inspect {suspect}, its propeller, connector and controller before the next flight, then compare a hover "
+            "with healthy flights: `mavdem track --baseline`."
+        )
+        alarms.append(Sentence(inspect, "Next:"))
+        model = model[:-1] if found.tier.name == "a" else model
     if found.tier.name == "a" and model:
         return [*alarms, *model]
     tier = tier_sentences(found.tier.as_dict())

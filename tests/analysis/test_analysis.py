@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 from hover import Hover
 
+from mavdem import read_flight
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.analysis.slow_motion import MOST_OF_BASELINE, objection
 from mavdem.errors import NotLearnable
 from mavdem.evaluate import HeldOut
+from mavdem.evaluate.findings import Finding
+from mavdem.evaluate.flight_windows import Length
 from mavdem.health.motor_watch import MotorAlarm
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.telemetry import selected
@@ -60,8 +63,21 @@ def test_a_motor_that_weakened_in_flight_is_told_first(slow):
     assert slow.alarms == ()
     weak = replace(slow, alarms=(MotorAlarm(30.0, 28.5, 2, "motor 2 (rear left)", 0.25, 0.98),))
     assert str(analysis_blocks(weak)[0]).count("motor 2 (rear left) works 25% harder since 28 s") == 1
+    assert "Inspect motor 2 (rear left)" in str(analysis_blocks(weak)[1])
     (said,) = weak.as_dict()["alarms"]
     assert (said["motor"], said["since"]) == (2, 28.5) and "motor 2" in said["sentence"]
+
+
+def test_what_was_learnt_across_a_failing_motor_is_limited(monkeypatch):
+    whole = read_log(SAMPLE)
+    start = float(read_flight(SAMPLE).time[0])
+    alarm = MotorAlarm(start + 4, start + 3, 2, "motor 2 (rear left)", 0.25, 0.98)
+    monkeypatch.setattr("mavdem.analysis.log_analysis.motor_alarms", lambda signals: (alarm,))
+    sound = (Finding("motor effectiveness", "GOOD", ""), Finding("wind", "NOT IDENTIFIABLE", "Why."))
+    monkeypatch.setattr("mavdem.analysis.log_analysis.findings", lambda learned, held_out: sound)
+    effect, wind = analyse(whole, train=Length(7.0, in_seconds=True)).findings
+    assert effect.grade == "LIMITED" and "Motor 2 (rear left) changed" in effect.reason
+    assert wind == sound[1]
 
 
 def held_out(ratio: float, windows: int, spread: float) -> HeldOut:
