@@ -27,7 +27,7 @@ from mavdem.evaluate.held_out import HeldOut, held_out_test
 from mavdem.evaluate.truth import TruthComparison, compare_with_truth, truth_of
 from mavdem.evaluate.vehicle_figures import ALL, AxisFigures, VehicleFigures, vehicle_of_log
 from mavdem.flight import Flight
-from mavdem.health.motor_watch import MotorAlarm
+from mavdem.health.motor_watch import MotorAlarm, alarm_figures
 from mavdem.ingest import Log
 
 
@@ -59,7 +59,8 @@ class LogAnalysis:
         held_out: forecasts of windows that no model saw; None without a model.
         findings: what the model is good for, purpose by purpose.
         truth: the estimates beside the truth of a simulated flight, where its file was given.
-        alarms: lasting changes of the motors' balance in flight, as a live session would have found them.
+        alarms: lasting changes of the motors' balance in flight, as a live session would have found them; those
+            without a motor are no alarms.
     """
 
     verdict: Verdict
@@ -88,7 +89,7 @@ class LogAnalysis:
             "remedy": self.remedy,
             "condition": self.condition.as_dict(),
             "identity": self.identity.as_dict(),
-            "alarms": [alarm.as_dict() for alarm in self.alarms],
+            **alarm_figures(self.alarms),
             "findings": [finding._asdict() for finding in self.findings],
             "truth": None if self.truth is None else self.truth.as_dict(),
             "settings": None if learned is None else asdict(learned.settings),

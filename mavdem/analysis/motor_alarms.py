@@ -13,14 +13,15 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
     """What a live session would have said of a vehicle's motors, boot by boot.
 
     Live, the end of the climb-out is known half a second late and a landing when it has happened, so that times differ
-    by as much. Logs with fewer than 8 samples of the motors a second show nothing.
+    by as much. Logs with fewer than 6 samples of the motors a second show nothing.
     """
     motors = signals.motors
     if motors is None:
         return ()
     layout, found = motors.layout, list[MotorAlarm]()
     for boot in np.unique(motors.boot):
-        watch = MotorWatch(layout.names, layout.motors, layout.positions, layout.spins, layout.positions_assumed)
+        place = layout.names, layout.motors, layout.positions, layout.spins
+        watch = MotorWatch(*place, layout.positions_assumed, int(boot))
         rows = motors.boot == boot
         time, commands = motors.time[rows], motors.scale.fraction(motors.outputs[rows])
         flying = np.zeros(len(time), dtype=bool)

@@ -22,6 +22,7 @@ from mavdem.errors import Unreadable
 from mavdem.export.conversion import STREAMS
 from mavdem.extras import MissingExtra, advice
 from mavdem.files import atomic_write
+from mavdem.health.motor_watch import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.link import Link
 from mavdem.live.recording import RawRecording
@@ -266,7 +267,7 @@ def live_command(
                     "ahead": dict(zip(("seconds", "half_width_rad"), status.ahead, strict=True)),
                     "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
                     "obstacle": status.obstacle,
-                    "alarms": [alarm.as_dict() for alarm in status.alarms],
+                    **alarm_figures(status.alarms),
                     "events": list(session.sentences),
                     "rrd": str(rrd) if dashboard.recorded else None,
                     "record": None if recording is None else {"file": str(record), "frames": recording.frames},

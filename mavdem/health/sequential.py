@@ -2,16 +2,17 @@
 
 Every half second the mean commands of the motors, as shares of their own mean, give the balance in roll, pitch and yaw.
 It is compared with that of the flight before, for changes that began one to twenty seconds ago, under hypotheses that
-exclude each other: nothing changed; motor i works harder, by 5 to 80 %, which shows as its signature; a load shifted or
-the wind did, which shows in roll and pitch only; yaw alone changed; all three did, whatever the cause.
+exclude each other: nothing changed; motor i works harder, by 5 to 80 %, which shows as its signature; the steady torque
+in roll and pitch changed, as by a load that shifts or by wind; that in yaw alone did; all three did, of any cause.
 
 Each hypothesis has a Bayes factor against "nothing changed", a mixture over the size of the change. Summed over the
-times at which the change may have begun they are a Shiryaev–Roberts statistic; where it must reach A, the mean time to
-a false alarm is A steps at least (M. Pollak, "Optimal detection of a change in distribution", Annals of Statistics
-1985; with mixtures: J. Shin, A. Ramdas and A. Rinaldo, "E-detectors", New England Journal of Statistics in Data Science
-2024), as far as the noise is as it is taken to be. Which change it is, is decided by the Bayes factors against each
-other, as in S. Dayanik, C. Goulding and H. V. Poor, "Bayesian sequential change diagnosis", Mathematics of Operations
-Research 2008.
+times at which the change may have begun they are a Shiryaev–Roberts statistic. Were the noise known, the mean time to a
+false alarm would be A steps at least where it must reach A (M. Pollak, "Optimal detection of a change in distribution",
+Annals of Statistics 1985; with mixtures: J. Shin, A. Ramdas and A. Rinaldo, "E-detectors", New England Journal of
+Statistics in Data Science 2024). Its variance is estimated here, and the larger of several is taken, so that the ten
+hours that A is set for are a design value and no bound. What was measured is in ``mavdem.health.motor_watch``. Which
+change it is, is decided by the Bayes factors against each other, as in S. Dayanik, C. Goulding and H. V. Poor,
+"Bayesian sequential change diagnosis", Mathematics of Operations Research 2008.
 
 Noise is coloured by the wind and by manoeuvres. Its long-run variance is taken from means over half a second to four
 seconds, before the change and, where that is more, after it: a manoeuvre that begins makes the test wait. The factors
@@ -31,22 +32,24 @@ from mavdem.health.motor_signature import Array, MotorSignatures
 
 BLOCK_SECONDS = 0.5  # Of commands that are averaged: a tenth of what a change may take to be found
 MIN_SAMPLES = 3  # In a block
+MIN_RATE = MIN_SAMPLES / BLOCK_SECONDS  # Hz of the samples
+PRESENT_SHARE = 0.8  # Of the blocks, at least: where more are missing, changes are not judged
 REFERENCE_SECONDS = 8.0  # Before a change, at least
 MEMORY_SECONDS = 60.0  # Over which the reference forgets: wind and battery change, and damage comes at once
 KEPT_SECONDS = 150.0
 WINDOWS = (2, 3, 4, 6, 8, 10, 14, 20, 30, 40)  # Blocks since the change began
 BATCHES = (1, 2, 4, 8)  # Blocks whose mean shows the long-run variance
-HOURS_TO_FALSE_ALARM = 10.0
-SIZES = np.geomspace(0.05, 0.8, 13)  # Of a motor's command, as a share of the mean: how much harder it may work
+HOURS_TO_FALSE_ALARM = 10.0  # By design
+SIZES = np.geomspace(0.05, 0.8, 13)  # Of the rise of a motor's own command, as a share of the mean command
 OTHER_SD = 0.06  # Of a change in roll, pitch or yaw that is no motor's, as a share of the mean command
 PRIOR_SD = 0.006  # Of half a second's balance, before the flight has shown its own; and what that counts for
 PRIOR_BLOCKS = 10.0
 WANDER_SD = 0.003  # Of a balance that nothing changed: no mean is known better
-RARE, RARE_BESIDE_MOTORS = 0.05, 0.1
+OTHERS_BESIDE_LOADS, OTHERS_BESIDE_MOTORS = 0.05, 0.1
 """How often a change that is neither a motor's nor in roll and pitch alone comes, beside those in roll and pitch, and
 beside motors: a load that shifts in wind changes yaw too, and to name a sound motor is the worst that can be said."""
 LASTING_SECONDS = 8.0  # Of a change in roll and pitch alone: a gust is over by then
-CERTAIN = 20.0  # Times as likely as all other causes together: from there on a cause is named
+NAMING_ODDS = 20.0  # Times as likely as all other causes together: from there on a cause is named
 
 
 class BalanceChange(NamedTuple):
@@ -54,8 +57,8 @@ class BalanceChange(NamedTuple):
 
     time: float  # s, when it was found
     since: float  # s, when it began, within a second or two
-    motor: int | None  # that works harder, from 0; None: a load shifted, or the wind did
-    size: float  # how much harder the motor works, as a share of the mean command; or the change in roll and pitch
+    motor: int | None  # that works harder, from 0; None: the steady torque in roll and pitch changed
+    size: float  # rise of the motor's own command, as a share of the mean command; or the change in roll and pitch
     probability: float  # that this and no other change is the cause, by the hypotheses above
 
 
@@ -74,7 +77,8 @@ class BalanceTest:
         if not signatures.names_a_motor:
             raise ValueError("the motors' places and spins are not known, so no motor can be named")
         self._weights = signatures.weights[1:]
-        self._signatures = self._weights.T
+        # (k, a) of a rise of each motor's own command by 1; of six and more motors the neighbours' rise too.
+        self._signatures = self._weights.T / np.diag(signatures.weak_motor_commands)[:, np.newaxis]
         # Which axes a shifted load changes.
         self._flat = np.array([axis != "yaw" for axis in signatures.axes[1:]], dtype=np.float64)
         self._enough = log(HOURS_TO_FALSE_ALARM * 3600 / BLOCK_SECONDS)
@@ -108,6 +112,8 @@ class BalanceTest:
         return self._evidence()
 
     def _evidence(self) -> BalanceChange | None:
+        if len(self._blocks) < PRESENT_SHARE * ((self._times[-1] - self._times[0]) / BLOCK_SECONDS + 1):
+            return None
         windows = np.array([n for n in WINDOWS if len(self._blocks) >= n + REFERENCE_SECONDS / BLOCK_SECONDS], int)
         if not len(windows):
             return None
@@ -122,14 +128,14 @@ class BalanceTest:
         motors = _log_sum(by_window.T) - log(len(by_window))
         others = _log_sum([_log_sum(one) for one in rest])
         best = int(np.argmax(motors))
-        rivals = [*np.delete(motors, best), _log_sum(load), others + log(RARE_BESIDE_MOTORS), 0.0]
+        rivals = [*np.delete(motors, best), _log_sum(load), others + log(OTHERS_BESIDE_MOTORS), 0.0]
         odds = float(motors[best] - _log_sum(rivals))
-        if motors[best] >= self._enough and odds >= log(CERTAIN):
+        if motors[best] >= self._enough and odds >= log(NAMING_ODDS):
             return self._motor(best, changes, windows, int(np.argmax(by_window[best])), odds)
         lasting = windows * BLOCK_SECONDS >= LASTING_SECONDS
         if lasting.any():
-            odds = float(_log_sum(load[lasting]) - _log_sum([*motors, others + log(RARE), 0.0]))
-            if _log_sum(load[lasting]) >= self._enough and odds >= log(CERTAIN):
+            odds = float(_log_sum(load[lasting]) - _log_sum([*motors, others + log(OTHERS_BESIDE_LOADS), 0.0]))
+            if _log_sum(load[lasting]) >= self._enough and odds >= log(NAMING_ODDS):
                 place = int(np.argmax(np.where(lasting, load, -inf)))
                 size = float(np.linalg.norm(changes.moved[place] * self._flat))
                 return self._found(None, int(windows[place]), size, odds)

@@ -78,7 +78,9 @@ class SessionStatus:
         garbage: bytes that belong to no frame.
         senders: each sender kept: system, component, kind, autopilot, frames, lost, flies.
         others: frames of senders that are no longer kept.
-        alarms: lasting changes of the motors' balance so far.
+        alarms: lasting changes of the motors' balance, the latest of all boots; those without a motor are no alarms.
+        alarm_count: number of these so far.
+        alarm: the sentence of the latest alarm on a motor in this boot and this flight; it stays after the landing.
     """
 
     vehicle: str | None = None
@@ -99,11 +101,8 @@ class SessionStatus:
     senders: tuple[dict[str, Any], ...] = ()
     others: int = 0
     alarms: tuple[MotorAlarm, ...] = ()
-
-    @property
-    def alarm(self) -> str:
-        """The latest alarm on a motor; empty without one."""
-        return next((alarm.sentence for alarm in reversed(self.alarms) if alarm.motor is not None), "")
+    alarm_count: int = 0
+    alarm: str = ""
 
     def predicting(self, estimate: Estimate | None) -> SessionStatus:
         """The same with ``ahead`` and ``useful`` of an estimate."""

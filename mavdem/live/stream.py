@@ -38,6 +38,7 @@ REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is
 MAX_REPLIES = 64  # Replies kept until they are fetched
 MIN_JUDGED, CONTRADICTING_SHARE = 64, 0.2  # Messages whose stamps are judged together, and outliers among them
 RATE_CHECK_SAMPLES = 8  # Samples of a stream between two checks of its rate
+ONLY_DEMAND = "The inputs are the demand and not the motors, so that a weak motor would not be seen."
 NO_EVIDENCE = "There is no EXTENDED_SYS_STATE and no vertical speed: motors and flight mode alone show a landing."
 ADVICE = " Ask for more with `--request-rate 100`."
 
@@ -75,8 +76,10 @@ class LiveStream:
         self._drive: Drive | None = None
         self._scale: OutputScale | None = None
         self._watch: MotorWatch | None = None
-        self._watched: MotorGeometry | None = None
+        self._watched: tuple[MotorGeometry, float, float] | None = None  # Balances on two ranges differ
         self._alarms: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
+        self._alarm_count, self._alarm, self._landed = 0, "", False
+        self._unwatched = {""}  # Reasons reported so far
         self._reviewed, self._connected_from, self._known_changes = -inf, inf, -1
         self._boot, self._received, self._said_evidence = 0, 0.0, False
         self._judged, self._judged_from, self._outliers = 0, 0.0, 0  # Messages judged by their stamps since then
@@ -155,6 +158,8 @@ class LiveStream:
             senders=tuple({fact: getattr(one, fact) for fact in facts} for one in self._senders),
             others=self._senders.others,
             alarms=tuple(self._alarms),
+            alarm_count=self._alarm_count,
+            alarm=self._alarm,
         )
 
     def _take(self, frame: LiveFrame, rows: list[AlignedRow]) -> None:
@@ -224,17 +229,27 @@ class LiveStream:
             self._review()
 
     def _watch_motors(self, time: float, drive: Drive, scale: OutputScale) -> None:
-        """Tests a sample of the motors for a lasting change, which is reported."""
-        layout, commands = drive.layout, drive.commands(scale)
-        if not commands:
+        """Tests a sample of the motors for a lasting change, which is reported, as is why none would be seen."""
+        self._landed |= not self._phase.flying
+        if not self._phase.settled(time):
             return
-        if self._watch is None or layout != self._watched:
-            place = layout.names, layout.motors, layout.positions, layout.spins
-            self._watch, self._watched = MotorWatch(*place, layout.positions_assumed), layout
-        alarm = self._watch.take(time, commands, self._phase.settled(time))
-        if alarm is not None:
-            self._alarms.append(alarm)
-            self._report(alarm.sentence)
+        if self._landed:
+            self._alarm, self._landed = "", False
+        layout, obstacle = drive.layout, ONLY_DEMAND if drive.message == DEMAND_MESSAGE else ""
+        if commands := drive.commands(scale):
+            watched = layout, scale.low, scale.high
+            if self._watch is None or watched != self._watched:
+                place = layout.names, layout.motors, layout.positions, layout.spins
+                self._watch, self._watched = MotorWatch(*place, layout.positions_assumed, self._boot), watched
+            alarm, obstacle = self._watch.take(time, commands, True), self._watch.obstacle
+            if alarm is not None:
+                self._alarms.append(alarm)
+                self._alarm_count += 1
+                self._alarm = self._alarm if alarm.motor is None else alarm.sentence
+                self._report(alarm.sentence)
+        if obstacle not in self._unwatched:
+            self._unwatched.add(obstacle)
+            self._report(obstacle)
 
     def _complete(self, samples: SampleBuffer, rows: list[AlignedRow]) -> None:
         """Adds the rows that a new sample completes."""
@@ -376,7 +391,7 @@ class LiveStream:
         self._outputs.restart()
         self._drive = None
         self._phase = LivePhase()
-        self._watch = None
+        self._watch, self._alarm = None, ""
         self._aligner.restart()
         self._reviewed, self._connected_from = -inf, inf
 

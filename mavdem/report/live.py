@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from math import sqrt
 
 from mavdem.evaluate.live_history import HorizonErrors, LiveHistory
+from mavdem.health.motor_watch import FALSE_ALARMS_BASIS
 from mavdem.live.status import ACCOUNT, AHEAD, SessionStatus
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.names import named, readable
@@ -21,6 +22,8 @@ def live_report(
     errors = history.errors()
     blocks: list[Sentence | Table] = [Sentence("", lead=_headline(errors, axis))]
     blocks += [Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in status.alarms]
+    if any(alarm.motor is not None for alarm in status.alarms):
+        blocks.append(Sentence(FALSE_ALARMS_BASIS, "False alarms:"))
     if status.obstacle:
         blocks.append(Sentence(status.obstacle, "At the end:"))
     if errors:

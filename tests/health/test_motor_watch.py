@@ -3,8 +3,9 @@
 import json
 
 import numpy as np
+import pytest
 
-from mavdem.health.motor_watch import MotorWatch
+from mavdem.health.motor_watch import MotorAlarm, MotorWatch, alarm_figures
 from mavdem.ingest.motors import motor_geometry
 
 NAMES = tuple(f"motor {n} ({place})" for n, place in enumerate(("front right", "rear left"), 1)) + (
@@ -44,11 +45,23 @@ def test_it_says_when_the_name_rests_on_an_assumption():
 
 def test_a_shifted_load_blames_no_motor():
     [alarm] = watched(MotorWatch(NAMES, (1, 2, 3, 4), X, SPINS), *broken([0.08, -0.08, 0.0, 0.0]))
-    assert alarm.motor is None and "no motor is to blame" in alarm.sentence and "Alarm" not in alarm.sentence
+    assert alarm.motor is None and "no motor is named" in alarm.sentence and "Alarm" not in alarm.sentence
 
 
-def test_slow_streams_show_nothing():
-    assert not watched(MotorWatch(NAMES, (1, 2, 3, 4), X, SPINS), *broken([0.3, 0.0, 0.0, 0.0], rate=4.0))
+def test_slow_streams_show_nothing_and_why_is_said_until_they_are_fast():
+    watch = MotorWatch(NAMES, (1, 2, 3, 4), X, SPINS)
+    time, commands = broken([0.3, 0.0, 0.0, 0.0], rate=4.0)
+    assert not watched(watch, time, commands) and "6 times a second" in watch.obstacle
+    time, commands = broken([0.0, 0.0, 0.0, 0.0])
+    assert not watched(watch, 100.0 + time, commands) and watch.obstacle == ""
+
+
+def test_json_keeps_alarms_apart_from_changes_that_name_no_motor():
+    named, torque = MotorAlarm(30.0, 28.5, 2, "motor 2", 0.25, 0.98), MotorAlarm(40.0, 30.0, None, "", 0.1, 0.97)
+    found = json.loads(json.dumps(alarm_figures([torque, named])))
+    assert [one["motor"] for one in found["alarms"]] == [2]
+    assert [one["time"] for one in found["torque_changes"]] == [40.0]
+    assert found["false_alarms_per_hour"]["at_most"] == pytest.approx(-np.log(0.05) / 5.55, abs=0.01)
 
 
 def test_what_is_not_settled_is_no_reference_and_no_change():

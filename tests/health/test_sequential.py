@@ -11,6 +11,8 @@ X = np.sqrt(0.5) * np.array([(1, 1), (-1, -1), (1, -1), (-1, 1)])
 HEXA = np.array([(np.cos(at), np.sin(at)) for at in np.radians([90, -90, -30, 150, 30, -150])])
 QUAD = motor_signatures(4, X, (1, 1, -1, -1))
 SIX = motor_signatures(6, HEXA, (-1, 1, -1, 1, 1, -1))
+OCTO = np.array([(np.cos(at), np.sin(at)) for at in np.radians(np.arange(22.5, 360, 45))])
+EIGHT = motor_signatures(8, OCTO, (1, -1) * 4)
 
 
 def coloured(seed, samples, sd, seconds):
@@ -63,6 +65,16 @@ def test_of_six_motors_too(motor):
     assert first.motor == motor and first.time - 100.0 <= BREAKS + 5.0
 
 
+@pytest.mark.parametrize("signatures", [SIX, EIGHT])
+def test_the_size_is_that_of_the_motor_s_own_command_also_where_its_neighbours_help(signatures):
+    time, commands = flight(5, sd=0.003, signatures=signatures)
+    pattern = signatures.weak_motor_commands[0]
+    rise = 0.15 * pattern / pattern[0]
+    [first, *_] = changes(time, commands + after(time, 0.6 * rise), signatures)
+    assert first.motor == 0
+    assert first.size == pytest.approx(0.15 / (1 + rise.mean()), abs=0.03)
+
+
 @pytest.mark.parametrize("shift", [(0.05, 0.0), (0.0, -0.06), (-0.05, 0.05), (0.03, 0.06)])
 def test_a_shifted_load_is_called_that_once_it_has_lasted(shift):
     time, commands = flight(7)
@@ -105,6 +117,13 @@ def test_seconds_before_it_knows_the_flight_are_no_reference():
     time, commands = flight(6, 30.0)
     rise = 0.6 * np.outer(time >= 105.0, 0.2 * np.eye(4)[0])
     assert not changes(time, commands + rise)
+
+
+def test_samples_that_leave_every_second_block_short_show_nothing():
+    """Of 5 Hz: blocks of two and three samples take turns."""
+    time, commands = flight(1)
+    every = slice(None, None, 2)
+    assert not changes(time[every], (commands + after(time, 0.2 * np.eye(4)[0]))[every])
 
 
 def test_no_motor_can_be_named_where_it_is_not_known_how_they_turn():

@@ -1,8 +1,12 @@
 """A motor that weakens in flight: the live path says which, and a log of the same stream says the same."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
-from mavlink_streams import SHARED
+from hover import Hover
+from live_hover import Flight, replay
+from mavlink_streams import SHARED, message
 
 from mavdem.alignment.signals import Signals
 from mavdem.analysis.motor_alarms import motor_alarms
@@ -69,6 +73,55 @@ def test_status_line_and_page_say_it(flown):
     blocks = live_report(LiveHistory(0.25), status, dict.fromkeys(ACCOUNT, 0.0), "roll")
     assert any("motor 3 (front left) works" in str(block) for block in blocks)
     assert not SessionStatus().alarm and "works" not in _status_line(SessionStatus(vehicle="1:1"), "roll")
+
+
+@dataclass(frozen=True)
+class Trimmed(Hover):
+    """Motor 1 is commanded by ``trim`` µs more than the others, and by ``rise`` more from 30 s on."""
+
+    trim: float = 0.0
+    rise: float = 0.0
+
+    def motors(self, t):
+        outputs = super().motors(t)
+        outputs[:, 0] += (outputs[:, 0] > 1000) * (self.trim + self.rise * (t >= 30.0))
+        return outputs
+
+
+def hovering(clock=0.0, rate=20.0, **trims):
+    """Frames of a hover, whose boot clock reads ``clock`` more, from ground to ground."""
+    hover = Trimmed(hovering=35.0, **trims)
+    return Flight(hover, attitude=20.0, motors=rate, clock=clock).frames(end=hover.end)
+
+
+def test_a_range_of_outputs_that_becomes_known_in_flight_is_no_change_of_the_motors():
+    frames = hovering(trim=200.0)
+    limits = {b"MOT_PWM_MIN": 1150.0, b"MOT_PWM_MAX": 1940.0}
+    sent = [(30.0, message("PARAM_VALUE", param_id=name, param_type=9, param_value=at)) for name, at in limits.items()]
+    place = next(number for number, (time, _) in enumerate(frames) if time >= 30.0)
+    assert replay(frames[:place] + sent + frames[place:]).stream.status().alarms == ()
+
+
+def test_an_alarm_is_of_its_flight_and_of_its_boot():
+    weak = hovering(rise=150.0)
+    made = replay(weak)
+    alarm = made.stream.status().alarm
+    assert alarm.startswith("Alarm: motor 1")
+    # Of the flight before, from the next one on.
+    made = replay(hovering(clock=80.0), made.stream)
+    assert made.stream.status().alarm == ""
+    # The clock begins again.
+    replay(weak[:200], made.stream)
+    assert made.stream.status().alarm == ""
+    status = replay(weak[200:], made.stream).stream.status()
+    assert [one.boot for one in status.alarms] == [0, 1] and status.alarm_count == 2
+    assert status.alarm != alarm and "of boot 2" in status.alarm
+
+
+def test_what_keeps_motors_from_being_watched_is_said_once():
+    said = replay(hovering(rise=150.0, rate=5.0)).sentences
+    assert sum("a weak motor would not be seen" in sentence for sentence in said) == 1
+    assert not [sentence for sentence in said if sentence.startswith("Alarm")]
 
 
 @pytest.mark.slow

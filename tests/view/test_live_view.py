@@ -26,6 +26,7 @@ from rerun_file import chunks, layouts, views
 
 import mavdem
 from mavdem.dem import Estimate, LinearModel
+from mavdem.health.motor_watch import MotorAlarm
 from mavdem.live import SessionStatus
 from mavdem.view.live import Channels, LiveView, RecordingFile, Viewer, WebServer, sinks_for
 from mavdem.view.live.figures import figures, status_document
@@ -186,6 +187,16 @@ def test_the_command_is_that_of_the_weights_or_else_every_motor(recording: Path,
     with LiveView(CHANNELS._replace(command=weights), [RecordingFile(path)]) as view:
         view.put(TIME[0], 0, OUTPUTS[0], INPUTS[0])
     np.testing.assert_allclose(drawn(path)["command"][1], [[INPUTS[0] @ weights]])
+
+
+def test_each_alarm_is_marked_once_also_where_the_status_keeps_the_latest_only(monkeypatch) -> None:
+    alarms = [MotorAlarm(at + 2.0, at, 1, "motor 1", 0.2, 0.99) for at in range(5)]
+    marked: list[float] = []
+    with LiveView(CHANNELS, []) as view:
+        monkeypatch.setattr(view, "_log", lambda shown, level, text: marked.append(shown))
+        for count in (1, 3, 3, 4, 5):
+            view.status(SessionStatus(alarms=tuple(alarms[:count][-2:]), alarm_count=count))
+    assert marked == [0, 1, 2, 3, 4]
 
 
 def test_what_is_judged_is_at_the_times_it_is_about(recording: Path) -> None:

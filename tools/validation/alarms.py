@@ -69,7 +69,7 @@ def main(folder: Path, rate: float, flights: int | None, jobs: int, verbose: boo
             chosen = [one for one in done if one.kind == kind and one.number % 2 == half]
             if kind not in (SOUND, SHIFTED) and chosen:
                 click.echo(_faulty(kind, half, chosen, verbose))
-    click.echo("\n| flights | half | number | hours settled | alarms on a motor | remarks on load or wind |")
+    click.echo("\n| flights | half | number | hours settled | alarms on a motor | changes in roll and pitch |")
     click.echo("|---|---|---|---|---|---|")
     for kind in (SOUND, SHIFTED):
         for half in (0, 1):

@@ -113,12 +113,13 @@ class LiveView:
 
     def status(self, status: SessionStatus) -> None:
         """Shows the latest ``status``, once a second."""
-        for alarm in status.alarms[self._marked :]:
+        new = min(status.alarm_count - self._marked, len(status.alarms))
+        for alarm in status.alarms[len(status.alarms) - new :]:
             with self._lock:
                 began = alarm.since + self._timeline.shift
-            what = f"{alarm.name} works harder" if alarm.name else "roll and pitch are balanced otherwise"
+            what = f"{alarm.name} works harder" if alarm.name else "the steady torque in roll and pitch is another"
             self._log(began, "WARN", f"{what} from here on")
-        self._marked = max(self._marked, len(status.alarms))
+        self._marked = status.alarm_count
         for thread in self._threads:
             thread.status = status
 
