@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 from mavdem.comparison.flight_figures import AXIS_ORDER, FlightFigures
-from mavdem.comparison.vehicle_estimates import DAMPING, EFFECT, LAG, SHARE, FlightEstimate, Quantity
+from mavdem.comparison.vehicle_estimates import DAMPING, EFFECT, LAG, MEAN_EFFECT, SHARE, FlightEstimate, Quantity
 
 Flights = Sequence[Sequence[FlightFigures]]
 SIDES = ("A", "B")
 TILT_AXES = [*AXIS_ORDER][:2]
+OF_MODELS = (EFFECT, MEAN_EFFECT, DAMPING, LAG)
+"""Quantities that belong to a model, and with it to its inputs."""
 
 
 def other_kinds(before: Flights, after: Flights) -> str:
@@ -23,7 +25,7 @@ def other_kinds(before: Flights, after: Flights) -> str:
     if all(counts) and counts[0] != counts[1]:
         return f"A has {_spoken(counts[0])} motors and B {_spoken(counts[1])}: these are other vehicles."
     units = [
-        {row.input_unit for flight in flights for row in flight if row.input_unit is not None}
+        {row.trim_unit for flight in flights for row in flight if row.trim_unit is not None}
         for flights in (before, after)
     ]
     frames = [{row.frame for flight in flights for row in flight if row.frame} for flights in (before, after)]
@@ -34,6 +36,16 @@ def other_kinds(before: Flights, after: Flights) -> str:
     return ""
 
 
+def other_inputs(before: Flights, after: Flights) -> str:
+    """Why nothing that belongs to models can be compared: they are driven by other inputs; empty if by the same."""
+    with_model = [row for flights in (before, after) for flight in flights for row in flight if row.effect]
+    if len({row.inputs for row in with_model} - {None}) > 1:
+        return "some models have the motors as inputs and others the controller's demand."
+    if len({row.input_unit for row in with_model} - {None}) > 1:
+        return "the models' inputs have other units."
+    return ""
+
+
 def why_not(
     sides: Sequence[Flights], estimates: Sequence[Sequence[Mapping[Quantity, FlightEstimate]]]
 ) -> list[tuple[str, str]]:
@@ -41,10 +53,13 @@ def why_not(
     if reason := other_kinds(*sides):
         return [("everything", reason)]
     found = []
+    refused = other_inputs(*sides)
+    if refused:
+        found.append(("effects, damping and lag", refused))
     for kind, name in ((SHARE, "motors' shares"), (EFFECT, "motors' effects")):
-        if not _common(estimates, kind, ""):
+        if not (refused and kind in OF_MODELS) and not _common(estimates, kind, ""):
             found.append((name, _reason(kind, sides, estimates, "")))
-    for kind in (DAMPING, LAG):
+    for kind in () if refused else (DAMPING, LAG):
         for axis in TILT_AXES:
             if not _common(estimates, kind, axis):
                 found.append((f"{kind} on {axis}", _reason(kind, sides, estimates, axis)))

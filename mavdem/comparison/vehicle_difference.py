@@ -17,8 +17,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from scipy.stats import t as student
 
-from mavdem.comparison.flight_figures import NAMELESS, OK, FlightFigures, flights_of, vehicles_of
-from mavdem.comparison.incomparable import other_kinds, why_not
+from mavdem.comparison.flight_figures import NAMELESS, OK, FlightFigures, flights_of, is_shared, vehicles_of
+from mavdem.comparison.incomparable import OF_MODELS, other_inputs, other_kinds, why_not
 from mavdem.comparison.vehicle_estimates import (
     DAMPING,
     EFFECT,
@@ -38,9 +38,10 @@ BETWEEN = {SHARE: float(np.linalg.norm(SCATTER)), EFFECT: 0.02, MEAN_EFFECT: 0.1
 Of shares it is what health assumes of the three axes; the others are chosen by tools/validation/vehicle_changes.py."""
 PRIOR_FLIGHTS = 8  # flights that the assumption weighs as many as
 WITHIN_FREEDOM = 20  # degrees of freedom of the intervals of flights
+TYPICAL_LEAN = 0.07  # rad, standard deviation of the difference of roll or pitch where a lean is not known: 4°
 SHARE_PER_LEAN = 0.5  # 1/rad, standard deviation: drag half an arm's length above or below the centre of mass
 RESOLUTION = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.02}
-"""Half widths up to which a quantity that did not change is called the same."""
+"""Differences up to which a quantity is called the same, if its whole interval lies within (an equivalence test)."""
 
 Outcome = Literal["changed", "same", "uncertain"]
 
@@ -55,7 +56,7 @@ class QuantityChange(NamedTuple):
             shares and effects.
         p: probability of a difference as large if nothing changed.
         allowance: standard deviation of what other conditions may do to it, which is in the half width.
-        outcome: "changed", "same", or "uncertain" where the interval is too wide for either.
+        outcome: "changed", "same", or "uncertain" where the interval has both what is called the same and what is not.
     """
 
     quantity: Quantity
@@ -88,6 +89,7 @@ class VehicleDifference(NamedTuple):
 
     Attributes:
         vehicles: names in each state.
+        shared: of these, the names that several vehicles may have.
         motors: their names; empty where not known.
         flights: how many each has.
         changes: quantities known in both, in the order of kinds, motors and axes.
@@ -96,6 +98,7 @@ class VehicleDifference(NamedTuple):
     """
 
     vehicles: tuple[tuple[str, ...], tuple[str, ...]]
+    shared: tuple[str, ...]
     motors: tuple[str, ...]
     flights: tuple[int, int]
     changes: tuple[QuantityChange, ...]
@@ -110,6 +113,7 @@ class VehicleDifference(NamedTuple):
         """Plain JSON values."""
         return {
             "vehicles": [list(names) for names in self.vehicles],
+            "shared": list(self.shared),
             "motors": list(self.motors),
             "flights": list(self.flights),
             "family_error": FAMILY_ERROR,
@@ -148,6 +152,8 @@ def vehicle_difference(before: Sequence[FlightFigures], after: Sequence[FlightFi
     estimates = [[estimates_of(flight) for flight in flights] for flights in sides]
     incomparable = why_not(sides, estimates)
     alike = [] if other_kinds(*sides) else sorted({quantity for one in estimates[0] for quantity in one})
+    if other_inputs(*sides):
+        alike = [quantity for quantity in alike if quantity.kind not in OF_MODELS]
     raws: dict[Quantity, list[_Raw]] = {}
     for quantity in alike:
         known = [[one[quantity] for one in side if quantity in one] for side in estimates]
@@ -159,10 +165,11 @@ def vehicle_difference(before: Sequence[FlightFigures], after: Sequence[FlightFi
         raws.setdefault(merged, []).append(raw)
     judged = [_judged(quantity, _merged(parts)) for quantity, parts in raws.items()]
     changes = sorted(_tested(judged), key=lambda one: (list(BETWEEN).index(one.quantity.kind), one.quantity))
-    names = tuple(tuple(sorted({flight[0].vehicle for flight in flights})) for flights in sides)
+    first, second = (tuple(sorted({flight[0].vehicle for flight in flights})) for flights in sides)
     motors = next((tuple(row.motors) for flights in sides for flight in flights for row in flight if row.motors), ())
     counts = (len(sides[0]), len(sides[1]))
-    return VehicleDifference((names[0], names[1]), motors, counts, tuple(changes), tuple(incomparable), conditions)
+    shared = tuple(sorted({flight[0].vehicle for flights in sides for flight in flights if is_shared([flight])}))
+    return VehicleDifference((first, second), shared, motors, counts, tuple(changes), tuple(incomparable), conditions)
 
 
 class SinceBaseline(NamedTuple):
@@ -261,7 +268,8 @@ def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
     still = True
     for place, one in enumerate(sorted(judged, key=lambda one: one.p)):
         still = still and one.p <= FAMILY_ERROR / (len(judged) - place)
-        same: Outcome = "same" if one.half_width <= RESOLUTION[one.quantity.kind] else "uncertain"
+        within = abs(one.difference) + one.half_width <= RESOLUTION[one.quantity.kind]
+        same: Outcome = "same" if within else "uncertain"
         tested.append(one._replace(outcome="changed" if still else same))
     return tested
 
@@ -271,7 +279,9 @@ def _allowance(kind: str, conditions: tuple[Conditions, Conditions]) -> float:
     one, other = conditions
     if kind == SHARE:
         pairs = (one.lean_roll, other.lean_roll), (one.lean_pitch, other.lean_pitch)
-        return SHARE_PER_LEAN * hypot(*((mine or 0.0) - (yours or 0.0) for mine, yours in pairs))
+        return SHARE_PER_LEAN * hypot(
+            *(TYPICAL_LEAN if mine is None or yours is None else mine - yours for mine, yours in pairs)
+        )
     if kind == MEAN_EFFECT:
         # At the same thrust the effect is proportional to the voltage, with more thrust to the output.
         pairs = (one.voltage, other.voltage), (one.collective, other.collective)

@@ -32,9 +32,10 @@ class FlightRow:
         file: path or URL of the log.
         key: hash of its content and its size, by which a log is known again; empty if it could not be read at all.
         vehicle: its name, by what the log says of its identity; "unknown" where it says nothing.
-        vehicle_basis: what the name is made of, "board" or "accelerometer"; several vehicles may share a "system id".
+        vehicle_basis: what the name is made of: "board", "accelerometer", "compass", or "system id", which several
+            vehicles may share.
         autopilot, frame, firmware: as the log has them.
-        system: MAVLink system id.
+        system, component: MAVLink ids.
         date: when the flight began, UTC; in the table without a zone.
         axis: "roll" or "pitch".
         tier: "a" everything, "b" the slow motion and conditions, "c" conditions only.
@@ -50,8 +51,7 @@ class FlightRow:
         motors: their names.
         spins: +1 counter-clockwise seen from above, -1 clockwise, 0 not known.
         positions: forward and right, in arm lengths.
-        input_unit: of ``trim``, and of the inverse in ``effect``.
-        trim: mean output.
+        trim: mean output, in ``trim_unit``.
         trim_share, trim_share_interval: the mean output as a share of the range, over its mean of all motors.
         headroom: what is left at the 99th percentile, as a share of the range.
         saturated: share of the time at full throttle.
@@ -60,7 +60,9 @@ class FlightRow:
         balance_lean: mean roll and pitch meanwhile, rad.
         lean_effect, lean_effect_error: change of each by roll and by pitch, 1/rad, row after row, and its standard
             error.
-        effect, effect_interval, effect_status: angular acceleration for one unit of the motor's output, rad/s².
+        inputs, input_unit: what the model's inputs are, "motors" or, one for the axis, the controller's "demand", and
+            their unit; without a model those of ``mean_inputs``.
+        effect, effect_interval, effect_status: angular acceleration for one unit of each input, rad/s².
         damping, damping_interval, damping_status: 1/s.
         lag, lag_interval, lag_status: of the motors, s.
         wind_torque_sd, wind_torque_mean, wind_torque_interval: rad/s²; the interval is that of the mean.
@@ -68,12 +70,13 @@ class FlightRow:
         residual_gain_inputs, residual_gain_outputs, residual_offset: the mean angular acceleration that this flight's
             frozen model leaves unexplained in another one, rad/s², is the sum of gains times that flight's means and
             the offset.
-        error_ratio: forecast error over that of the better forecast without a model, on parts held out.
+        error_ratio: squared forecast error over that of the constant mean, on parts held out.
         coverage: share of held-out samples inside the band of 90 %.
-        residual_mean, residual_mean_interval: what the models of the vehicle's healthy flights leave unexplained in
-            this one, in the mean, rad/s².
+        residual_mean: what the models of the vehicle's healthy flights leave unexplained in this one, in the mean,
+            rad/s².
+        residual_mean_interval: how far from 0 that is in 90 % of healthy flights; no interval of this flight's figure.
         health: "ok", "drift", "fault" or "unknown".
-        fault_probability: that a motor or propeller is weak, from 0 to 1.
+        fault_probability: that a motor works 8 % harder or more, whichever it is, from 0 to 1.
         change_probability: that anything changed, from 0 to 1.
         suspect_motor: from 1; the number in the order of ``motors``.
         health_reason: what speaks for it, or what is missing.
@@ -91,6 +94,7 @@ class FlightRow:
     frame: str | None = None
     firmware: str | None = None
     system: int | None = None
+    component: int | None = None
     date: datetime | None = None
     axis: str | None = None
     tier: str | None = None
@@ -111,7 +115,7 @@ class FlightRow:
     motors: tuple[str, ...] | None = None
     spins: tuple[int, ...] | None = None
     positions: Pairs | None = None
-    input_unit: str | None = None
+    trim_unit: str | None = None
     trim: Numbers | None = None
     trim_share: Numbers | None = None
     trim_share_interval: Numbers | None = None
@@ -122,6 +126,8 @@ class FlightRow:
     balance_lean: Numbers | None = None
     lean_effect: Numbers | None = None
     lean_effect_error: Numbers | None = None
+    inputs: str | None = None
+    input_unit: str | None = None
     effect: Numbers | None = None
     effect_interval: Numbers | None = None
     effect_status: str | None = None
@@ -159,9 +165,9 @@ class FlightRow:
             object.__setattr__(self, name, _value(getattr(self, name), kind))
 
     @property
-    def order(self) -> tuple[str, str, str, int, str]:
+    def order(self) -> tuple[str, str, str, int, int, str]:
         """By which rows are sorted: nothing that depends on when they were made."""
-        return self.vehicle, self.file, self.key, self.system or 0, self.axis or ""
+        return self.vehicle, self.file, self.key, self.system or 0, self.component or 0, self.axis or ""
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; the date as ISO 8601."""

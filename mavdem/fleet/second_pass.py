@@ -16,7 +16,7 @@ from mavdem.health.motor_signature import motor_signatures
 from mavdem.health.reference import HealthFigures, healthy_flights
 
 Array = NDArray[np.float64]
-FlightKey = tuple[str, str, int | None]
+FlightKey = tuple[str, str, int | None, int | None]
 
 SHARED_BY_MANY = "system id"  # the basis of a name that several vehicles may have
 FEWEST_MODELS = 3  # of healthy flights, from which their scatter gives an interval
@@ -46,8 +46,8 @@ def with_health(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
     reference = given or list(healthy_flights(list(own.values())))
     names = {flight.name for flight in reference}
     healthy = {_key(row, row.axis): row for row in (*healthy_rows, *flown) if figures[_key(row)].name in names}
-    models = {row.axis: HealthyModels(healthy.values(), row) for row in flown}
-    return [_judged(row, verdicts[_key(row)], models[row.axis]) if row.status == OK else row for row in rows]
+    models = {_kind(row): HealthyModels(healthy.values(), row) for row in flown}
+    return [_judged(row, verdicts[_key(row)], models[_kind(row)]) if row.status == OK else row for row in rows]
 
 
 def _judged(row: FlightRow, found: Assessment, models: HealthyModels) -> FlightRow:
@@ -64,7 +64,12 @@ def _judged(row: FlightRow, found: Assessment, models: HealthyModels) -> FlightR
 
 
 def _key(row: FlightRow, axis: str | None = None) -> FlightKey:
-    return f"{row.key or row.file} {axis or ''}", row.vehicle, row.system
+    return f"{row.key or row.file} {axis or ''}", row.vehicle, row.system, row.component
+
+
+def _kind(row: FlightRow) -> tuple[object, ...]:
+    """What models must have in common to be driven by each other's inputs: motors and the demand are other inputs."""
+    return row.axis, row.motors, row.inputs, row.input_unit
 
 
 def _array(values: Numbers | None, count: int) -> Array:
@@ -87,7 +92,7 @@ def _figures(row: FlightRow) -> HealthFigures:
             row.duration or 0.0,
         )
     return HealthFigures(
-        name=f"{row.file} {row.system}",
+        name=f"{row.file} {row.system} {row.component}",
         motors=motors,
         signatures=motor_signatures(len(motors), row.positions or (), row.spins or ()) if motors else None,
         balance=balance,
@@ -104,18 +109,14 @@ class HealthyModels:
 
     Args:
         healthy: rows of the vehicle.
-        like: a row with the axis and the motors.
+        like: a row with the axis and the inputs.
 
     Attributes:
         interval: half width of the residual mean of a healthy flight, rad/s², by the scatter of these; None of few.
     """
 
     def __init__(self, healthy: Iterable[FlightRow], like: FlightRow) -> None:
-        self._models = [
-            row
-            for row in healthy
-            if row.axis == like.axis and row.motors == like.motors and row.residual_offset is not None
-        ]
+        self._models = [row for row in healthy if _kind(row) == _kind(like) and row.residual_offset is not None]
         left = [residual for row in self._models if (residual := self.residual_mean(row)) is not None]
         self.interval = (
             float(t.ppf(TWO_SIDED, len(left) - 1) * np.sqrt(np.mean(np.square(left))))
@@ -133,6 +134,6 @@ class HealthyModels:
             + float(_array(model.residual_gain_outputs, 2) @ outputs)
             + (model.residual_offset or 0.0)
             for model in self._models
-            if model.key != row.key and model.motors == row.motors
+            if model.key != row.key and _kind(model) == _kind(row)
         ]
         return float(np.mean(residuals)) if residuals else None

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from mavdem.comparison.flight_figures import flown_once, is_shared, vehicles_of
 from mavdem.fleet.row import OK, UNKNOWN, FlightRow
 
 
@@ -15,8 +16,8 @@ class FleetSummary:
     """Counts of flights; a flight has a row for each axis, and counts by its better tier and its worse health.
 
     Attributes:
-        flights: how many.
-        vehicles: how many have a name.
+        flights: how many; one that several logs have counts once, by that of the best tier.
+        vehicles: how many have a name of their own: a system id is none.
         tiers: flights by tier, "a" to "c".
         health: flights by health.
         failed: file and status of each log without a flight.
@@ -38,23 +39,18 @@ HEALTHS = ("fault", "drift", OK, UNKNOWN)  # the worst first
 
 def summarised(rows: Iterable[FlightRow]) -> FleetSummary:
     """The summary of a fleet's rows."""
-    tiers: dict[tuple[str, str, int | None], set[str]] = {}
-    health: dict[tuple[str, str, int | None], set[str]] = {}
-    vehicles: set[str] = set()
-    failed: dict[tuple[str, str], None] = {}
-    for row in rows:
-        if row.status != OK:
-            failed[row.file, row.status] = None
-            continue
-        flight = row.key, row.vehicle, row.system
-        vehicles.add(row.vehicle)
-        tiers.setdefault(flight, set()).update({row.tier} if row.tier else ())
-        health.setdefault(flight, set()).add(row.health)
-    best = Counter(min(found) for found in tiers.values() if found)
-    worst = Counter(next((one for one in HEALTHS if one in found), UNKNOWN) for found in health.values())
+    rows = list(rows)
+    failed = dict.fromkeys((row.file, row.status) for row in rows if row.status != OK)
+    vehicles = vehicles_of(rows)
+    own = {name for name, flights in vehicles.items() if name != UNKNOWN and not is_shared(flights)}
+    flown = [
+        flight for name, flights in vehicles.items() for flight in (flown_once(flights) if name in own else flights)
+    ]
+    best = Counter(min(row.tier for row in flight if row.tier) for flight in flown if any(row.tier for row in flight))
+    worst = Counter(min((row.health for row in flight), key=HEALTHS.index) for flight in flown)
     return FleetSummary(
-        len(tiers),
-        len(vehicles - {UNKNOWN}),
+        len(flown),
+        len(own),
         dict(sorted(best.items())),
         {one: worst[one] for one in HEALTHS if worst[one]},
         tuple(failed),

@@ -59,7 +59,8 @@ def _marks(place: int, flight: Sequence[FlightRow]) -> Iterator[Mark]:
 def _charts(flights: Flights) -> Iterator[LineChart]:
     named = [row for flight in flights for row in flight if row.motors]
     motors = named[-1].motors or () if named else ()
-    units = {row.input_unit for row in named}
+    with_model = [row for flight in flights for row in flight if row.effect or row.damping is not None]
+    kinds = sorted({input_unit(row) for row in with_model})
     angle = readable("rad/s²")
     yield from _if_known(
         "Motor shares (1: all alike)",
@@ -69,25 +70,32 @@ def _charts(flights: Flights) -> Iterator[LineChart]:
         ],
         1.0,
     )
-    if len(units) == 1:
-        per = next(iter(units)) or "unit of input"
+    for per in kinds:
         for axis in AXES:
-            count = max((len(row.effect) for flight in flights for row in flight if row.effect), default=0)
+            count = max((len(row.effect) for row in with_model if row.effect and input_unit(row) == per), default=0)
             names = map(short, motors if count == len(motors) else [f"input {i + 1}" for i in range(count)])
-            reads = [partial(_effect, place, count) for place in range(count)]
+            reads = [partial(_effect, place, count, per) for place in range(count)]
             yield from _if_known(
                 f"Effect on {axis} ({angle.name} per {per})",
                 [_line(name, flights, axis, read, angle.scale) for name, read in zip(names, reads, strict=True)],
             )
-    for title, name, scale, reference in (
-        ("Damping (1/s)", "damping", 1.0, nan),
-        ("Lag of the motors (ms)", "lag", 1e3, nan),
-        (f"Wind's torque, sd ({angle.name})", "wind_torque_sd", angle.scale, nan),
-        (f"Residual mean ({angle.name})", "residual_mean", angle.scale, 0.0),
-        ("Error ratio (1: as without a model)", "error_ratio", 1.0, 1.0),
-    ):
-        lines = [_line(axis, flights, axis, partial(_figure, name), scale) for axis in AXES]
-        yield from _if_known(title, lines, reference)
+        # Damping and lag are the model's: with the demand as its input the lag has the mixer's in it.
+        beside = f", per {per}" if len(kinds) > 1 else ""
+        for title, name, scale in (("Damping (1/s)", "damping", 1.0), ("Lag of the motors (ms)", "lag", 1e3)):
+            lines = [_line(axis, flights, axis, partial(_of_kind, per, name), scale) for axis in AXES]
+            yield from _if_known(f"{title}{beside}", lines)
+    wind = [_line(axis, flights, axis, partial(_figure, "wind_torque_sd"), angle.scale) for axis in AXES]
+    yield from _if_known(f"Wind's torque, sd ({angle.name})", wind)
+    residuals = [_line(axis, flights, axis, partial(_figure, "residual_mean"), angle.scale) for axis in AXES]
+    usual = [_line(f"usual on {axis}", flights, axis, _usual_residual, angle.scale) for axis in AXES]
+    yield from _if_known(f"Residual mean ({angle.name})", [*residuals, *usual], 0.0)
+    ratios = [_line(axis, flights, axis, partial(_figure, "error_ratio")) for axis in AXES]
+    yield from _if_known("Error ratio (1: as the constant mean)", ratios, 1.0)
+
+
+def input_unit(row: FlightRow) -> str:
+    """The unit of the model's inputs in words: an effect is for one of them."""
+    return "unit of demand" if row.inputs == "demand" else row.input_unit or "unit of input"
 
 
 def _if_known(title: str, lines: Sequence[Line], reference: float = nan) -> Iterator[LineChart]:
@@ -116,19 +124,28 @@ def _entry(name: str, place: int, count: int, row: FlightRow) -> tuple[float, fl
     return values[place], nan if half is None else half
 
 
-def _effect(place: int, count: int, row: FlightRow) -> tuple[float, float]:
+def _effect(place: int, count: int, per: str, row: FlightRow) -> tuple[float, float]:
     """The size of a motor's effect, whose sign is only where the motor is."""
-    if row.effect_status == NOT_IDENTIFIABLE:
+    if row.effect_status == NOT_IDENTIFIABLE or input_unit(row) != per:
         return nan, nan
     value, half = _entry("effect", place, count, row)
     return abs(value), half
+
+
+def _of_kind(per: str, name: str, row: FlightRow) -> tuple[float, float]:
+    return _figure(name, row) if input_unit(row) == per else (nan, nan)
+
+
+def _usual_residual(row: FlightRow) -> tuple[float, float]:
+    """The residual mean of healthy flights: about 0, and how far from it."""
+    return (nan, nan) if row.residual_mean_interval is None else (0.0, row.residual_mean_interval)
 
 
 def _figure(name: str, row: FlightRow) -> tuple[float, float]:
     value = getattr(row, name)
     if value is None or getattr(row, f"{name}_status", None) == NOT_IDENTIFIABLE:
         return nan, nan
-    half = getattr(row, f"{name}_interval", None) if name != "wind_torque_sd" else None
+    half = None if name in ("wind_torque_sd", "residual_mean") else getattr(row, f"{name}_interval", None)
     return value, nan if half is None else half
 
 

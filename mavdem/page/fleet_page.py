@@ -8,12 +8,20 @@ from importlib.metadata import version
 from typing import NamedTuple
 
 from mavdem.comparison.flight_figures import flights_of, vehicles_of
-from mavdem.fleet.row import UNKNOWN, FlightRow
+from mavdem.fleet.row import FlightRow
 from mavdem.page.document import environment
 from mavdem.page.fleet_charts import FleetDrawing, vehicle_drawings
 from mavdem.page.fleet_table import NOT_USED, flight_table
 from mavdem.report.blocks import Block
-from mavdem.report.fleets.summary import SEVERITY, TROUBLE, fleet_blocks, vehicle_health, vehicle_words
+from mavdem.report.fleets.summary import (
+    SEVERITY,
+    TROUBLE,
+    fleet_blocks,
+    had_trouble,
+    is_one_vehicle,
+    vehicle_health,
+    vehicle_words,
+)
 
 MIN_FLIGHTS = 2  # of a vehicle whose figures are drawn
 MAX_DRAWN = 60  # vehicles, those in trouble first: a page with more is too large to mail
@@ -28,7 +36,7 @@ class VehiclePart(NamedTuple):
 
     Attributes:
         name, flights: which, and how many it flew.
-        health: the worst of its latest finding: "fault", "drift", "ok" or "unknown".
+        health: what was found in its latest flight that was judged: "fault", "drift", "ok" or "unknown".
         words: what was found, a sentence.
         changes: what changed since the baseline, if one was given.
         drawings: its figures over its flights.
@@ -58,7 +66,7 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     """
     told = dict(changes or {})
     # Flights that do not say whose they are may be those of several vehicles.
-    vehicles = {name: flights for name, flights in vehicles_of(rows).items() if name != UNKNOWN}
+    vehicles = {name: flights for name, flights in vehicles_of(rows).items() if is_one_vehicle(name, flights)}
     ranked = sorted(vehicles, key=lambda name: (SEVERITY.index(vehicle_health(vehicles[name])), name))
     flown_often = [name for name in ranked if len(vehicles[name]) >= MIN_FLIGHTS]
     drawn = set(flown_often[:MAX_DRAWN])
@@ -73,7 +81,7 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
             health in TROUBLE or len(drawn) <= MAX_OPEN,
         )
         for name in ranked
-        if name in drawn or name in told or vehicle_health(vehicles[name]) in TROUBLE
+        if name in drawn or name in told or had_trouble(vehicles[name])
     ]
     header, lines = flight_table([row for flight in _newest_first(rows) for row in flight])
     return (

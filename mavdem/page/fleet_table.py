@@ -9,7 +9,7 @@ from typing import NamedTuple
 from urllib.parse import quote
 
 from mavdem.fleet.row import OK, UNKNOWN, FlightRow
-from mavdem.page.fleet_charts import NOT_IDENTIFIABLE
+from mavdem.page.fleet_charts import NOT_IDENTIFIABLE, input_unit
 from mavdem.report.names import readable
 from mavdem.report.rounding import plus_minus, rounded
 
@@ -82,7 +82,7 @@ def flight_line(row: FlightRow) -> FlightLine:
         _estimate(row.damping, row.damping_interval, row.damping_status),
         _estimate(row.lag, row.lag_interval, row.lag_status, 1e3),
         _number(row.wind_torque_sd, _ANGLE),
-        _estimate(row.residual_mean, row.residual_mean_interval, None, _ANGLE),
+        _residual(row),
         _number(row.error_ratio),
         _cut(" ".join([*([row.health_reason] if row.health_reason and row.health != OK else []), *row.warnings])),
     ]
@@ -110,12 +110,18 @@ def _estimate(value: float | None, half: float | None, status: str | None, scale
     return plus_minus(scale * value, scale * half)
 
 
+def _residual(row: FlightRow) -> str:
+    """The figure, and how large it is in healthy flights."""
+    usual = "" if row.residual_mean_interval is None else f" (usual ±{rounded(_ANGLE * row.residual_mean_interval)})"
+    return "" if row.residual_mean is None else f"{rounded(_ANGLE * row.residual_mean)}{usual}"
+
+
 def _mean_effect(row: FlightRow) -> str:
     """The mean size over the motors, and the unit."""
     if not row.effect or row.effect_status == NOT_IDENTIFIABLE:
         return ""
     mean = _ANGLE * sum(map(abs, row.effect)) / len(row.effect)
-    return f"{rounded(mean, 3)} per {row.input_unit or 'unit'}"
+    return f"{rounded(mean, 3)} per {input_unit(row)}"
 
 
 def _cut(text: str) -> str:

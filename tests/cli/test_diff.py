@@ -82,7 +82,7 @@ def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path
     monkeypatch.setattr("mavdem.fleet.reading.flights.rows_of_log", lambda path, *_: rows[path.name])
     monkeypatch.setattr("mavdem.cli.fleets.diff.rows_of_log", lambda path, *_: rows[path.name], raising=False)
     assert main(["diff", "a.bin", "a.bin"]) == 0
-    assert "Nothing changed beyond its interval." in capsys.readouterr().out
+    assert "Nothing changed beyond chance." in capsys.readouterr().out
     assert main(["diff", "a.bin", "b.bin"]) == 1
     assert "B has no flight with figures. It is empty." in capsys.readouterr().err
 

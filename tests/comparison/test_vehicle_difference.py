@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from fleet_rows import flight_row
 
-from mavdem.comparison.vehicle_difference import BETWEEN, FAMILY_ERROR, vehicle_difference
+from mavdem.comparison.vehicle_difference import BETWEEN, FAMILY_ERROR, RESOLUTION, vehicle_difference
 from mavdem.comparison.vehicle_estimates import EFFECT, MEAN_EFFECT, SHARE, Quantity, estimates_of
 from mavdem.fleet.row import FlightRow
 
@@ -137,13 +137,13 @@ def test_flights_of_other_tiers_are_compared_in_what_both_have():
             "other vehicles",
         ),
         ({"frame": "HEXAROTOR"}, "other vehicles"),
-        ({"input_unit": "µs"}, "other units"),
+        ({"trim_unit": "µs"}, "other units"),
         ({"status": "It is empty."}, "B has no flight"),
     ],
 )
 def test_nothing_is_compared_between_vehicles_of_other_kinds(changed, words):
-    before = [replace(row, frame="QUADROTOR", input_unit="") for row in flight(0)]
-    after = [replace(row, **({"frame": "QUADROTOR", "input_unit": ""} | changed)) for row in flight(1)]
+    before = [replace(row, frame="QUADROTOR", trim_unit="") for row in flight(0)]
+    after = [replace(row, **({"frame": "QUADROTOR", "trim_unit": ""} | changed)) for row in flight(1)]
     found = vehicle_difference(before, after)
     assert not found.changes and words in dict(found.incomparable)["everything"]
 
@@ -166,3 +166,32 @@ def test_shares_without_an_interval_are_not_compared_and_the_reason_is_said():
     found = vehicle_difference(flight(0), short)
     assert SHARE not in {one.quantity.kind for one in found.changes}
     assert "B has too little flight" in dict(found.incomparable)["motors' shares"]
+
+
+@pytest.mark.parametrize(("harder", "outcome"), [(0.0, "same"), (0.05, "uncertain"), (0.3, "changed")])
+def test_the_same_is_said_only_where_the_whole_interval_is_small(harder, outcome):
+    before = flight(0)
+    after = [replace(row, trim_share=tuple(np.array(row.trim_share) * (1 + harder * np.eye(4)[2]))) for row in before]
+    (one,) = [one for one in vehicle_difference(before, after).changes if one.quantity == Quantity(SHARE, 3)]
+    assert one.half_width < RESOLUTION[SHARE] or outcome == "changed"
+    assert one.outcome == outcome
+
+
+def test_models_of_the_demand_are_not_compared_with_models_of_the_motors_but_shares_are():
+    by_motors = [replace(row, inputs="motors", input_unit="µs", trim_unit="µs") for row in flight(0)]
+    by_demand = [
+        replace(row, inputs="demand", input_unit="", trim_unit="µs", effect=(20.0,), effect_interval=(1.0,))
+        for row in flight(1)
+    ]
+    found = vehicle_difference(by_motors, by_demand)
+    assert {one.quantity.kind for one in found.changes} == {SHARE}
+    assert "demand" in dict(found.incomparable)["effects, damping and lag"]
+
+
+def test_a_lean_that_is_not_known_is_no_lean_of_nothing():
+    def width(lean):
+        rows = [replace(row, lean_roll=lean, lean_pitch=lean) for row in flight(1)]
+        found = vehicle_difference(flight(0), rows)
+        return next(one.half_width for one in found.changes if one.quantity == Quantity(SHARE, 1))
+
+    assert width(None) > 1.1 * width(0.0)

@@ -10,11 +10,14 @@ import numpy as np
 import pytest
 
 import mavdem
-from mavdem.analysis import LogAnalysis
+from mavdem.analysis import LogAnalysis, analyse
+from mavdem.condition import identity_of
 from mavdem.errors import Unreadable
+from mavdem.fleet.reading import flights
 from mavdem.fleet.reading.flights import rows_of_log
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.second_pass import HealthyModels, with_health
+from mavdem.health.motor_watch import MotorAlarm
 
 LOGS = Path(__file__).parents[2] / "logs"
 SLOW = LOGS / "ardupilot_default_rates.tlog"
@@ -97,3 +100,43 @@ def test_health_comes_from_the_vehicle_s_healthy_flights(slow_rows):
     found = with_health([*flown, spoilt], flown)
     assert [one.health for one in found[:3]] == ["ok"] * 3
     assert found[3].health in ("fault", "drift") and found[3].fault_probability > found[0].fault_probability
+
+
+def test_a_flight_driven_by_the_demand_has_no_residual_beside_models_of_the_motors():
+    known = [flight(str(number), (1500 + number, 1500 - number)) for number in (-1, 0, 1)]
+    healthy = [replace(row, inputs="motors") for row in known]
+    by_demand = replace(
+        flight("new", (0.1, 0.0)),
+        inputs="demand",
+        mean_inputs=(0.1,),
+        residual_gain_inputs=(-2.0,),
+        residual_offset=0.2,
+    )
+    assert HealthyModels(healthy, healthy[0]).residual_mean(by_demand) is None
+    assert HealthyModels([*healthy, by_demand], healthy[0]).residual_mean(healthy[0]) == pytest.approx(3)
+    assert HealthyModels(healthy, by_demand).interval is None
+
+
+def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkeypatch):
+    log = mavdem.ingest.read_log(SLOW)
+    (sound,) = log.vehicles
+    other = replace(sound, component=7)
+
+    def identity(signals, received):
+        if signals.telemetry is other:
+            raise KeyError("geometry")
+        return identity_of(signals, received)
+
+    monkeypatch.setattr(flights, "identity_of", identity)
+    monkeypatch.setattr(flights, "read_log", lambda _: replace(log, vehicles=(other, sound)))
+    failed, *rows = rows_of_log(SLOW, None, "", "key")
+    assert "KeyError" in failed.status and failed.component == 7
+    assert [row.axis for row in rows] == ["roll", "pitch"] and {row.status for row in rows} == {"ok"}
+
+
+def test_an_alarm_in_flight_is_among_the_warnings(monkeypatch):
+    alarm = MotorAlarm(20.0, 15.0, 2, "motor 2", 0.14, 0.99)
+    load = alarm._replace(motor=None, name="")
+    monkeypatch.setattr(flights, "analyse", lambda *arguments: replace(analyse(*arguments), alarms=(load, alarm)))
+    for row in rows_of_log(SLOW, None, "", "key"):
+        assert row.warnings[0] == alarm.sentence and load.sentence not in row.warnings

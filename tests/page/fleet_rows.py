@@ -23,6 +23,8 @@ def flight_row(vehicle: str, number: int, axis: str = "roll", **changed: object)
         "axis": axis,
         "tier": "a",
         "duration": 60.0 + number,
+        "lean_roll": 0.0,
+        "lean_pitch": 0.0,
         "motors": MOTORS,
         "trim_share": (1.0, 0.98, 1.03, 0.99),
         "trim_share_interval": (0.01,) * 4,

@@ -69,6 +69,16 @@ def test_a_motor_whose_effect_is_not_identifiable_is_not_drawn():
     assert "Effect on" not in fleet_page(rows)
 
 
+def test_effects_per_unit_of_a_motor_and_of_the_demand_are_not_one_line():
+    by_motors = [flight_row("quad", number, inputs="motors", input_unit="µs") for number in range(2)]
+    demand = {"inputs": "demand", "input_unit": "", "effect": (400.0,), "effect_interval": (9.0,)}
+    text = fleet_page([*by_motors, *(flight_row("quad", number, **demand) for number in (2, 3))])
+    titles = re.findall(r"<h3>(.*?)</h3>", text)
+    assert {"Effect on roll (°/s² per µs)", "Effect on roll (°/s² per unit of demand)"} <= set(titles)
+    chart = text.split("<h3>Effect on roll (°/s² per µs)</h3>")[1].split("</figure>")[0]
+    assert [len(line.split()) for line in re.findall(r'<polyline points="([^"]*)"', chart)] == [2] * 4
+
+
 def hostile() -> list[FlightRow]:
     names = {"motors": (HOSTILE,) * 4, "health_reason": HOSTILE, "warnings": (HOSTILE,)}
     rows = [

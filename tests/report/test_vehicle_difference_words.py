@@ -45,8 +45,21 @@ def test_wind_battery_and_lean_are_conditions():
     condition = next(line for line in text.splitlines() if line.startswith("Conditions"))
     assert "battery 16.0 → 14.0 V" in condition and "+11° of roll" in condition
     assert "wind's torque on roll 46 → 229 °/s²" in condition
-    assert "Nothing changed beyond its interval." in text
-    assert "wind's torque on roll the same" in words(flown(0), flown(1))
+    assert "Nothing changed beyond chance." in text
+    allowed = "those of shares for the lean and those of mean effects for battery and mean output"
+    assert f"Intervals that allow for conditions: {allowed}." in condition
+    assert "wind's torque on roll 46 → 46 °/s²" in words(flown(0), flown(1))
+
+
+def test_what_is_not_known_has_its_figures():
+    text = words(flown(0), flown(1, trim_share=(1.0, 0.98, 1.08, 0.99)))
+    unknown = next(line for line in text.splitlines() if line.startswith("Not known:"))
+    assert "motor 3's share +5 % ±" in unknown
+
+
+def test_a_name_that_many_vehicles_have_is_taken_on_trust():
+    flights = [flown(number, "ardupilotmega-1", vehicle_basis="system id") for number in (0, 1)]
+    assert "ardupilotmega-1 is a name by the MAVLink system id, which many vehicles share" in words(*flights)
 
 
 @pytest.mark.parametrize(("vehicle", "said"), [("other", "A is quad and B is other"), ("unknown", "taken on trust")])

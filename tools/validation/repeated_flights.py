@@ -106,6 +106,8 @@ def _rows(flight: RepeatedFlight, log: Log) -> list[FlightRow]:
         "lean_pitch": lean["pitch"].mean if lean else None,
         "tilt_sd": condition.tilt_sd,
         "motors": hover.motors,
+        "trim_unit": hover.unit,
+        "inputs": "motors",
         "input_unit": hover.unit,
         "trim": hover.trim,
         "trim_share": hover.trim_share,

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.alignment.drive import TILT_AXES
+from mavdem.alignment.drive import INPUTS, TILT_AXES
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.evaluate.flight_report import physical_values, wind_values
 from mavdem.fleet.row import FlightRow
 
 REPORT = "report.json"
+MOTORS, DEMAND = INPUTS
 LEARNT_FILES = (REPORT, "model.json")
 
 
@@ -57,6 +58,7 @@ def _of_model(learned: Learned) -> dict[str, Any]:
 
 def _rows(path: Path, report: Mapping[str, Any]) -> list[FlightRow]:
     flight, condition = report.get("flight") or {}, report.get("condition") or {}
+    hover = report.get("hover") or condition.get("hover") or {}
     own = str(report["outputs"][0] if report.get("outputs") else flight.get("axis"))
     axes = report.get("axes") or {}
     # With --axis all there are figures of each axis; those of the model are one of them.
@@ -65,7 +67,8 @@ def _rows(path: Path, report: Mapping[str, Any]) -> list[FlightRow]:
         FlightRow(
             axis=axis,
             **_who(path, report, flight),
-            **_hover(report.get("hover") or condition.get("hover") or {}, condition),
+            **_inputs(report, flight, hover),
+            **_hover(hover, condition),
             **_physical(values.get("physical"), values.get("wind")),
         )
         for axis, values in figures.items()
@@ -78,12 +81,22 @@ def _who(path: Path, report: Mapping[str, Any], flight: Mapping[str, Any]) -> di
         "file": str(flight.get("source") or path),
         "key": str(path),
         "vehicle": identity.get("name") or "unknown",
+        "vehicle_basis": identity.get("basis"),
         "autopilot": flight.get("autopilot"),
         "frame": flight.get("vehicle"),
         "firmware": identity.get("firmware") or None,
         "date": identity.get("date"),
         "tier": report.get("tier") or "a",
-        "motors": report.get("inputs"),
+    }
+
+
+def _inputs(report: Mapping[str, Any], flight: Mapping[str, Any], hover: Mapping[str, Any]) -> dict[str, Any]:
+    """The model's inputs, and the motors, which they need not be."""
+    names: list[str] = list(report.get("inputs") or ())
+    by_demand = len(names) == 1 and names[0].endswith(f" {DEMAND}")
+    return {
+        "motors": hover.get("motors") or (None if by_demand else names or None),
+        "inputs": DEMAND if by_demand else MOTORS,
         "input_unit": (flight.get("scale") or {}).get("unit"),
     }
 
@@ -96,6 +109,7 @@ def _hover(hover: Mapping[str, Any], condition: Mapping[str, Any]) -> dict[str, 
     return {
         "duration": hover["seconds"],
         "collective": float(np.mean(hover["trim_of_range"])),
+        "trim_unit": hover.get("unit"),
         "trim": hover["trim"],
         "trim_share": hover["trim_share"],
         "trim_share_interval": intervals if intervals and None not in intervals else None,

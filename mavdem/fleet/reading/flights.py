@@ -9,18 +9,19 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.alignment.drive import TILT_AXES
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.drive import INPUTS, TILT_AXES
+from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.condition import Condition, condition_of, identity_of
 from mavdem.dem import Learned
 from mavdem.dem.parallel import stay_in_this_process
-from mavdem.errors import NotLearnable
+from mavdem.errors import NotLearnable, Unreadable
 from mavdem.fleet.row import FlightRow
 from mavdem.health.balance import BalanceFigures, balance_of_signals
 from mavdem.ingest import Log, Telemetry, read_log
 
 LEVEL = 0.9  # of all intervals
+MOTORS, DEMAND = INPUTS
 
 WritePage = Callable[[str, Mapping[str, LogAnalysis], Path], None]
 """Called with a log's name, its analyses by axis and the path of the page."""
@@ -40,8 +41,23 @@ def rows_of_log(path: Path, page: WritePage | None, pages: str, key: str) -> lis
     """
     stay_in_this_process()  # others like it have the other cores
     log = read_log(path)
-    rows = [row for one in log.vehicles for row in _rows_of_vehicle(log, one, path, page, Path(pages), key)]
+    rows = [row for one in log.vehicles for row in _rows_or_reason(log, one, path, page, Path(pages), key)]
     return rows or [FlightRow(file=str(path), status="There is no vehicle in it.")]
+
+
+def _rows_or_reason(
+    log: Log, telemetry: Telemetry, path: Path, page: WritePage | None, pages: Path, key: str
+) -> list[FlightRow]:
+    """The rows of a vehicle; where reading it fails unexpectedly one that says so: others in the log keep theirs."""
+    try:
+        return _rows_of_vehicle(log, telemetry, path, page, pages, key)
+    except (MemoryError, OSError, Unreadable):
+        raise  # of the whole log
+    except Exception as error:
+        if len(log.vehicles) == 1:
+            raise
+        status = f"This should not have happened ({type(error).__name__}: {error})."
+        return [FlightRow(file=str(path), system=telemetry.system, component=telemetry.component, status=status)]
 
 
 def _rows_of_vehicle(
@@ -56,6 +72,7 @@ def _rows_of_vehicle(
         vehicle=identity.name,
         vehicle_basis=identity.basis,
         system=identity.system,
+        component=telemetry.component,
         autopilot=identity.autopilot,
         frame=identity.frame,
         firmware=identity.firmware or None,
@@ -76,7 +93,10 @@ def _rows_of_vehicle(
         page(path.name, analyses, pages.parent / written)
     balance = _of_balance(balance_of_signals(signals))
     layout = _of_layout(signals)
-    return [head(axis=axis, page=written, **layout, **balance, **_of_analysis(one)) for axis, one in analyses.items()]
+    return [
+        head(axis=axis, page=written, **layout, **balance, **_of_analysis(one), **_motor_rate(one, signals))
+        for axis, one in analyses.items()
+    ]
 
 
 def _why_nothing(found: LogAnalysis) -> str:
@@ -106,12 +126,14 @@ def _of_condition(condition: Condition) -> dict[str, Any]:
     if (hover := condition.hover) is not None:
         columns |= {
             "motors": hover.motors,
-            "input_unit": hover.unit,
+            "trim_unit": hover.unit,
             "trim": hover.trim,
             "trim_share": hover.trim_share,
             "trim_share_interval": condition.share_interval,
             "headroom": hover.headroom,
             "saturated": hover.at_upper_limit,
+            "inputs": MOTORS,
+            "input_unit": hover.unit,
             "mean_inputs": hover.trim,
         }
     return columns
@@ -143,18 +165,34 @@ def _of_analysis(found: LogAnalysis) -> dict[str, Any]:
         "tier": found.tier.name,
         "tier_reason": found.reason or None,
         "attitude_rate": measured.attitude_rate,
-        "motor_rate": measured.motor_rate,
-        "warnings": found.verdict.cautions if found.learned is None else found.learned.cautions,
+        "warnings": (
+            *(alarm.sentence for alarm in found.alarms if alarm.motor is not None),
+            *(found.verdict.cautions if found.learned is None else found.learned.cautions),
+        ),
     }
     if found.learned is not None:
         columns |= _of_model(found, found.learned)
     return columns
 
 
+def _motor_rate(found: LogAnalysis, signals: Signals) -> dict[str, Any]:
+    """The motors' rate: that of the analysis is the demand's where this drives it."""
+    driven = Signals(signals.telemetry, found.verdict.axis).drive
+    if driven is None or driven.scale.name != DEMAND:
+        return {"motor_rate": found.verdict.figures.motor_rate}
+    return {"motor_rate": None if signals.motors is None else usual_rate(signals.motors) or None}
+
+
 def _of_model(found: LogAnalysis, learned: Learned) -> dict[str, Any]:
     inputs = np.concatenate([flight.inputs for flight in found.flights]).mean(axis=0)
     outputs = np.concatenate([flight.outputs for flight in found.flights]).mean(axis=0)
-    columns: dict[str, Any] = {"mean_inputs": inputs, "mean_outputs": outputs}
+    first = found.flights[0]
+    columns: dict[str, Any] = {
+        "inputs": DEMAND if first.provenance["scale"]["name"] == DEMAND else MOTORS,
+        "input_unit": first.input_units[0],
+        "mean_inputs": inputs,
+        "mean_outputs": outputs,
+    }
     if (held_out := found.held_out) is not None:
         columns |= {"error_ratio": held_out.error_ratio(), "coverage": held_out.coverage}
     if (wind := learned.wind) is not None:

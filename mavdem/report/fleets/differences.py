@@ -20,7 +20,8 @@ from mavdem.report.blocks import Block, Sentence
 from mavdem.report.names import listed, readable, short
 from mavdem.report.rounding import plus_minus, rounded
 
-ALIKE = 1.25  # ratio of winds' torques up to which they are called the same
+ALLOWED = {SHARE: "those of shares for the lean", MEAN_EFFECT: "those of mean effects for battery and mean output"}
+"""Which intervals allow for which conditions."""
 MIN_LEAN, MIN_SHARE = 2.0, 0.02  # degrees, and share of a voltage or output, from which a difference is reported
 
 
@@ -45,7 +46,7 @@ def change_blocks(found: VehicleDifference) -> list[Block]:
     if changed:
         blocks.append(Sentence(f"{'; '.join(_change(one, found) for one in changed)}.", "Changed:"))
     else:
-        blocks.append(Sentence("", "Nothing changed beyond its interval."))
+        blocks.append(Sentence("", "Nothing changed beyond chance."))
     if same:
         blocks.append(Sentence(f"{listed(_grouped(same, found))}.", "The same:"))
     return blocks
@@ -60,9 +61,10 @@ def _incomparable(found: VehicleDifference) -> list[Block]:
 
 
 def _uncertain(found: VehicleDifference) -> list[Block]:
-    """What was compared without a result."""
-    names = _grouped(found.of("uncertain"), found)
-    return [Sentence(f"{listed(names)}: the interval is too wide.", "Not known:")] if names else []
+    """What was compared without a result, with what was found."""
+    changes = [_change(one, found) for one in found.of("uncertain")]
+    text = f"{'; '.join(changes)}: too uncertain to call changed or the same."
+    return [Sentence(text, "Not known:")] if changes else []
 
 
 def baseline_blocks(since: SinceBaseline) -> list[Block]:
@@ -73,7 +75,7 @@ def baseline_blocks(since: SinceBaseline) -> list[Block]:
     name = PurePath(since.file).name
     when = "" if since.date is None else f" ({since.date:%Y-%m-%d})"
     latest = Sentence(f"the latest flight, {name}{when}, beside {_flights(since.found.flights[0])}.", lead)
-    return [latest, *change_blocks(since.found)]
+    return [latest, *change_blocks(since.found), *_uncertain(since.found), *_vehicles(since.found)]
 
 
 def _change(one: QuantityChange, found: VehicleDifference) -> str:
@@ -129,7 +131,9 @@ def _conditions(found: VehicleDifference) -> list[Block]:
     words = [*_battery(one, other), *_lean(one, other), *_wind(one, other)]
     if not words:
         return []
-    allowed = " The intervals allow for it." if any(change.allowance for change in found.changes) else ""
+    kinds = {change.quantity.kind for change in found.changes if change.allowance}
+    covered = [words for kind, words in ALLOWED.items() if kind in kinds]
+    allowed = f" Intervals that allow for conditions: {' and '.join(covered)}." if covered else ""
     return [Sentence(f"{'; '.join(words)}.{allowed}", "Conditions, no change of the vehicle:")]
 
 
@@ -167,10 +171,7 @@ def _wind(one: Conditions, other: Conditions) -> list[str]:
     words = []
     for axis in one.wind_torque.keys() & other.wind_torque.keys():
         before, after = (unit.scale * state.wind_torque[axis] for state in (one, other))
-        if before > 0 and 1 / ALIKE <= after / before <= ALIKE:
-            words.append(f"wind's torque on {axis} the same ({rounded(after)} {unit.name})")
-        else:
-            words.append(f"wind's torque on {axis} {rounded(before)} → {rounded(after)} {unit.name}")
+        words.append(f"wind's torque on {axis} {rounded(before)} → {rounded(after)} {unit.name}")
     return sorted(words, reverse=True)  # roll first
 
 
@@ -182,6 +183,12 @@ def _vehicles(found: VehicleDifference) -> list[Block]:
         ]
     if before and after and set(before) != set(after):
         text = f"A is {listed(before)} and B is {listed(after)}: what differs may be that between two vehicles."
+        return [Sentence(text, "Caution:")]
+    if found.shared:
+        text = (
+            f"{listed(found.shared)} is a name by the MAVLink system id, which many vehicles share; that A and B are "
+            "of one vehicle is taken on trust."
+        )
         return [Sentence(text, "Caution:")]
     return []
 
