@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 import shutil
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
+from itertools import count
 from pathlib import Path
 from typing import BinaryIO
 
@@ -21,6 +23,7 @@ from mavdem.files import atomic_write
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, row_schema
 
 ROW_GROUP = 10_000  # rows that a reader skips at once, by the least and the greatest vehicle's name among them
+SCHEMA = re.compile(r"schema=(\d+)")  # the folder of rows with this version of the columns
 UNFINISHED = ".unfinished"  # the folder of a fleet for files that are being written
 NEEDED_FOR = "Reading and writing the data set of a fleet"
 
@@ -42,18 +45,38 @@ def groups_in(folder: Path) -> list[str]:
 
 
 def set_old_aside(folder: Path) -> None:
-    """Moves rows with another version of the columns from ``flights`` to ``old``, where no reader counts them."""
-    for path in sorted(folder.glob("flights/schema=*")):
-        if path.name != f"schema={SCHEMA_VERSION}":
-            place = folder / "old" / path.name
-            place.parent.mkdir(exist_ok=True)
-            shutil.rmtree(place, ignore_errors=True)
-            path.rename(place)
+    """Moves rows with older columns from ``flights`` to ``old``, where no reader counts them.
+
+    Raises:
+        Unreadable: there are rows with newer columns.
+    """
+    versions = {int(found[1]): path for path in _schemas(folder) if (found := SCHEMA.fullmatch(path.name))}
+    if max(versions, default=0) > SCHEMA_VERSION:
+        raise Unreadable(f"{folder} was written by a newer mavdem: update this one, or name another folder.")
+    for version, path in versions.items():
+        if version != SCHEMA_VERSION:
+            (folder / "old").mkdir(exist_ok=True)
+            names = (path.name if number == 1 else f"{path.name}.{number}" for number in count(1))
+            path.rename(next(place for name in names if not os.path.lexists(place := folder / "old" / name)))
+
+
+def _schemas(folder: Path) -> list[Path]:
+    """The folders of rows, with whatever version of the columns."""
+    return sorted({path.parents[1] for path in folder.glob("flights/schema=*/group=*/flights.parquet")})
+
+
+def check_free(folder: Path) -> None:
+    """Raises ``Unreadable`` where rows would lie among files of somebody else; ``OSError`` where they are not seen."""
+    place = folder / "flights"
+    if is_fleet(folder) or not place.is_dir():
+        return
+    if any(not (path.name.startswith(".") or SCHEMA.fullmatch(path.name)) for path in place.iterdir()):
+        raise Unreadable(f"{place} holds files that are not of a fleet: name another folder.")
 
 
 def is_fleet(folder: Path) -> bool:
     """Whether ``mavdem track`` has written there."""
-    return (folder / "flights").is_dir()
+    return bool(_schemas(folder))
 
 
 def read_rows(folder: Path) -> list[FlightRow]:

@@ -111,5 +111,13 @@ class Journal:
         self.lines.clear()
 
 
+def has_lines(folder: Path) -> bool:
+    """Whether the journal of a folder has anything."""
+    try:
+        return (folder / JOURNAL).stat().st_size > 0
+    except OSError:
+        return False
+
+
 def _entry(values: dict[str, Any]) -> LedgerEntry:
     return LedgerEntry(**values["entry"] | {"groups": tuple(values["entry"]["groups"])})

@@ -92,6 +92,11 @@ class Ledger:
             self._by_key[entry.key] = entry
             self._by_size[size_of(entry.key)].add(entry.key)
 
+    def with_rows_in(self, groups: Iterable[str]) -> Ledger:
+        """Without logs of which rows are in other groups than these, as where a file of the data set was deleted."""
+        there = set(groups)
+        return Ledger(entry for entry in self.by_path.values() if there.issuperset(entry.groups))
+
     def keeps(self, source: Source, outcome: ReadOutcome) -> bool:
         """Whether what it has of a log stays, as this outcome says nothing of the content.
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from mavdem.errors import Unreadable
 from mavdem.extras import require
 from mavdem.fleet.compaction import SecondPass, compact
-from mavdem.fleet.dataset import group_of, is_fleet, read_rows, set_old_aside, write_rows
-from mavdem.fleet.journal import Journal
+from mavdem.fleet.dataset import check_free, group_of, groups_in, is_fleet, read_rows, set_old_aside, write_rows
+from mavdem.fleet.journal import Journal, has_lines
 from mavdem.fleet.ledger import Ledger, entry_of, read_ledger
 from mavdem.fleet.lock import locked
 from mavdem.fleet.reading.crew import Reader
@@ -82,14 +82,16 @@ class FleetTracker:
         if not found.logs and not is_fleet(self.folder):
             raise Unreadable(found.problems[0])
         try:
+            check_free(self.folder)
             self.folder.mkdir(parents=True, exist_ok=True)
             with locked(self.folder):
                 new_baseline = self._set_baseline(baseline, progress)
                 read = self._update(self.folder, found.logs, progress, self._second_pass, self.healthy(), new_baseline)
         except OSError as error:
+            kept = "what was read is kept; " if has_lines(self.folder) else ""
             raise Unreadable(
-                f"{self.folder} cannot be written to ({error.strerror or error}): what was read is kept; once that is "
-                "put right, the same command goes on."
+                f"{self.folder} cannot be written to ({error.strerror or error}): {kept}once that is put right, the "
+                "same command goes on."
             ) from None
         return TrackedLogs(len(found.logs), read, (*found.problems, *self._unread))
 
@@ -136,7 +138,7 @@ class FleetTracker:
         (folder / PAGES).mkdir(exist_ok=True)
         set_old_aside(folder)
         with Journal(folder) as journal:
-            ledger = read_ledger(folder)
+            ledger = read_ledger(folder).with_rows_in(groups_in(folder))
             journal.into(ledger)
             # The largest first: were one the last, the other processes would wait for it.
             new = sorted((log for log in logs if not ledger.knows(log, limits)), key=lambda log: -log.size)

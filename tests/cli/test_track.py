@@ -51,6 +51,12 @@ def test_logs_without_a_flight_are_no_success(tmp_path, capsys):
         (["x.bin", "--out", "--json"], "names no folder"),
         (["x.bin", "--out", "fleet", "--jobs", "2", "--scheduler", "tcp://127.0.0.1:9"], "--jobs"),
         (["x.bin", "--out", "fleet", "--memory-limit", "3"], "--memory-limit"),
+        (["x.bin", "--out", "fleet", "--memory-limit", "99999999999999999999"], "--memory-limit"),
+        (["x.bin", "--out", "fleet", "--time-limit", "nan"], "--time-limit"),
+        (["x.bin", "--out", "fleet", "--time-limit", "inf"], "--time-limit"),
+        (["x.bin", "--out", "fleet", "--scheduler", ""], "'' is no address like tcp://10.0.0.1:8786."),
+        (["x.bin", "--out", "fleet", "--scheduler", "foo"], "'foo' is no address"),
+        (["x.bin", "--out", "fleet", "--scheduler", "tcp://foo:port"], "'tcp://foo:port' is no address"),
     ],
 )
 def test_what_cannot_be_tracked_is_said(tmp_path, monkeypatch, capsys, words, sentence):

@@ -13,7 +13,18 @@ import polars
 import pytest
 
 from mavdem.errors import Unreadable
-from mavdem.fleet.dataset import UNFINISHED, durable_write, group_file, group_of, groups_in, read_rows, write_rows
+from mavdem.fleet.dataset import (
+    UNFINISHED,
+    check_free,
+    durable_write,
+    group_file,
+    group_of,
+    groups_in,
+    is_fleet,
+    read_rows,
+    set_old_aside,
+    write_rows,
+)
 from mavdem.fleet.row import FlightRow, row_schema
 
 FULL = FlightRow(
@@ -112,6 +123,36 @@ def test_duckdb_polars_and_pandas_read_it(tmp_path):
     assert table["trim_share"].to_list() == [[1.04, 0.96]]
     frame = pandas.read_parquet(tmp_path / "flights" / "schema=1")
     assert sorted(frame["file"]) == ["a/flight.tlog", "b.bin"]
+
+
+def test_a_folder_of_somebody_else_is_no_fleet_and_is_not_written_to(tmp_path):
+    (tmp_path / "flights").mkdir()
+    check_free(tmp_path)
+    (tmp_path / "flights" / "schema=3").write_text("a note")
+    set_old_aside(tmp_path)
+    assert not is_fleet(tmp_path) and (tmp_path / "flights" / "schema=3").exists()
+    (tmp_path / "flights" / "monday.bin").touch()
+    with pytest.raises(Unreadable, match="flights holds files that are not of a fleet: name another folder"):
+        check_free(tmp_path)
+    write_rows(tmp_path / "fleet", [FULL])
+    (tmp_path / "fleet" / "flights" / "monday.bin").touch()
+    check_free(tmp_path / "fleet")
+
+
+def test_rows_set_aside_take_no_others_place_and_newer_ones_stay(tmp_path, monkeypatch):
+    monkeypatch.setattr("mavdem.fleet.dataset.SCHEMA_VERSION", 4)
+    for _ in range(3):
+        for version in (3, 4):
+            path = tmp_path / "flights" / f"schema={version}" / "group=g01" / "flights.parquet"
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.touch()
+        set_old_aside(tmp_path)
+    assert sorted(path.name for path in (tmp_path / "old").iterdir()) == ["schema=3", "schema=3.2", "schema=3.3"]
+    assert [path.name for path in (tmp_path / "flights").iterdir()] == ["schema=4"]
+    monkeypatch.setattr("mavdem.fleet.dataset.SCHEMA_VERSION", 3)
+    with pytest.raises(Unreadable, match="was written by a newer mavdem: update this one"):
+        set_old_aside(tmp_path)
+    assert [path.name for path in (tmp_path / "flights").iterdir()] == ["schema=4"]
 
 
 def test_what_is_no_fleet_and_what_is_damaged_is_said_in_one_sentence(tmp_path):

@@ -120,6 +120,32 @@ def test_a_log_that_changed_and_takes_too_long_has_a_row_that_says_so(tmp_path):
     assert statuses(tmp_path / "fleet") == {one.name: "It takes longer than its time limit of 1 s."}
 
 
+@pytest.mark.parametrize("whole", [False, True])
+def test_rows_that_were_deleted_are_read_again(tmp_path, whole):
+    out = tmp_path / "fleet"
+    make_logs(tmp_path / "logs", 2)
+    track(out, tmp_path / "logs")
+    before = files_of(out)
+    damaged = out / min(before)
+    if whole:
+        shutil.rmtree(out / "flights")
+    else:
+        damaged.write_bytes(b"PAR1 and nothing")
+        with pytest.raises(Unreadable, match="delete it, and run `mavdem track` again"):
+            read_rows(out)
+        damaged.unlink()
+    assert track(out, tmp_path / "logs").read == (2 if whole else 1)
+    assert files_of(out) == before
+
+
+def test_nothing_is_said_to_be_kept_where_nothing_was_read(tmp_path):
+    (one,) = make_logs(tmp_path / "logs", 1)
+    (tmp_path / "fleet").mkdir()
+    (tmp_path / "fleet" / "pages").touch()
+    with pytest.raises(Unreadable, match=r"\(File exists\): once that is put right"):
+        track(tmp_path / "fleet", one)
+
+
 RUN = """
 import sys
 from pathlib import Path

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from time import monotonic
+from urllib.parse import urlsplit
 
 import click
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -29,6 +31,7 @@ from mavdem.report.fleets.differences import baseline_blocks
 from mavdem.report.fleets.summary import fleet_blocks
 
 SECONDS_BETWEEN_LINES = 30.0  # of progress, where standard error is no terminal
+MOST_SECONDS, MOST_MEGABYTES = 1_000_000, 1_000_000  # that may be asked for: days, and a terabyte
 INDEX = "index.html"
 PAGE = "mavdem.page.flight_page:write_flight_page"
 """The function that writes a flight's page, as workers call it."""
@@ -42,6 +45,23 @@ def _folder(context: click.Context, parameter: click.Parameter, value: str) -> P
     return Path(value)
 
 
+def _finite(context: click.Context, parameter: click.Parameter, value: float) -> float:
+    if not math.isfinite(value):
+        raise click.BadParameter("it must be a number.", context, parameter)
+    return value
+
+
+def _scheduler(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    try:
+        parts = urlsplit(value or "tcp://of-this-machine:1")
+        is_address = value != "" and bool(parts.scheme and parts.hostname and parts.port)
+    except ValueError:  # the port is none
+        is_address = False
+    if not is_address:
+        raise click.BadParameter(f"{value!r} is no address like tcp://10.0.0.1:8786.", context, parameter)
+    return value
+
+
 @click.command("track")
 @click.argument("logs", nargs=-1, required=True)
 @click.option("--out", required=True, metavar="FLEET", callback=_folder, help="Folder of the fleet; it grows.")
@@ -53,17 +73,20 @@ def _folder(context: click.Context, parameter: click.Parameter, value: str) -> P
     "[default: those of the last run; at first the vehicle's own flights]",
 )
 @click.option("--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]")
-@click.option("--scheduler", metavar="tcp://HOST:PORT", help="Read them on this Dask cluster instead.")
+@click.option(
+    "--scheduler", metavar="tcp://HOST:PORT", callback=_scheduler, help="Read them on this Dask cluster instead."
+)
 @click.option(
     "--time-limit",
-    type=click.FloatRange(1),
+    type=click.FloatRange(1, MOST_SECONDS),
+    callback=_finite,
     default=Limits.seconds,
     show_default=True,
     help="Seconds that one log may take.",
 )
 @click.option(
     "--memory-limit",
-    type=click.IntRange(256),
+    type=click.IntRange(256, MOST_MEGABYTES),
     default=Limits.megabytes,
     show_default=True,
     help="Memory in MB that the reading of one log may take.",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import socket
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
@@ -61,9 +62,12 @@ class Cluster:
         from distributed import Client
 
         try:
+            # Asked first: a client that finds nobody there takes its time, and prints what its parts say.
+            at = urlsplit(self.address)
+            socket.create_connection((at.hostname, at.port), SECONDS_TO_CONNECT).close()
             client = Client(self.address, timeout=SECONDS_TO_CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
         except (OSError, ValueError) as error:
-            reason = str(error).splitlines()[0]
+            reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
             raise Unreadable(f"There is no Dask scheduler at {self.address} ({reason}): check the address.") from None
         with client:
             yield from self._of_batches(client, sources, job_of)
