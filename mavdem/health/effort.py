@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from mavdem.health.explanations import LASTS
+from mavdem.health.explanations import CENTRE_WEIGHTS, CENTRES, LASTS, shift_sizes
 from mavdem.health.reference import FEWEST_FLIGHTS, SCATTER_FREEDOM, HealthFigures
 
 Array = NDArray[np.float64]
@@ -22,8 +22,7 @@ SCATTER = 0.02
 """Standard deviation over healthy flights before any was seen, as a share: air of 3 % more or less density, 5 K of
 battery temperature, still air or 5 m/s of wind each make 1 to 2 %."""
 CHANGED = 0.1  # Probability before any flight that it changed
-SHIFT = 0.1  # Standard deviation of a change, as a share
-SHIFTS = np.linspace(-4 * SHIFT, 4 * SHIFT, 161)
+SHIFT = 0.1  # Scale of a change, as a share
 
 
 class EffortChange(NamedTuple):
@@ -33,7 +32,7 @@ class EffortChange(NamedTuple):
         more: by which share it is greater.
         usual: half the width of an interval of 90 % of healthy flights.
         probability: that it changed.
-        candidates: (S,) the probability of no change, then of each of ``SHIFTS``.
+        candidates: (S,) the probabilities of no change, by the error of the healthy flights' mean, then of changes.
     """
 
     more: float
@@ -55,13 +54,17 @@ def effort_change(
     freedom = SCATTER_FREEDOM + len(efforts) - 1
     centre = efforts.mean()
     spread = ((efforts - centre) ** 2).sum()
-    scale = np.sqrt((SCATTER_FREEDOM * SCATTER**2 + spread) / freedom * (1 + 1 / len(efforts)))
+    scatter = (SCATTER_FREEDOM * SCATTER**2 + spread) / freedom
+    centre_error = np.sqrt(scatter / len(efforts))
     more = float(np.log(flight.effort) - centre)
-    shifted = stats.norm.pdf(SHIFTS, scale=SHIFT)
-    prior = np.append(1 - CHANGED, CHANGED * shifted / shifted.sum())
+    sizes, weights = shift_sizes(SHIFT)
+    prior = np.append((1 - CHANGED) * CENTRE_WEIGHTS / CENTRE_WEIGHTS.sum(), CHANGED * weights)
     if before is not None:
         prior = LASTS * before.candidates + (1 - LASTS) * prior
-    posterior = prior * stats.t.pdf((more - np.append(0.0, SHIFTS)) / scale, freedom)
+    # All flights share the error of the mean: without a change it is a candidate, as in the balance.
+    expected = np.append(CENTRES * centre_error, np.zeros_like(sizes))
+    scale = np.sqrt(scatter + np.append(np.zeros_like(CENTRES), centre_error**2 + sizes**2))
+    posterior = prior * stats.t.pdf((more - expected) / scale, freedom) / scale
     posterior /= posterior.sum()
-    usual = float(stats.t.ppf(0.95, freedom) * scale)
-    return EffortChange(float(np.expm1(more)), usual, float(1 - posterior[0]), posterior)
+    usual = float(stats.t.ppf(0.95, freedom) * np.hypot(np.sqrt(scatter), centre_error))
+    return EffortChange(float(np.expm1(more)), usual, float(posterior[len(CENTRES) :].sum()), posterior)

@@ -24,14 +24,25 @@ LASTS = 0.5  # Probability that what holds in one flight holds in the next: much
 HARDER = 0.15
 """Mean of the exponential prior by how much a weak motor must work harder: what a quarter less thrust takes."""
 SHIFT = 0.05
-"""Standard deviation of a changed balance on an axis: a load moved by 15 mm on arms of 160 mm, an arm twisted by
-1.5°."""
-FAULTY = 0.08  # A motor that must work so much harder, for which it loses an eighth of its thrust, is a fault
+"""Scale of a changed balance on an axis: a load moved by 15 mm on arms of 160 mm, an arm twisted by 1.5°. Changes
+follow Student's distribution of ``SHIFT_FREEDOM``, for none is too large to happen."""
+SHIFT_FREEDOM = 2.0
+YAW_BY_LEAN = 1.0
+"""Yaw by a load that shifted, over its roll or pitch and the lean in rad, as far as the flights' effects of lean leave
+it: wind pulls beside the load."""
+FAULTY = 0.08  # A motor that must work so much harder, for which one of four loses an eighth of its thrust, is a fault
+SEEN = 0.2  # What must show in a flight, or it cannot be called healthy: of four motors, a third less thrust
 RISES = np.linspace(0.0, 1.0, 401)[1:]
-SHIFTS = np.linspace(-4 * SHIFT, 4 * SHIFT, 81)
-SAMPLES = 4000  # Of changes of all axes, drawn once and for all
-CENTRES = 7  # Nodes on each axis for the error of the healthy flights' mean
+MISFIT = 4.0  # Scales on any axis from which a deviation is no motor's
+CENTRES, CENTRE_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)  # For the error of the healthy flights' mean, by axis
 TAIL = 0.05  # Outside each end of an interval of 90 %
+
+
+def shift_sizes(scale: float, freedom: float = SHIFT_FREEDOM) -> tuple[Array, Array]:
+    """Standard deviations whose normal distributions, weighed with the second array, make Student's of this scale."""
+    sizes = scale * np.geomspace(0.4, 40.0, 24)
+    weights = sizes**-freedom * np.exp(-freedom / 2 * (scale / sizes) ** 2)
+    return sizes, weights / weights.sum()
 
 
 class Candidates:
@@ -40,6 +51,7 @@ class Candidates:
     Attributes:
         signatures: of the vehicle's motors.
         change: (S, 3) of roll, pitch and yaw, in shares of the mean command.
+        spread: (S, 3) standard deviation of the change about that.
         centre: (S, 3) error of the healthy flights' mean, in its standard errors: of the candidates without a change.
         prior: (S,), with the sum 1.
         groups: the candidates of each name in ``PRIORS``; those of the motors in the order of motors, then of
@@ -47,33 +59,35 @@ class Candidates:
     """
 
     def __init__(self, signatures: MotorSignatures) -> None:
-        nodes, weights = np.polynomial.hermite_e.hermegauss(CENTRES)
-        spread = stats.norm.pdf(SHIFTS, scale=SHIFT)
-        rises = np.exp(-RISES / HARDER)
-        flat = [(roll, pitch, 0.0) for roll, pitch in product(SHIFTS, SHIFTS)]
-        changes = {
-            "healthy": np.zeros((CENTRES**3, 3)),
-            "motor": (signatures.weak_motor[:, None, 1:] * RISES[:, None]).reshape(-1, 3),
-            "load": np.array(flat),
-            "yaw": SHIFTS[:, None] * np.array([0.0, 0.0, 1.0]),
-            "other": np.random.default_rng(0).normal(scale=SHIFT, size=(SAMPLES, 3)),
+        centres = np.array(list(product(CENTRES, repeat=3)))
+        motors = (signatures.weak_motor[:, None, 1:] * RISES[:, None]).reshape(-1, 3)
+        sizes, weights = shift_sizes(SHIFT)
+        none = np.zeros((len(sizes), 3))
+        changes = {"healthy": np.zeros_like(centres), "motor": motors, "load": none, "yaw": none, "other": none}
+        spreads = {
+            "healthy": np.zeros_like(centres),
+            "motor": np.zeros_like(motors),
+            "load": np.outer(sizes, (1.0, 1.0, 0.0)),
+            "yaw": np.outer(sizes, (0.0, 0.0, 1.0)),
+            "other": np.outer(sizes, (1.0, 1.0, 1.0)),
         }
         likely = {
-            "healthy": np.prod(list(product(weights, repeat=3)), axis=1),
-            "motor": np.tile(rises, len(signatures.weak_motor)),
-            "load": np.outer(spread, spread).ravel(),
-            "yaw": spread,
-            "other": np.ones(SAMPLES),
+            "healthy": np.prod(list(product(CENTRE_WEIGHTS, repeat=3)), axis=1),
+            "motor": np.tile(np.exp(-RISES / HARDER), len(signatures.weak_motor)),
+            "load": weights,
+            "yaw": weights,
+            "other": weights,
         }
         self.signatures = signatures
         self.change = np.concatenate(list(changes.values()))
+        self.spread = np.concatenate(list(spreads.values()))
         self.prior = np.concatenate([PRIORS[name] * each / each.sum() for name, each in likely.items()])
         ends = np.cumsum([len(each) for each in changes.values()])
         self.groups = {
             name: slice(int(end) - len(each), int(end)) for (name, each), end in zip(changes.items(), ends, strict=True)
         }
         self.centre = np.zeros_like(self.change)
-        self.centre[self.groups["healthy"]] = list(product(nodes, repeat=3))
+        self.centre[self.groups["healthy"]] = centres
 
     def after(self, found: Deviation, before: Array | None = None) -> Explanations:
         """What explains a flight's deviation; ``before`` (S,) are the candidates' probabilities after the last."""
@@ -81,11 +95,24 @@ class Candidates:
         # The candidates without a change carry the common error of the mean themselves, and so share it over flights.
         own = np.ones(len(prior), dtype=bool)
         own[self.groups["healthy"]] = False
-        scale = np.sqrt(found.scale**2 + own[:, None] * found.centre_error**2)
+        spread = self.spread.copy()
+        load, motors = self.groups["load"], self.groups["motor"]
+        spread[load, 2] = spread[load, 0] * YAW_BY_LEAN * found.lean
+        scale = np.sqrt(found.scale**2 + own[:, None] * found.centre_error**2 + spread**2)
         away = (found.change - self.change - self.centre * found.centre_error) / scale
         likelihood = (stats.t.logpdf(away, found.freedom) - np.log(scale)).sum(axis=1)
+        likelihood[motors][(np.abs(away[motors]) > MISFIT).any(axis=1)] = -np.inf
         posterior = prior * np.exp(likelihood - likelihood.max())
         return self._summed(posterior / posterior.sum())
+
+    def shown(self, found: Deviation) -> float:
+        """Probability of a change, on average over the motors, where one had to work ``SEEN`` harder in this flight.
+
+        By the scale of the flight's deviation: what can be seen in it, whatever it shows.
+        """
+        rises = SEEN / np.diag(self.signatures.weak_motor_commands)
+        weak = self.signatures.weak_motor[:, 1:] * rises[:, None]
+        return float(np.mean([1 - self.after(found._replace(change=change)).healthy for change in weak]))
 
     def _summed(self, posterior: Array) -> Explanations:
         each = {name: float(posterior[rows].sum()) for name, rows in self.groups.items()}
@@ -93,9 +120,10 @@ class Candidates:
         motors = joint.sum(axis=1)
         # Of more than four motors the weak one's neighbours help it.
         own = np.diag(self.signatures.weak_motor_commands)
-        shares = np.cumsum(joint, axis=1) / motors[:, None]
+        some = np.maximum(motors, np.finfo(np.float64).tiny)
+        shares = np.cumsum(joint, axis=1) / some[:, None]
         low, high = (RISES[(shares < end).sum(axis=1).clip(max=len(RISES) - 1)] for end in (TAIL, 1 - TAIL))
-        harder = np.array([joint @ RISES / motors, low, high]) * own
+        harder = np.array([joint @ RISES / some, low, high]) * own
         faults = np.where(np.outer(own, RISES) >= FAULTY, joint, 0.0).sum(axis=1)
         return Explanations(
             each["healthy"], motors, faults, each["load"], each["yaw"], each["other"], harder, posterior
@@ -129,7 +157,7 @@ class Explanations:
 
     @property
     def fault(self) -> float:
-        """That any motor must work 8 % harder or more."""
+        """That some motor must work 8 % harder or more, for it or its propeller is weak."""
         return float(self.faults.sum())
 
     @property
@@ -139,5 +167,10 @@ class Explanations:
 
     @property
     def suspect(self) -> int:
-        """Which motor is the likeliest to be weak, from 1."""
+        """Which motor is the likeliest to be weak by any amount, from 1."""
         return int(self.motors.argmax()) + 1
+
+    @property
+    def faulty(self) -> int:
+        """Which motor is the likeliest to have to work 8 % harder or more, from 1."""
+        return int(self.faults.argmax()) + 1

@@ -9,10 +9,11 @@ import numpy as np
 
 from mavdem.health.balance import AXES
 from mavdem.health.effort import EffortChange
-from mavdem.health.explanations import Explanations
+from mavdem.health.explanations import SEEN, Explanations
 from mavdem.health.reference import FEWEST_FLIGHTS, Deviation, HealthFigures
 
 USUAL = 1.645  # Standard errors in half an interval of 90 %
+EVEN = 0.5  # Probability of a change from which it is stated as the likelier
 LEANS = np.radians(2.0)  # Difference of lean that is worth a sentence
 
 
@@ -31,21 +32,40 @@ class Compared(NamedTuple):
         return f"{len(self.others)} {named}"
 
 
-def too_few(count: int, chosen: bool) -> str:
-    """Why nothing is said where there are ``count`` other healthy flights."""
-    others = "is 1 other" if count == 1 else f"are {count or 'no'} others"
-    have = f"there {others} of this vehicle"
+def too_few(usable: int, others: int, chosen: bool) -> str:
+    """Why nothing is said where of the ``others`` of the vehicle only some are ``usable`` as healthy flights."""
+    many = "is 1 other" if others == 1 else f"are {others or 'no'} others"
+    have = f"there {many} of this vehicle"
+    if others > usable:
+        date = "" if chosen else "no date, "
+        have += f", {others - usable} with {date}other motors, too little settled flight, or the same flight again"
     remedy = "fly or name more" if chosen else f"name {FEWEST_FLIGHTS} or more with --baseline"
     return f"Not enough healthy flights: {have}, and it takes {FEWEST_FLIGHTS} to show how much they differ; {remedy}."
 
 
-def of_fault(flight: HealthFigures, weighed: Explanations, compared: Compared, named: bool) -> str:
-    """Which motor works too hard, and how sure that is."""
-    motor, harder = _suspect(flight, weighed)
-    which = "" if named else "; which one is not sure"
+def too_unsure(compared: Compared) -> str:
+    """Why a flight that looks healthy is not called so."""
+    away = compared.deviation
+    unsure = ", ".join(
+        f"{axis} ±{100 * USUAL * each:.1f} %"
+        for axis, each in zip(AXES, np.hypot(away.scale, away.centre_error), strict=True)
+    )
     return (
-        f"{motor[0].upper()}{motor[1:]} works {harder} harder than in {compared.reference}: with probability "
-        f"{weighed.motor:.2f} a motor or propeller is weak{which}."
+        f"Health is unknown: a motor that works {100 * SEEN:.0f} % harder would not show beside {compared.reference} "
+        f"({unsure}), for the flight leans too much or is too short, or they differ too much."
+    )
+
+
+def of_fault(flight: HealthFigures, weighed: Explanations, compared: Compared, named: bool) -> str:
+    """Which motor is weak, how sure that is, and how much harder it works if it is."""
+    weak = f"a motor or propeller is weak (probability {weighed.fault:.2f})"
+    if not named:
+        return f"Beside {compared.reference}, {weak}; which one is not sure."
+    motor, harder = _motor(flight, weighed, weighed.faulty)
+    likely = weighed.faults.max()
+    return (
+        f"{motor[0].upper()}{motor[1:]} is weak, or its propeller, with probability {likely:.2f}; if so it works "
+        f"{harder} harder than in {compared.reference}. That any is weak has probability {weighed.fault:.2f}."
     )
 
 
@@ -58,10 +78,12 @@ def of_drift(flight: HealthFigures, weighed: Explanations, compared: Compared, p
         for axis, change, each in zip(AXES, away.change, scale, strict=True)
     )
     sentence = f"With probability {probability:.2f} something changed from {compared.reference}"
+    if away.beyond and probability < EVEN:
+        return f"It is farther from {compared.reference} than 999 healthy flights in 1000 are: {changed}."
     balanced = 1 - weighed.healthy
     if compared.effort is not None and compared.effort.probability > balanced:
         return f"{sentence}, most likely the effort; the balance did with probability {balanced:.2f}."
-    motor, harder = _suspect(flight, weighed)
+    motor, harder = _motor(flight, weighed, weighed.suspect)
     parts = {
         "a load that shifted": weighed.load,
         "yaw alone, by a twisted arm or other propellers": weighed.yaw,
@@ -74,14 +96,13 @@ def of_drift(flight: HealthFigures, weighed: Explanations, compared: Compared, p
 
 def of_none(flight: HealthFigures, weighed: Explanations, compared: Compared, probability: float) -> str:
     """That nothing changed, with the ``probability`` that something did."""
-    return f"All is as in {compared.reference}; with probability {probability:.2f} something changed."
+    return f"No change is seen beside {compared.reference}; probability that something changed {probability:.2f}."
 
 
-def _suspect(flight: HealthFigures, weighed: Explanations) -> tuple[str, str]:
-    """The likeliest motor, and by how much it works harder."""
-    number = weighed.suspect - 1
-    harder, low, high = (100 * float(value) for value in weighed.harder[:, number])
-    return flight.motors[number], f"{harder:.0f} % ({low:.0f} to {high:.0f} %)"
+def _motor(flight: HealthFigures, weighed: Explanations, number: int) -> tuple[str, str]:
+    """The name of a motor, from 1, and by how much it works harder if it is weak."""
+    harder, low, high = (100 * float(value) for value in weighed.harder[:, number - 1])
+    return flight.motors[number - 1], f"{harder:.0f} % ({low:.0f} to {high:.0f} %)"
 
 
 def conditions(flight: HealthFigures, compared: Compared) -> list[str]:

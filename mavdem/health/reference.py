@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import stats
 
 from mavdem.health.balance import BalanceFigures
 from mavdem.health.motor_signature import MotorSignatures
@@ -34,6 +35,9 @@ of mass in roll and pitch; in yaw, and across, a load 5 mm beside it."""
 LEAN_EFFECT_SCATTER, LEAN_EFFECT_FREEDOM = 0.2, 1.0
 """Standard deviation of the same over flights of one vehicle, 1/rad, before any flight, and how many flights that is
 worth: loads differ, and where a vehicle manoeuvres it also leans without wind."""
+
+
+BEYOND = 0.999  # Of healthy flights: one that is farther off than so many is never like them
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +74,18 @@ class HealthFigures:
         return ""
 
     @property
+    def layout(self) -> tuple[tuple[str, ...], bytes]:
+        """The motors' names, places and spins: only flights that agree in them have comparable balances."""
+        return self.motors, b"" if self.signatures is None else self.signatures.weights.round(6).tobytes()
+
+    def overlaps(self, other: HealthFigures) -> bool:
+        """Whether both are one flight, logged twice: a vehicle that began to fly has not landed as the other begins."""
+        if self.date is None or other.date is None or self.balance is None or other.balance is None:
+            return False
+        first = min(self, other, key=lambda flight: flight.date or datetime.max)
+        return abs((self.date - other.date).total_seconds()) < _balance(first).seconds
+
+    @property
     def effort(self) -> float | None:
         """The collective at a battery of 1 V: it grows with the payload, and not as the battery sags."""
         if not self.collective or not self.voltage:
@@ -85,23 +101,42 @@ class Deviation(NamedTuple):
         scale: (3,) by which that of a healthy flight is Student-distributed about the healthy flights' true mean.
         freedom: degrees of freedom of that.
         centre_error: (3,) standard error of the mean of the healthy flights; all flights share it.
+        lean: of the flight, from level, rad.
     """
 
     change: Array
     scale: Array
     freedom: float
     centre_error: Array
+    lean: float = 0.0
+
+    @property
+    def beyond(self) -> bool:
+        """Whether it is farther off on some axis than 999 healthy flights in 1000 are."""
+        far = stats.t.ppf((1 + BEYOND) / 2, self.freedom) * np.hypot(self.scale, self.centre_error)
+        return bool((np.abs(self.change) > far).any())
 
 
 def healthy_flights(flights: Sequence[HealthFigures]) -> tuple[HealthFigures, ...]:
-    """Those a vehicle is compared with where none was chosen: its first three by date; none where dates are missing."""
-    usable = [flight for flight in flights if not flight.missing]
-    dated = sorted(
-        ((flight.date, number) for number, flight in enumerate(usable) if flight.date is not None),
-    )
-    if len(dated) < len(usable):
-        return ()
-    return tuple(usable[number] for _, number in dated[:FIRST_FLIGHTS])
+    """Those a vehicle is compared with where none was chosen: the first three dated ones of each layout of motors."""
+    dated = distinct_flights([flight for flight in flights if flight.date is not None and not flight.missing])
+    first: dict[object, list[HealthFigures]] = {}
+    for flight in sorted(dated, key=lambda flight: flight.date or datetime.max):
+        first.setdefault(flight.layout, []).append(flight)
+    return tuple(flight for each in first.values() for flight in each[:FIRST_FLIGHTS])
+
+
+def distinct_flights(flights: Sequence[HealthFigures]) -> list[HealthFigures]:
+    """Each flight once, though it was logged twice, as on board and on the ground: with the surer balance."""
+    kept: list[HealthFigures] = []
+    for flight in sorted(flights, key=_error):
+        if not any(flight.overlaps(other) for other in kept):
+            kept.append(flight)
+    return [flight for flight in flights if flight in kept]
+
+
+def _error(flight: HealthFigures) -> float:
+    return float("inf") if flight.balance is None else float(np.linalg.norm(flight.balance.error))
 
 
 def deviation(flight: HealthFigures, healthy: Sequence[HealthFigures]) -> Deviation:
@@ -120,7 +155,8 @@ def deviation(flight: HealthFigures, healthy: Sequence[HealthFigures]) -> Deviat
     freedom = SCATTER_FREEDOM + count - 1
     scatter = (SCATTER_FREEDOM * SCATTER**2 + ((level[1:] - centre) ** 2).sum(axis=0)) / freedom
     centre_error = np.sqrt((scatter + error[1:].mean(axis=0)) / count)
-    return Deviation(level[0] - centre, np.sqrt(scatter + error[0]), freedom, centre_error)
+    leaned = float(np.linalg.norm(lean[0]))
+    return Deviation(level[0] - centre, np.sqrt(scatter + error[0]), freedom, centre_error, leaned)
 
 
 def _balance(flight: HealthFigures) -> BalanceFigures:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -95,8 +96,10 @@ def test_flights_of_nobody_known_are_not_compared(slow_rows):
 
 def test_health_comes_from_the_vehicle_s_healthy_flights(slow_rows):
     row = replace(slow_rows[0], vehicle="7", vehicle_basis="board")
-    flown = [replace(row, key=f"{number}", file=f"{number}") for number in range(3)]
-    spoilt = replace(row, key="9", file="9", balance=tuple(np.add(row.balance, (0.08, 0.08, -0.08))))
+    dates = [datetime(2026, 5, day, tzinfo=UTC) for day in (1, 2, 3, 4)]
+    flown = [replace(row, key=f"{number}", file=f"{number}", date=dates[number]) for number in range(3)]
+    balance = tuple(np.add(row.balance, (0.08, 0.08, -0.08)))
+    spoilt = replace(row, key="9", file="9", date=dates[3], balance=balance)
     found = with_health([*flown, spoilt], flown)
     assert [one.health for one in found[:3]] == ["ok"] * 3
     assert found[3].health in ("fault", "drift") and found[3].fault_probability > found[0].fault_probability

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import timedelta
 
 import numpy as np
 import pytest
 from made_up_vehicle import LEAN_EFFECT, MOTORS, QUAD_X, MadeUpVehicle, undated, weak
 
 from mavdem.health.assessment import assess
+from mavdem.health.explanations import Candidates
 from mavdem.health.motor_signature import motor_signatures
-from mavdem.health.reference import deviation
+from mavdem.health.reference import Deviation, deviation
 
 VEHICLES = 40
 
@@ -31,6 +33,38 @@ def test_a_weak_motor_is_found_and_named(motor):
     assert np.mean(covered) > 0.8
     named = next(one for one in found if one.suspect_motor)
     assert named.reason.startswith(f"Motor {motor}")
+    assert "; if so it works" in named.reason
+    assert f"{named.suspect_probability:.2f}" in named.reason
+    assert all((one.suspect_probability or 0.0) <= one.fault_probability for one in found)
+
+
+@pytest.mark.parametrize("axis", [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 0), (1, 0.5, 0.3), (1, 1, 1), (1, -1, 1)])
+def test_a_greater_deviation_is_never_likelier_to_be_healthy(axis):
+    considered, error = Candidates(QUAD_X), np.full(3, 0.006)
+    away = [Deviation(size * np.array(axis), np.full(3, 0.0105), 8.0, error) for size in np.linspace(0.02, 1.0, 60)]
+    changed = np.array([1 - considered.after(each).healthy for each in away])
+    assert np.diff(changed).min() > -1e-6
+    assert changed[-1] > 0.99
+    assert away[-1].beyond
+
+
+@pytest.mark.parametrize("shift", [0.25, 0.5])
+def test_a_large_shifted_load_names_no_motor(shift):
+    found = [judged(seed, np.array((shift, shift, 0.0))) for seed in range(5)]
+    assert {one.health for one in found} == {"drift"}
+    assert all("a load that shifted" in one.reason or "several things" in one.reason for one in found)
+
+
+def test_a_flight_that_could_not_show_a_weak_motor_is_not_ok():
+    vehicle = MadeUpVehicle(1)
+    baseline, flight = vehicle.flights(3), vehicle.flight()
+    assert flight.balance is not None
+    lean = np.radians((20.0, 20.0))
+    mean = flight.balance.mean + LEAN_EFFECT @ (lean - flight.balance.lean)
+    leaning = flight.balance._replace(lean=lean, mean=mean, lean_effect_error=np.full((3, 2), 2.0))
+    (found,) = assess([replace(flight, balance=leaning)], baseline)
+    assert (found.health, found.fault_probability) == ("unknown", None)
+    assert "leans too much" in found.reason
 
 
 def test_healthy_flights_in_other_winds_are_ok():
@@ -99,6 +133,8 @@ def test_without_a_choice_the_first_flights_are_taken_for_healthy_and_that_is_sa
     assert [one.health for one in found] == ["ok", "ok", "ok", "fault", "fault"]
     assert "of the vehicle's first flights, taken for healthy" in found[-1].reason
     assert {one.health for one in assess(undated(flights))} == {"unknown"}
+    mixed = assess([*flights, *undated(vehicle.flights(1))])
+    assert [one.health for one in mixed[:5]] == [one.health for one in found]
 
 
 def test_more_effort_is_a_drift_and_no_fault():
@@ -124,7 +160,21 @@ def test_too_few_healthy_flights_are_said(count):
 def test_flights_of_other_motors_are_no_reference():
     vehicle = MadeUpVehicle(1)
     baseline = [replace(flight, motors=MOTORS[:3]) for flight in vehicle.flights(3)]
-    assert assess([vehicle.flight()], baseline)[0].health == "unknown"
+    found = assess([vehicle.flight()], baseline)[0]
+    assert found.health == "unknown"
+    assert "there are 3 others of this vehicle, 3 with other motors" in found.reason
+    turned = motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)], [-1, -1, 1, 1])
+    other_way = [replace(flight, signatures=turned) for flight in vehicle.flights(3)]
+    assert assess([vehicle.flight()], other_way)[0].health == "unknown"
+
+
+def test_a_flight_that_was_logged_twice_counts_once():
+    vehicle = MadeUpVehicle(1)
+    once, flight = vehicle.flight(), vehicle.flight()
+    assert once.date is not None
+    again = replace(once, name="from the ground", date=once.date + timedelta(seconds=20))
+    assert assess([flight], [once, again])[0].health == "unknown"
+    assert assess([flight], [once, vehicle.flight()])[0].health != "unknown"
 
 
 @pytest.mark.parametrize(
@@ -177,8 +227,6 @@ def test_wind_from_another_side_makes_the_scale_wider_not_the_change_larger():
 
 
 def test_probabilities_of_explanations_sum_to_one():
-    from mavdem.health.explanations import Candidates
-
     vehicle = MadeUpVehicle(9)
     weighed = Candidates(QUAD_X).after(deviation(vehicle.flight(weak(4, 0.1)), vehicle.flights(3)))
     parts = (weighed.healthy, weighed.motor, weighed.load, weighed.yaw, weighed.other)
