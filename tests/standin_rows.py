@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import ctypes
+import os
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
 
+from mavdem.dem.parallel import spare_cores
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import FlightRow
 
@@ -26,6 +29,8 @@ def rows_of_log(path: Path, page: Any, pages: str, key: str) -> list[FlightRow]:
         bytearray(3 << 30)
     if "bug" in name:
         raise KeyError("a fault of mavdem")
+    if "where" in name:
+        return [FlightRow(file=str(path), status=f"{spare_cores()} {os.getpid()} {tempfile.gettempdir()}")]
     if "damaged" in name:
         raise Unreadable(f"{path} is damaged.")
     return [FlightRow(file=str(path), vehicle=f"quad {size % 7}", axis=axis, tier="a") for axis in ("roll", "pitch")]

@@ -9,6 +9,7 @@ from pathlib import Path
 from standin_rows import READ
 
 from mavdem.fleet.dataset import read_rows
+from mavdem.fleet.reading import cluster
 from mavdem.fleet.reading.crew import Crew
 from mavdem.fleet.reading.outcome import Limits
 from mavdem.fleet.tracking import FleetTracker, TrackedLogs
@@ -42,3 +43,8 @@ def statuses(out: Path) -> dict[str, str]:
 def is_process(process: int, path: str) -> bool:
     """Whether this is the process with that number, whatever the path."""
     return os.getpid() == process
+
+
+def waiting_processes() -> int:
+    """How many processes that read logs wait in this worker of a cluster."""
+    return cluster._idle.qsize()

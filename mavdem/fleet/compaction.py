@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from mavdem.fleet.dataset import groups_in, read_group, write_group
+from mavdem.fleet.dataset import digest_of, groups_in, judged_beside, read_group, write_group
 from mavdem.fleet.journal import Journal
 from mavdem.fleet.ledger import Ledger, LedgerEntry, identity, read_ledger, write_ledger
 from mavdem.fleet.reading.sources import is_url
@@ -18,9 +18,7 @@ SecondPass = Callable[[Sequence[FlightRow], Sequence[FlightRow]], Sequence[Fligh
 """From all rows of one vehicle, and those of its baseline, to the same rows with their health."""
 
 
-def compact(
-    folder: Path, journal: Journal, second_pass: SecondPass, baseline: Sequence[FlightRow], all_groups: bool = False
-) -> None:
+def compact(folder: Path, journal: Journal, second_pass: SecondPass, baseline: Sequence[FlightRow]) -> None:
     """Brings the data set up to date, and empties the journal.
 
     Interrupted at any moment it can be done again: what it makes follows from the data set and the journal, and the
@@ -30,8 +28,7 @@ def compact(
         folder: of the fleet.
         journal: of that folder.
         second_pass: what judges a vehicle's flights.
-        baseline: rows of healthy flights.
-        all_groups: judges every vehicle anew, as when the baseline has changed.
+        baseline: rows of healthy flights; what was judged beside others is judged anew.
 
     Raises:
         OSError: the data set cannot be written, for want of space, say.
@@ -47,7 +44,9 @@ def compact(
     changed = journal.lines.keys() | gone | {one for one in names if names_before.get(one) != names[one]}
     touched = {group for one in changed for group in (*groups.get(one, ()), *groups_before.get(one, ()))}
     lines = journal.lines_by_group()
-    for group in sorted({*touched, *(groups_in(folder) if all_groups else ())}):
+    digest = digest_of(baseline)
+    touched |= {group for group in groups_in(folder) if judged_beside(folder, group) != digest}
+    for group in sorted(touched):
         read_anew = list(journal.rows(lines.get(group, ()), group))
         kept = [
             row
@@ -55,7 +54,7 @@ def compact(
             if (own := identity(row.key, row.file)) not in gone and own not in journal.lines
         ]
         rows = [replace(row, file=names.get(identity(row.key, row.file), row.file)) for row in (*kept, *read_anew)]
-        write_group(folder, group, judged(rows, second_pass, baseline))
+        write_group(folder, group, judged(rows, second_pass, baseline), digest)
     write_ledger(folder, after)
     journal.clear()
 

@@ -25,6 +25,7 @@ from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, row_schema
 ROW_GROUP = 10_000  # rows that a reader skips at once, by the least and the greatest vehicle's name among them
 SCHEMA = re.compile(r"schema=(\d+)")  # the folder of rows with this version of the columns
 UNFINISHED = ".unfinished"  # the folder of a fleet for files that are being written
+JUDGED_BESIDE = b"mavdem_baseline"  # in a file's metadata: which baseline its rows were judged beside
 NEEDED_FOR = "Reading and writing the data set of a fleet"
 
 
@@ -122,8 +123,18 @@ def write_rows(folder: Path, rows: Iterable[FlightRow]) -> None:
         write_group(folder, group, by_group.get(group, []))
 
 
-def write_group(folder: Path, group: str, rows: Iterable[FlightRow]) -> None:
-    """Replaces one group's file whole; without rows it is removed. Raises ``OSError`` where it cannot be written."""
+def write_group(folder: Path, group: str, rows: Iterable[FlightRow], baseline: str = "") -> None:
+    """Replaces one group's file whole; without rows it is removed.
+
+    Args:
+        folder: of the fleet.
+        group: whose file it is.
+        rows: all of the group.
+        baseline: the digest of the baseline that they were judged beside.
+
+    Raises:
+        OSError: the file cannot be written.
+    """
     require(NEEDED_FOR, "fleet")
     import pyarrow
     from pyarrow import parquet
@@ -133,13 +144,32 @@ def write_group(folder: Path, group: str, rows: Iterable[FlightRow]) -> None:
     if not ordered:
         path.unlink(missing_ok=True)
         return
-    names = row_schema().names
-    columns = {name: [getattr(row, name) for row in ordered] for name in names}
+    schema = row_schema()
+    schema = schema.with_metadata({**schema.metadata, JUDGED_BESIDE: baseline.encode()})
+    columns = {name: [getattr(row, name) for row in ordered] for name in schema.names}
     columns["date"] = [None if date is None else date.replace(tzinfo=None) for date in columns["date"]]
-    table = pyarrow.Table.from_pydict(columns, row_schema())
+    table = pyarrow.Table.from_pydict(columns, schema)
     path.parent.mkdir(parents=True, exist_ok=True)
     with durable_write(path, folder) as file:
         parquet.write_table(table, file, row_group_size=ROW_GROUP, compression="zstd")
+
+
+def judged_beside(folder: Path, group: str) -> str:
+    """The digest of the baseline that a group's rows were judged beside; empty if there was none."""
+    import pyarrow
+    from pyarrow import parquet
+
+    try:
+        metadata = parquet.read_schema(group_file(folder, group)).metadata or {}
+    except (pyarrow.ArrowException, OSError):  # whoever reads its rows says so
+        return ""
+    return str(metadata.get(JUDGED_BESIDE, b"").decode())
+
+
+def digest_of(rows: Iterable[FlightRow]) -> str:
+    """The same for the same rows in any order; empty for none."""
+    lines = [repr(row) for row in sorted(rows, key=lambda row: row.order)]
+    return hashlib.sha256("\n".join(lines).encode()).hexdigest() if lines else ""
 
 
 @contextmanager

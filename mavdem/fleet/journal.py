@@ -14,13 +14,15 @@ from typing import Any
 
 from mavdem.fleet.dataset import group_of
 from mavdem.fleet.ledger import Ledger, LedgerEntry
-from mavdem.fleet.row import FlightRow
+from mavdem.fleet.row import SCHEMA_VERSION, FlightRow
 
 JOURNAL = "journal.jsonl"
 
 
 class Journal:
-    """The journal of a fleet's folder, which must be there; a line that a crash cut off is dropped.
+    """The journal of a fleet's folder, which must be there.
+
+    A line that a crash cut off is dropped, as are those of another version of the columns.
 
     Attributes:
         entries: of the logs in it, by path, the last of each.
@@ -41,11 +43,11 @@ class Journal:
                     has_rows = values["rows"] is not None
                 except (ValueError, TypeError, KeyError):
                     break
-                if not line.endswith(b"\n"):
+                if not line.endswith(b"\n") or entry.schema != SCHEMA_VERSION:
                     break
                 self._note(entry, has_rows, whole)
                 whole += len(line)
-        # What a damaged line held, and those after it, is read again.
+        # What such a line held, and those after it, is read again.
         os.ftruncate(self._file, whole)
 
     def __enter__(self) -> Journal:

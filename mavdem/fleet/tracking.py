@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from mavdem.errors import Unreadable
 from mavdem.extras import require
 from mavdem.fleet.compaction import SecondPass, compact
-from mavdem.fleet.dataset import check_free, group_of, groups_in, is_fleet, read_rows, set_old_aside, write_rows
+from mavdem.fleet.dataset import check_free, group_of, groups_in, is_fleet, read_rows, set_old_aside, write_group
 from mavdem.fleet.journal import Journal, has_lines
 from mavdem.fleet.ledger import Ledger, entry_of, read_ledger
 from mavdem.fleet.lock import locked
@@ -85,8 +85,9 @@ class FleetTracker:
             check_free(self.folder)
             self.folder.mkdir(parents=True, exist_ok=True)
             with locked(self.folder):
-                new_baseline = self._set_baseline(baseline, progress)
-                read = self._update(self.folder, found.logs, progress, self._second_pass, self.healthy(), new_baseline)
+                if baseline:
+                    self._set_baseline(baseline, progress)
+                read = self._update(self.folder, found.logs, progress, self._second_pass, self.healthy())
         except OSError as error:
             kept = "what was read is kept; " if has_lines(self.folder) else ""
             raise Unreadable(
@@ -96,15 +97,21 @@ class FleetTracker:
         return TrackedLogs(len(found.logs), read, (*found.problems, *self._unread))
 
     def healthy(self) -> list[FlightRow]:
-        """The rows of the baseline; none if there is none."""
-        place = self.folder / BASELINE
-        return read_rows(place) if is_fleet(place) else []
+        """The rows of the baseline; none if there is none.
 
-    def _set_baseline(self, names: Sequence[str], progress: Progress) -> bool:
-        """Takes rows of healthy flights over; returns whether they are others than before."""
-        if not names:
-            return False
-        before = self.healthy()
+        Raises:
+            Unreadable: it was written by a version of mavdem with other columns, or is damaged.
+        """
+        place = self.folder / BASELINE
+        rows = read_rows(place) if is_fleet(place) else []
+        if not rows and is_fleet(place):
+            raise Unreadable(
+                f"{place} has the columns of another version of mavdem: name the healthy flights again with --baseline."
+            )
+        return rows
+
+    def _set_baseline(self, names: Sequence[str], progress: Progress) -> None:
+        """Takes rows of healthy flights over, in place of those before."""
         place = self.folder / BASELINE
         if len(names) == 1 and is_fleet(Path(names[0])):
             chosen = read_rows(Path(names[0]))
@@ -121,8 +128,12 @@ class FleetTracker:
         if not any(row.status == OK for row in chosen):
             why = f"{chosen[0].file}: {chosen[0].status}" if chosen else "its logs cannot be read"
             raise Unreadable(f"--baseline holds no flight ({why}): name logs of healthy flights.")
-        write_rows(place, chosen)
-        return self.healthy() != before
+        set_old_aside(place)
+        # In one file, so that a run that is killed here leaves the one baseline or the other.
+        write_group(place, BASELINE, chosen)
+        for group in groups_in(place):
+            if group != BASELINE:
+                write_group(place, group, ())
 
     def _update(
         self,
@@ -131,7 +142,6 @@ class FleetTracker:
         progress: Progress,
         second_pass: SecondPass,
         healthy: Sequence[FlightRow] = (),
-        all_groups: bool = False,
     ) -> int:
         """Reads what is new into a folder's data set; returns how many logs that were."""
         limits = self._reader.limits
@@ -149,20 +159,33 @@ class FleetTracker:
                 return Job(source.path, known, self._page, pages)
 
             progress(0, len(new))
-            for number, (source, outcome) in enumerate(self._reader.outcomes(new, job_of), 1):
+            for number, (source, outcome) in enumerate(_outcomes(self._reader, new, job_of), 1):
                 if ledger.keeps(source, outcome):
                     why = outcome.rows[0].status
                     self._unread.append(f"{source.path} cannot be read now: what is known of it is kept. {why}")
                 else:
                     _note(journal, ledger, source, outcome, self._reader)
                 progress(number, len(new))
-            compact(folder, journal, second_pass, healthy, all_groups)
+            compact(folder, journal, second_pass, healthy)
         return len(new)
 
 
 def as_they_are(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
     """No second pass: of healthy flights, which are what others are judged by."""
     return rows
+
+
+def _outcomes(
+    reader: Reader, logs: Sequence[Source], job_of: Callable[[Source], Job]
+) -> Iterator[tuple[Source, ReadOutcome]]:
+    """Those of the reader, whose own trouble is none of the fleet's folder."""
+    try:
+        yield from reader.outcomes(logs, job_of)
+    except OSError as error:
+        raise Unreadable(
+            f"Logs cannot be read any further ({error.strerror or error}): what was read is kept; once that is put "
+            "right, the same command goes on."
+        ) from None
 
 
 def _note(journal: Journal, ledger: Ledger, source: Source, outcome: ReadOutcome, reader: Reader) -> None:

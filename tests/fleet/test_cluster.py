@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from distributed import LocalCluster
 from standin_rows import READ
-from tracked_logs import LIMITS, files_of, is_process, make_logs, statuses, track
+from tracked_logs import LIMITS, files_of, is_process, make_logs, statuses, track, waiting_processes
 
 from mavdem.errors import Unreadable
 from mavdem.fleet.dataset import read_rows
@@ -50,6 +50,8 @@ def test_a_killed_worker_loses_nothing(tmp_path, two_workers):
     tracker = FleetTracker(tmp_path / "there", Cluster(two_workers.scheduler_address, LIMITS, READ))
     done = tracker.track([str(tmp_path / "logs")], progress=kill_one)
     assert done.read == 25 and killed
+    with two_workers.get_client() as client:
+        assert set(client.run(waiting_processes).values()) == {0}
     assert files_of(tmp_path / "there") == files_of(tmp_path / "here") and len(read_rows(tmp_path / "here")) == 49
     assert set(statuses(tmp_path / "there")) == {"crash_0.bin"}
 

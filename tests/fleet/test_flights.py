@@ -13,6 +13,7 @@ import pytest
 import mavdem
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.condition import identity_of
+from mavdem.dem import parallel
 from mavdem.errors import Unreadable
 from mavdem.fleet.reading import flights
 from mavdem.fleet.reading.flights import rows_of_log
@@ -38,6 +39,12 @@ def test_a_slow_log_gives_what_it_holds_and_says_why_no_more(slow_rows):
         assert row.duration == pytest.approx(hover.seconds) and row.attitude_rate == pytest.approx(4, abs=0.2)
         assert row.lean_roll == pytest.approx(np.radians(hover.roll))
         assert len(row.positions) == len(row.spins) == len(row.motors) == 4
+
+
+def test_a_log_read_in_the_user_s_process_leaves_it_as_it_was(monkeypatch):
+    monkeypatch.setattr(parallel, "_alone", False)
+    rows_of_log(SLOW, None, "", "key")
+    assert not parallel._alone
 
 
 def test_a_page_is_written_once_for_a_vehicle(tmp_path):

@@ -52,6 +52,11 @@ def test_a_file_is_taken_whatever_it_holds_and_each_log_once(folder):
     assert names(folder / "**" / "*.bin", apart_from=folder / "results") == ["a.bin"]
 
 
+def test_a_pattern_names_files_where_nothing_is_left_out(folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    assert names("*.bin") == ["a.bin"] and names("**/*.bin") == ["a.bin", "e.bin"]
+
+
 def test_a_folder_that_is_its_own_part_is_read_once(folder):
     before = names(folder)
     os.symlink(folder, folder / "below" / "up")

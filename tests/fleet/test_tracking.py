@@ -8,20 +8,24 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from standin_rows import READ
 from tracked_logs import LIMITS, files_of, make_logs, statuses, track
 
 from mavdem.errors import Unreadable
+from mavdem.fleet import compaction
 from mavdem.fleet.dataset import read_rows
-from mavdem.fleet.journal import JOURNAL
-from mavdem.fleet.ledger import read_ledger
+from mavdem.fleet.journal import JOURNAL, Journal
+from mavdem.fleet.ledger import entry_of, read_ledger
 from mavdem.fleet.lock import locked
 from mavdem.fleet.reading.crew import Crew
-from mavdem.fleet.reading.outcome import Limits
+from mavdem.fleet.reading.outcome import Limits, ReadOutcome
+from mavdem.fleet.reading.sources import Source
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.tracking import FleetTracker
 
@@ -185,13 +189,11 @@ def test_a_compaction_that_was_cut_off_is_done_again(tmp_path, monkeypatch):
     track(tmp_path / "whole", tmp_path / "logs")
     written = []
 
-    def write_group(folder: Path, group: str, rows: Sequence[FlightRow]) -> None:
+    def write_group(folder: Path, group: str, rows: Sequence[FlightRow], baseline: str) -> None:
         if len(written) == 2:
             raise OSError(28, "No space left on device")
         written.append(group)
-        original(folder, group, rows)
-
-    from mavdem.fleet import compaction
+        original(folder, group, rows, baseline)
 
     original = compaction.write_group
     monkeypatch.setattr(compaction, "write_group", write_group)
@@ -243,3 +245,73 @@ def test_a_baseline_is_kept_apart_and_stays_until_another_is_given(tmp_path):
     assert dict(seen) != first and set(dict(seen)) == set(first)
     with pytest.raises(Unreadable, match="--baseline"):
         tracker.track([str(tmp_path / "flown")], [str(tmp_path / "nothing")])
+
+
+def beside(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
+    return [replace(row, health_reason=" ".join(sorted({Path(one.file).name for one in baseline}))) for row in rows]
+
+
+def test_a_new_baseline_judges_all_vehicles_also_where_the_first_run_with_it_was_cut_off(tmp_path, monkeypatch):
+    one, other = make_logs(tmp_path / "healthy", 2)
+    make_logs(tmp_path / "flown", 8)
+    flown = [str(tmp_path / "flown")]
+
+    def tracker(name: str) -> FleetTracker:
+        return FleetTracker(tmp_path / name, Crew(1, LIMITS, READ), second_pass=beside)
+
+    tracker("whole").track(flown, [str(other)])
+    tracker("fleet").track(flown, [str(one)])
+    written = []
+
+    def write_group(folder: Path, *arguments: Any) -> None:
+        if folder == tmp_path / "fleet":
+            if written:
+                raise KeyboardInterrupt
+            written.append(folder)
+        original(folder, *arguments)
+
+    original = compaction.write_group
+    with monkeypatch.context() as cut_off, pytest.raises(KeyboardInterrupt):
+        cut_off.setattr(compaction, "write_group", write_group)
+        tracker("fleet").track(flown, [str(other)])
+    assert written and files_of(tmp_path / "fleet") != files_of(tmp_path / "whole")
+    tracker("fleet").track(flown)
+    assert files_of(tmp_path / "fleet") == files_of(tmp_path / "whole")
+    assert {row.health_reason for row in read_rows(tmp_path / "fleet")} == {"", other.name}
+
+
+def test_a_baseline_of_another_schema_is_no_empty_one(tmp_path, monkeypatch):
+    healthy, *_ = make_logs(tmp_path / "logs", 2)
+    tracker = FleetTracker(tmp_path / "fleet", Crew(1, LIMITS, READ))
+    tracker.track([str(tmp_path / "logs")], [str(healthy)])
+    for module in ("row", "dataset", "ledger", "journal"):
+        monkeypatch.setattr(f"mavdem.fleet.{module}.SCHEMA_VERSION", 99)
+    with pytest.raises(Unreadable, match="name the healthy flights again with --baseline"):
+        tracker.track([str(tmp_path / "logs")])
+    assert tracker.track([str(tmp_path / "logs")], [str(healthy)]).read == 2
+    assert {row.file for row in tracker.healthy()} == {str(healthy)}
+
+
+class ReaderInTrouble:
+    limits = LIMITS
+
+    def outcomes(self, *_: object) -> Iterator[Any]:
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+        yield
+
+
+def test_trouble_of_the_reader_is_not_blamed_on_the_folder(tmp_path):
+    make_logs(tmp_path / "logs", 1)
+    with pytest.raises(Unreadable, match=r"^Logs cannot be read any further .Resource temporarily unavailable"):
+        FleetTracker(tmp_path / "fleet", ReaderInTrouble()).track([str(tmp_path / "logs")])
+
+
+def test_a_journal_of_another_schema_is_read_again(tmp_path, monkeypatch):
+    outcome = ReadOutcome("read", (FlightRow(file="a.bin", key="00-1"),), "00-1")
+    with Journal(tmp_path) as journal:
+        journal.append(entry_of(Source("a.bin", 1, "now"), outcome, ["g00"], LIMITS), outcome.rows)
+    with Journal(tmp_path) as journal:
+        assert list(journal.entries) == ["a.bin"]
+    monkeypatch.setattr("mavdem.fleet.journal.SCHEMA_VERSION", 99)
+    with Journal(tmp_path) as journal:
+        assert not journal.entries and not journal.lines and journal.path.stat().st_size == 0

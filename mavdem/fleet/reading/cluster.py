@@ -71,6 +71,8 @@ class Cluster:
             raise Unreadable(f"There is no Dask scheduler at {self.address} ({reason}): check the address.") from None
         with client:
             yield from self._of_batches(client, sources, job_of)
+            # Not where the run breaks off: who asks a cluster that has gone waits for it.
+            client.run(stop_idle, on_error="ignore")
 
     def _of_batches(
         self, client: Any, sources: Sequence[Source], job_of: Callable[[Source], Job]
@@ -144,8 +146,15 @@ def _take(limits: Limits, read: str) -> LimitedWorker:
             known_limits, known_read, worker = _idle.get_nowait()
             if (known_limits, known_read) == (limits, read):
                 return worker
-            worker.stop()
+            worker.close()
     return LimitedWorker(limits, read)
+
+
+def stop_idle() -> None:
+    """In a worker of the cluster: ends the processes that wait for a batch; another run's are started again."""
+    with suppress(Empty):
+        while True:
+            _idle.get_nowait()[-1].close()
 
 
 def versions() -> tuple[str, int, str]:

@@ -7,7 +7,7 @@ from queue import SimpleQueue
 from threading import Lock, Thread
 from typing import Protocol
 
-from mavdem.fleet.reading.limited_worker import LimitedWorker
+from mavdem.fleet.reading.limited_worker import SECONDS_TO_END, LimitedWorker
 from mavdem.fleet.reading.outcome import READ_LOG, Job, Limits, ReadOutcome
 from mavdem.fleet.reading.sources import Source
 
@@ -55,10 +55,11 @@ class Crew:
             except Exception as error:
                 done.put(error)
             finally:
-                worker.stop()
+                worker.close()
 
-        for worker in workers:
-            Thread(target=work, args=(worker,), daemon=True).start()
+        threads = [Thread(target=work, args=(worker,), daemon=True) for worker in workers]
+        for thread in threads:
+            thread.start()
         try:
             for _ in sources:
                 found = done.get()
@@ -68,3 +69,5 @@ class Crew:
         finally:
             for worker in workers:
                 worker.stop()
+            for thread in threads:
+                thread.join(SECONDS_TO_END)

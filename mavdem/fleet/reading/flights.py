@@ -14,7 +14,6 @@ from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.condition import Condition, condition_of, identity_of
 from mavdem.dem import Learned
-from mavdem.dem.parallel import stay_in_this_process
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.fleet.row import FlightRow
 from mavdem.health.balance import BalanceFigures, balance_of_signals
@@ -39,7 +38,6 @@ def rows_of_log(path: Path, page: WritePage | None, pages: str, key: str) -> lis
     Raises:
         Unreadable: the log cannot be read.
     """
-    stay_in_this_process()  # others like it have the other cores
     log = read_log(path)
     rows = [row for one in log.vehicles for row in _rows_or_reason(log, one, path, page, Path(pages), key)]
     return rows or [FlightRow(file=str(path), status="There is no vehicle in it.")]

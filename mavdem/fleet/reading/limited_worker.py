@@ -17,6 +17,7 @@ from mavdem.errors import Unreadable
 from mavdem.fleet.reading.outcome import READ_LOG, READY, Job, Limits, ReadOutcome, failed
 
 SECONDS_TO_START = 120.0
+SECONDS_TO_END = 10.0  # of a process that was killed
 ATTEMPTS = 2
 """How often a log is read whose reading killed the process: something else may have killed it once."""
 
@@ -53,12 +54,20 @@ class LimitedWorker:
         return outcome if outcome.seconds else replace(outcome, seconds=time.perf_counter() - began)
 
     def stop(self) -> None:
-        """Kills the process, also while another thread waits for its answer: then the log counts as not read."""
+        """Kills the process, also while another thread waits for its answer: then the log counts as not read.
+
+        What is left of the process is removed by :meth:`close`, in the thread that reads.
+        """
         self._stopped = True
         process = self._process
         if process is not None:
             with suppress(ProcessLookupError, PermissionError):
                 os.killpg(process.pid, signal.SIGKILL)
+
+    def close(self) -> None:
+        """Ends the process, and removes what it leaves."""
+        self.stop()
+        self._end()
 
     def _attempt(self, job: Job) -> ReadOutcome:
         process = self._running()
@@ -85,22 +94,33 @@ class LimitedWorker:
             raise Unreadable("The run has ended.")
         threads = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
         self._received = b""
-        self._scratch = TemporaryDirectory(prefix="mavdem-", ignore_cleanup_errors=True)
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "mavdem.fleet.reading.worker", str(self.limits.megabytes), self._read],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=None if os.environ.get("MAVDEM_TRACEBACK") else subprocess.DEVNULL,
-            # It finds what this process finds; and Ctrl-C reaches this process only, which decides what it means.
-            env={
-                **os.environ,
-                **threads,
-                "MPLBACKEND": "agg",
-                "TMPDIR": self._scratch.name,
-                "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
-            },
-            start_new_session=True,
-        )
+        limit, module = str(self.limits.megabytes), "mavdem.fleet.reading.worker"
+        try:
+            self._scratch = TemporaryDirectory(prefix="mavdem-", ignore_cleanup_errors=True)
+            self._process = subprocess.Popen(
+                [sys.executable, "-P", "-m", module, limit, self._read, self._scratch.name],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=None if os.environ.get("MAVDEM_TRACEBACK") else subprocess.DEVNULL,
+                # It finds what this process finds; and Ctrl-C reaches this process only, which decides what it means.
+                env={
+                    **os.environ,
+                    **threads,
+                    "MPLBACKEND": "agg",
+                    "TMPDIR": self._scratch.name,
+                    "PYTHONPATH": os.pathsep.join(filter(None, sys.path)),
+                },
+                start_new_session=True,
+            )
+        except OSError as error:
+            if self._scratch is not None:
+                self._scratch.cleanup()
+            raise Unreadable(
+                f"No process that reads logs can be started ({error.strerror or error}): what was read is kept; once "
+                "that is put right, the same command goes on."
+            ) from None
+        if self._stopped:  # meanwhile, when there was nothing to kill
+            self.stop()
         if self._line(SECONDS_TO_START) != READY.encode() and not self._stopped:
             cause = self._cause()
             self._end()
@@ -139,7 +159,9 @@ class LimitedWorker:
             process.wait(0.2 if process.poll() is None and not self._stopped else 0)
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(process.pid, signal.SIGKILL)
-        code = process.wait()
+        code = None
+        with suppress(subprocess.TimeoutExpired):  # it waits for a disk that does not answer
+            code = process.wait(SECONDS_TO_END)
         for pipe in (process.stdin, process.stdout):
             if pipe is not None:
                 with suppress(OSError):

@@ -82,7 +82,8 @@ def _here(name: str, left_out: str) -> Iterator[Source]:
     else:
         for path in sorted(glob.iglob(name, recursive=True)):
             # What a pattern names is taken as if it were named, but `**` also names the folders.
-            if not os.path.isdir(path) and not os.path.realpath(path).startswith(left_out + os.sep * bool(left_out)):
+            is_left_out = bool(left_out) and os.path.realpath(path).startswith(left_out + os.sep)
+            if not os.path.isdir(path) and not is_left_out:
                 yield local_source(os.path.abspath(path))
 
 

@@ -1,7 +1,8 @@
-"""The process that reads logs, one after the other: ``… -m mavdem.fleet.reading.worker MEGABYTES MODULE:FUNCTION``.
+"""The process that reads logs: ``… -m mavdem.fleet.reading.worker MEGABYTES MODULE:FUNCTION SCRATCH``.
 
-Jobs come as lines of JSON on standard input, and an outcome goes back for each. It ends when its input does. What a log
-does to it, a hang or a crash, is the matter of :mod:`mavdem.fleet.reading.limited_worker`, which started it.
+Jobs come as lines of JSON on standard input, and an outcome goes back for each, one after the other. It ends when its
+input does, and then removes SCRATCH, the folder for its temporary files. What a log does to it, a hang or a crash, is
+the matter of :mod:`mavdem.fleet.reading.limited_worker`, which started it.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import json
 import os
 import resource
+import shutil
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -22,6 +24,7 @@ from threading import Thread
 from typing import Any
 from urllib.parse import urlsplit
 
+from mavdem.dem.parallel import stay_in_this_process
 from mavdem.errors import Unreadable
 from mavdem.fleet.reading.outcome import MEGABYTE, READY, Job, ReadOutcome, content_key, failed
 from mavdem.fleet.reading.sources import fetch, is_url
@@ -36,9 +39,10 @@ def main() -> None:
     answers = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)  # what a library prints is no answer
     jobs: SimpleQueue[str] = SimpleQueue()
-    megabytes, read = int(sys.argv[1]), named(sys.argv[2])
+    megabytes, read, scratch = int(sys.argv[1]), named(sys.argv[2]), sys.argv[3]
     limit_memory(megabytes)
-    Thread(target=_receive, args=(jobs,), daemon=True).start()
+    stay_in_this_process()  # others like it have the other cores
+    Thread(target=_receive, args=(jobs, scratch), daemon=True).start()
     answers.write(f"{READY}\n")
     answers.flush()
     while True:
@@ -48,10 +52,11 @@ def main() -> None:
         answers.flush()
 
 
-def _receive(jobs: SimpleQueue[str]) -> None:
+def _receive(jobs: SimpleQueue[str], scratch: str) -> None:
     for line in sys.stdin:
         jobs.put(line)
     # Whoever asked is gone, also where that was killed: nobody waits for an answer.
+    shutil.rmtree(scratch, ignore_errors=True)
     os._exit(0)
 
 
