@@ -57,7 +57,7 @@ class _Commands(click.Group):
         click.Command("learn", help="Learns a linear model, and reports what the vehicle does in wind."),
         click.Command("compare", help="Compares DEM with other methods, window by window."),
         click.Command("order", help="Finds the model order (number of states) by the free energy."),
-        click.Command("diff", help="Reports what changed of a vehicle between two flights, or two fleets."),
+        click.Command("diff", help="Reports what changed of a vehicle between A and B, and what stayed the same."),
         click.Command("track", help="Keeps a table of many flights: tiers, figures and health of each vehicle."),
         click.Command("live", help="Attaches to a link and learns while the vehicle flies."),
         click.Command("convert", help="Converts a log to another file format."),
