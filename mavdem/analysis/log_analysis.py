@@ -18,7 +18,7 @@ from mavdem.analysis.slow_motion import CAUTION as SLOW_MOTION
 from mavdem.analysis.slow_motion import objection
 from mavdem.analysis.training_data import TooFewSamples, cut, flown_after, judged, of_one_boot
 from mavdem.condition import Condition, Identity, condition_of, identity_of
-from mavdem.condition.tier import Tier, tier_of
+from mavdem.condition.inventory import Tier, tier_of
 from mavdem.dem import Learned, Settings, learn
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.findings import Finding, findings, limited_by

@@ -31,7 +31,7 @@ from mavdem.dem.settings import CompleteSettings
 from mavdem.dem.smoothness import SmoothnessEstimate
 from mavdem.dem.uncertainty import Direction, SandwichCovariance
 from mavdem.dem.validation import LEVEL, json_values, require_probability
-from mavdem.downstream import LearnedDownstream
+from mavdem.errors import LearnedDownstream
 
 may_overflow = np.errstate(over="ignore", invalid="ignore")
 """Forecasts of an unstable model, or with huge inputs, overflow to infinity or NaN without a warning."""

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import learnable_segments
-from mavdem.alignment.trim import HoverFigures, hover_of_log
+from mavdem.condition.hover import HoverFigures, hover_of_log
 from mavdem.dem import Physical, WindTorque, physical
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mavdem.alignment.trim import HoverFigures
 from mavdem.analysis import LogAnalysis
+from mavdem.condition.hover import HoverFigures
 from mavdem.dem import Learned, Physical
 from mavdem.dem.closed_loop.response import LoopPole
 from mavdem.dem.validation import LEVEL

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isfinite
 
-from mavdem.alignment.trim import HoverFigures
+from mavdem.condition.hover import HoverFigures
 from mavdem.dem import Physical, WindTorque
 from mavdem.dem.graybox.identifiability import CHANGED
 from mavdem.dem.validation import LEVEL

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mavdem.ingest.mavlink.stream import FrameStream
+from mavdem.ingest.mavlink.vehicles import FrameStream
 from sitl_scenarios.mavlink.batch import joined
 from sitl_scenarios.mavlink.link import LossyLink
 from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.mavlink.compose import FrameSender, composed_frames
+from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, DISARMED, INFO
 from sitl_scenarios.mavlink.batch import Batch, joined
 from sitl_scenarios.mavlink.messages import MessageWriter, Payloads, named, payload

@@ -11,7 +11,7 @@ from simulated import simulated
 import mavdem
 from mavdem.analysis import LogAnalysis
 from mavdem.condition import Condition, Identity
-from mavdem.condition.tier import Tier
+from mavdem.condition.inventory import Tier
 from mavdem.evaluate import held_out_test
 from mavdem.evaluate.findings import findings
 from mavdem.evaluate.vehicle_figures import VehicleFigures

@@ -10,7 +10,7 @@ import pytest
 from simulated import simulated
 
 import mavdem
-from mavdem.alignment.trim import hover_figures
+from mavdem.condition.hover import hover_figures
 from mavdem.dem.closed_loop.response import ClosedLoopResponse, LoopPole
 from mavdem.dem.graybox import DetectedGust
 from mavdem.dem.graybox.parameters import Physical

@@ -16,8 +16,8 @@ from random import Random
 import click
 import numpy as np
 
-from mavdem.ingest.mavlink.checksum import frame_checksum
 from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions
+from mavdem.ingest.mavlink.framing import frame_checksum
 
 PERIOD_STEPS = {
     "ATTITUDE": 1,
