@@ -29,7 +29,7 @@ from mavdem.dem.record import Record
 from mavdem.dem.validation import LEVEL
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LAST, PREDICTION, HeldOut
-from mavdem.evaluate.squared_error import error_over, mspe
+from mavdem.evaluate.scores import error_over, mspe
 from mavdem.evaluate.truth import TruthComparison
 from mavdem.flight import Flight
 from mavdem.health.motor_watch import MotorAlarm, alarm_figures
