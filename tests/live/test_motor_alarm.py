@@ -18,7 +18,7 @@ from mavdem.ingest.tlog import write_tlog
 from mavdem.live import LiveStream, SessionStatus
 from mavdem.live.status import ACCOUNT
 from mavdem.report.live import live_report
-from sitl_scenarios.mavlink.recorded import recorded
+from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.scenario import DrydenWind, Scenario, StreamSpec, VehicleSpec
 from sitl_scenarios.simulation import CYCLES, fly
 
