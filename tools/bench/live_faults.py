@@ -26,10 +26,10 @@ import mavdem
 from mavdem.dem import Learned, Settings
 from mavdem.flight import Flight
 from mavdem.live import LiveStream
+from mavdem.live.history import ACCOUNT
 from mavdem.live.link import Link
 from mavdem.live.recording import RawRecording
 from mavdem.live.session import LiveSession
-from mavdem.live.status import ACCOUNT
 from mavdem.paper.flights import logged
 from sitl_scenarios.files import load
 from sitl_scenarios.mavlink.live import Ground, fly_live
