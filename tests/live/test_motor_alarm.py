@@ -9,7 +9,7 @@ from live_hover import Flight, replay
 from mavlink_streams import SHARED, message
 
 from mavdem.alignment.signals import Signals
-from mavdem.analysis.motor_alarms import motor_alarms
+from mavdem.analysis.analysis import motor_alarms
 from mavdem.cli.live import _status_line
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
