@@ -336,10 +336,14 @@ class LiveSession:
         if setup is None or record.inputs.shape[1] != len(setup.layout.names):
             return learned
         names, units = zip(*axis_outputs(self.stream.axis), strict=True)
-        inputs = setup.layout.names
-        called = {"input_names": inputs, "output_names": names}
-        measured = {"input_units": (setup.scale.unit,) * len(inputs), "output_units": units}
-        return replace(learned, record=replace(record, **called, **measured))
+        record = replace(
+            record,
+            input_names=setup.layout.names,
+            output_names=names,
+            input_units=(setup.scale.unit,) * len(setup.layout.names),
+            output_units=units,
+        )
+        return replace(learned, record=record)
 
     def _open_display(self, setup: Setup) -> None:
         """Shows the rows of a setup; a display that fails is not used again, and nothing else ends."""

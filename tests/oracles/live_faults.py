@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from mavdem.dem import Learned, Settings
 from mavdem.flight import Flight
 from mavdem.live import LiveStream
-from mavdem.live.history import ACCOUNT
 from mavdem.live.link import Link
 from mavdem.live.session import LiveSession
 from mavdem.paper.flights import logged
