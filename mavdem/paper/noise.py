@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from mavdem.dem import learn
 from mavdem.evaluate import Noise, analyse_noise, process_noise
-from mavdem.evaluate.flight_windows import Window
+from mavdem.evaluate.windows import Window
 from mavdem.paper.checks import Check
 from mavdem.paper.claims import NOISE
 from mavdem.paper.drawing import DEM, MEASURED, ONE_STEP, ink
