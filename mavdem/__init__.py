@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
     from mavdem.alignment import HoverFigures, hover, hover_figures, read_flight, read_segments
+    from mavdem.analysis import VehicleFigures, vehicle
     from mavdem.dem import Learned, OnlineLearner, Settings, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
-    from mavdem.evaluate import VehicleFigures, vehicle
     from mavdem.flight import Flight
     from mavdem.forecaster import Forecaster
     from mavdem.ingest import Telemetry
@@ -45,14 +45,14 @@ _HOMES = {
     "Settings": "dem",
     "Telemetry": "ingest",
     "Unreadable": "errors",
-    "VehicleFigures": "evaluate",
+    "VehicleFigures": "analysis",
     "hover": "alignment",
     "hover_figures": "alignment",
     "learn": "dem",
     "learn_many": "dem",
     "read_flight": "alignment",
     "read_segments": "alignment",
-    "vehicle": "evaluate",
+    "vehicle": "analysis",
 }
 
 

@@ -18,7 +18,7 @@ from mavdem.cli.sources import end_report, names_of, nothing_left, of_each
 from mavdem.comparison import METHODS, Comparison, outcomes
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
-from mavdem.evaluate.flight_windows import (
+from mavdem.evaluate.windows import (
     TEST_SECONDS,
     TRAIN_SECONDS,
     Length,

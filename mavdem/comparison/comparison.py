@@ -14,8 +14,8 @@ from mavdem.comparison.methods import METHODS
 from mavdem.comparison.outcome import Method, Outcome, judge
 from mavdem.comparison.summaries import Loss, MethodSummary, OverFlights, flight_summaries, losses, over_flights
 from mavdem.dem.parallel import parallel_map
-from mavdem.evaluate.flight_windows import Window
 from mavdem.evaluate.paired_test import FEWEST_PAIRS, Paired, Span, paired
+from mavdem.evaluate.windows import Window
 
 
 def outcomes(

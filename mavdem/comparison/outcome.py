@@ -12,7 +12,7 @@ import numpy as np
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate import Skill, horizons, mspe, prediction_skill_by_horizon, skill, skill_by_horizon
-from mavdem.evaluate.flight_windows import Window
+from mavdem.evaluate.windows import Window
 from mavdem.flight import Flight
 from mavdem.forecaster import Forecaster, ProbabilisticForecaster
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from mavdem.comparison.outcome import Outcome
 from mavdem.evaluate import Paired, Skill, Span, paired
-from mavdem.evaluate.flight_windows import Window
+from mavdem.evaluate.windows import Window
 
 COUNTS = ("windows", "failed", "diverged", "unstable", "worse_than_constant")  # numbers of windows, summed over flights
 

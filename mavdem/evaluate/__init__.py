@@ -2,11 +2,9 @@
 
 ``mspe`` is the error, ``skill`` the error ratio by horizon, ``paired`` the comparison of two methods, ``analyse_noise``
 tests whether noise is Gaussian or white, ``held_out_windows`` forecasts every part of a flight by models that were
-trained without it, ``report`` has the figures of one learnt flight, ``vehicle`` the physical parameters of all axes.
+trained without it.
 """
 
-from mavdem.evaluate.flight_report import report
-from mavdem.evaluate.flight_windows import Window, windows
 from mavdem.evaluate.held_out import HeldOut, held_out_test, held_out_windows
 from mavdem.evaluate.noise import Noise, Significance, analyse_noise, process_noise
 from mavdem.evaluate.paired_test import Paired, Span, paired
@@ -22,10 +20,9 @@ from mavdem.evaluate.squared_error import (
     skill_by_horizon,
     squared_errors,
 )
-from mavdem.evaluate.vehicle_figures import AxisFigures, VehicleFigures, vehicle
+from mavdem.evaluate.windows import Window, windows
 
 __all__ = [
-    "AxisFigures",
     "HORIZONS",
     "HeldOut",
     "Mspe",
@@ -34,7 +31,6 @@ __all__ = [
     "Significance",
     "Skill",
     "Span",
-    "VehicleFigures",
     "Window",
     "analyse_noise",
     "held_out_test",
@@ -45,10 +41,8 @@ __all__ = [
     "prediction_skill_by_horizon",
     "process_noise",
     "relative_mspe",
-    "report",
     "skill",
     "skill_by_horizon",
     "squared_errors",
-    "vehicle",
     "windows",
 ]

@@ -15,7 +15,7 @@ from mavdem import baselines
 from mavdem.comparison import Method, dem
 from mavdem.comparison.comparison import judge_job
 from mavdem.comparison.methods import PAPER_SETTINGS_WITHOUT
-from mavdem.evaluate.flight_windows import Window
+from mavdem.evaluate.windows import Window
 from mavdem.flight import Flight
 from mavdem.paper.checks import Check
 from mavdem.paper.claims import ORACLE

@@ -16,7 +16,7 @@ from mavdem.comparison.comparison import judge_job
 from mavdem.comparison.methods import PAPER_SETTINGS_WITHOUT
 from mavdem.dem import Settings
 from mavdem.dem.parallel import parallel_map
-from mavdem.evaluate.flight_windows import Window, windows
+from mavdem.evaluate.windows import Window, windows
 from mavdem.flight import Flight
 from mavdem.paper.flights import (
     EXPERIMENTS,

@@ -14,7 +14,7 @@ from simulated import simulated
 from mavdem import Flight, baselines
 from mavdem.comparison import METHODS, Comparison, Method, Outcome, compare, judge, outcomes
 from mavdem.evaluate import HORIZONS, Paired, mspe, relative_mspe
-from mavdem.evaluate.flight_windows import windows
+from mavdem.evaluate.windows import windows
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.comparison import comparison_report
 

@@ -11,10 +11,10 @@ from simulated import simulated
 
 import mavdem
 from mavdem.alignment.trim import hover_figures
+from mavdem.analysis.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings, next_step, warnings_of
 from mavdem.dem.graybox import DetectedGust
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.evaluate import HeldOut, held_out_test
-from mavdem.evaluate.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings, next_step, warnings_of
 from mavdem.ingest.motors import OutputScale
 from mavdem.report.blocks import Sentence, Table, text_of
 from mavdem.report.rounding import plus_minus, rounded
