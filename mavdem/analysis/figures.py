@@ -194,16 +194,10 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "simulation_fit": _simulation_fit(learned.simulation_fit),
         "physical": physical_values(learned.physical),
         "wind": wind_values(learned.wind),
-        "closed_loop": _closed_loop_values(learned),
+        "closed_loop": None,
         "motors_share": learned.training_forecasts.motors_share,
         "cautions": list(learned.cautions),
     }
-
-
-def _closed_loop_values(learned: Learned) -> dict[str, Any]:
-    """The poles of the attitude loop as flown, or the reason why there are none."""
-    found = learned.closed_loop
-    return {"poles": [pole._asdict() for pole in found.poles], "reason": found.reason}
 
 
 def physical_values(read: Physical | None) -> dict[str, Any] | None:

@@ -19,8 +19,8 @@ from mavdem.paper.flights import REAL
 from mavdem.paper.item import Cell, Item, ItemResult, PageTable, Picture
 from mavdem.paper.runner import PAPER, Runner
 from mavdem.paper.words import number
-from sitl_scenarios.linear import axis
 from sitl_scenarios.scenario import VehicleSpec
+from sitl_scenarios.truth import axis
 
 LEVEL = 0.01  # of each test; with five tests, one report in twenty rejects a true hypothesis
 
