@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
     from mavdem.alignment import read_flight, read_segments
+    from mavdem.analysis import VehicleFigures, vehicle
     from mavdem.condition import HoverFigures, hover, hover_figures
     from mavdem.dem import Learned, OnlineLearner, Settings, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
-    from mavdem.evaluate import VehicleFigures, vehicle
     from mavdem.flight import Flight
     from mavdem.forecaster import Forecaster
     from mavdem.ingest import Telemetry
@@ -46,14 +46,14 @@ _HOMES = {
     "Settings": "dem",
     "Telemetry": "ingest",
     "Unreadable": "errors",
-    "VehicleFigures": "evaluate",
+    "VehicleFigures": "analysis",
     "hover": "condition",
     "hover_figures": "condition",
     "learn": "dem",
     "learn_many": "dem",
     "read_flight": "alignment",
     "read_segments": "alignment",
-    "vehicle": "evaluate",
+    "vehicle": "analysis",
 }
 
 

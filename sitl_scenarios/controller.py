@@ -10,8 +10,7 @@ from __future__ import annotations
 from math import atan, cos, exp, fsum, hypot, pi, radians, sin
 from typing import NamedTuple
 
-from sitl_scenarios.dynamics import Three, euler
-from sitl_scenarios.mixer import Four, frame, mix, pulse
+from sitl_scenarios.dynamics import Four, Three, euler, frame, mix, pulse
 from sitl_scenarios.plan import Wanted
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.sensors import Known

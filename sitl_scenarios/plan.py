@@ -11,7 +11,7 @@ from scipy.fft import ifft
 
 from sitl_scenarios.dynamics import Three
 from sitl_scenarios.scenario import STICKS, Chirp, Doublets, Multisine, Scenario, Steps, Sticks
-from sitl_scenarios.wind.gaussian import gaussian_noise
+from sitl_scenarios.wind import gaussian_noise
 
 BOOT_SECONDS = 2.0  # Seconds from the autopilot's boot until it arms itself
 SPIN_UP_SECONDS = 1.0  # Seconds from arming to take-off

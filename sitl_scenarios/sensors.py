@@ -10,13 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sitl_scenarios.body import State
-from sitl_scenarios.dynamics import Quaternion, Three, turned
-from sitl_scenarios.mixer import SPINS, Four, frame
+from sitl_scenarios.dynamics import SPINS, Four, Quaternion, State, Three, frame, turned
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import BOOT_SECONDS
-from sitl_scenarios.scenario import Scenario, Sensors, VehicleSpec
-from sitl_scenarios.sections.damage import Propeller
+from sitl_scenarios.scenario import Propeller, Scenario, Sensors, VehicleSpec
 from sitl_scenarios.vehicles import airframe
 
 GYRO_CUTOFF = 20.0  # Hz of the gyro's low-pass: ArduPilot's INS_GYRO_FILTER

@@ -8,10 +8,22 @@ from math import ceil, fsum, hypot, sqrt
 
 import numpy as np
 
-from sitl_scenarios.body import Body, State
 from sitl_scenarios.controller import Asked, Controller
-from sitl_scenarios.dynamics import SOUND, Air, Wear, damages, dynamics
-from sitl_scenarios.mixer import DISARMED_PULSE, IDLE_COMMAND, MAX_PULSE, MIN_PULSE, Four, pulse
+from sitl_scenarios.dynamics import (
+    DISARMED_PULSE,
+    IDLE_COMMAND,
+    MAX_PULSE,
+    MIN_PULSE,
+    SOUND,
+    Air,
+    Body,
+    Four,
+    State,
+    Wear,
+    damages,
+    dynamics,
+    pulse,
+)
 from sitl_scenarios.motion import Array, Motion
 from sitl_scenarios.plan import AFTER_SECONDS, BOOT_SECONDS, Plan, seconds
 from sitl_scenarios.scenario import SENSORS, Scenario

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sitl_scenarios.mixer import DISARMED_PULSE
+from sitl_scenarios.dynamics import DISARMED_PULSE
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.simulation import CYCLES
 

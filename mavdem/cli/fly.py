@@ -23,13 +23,12 @@ from mavdem.cli.words.scenario import in_toml, in_words
 from mavdem.errors import Unreadable, require
 from mavdem.export.conversion import STREAMS
 from mavdem.files import atomic_writes, replaceable
+from sitl_scenarios.dynamics import frame
 from sitl_scenarios.files import load, names, scenario_of
-from sitl_scenarios.holding import Holding
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
 from sitl_scenarios.mavlink.live import Ground, LiveOutcome, fly_live
-from sitl_scenarios.mavlink.recorded import recorded
-from sitl_scenarios.mixer import frame
-from sitl_scenarios.motion import Motion
+from sitl_scenarios.mavlink.transmitter import recorded
+from sitl_scenarios.motion import Holding, Motion
 from sitl_scenarios.plan import seconds
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation

@@ -23,10 +23,10 @@ from mavdem.export.conversion import STREAMS
 from mavdem.files import atomic_write
 from mavdem.health.motor_watch import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
+from mavdem.live.history import ACCOUNT, horizons, sentence
 from mavdem.live.link import Link
 from mavdem.live.recording import RawRecording
 from mavdem.live.session import LearningProcess, LiveSession
-from mavdem.live.status import ACCOUNT, horizons, sentence
 from mavdem.page.live_page import live_page
 from mavdem.page.session_history import SessionHistory
 

@@ -23,12 +23,12 @@ from mavdem.ingest.vocabulary import UNNAMED
 from mavdem.live.aligner import DECISION_SECONDS, AlignedRow, Aligner, Setup
 from mavdem.live.clock import LiveClock, LiveStamp
 from mavdem.live.frames import LiveFrame, LiveFrames
+from mavdem.live.history import Event, SessionStatus
 from mavdem.live.messages import LiveMessage, Values, attitude, message_of, parameters_of, readers
 from mavdem.live.outputs import Drive, Outputs
 from mavdem.live.phase import LivePhase
 from mavdem.live.samples import SampleBuffer
 from mavdem.live.senders import Sender, Senders
-from mavdem.live.status import Event, SessionStatus
 
 MAX_EVENTS = 256  # Events kept until they are fetched
 REVIEW_SECONDS = 0.5  # Of the boot clock, between two reviews of messages, rates and layout

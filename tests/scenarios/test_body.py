@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sitl_scenarios.body import Body, State
-from sitl_scenarios.dynamics import Air, dynamics
+from sitl_scenarios.dynamics import Air, Body, State, dynamics
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
 

@@ -5,8 +5,7 @@ from math import radians
 import numpy as np
 import pytest
 
-from sitl_scenarios.body import State
-from sitl_scenarios.mixer import IDLE_COMMAND, frame, mix, pulse
+from sitl_scenarios.dynamics import IDLE_COMMAND, State, frame, mix, pulse
 from sitl_scenarios.plan import FULL_STICK, Plan
 from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Steps, Sticks
 from sitl_scenarios.sensors import Sensing

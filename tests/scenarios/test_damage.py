@@ -8,12 +8,10 @@ import pytest
 from mavdem.cli.words.scenario import in_toml, in_words
 from mavdem.ingest import read_log
 from mavdem.ingest.tlog import write_tlog
-from sitl_scenarios.dynamics import Wear, damages
+from sitl_scenarios.dynamics import SPINS, Wear, damages, frame
 from sitl_scenarios.files import load, scenario_of
-from sitl_scenarios.mavlink.recorded import recorded
-from sitl_scenarios.mixer import SPINS, frame
-from sitl_scenarios.scenario import Scenario, Sensors, SteadyWind, StreamSpec, VehicleSpec
-from sitl_scenarios.sections.damage import Load, Propeller
+from sitl_scenarios.mavlink.transmitter import recorded
+from sitl_scenarios.scenario import Load, Propeller, Scenario, Sensors, SteadyWind, StreamSpec, VehicleSpec
 from sitl_scenarios.sensors import vibration
 from sitl_scenarios.simulation import CYCLES, fly
 from sitl_scenarios.truth import truth

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from sitl_scenarios.body import Body, State
-from sitl_scenarios.dynamics import Air
-from sitl_scenarios.linear import axis, linearised, paper_system
+from sitl_scenarios.dynamics import Air, Body, State
 from sitl_scenarios.scenario import VehicleSpec
+from sitl_scenarios.truth import axis, linearised, paper_system
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
 
 K = 0.3748

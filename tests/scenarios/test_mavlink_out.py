@@ -15,9 +15,8 @@ from mavdem.cli.commands import main
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.mcap.writer import write_mcap
 from mavdem.ingest.tlog import write_tlog
-from sitl_scenarios.mavlink import recorded as recorded_module
-from sitl_scenarios.mavlink.recorded import EPOCH, recorded
-from sitl_scenarios.mavlink.transmitter import Transmitter, rows_of_motion
+from sitl_scenarios.mavlink import transmitter as recorded_module
+from sitl_scenarios.mavlink.transmitter import EPOCH, Transmitter, recorded, rows_of_motion
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Faults, Scenario, StreamSpec, VehicleSpec
 

@@ -5,11 +5,9 @@ from math import exp, hypot
 import pytest
 
 from mavdem.ingest.motors import motor_geometry
-from sitl_scenarios.body import Body
-from sitl_scenarios.dynamics import Air, dynamics
+from sitl_scenarios.dynamics import PAPER_ORDER, SPINS, Air, Body, dynamics, frame
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, PX4
-from sitl_scenarios.mavlink.parameters import parameters
-from sitl_scenarios.mixer import PAPER_ORDER, SPINS, frame
+from sitl_scenarios.mavlink.messages import parameters
 from sitl_scenarios.scenario import Scenario, VehicleSpec
 from sitl_scenarios.vehicles import AIRFRAMES, ARDRONE2, CRAZYFLIE, GRAVITY, IRIS, airframe
 

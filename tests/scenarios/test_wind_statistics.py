@@ -11,11 +11,17 @@ from stationary import Stationary, holds
 
 from sitl_scenarios.scenario import DrydenWind, Scenario, StreamSpec, VonKarmanWind
 from sitl_scenarios.simulation import CYCLES
-from sitl_scenarios.wind import Weather
-from sitl_scenarios.wind.dryden import first_order, second_order
-from sitl_scenarios.wind.gaussian import gaussian_noise
-from sitl_scenarios.wind.low_altitude import turbulence
-from sitl_scenarios.wind.von_karman import LENGTH, across, along, von_karman_noise
+from sitl_scenarios.wind import (
+    LENGTH,
+    Weather,
+    across,
+    along,
+    first_order,
+    gaussian_noise,
+    second_order,
+    turbulence,
+    von_karman_noise,
+)
 
 STEPS = (0.001, 0.004, 0.02)
 SERIES, SAMPLES = 30, 2**14

@@ -25,7 +25,7 @@ import numpy as np
 
 import mavdem
 from mavdem import evaluate
-from mavdem.evaluate.flight_windows import Window, windows
+from mavdem.evaluate.windows import Window, windows
 from mavdem.paper.flights import SHARED, logged, recorded_flights
 from sitl_scenarios.files import load, scenario_of
 

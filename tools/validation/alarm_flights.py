@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.holding import IN_AIR
-from sitl_scenarios.mixer import MAX_PULSE, MIN_PULSE
+from sitl_scenarios.motion import IN_AIR
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import CYCLES, fly
 

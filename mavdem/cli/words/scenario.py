@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from mavdem.cli.output import printable
-from sitl_scenarios.problems import KINDS
+from sitl_scenarios.files import KINDS
 from sitl_scenarios.scenario import Gust, Moment, Scenario, VehicleSpec, Wind
 
 VEHICLES = {"ardrone2": "AR.Drone 2.0", "iris": "3DR Iris", "crazyflie": "Crazyflie 2"}

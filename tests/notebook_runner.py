@@ -1,6 +1,6 @@
 """Runs notebooks without Jupyter: each code cell in one namespace, the last expression of a cell shown.
 
-Stores the outputs of each NOTEBOOK in it: python tools/notebook_runner.py docs/notebooks/*.ipynb
+Stores the outputs of each NOTEBOOK in it: python tests/notebook_runner.py docs/notebooks/*.ipynb
 
 Cells are plain Python. Outputs are what a cell prints, and the text, HTML or PNG of its last expression; PNGs have few
 colours, so that the file stays small.
