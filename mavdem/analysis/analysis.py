@@ -19,7 +19,7 @@ import numpy as np
 
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.phases import settled
-from mavdem.alignment.read import choose_vehicle, judged_segments
+from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, vehicle_of_log
 from mavdem.analysis.findings import Finding, findings, limited_by
@@ -202,14 +202,14 @@ def analyse(
         ValueError: an axis or inputs that are none.
     """
     signals = Signals(choose_vehicle(log.vehicles, vehicle), AXES[0] if axis == ALL else axis, inputs)
-    segments, verdict = judged_segments(signals, log.components)
+    segments, verdict = usable_segments(signals, log.components)
     condition, identity = condition_of(signals), identity_of(signals, log.receive_time[0])
     tier, figures = tier_of(verdict, condition), vehicle_of_log(log, (), vehicle, inputs)
     found = LogAnalysis(verdict, tier, condition, identity, figures, tier.reason, tier.remedy)
     found = replace(found, alarms=motor_alarms(signals))
     slow = tier.name == "b"
     if slow:
-        segments, of_slow = judged_segments(signals, log.components, SLOW_MOTION_RATE)
+        segments, of_slow = usable_segments(signals, log.components, SLOW_MOTION_RATE)
         if not segments:
             return replace(found, reason=_joined(tier.reason, of_slow.reason))
     if not segments:

@@ -10,7 +10,7 @@ from scipy.stats import trim_mean
 
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals
-from mavdem.alignment.verdict import Verdict, judge
+from mavdem.alignment.verdict import Verdict, verdict_of
 from mavdem.condition.condition import Condition, condition_of
 from mavdem.condition.identity import identity_of
 from mavdem.ingest import Log
@@ -125,7 +125,7 @@ def inventory(log: Log, axis: str = "roll", vehicle: str | None = None, inputs: 
 
 def _vehicle(telemetry: Telemetry, axis: str, inputs: str | None, log: Log) -> dict[str, Any]:
     signals = Signals(telemetry, axis, inputs)
-    verdict, condition = judge(signals, log.components), condition_of(signals)
+    verdict, condition = verdict_of(signals, log.components), condition_of(signals)
     return {
         "system": telemetry.system,
         "component": telemetry.component,
