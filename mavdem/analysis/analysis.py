@@ -24,7 +24,7 @@ from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, vehicle_of_log
 from mavdem.analysis.findings import Finding, findings, limited_by
 from mavdem.condition import condition_of, identity_of
-from mavdem.condition.tier import tier_of
+from mavdem.condition.inventory import tier_of
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable

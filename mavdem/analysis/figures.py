@@ -16,11 +16,11 @@ import numpy as np
 
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.read import learnable_segments
-from mavdem.alignment.trim import HoverFigures, hover_of_log
 from mavdem.alignment.verdict import Verdict
 from mavdem.analysis.findings import Finding
 from mavdem.condition import Condition, Identity
-from mavdem.condition.tier import Tier
+from mavdem.condition.hover import HoverFigures, hover_of_log
+from mavdem.condition.inventory import Tier
 from mavdem.dem import Learned, Physical, WindTorque, physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.forecast.simulation_error import SimulationFit
@@ -29,7 +29,7 @@ from mavdem.dem.record import Record
 from mavdem.dem.validation import LEVEL
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LAST, PREDICTION, HeldOut
-from mavdem.evaluate.squared_error import error_over, mspe
+from mavdem.evaluate.scores import error_over, mspe
 from mavdem.evaluate.truth import TruthComparison
 from mavdem.flight import Flight
 from mavdem.health.motor_watch import MotorAlarm, alarm_figures
@@ -194,16 +194,10 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "simulation_fit": _simulation_fit(learned.simulation_fit),
         "physical": physical_values(learned.physical),
         "wind": wind_values(learned.wind),
-        "closed_loop": _closed_loop_values(learned),
+        "closed_loop": None,
         "motors_share": learned.training_forecasts.motors_share,
         "cautions": list(learned.cautions),
     }
-
-
-def _closed_loop_values(learned: Learned) -> dict[str, Any]:
-    """The poles of the attitude loop as flown, or the reason why there are none."""
-    found = learned.closed_loop
-    return {"poles": [pole._asdict() for pole in found.poles], "reason": found.reason}
 
 
 def physical_values(read: Physical | None) -> dict[str, Any] | None:

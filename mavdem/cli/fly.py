@@ -20,9 +20,8 @@ from mavdem.cli.output import print_json, printable, progress, say, say_aside
 from mavdem.cli.output_files import check_file, writing
 from mavdem.cli.signals import ending_at_once
 from mavdem.cli.words.scenario import in_toml, in_words
-from mavdem.errors import Unreadable
+from mavdem.errors import Unreadable, require
 from mavdem.export.conversion import STREAMS
-from mavdem.extras import require
 from mavdem.files import atomic_writes, replaceable
 from sitl_scenarios.dynamics import frame
 from sitl_scenarios.files import load, names, scenario_of

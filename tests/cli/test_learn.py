@@ -194,7 +194,7 @@ def test_a_flight_at_10_hz_gives_a_model_of_its_slow_motion_and_no_physical_para
     report = strict_json(capsys.readouterr().out)
     assert (report["tier"], report["next_tier"]["tier"]) == ("b", "a")
     assert report["forecast_over_constant_mean"] < 0.9 and report["dt"] == pytest.approx(0.1, rel=0.01)
-    assert (report["physical"], report["wind"], report["closed_loop"]["poles"]) == (None, None, [])
+    assert (report["physical"], report["wind"], report["closed_loop"]) == (None, None, None)
     effect = next(one for one in report["findings"] if one["purpose"] == "motor effectiveness")
     assert effect["grade"] == "NOT IDENTIFIABLE" and "40 samples a second" in effect["reason"]
     assert "What to do:" in (tmp_path / "report.html").read_text()
