@@ -64,7 +64,7 @@ ROOMS_OF_LIBRARIES = {
 
 ARRAYS = sys.stdlib_module_names | {"numpy", "scipy", "threadpoolctl", "pydantic"}
 USED_BY = {
-    "mavdem.dem": {"mavdem.dem", "mavdem.downstream"},
+    "mavdem.dem": {"mavdem.dem", "mavdem.errors"},
     "mavdem.health": {"mavdem.health", "mavdem.alignment", "mavdem.dem", "mavdem.condition"},
     "sitl_scenarios": {"sitl_scenarios", "mavdem.errors", "mavdem.files", "mavdem.ingest.mavlink"},
 }

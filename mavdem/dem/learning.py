@@ -33,7 +33,7 @@ Job = (
     tuple[UniformRecord | Sequence[UniformRecord], Settings | None]
     | tuple[UniformRecord | Sequence[UniformRecord], Settings | None, Learned | None]
 )
-"""What ``learn`` takes: a flight, settings or ``None`` for the default ones, and maybe an earlier result to start at."""
+"""What ``learn`` takes: a flight, settings or ``None`` for the default ones, perhaps an earlier result to start at."""
 
 FEWEST_SAMPLES = 50  # that a model is fitted to
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from mavdem.dem import Learned
-from mavdem.evaluate.live_history import LiveHistory
 from mavdem.live import SessionStatus
+from mavdem.live.history import LiveHistory
 from mavdem.page.document import Chapter, render_page
 from mavdem.page.learned_page import model_plans
 from mavdem.page.pictures import PicturePlan, picture_chapter

@@ -7,10 +7,9 @@ from time import monotonic
 
 from mavdem.dem import Estimate, Learned
 from mavdem.dem.engine.linalg import Array
-from mavdem.evaluate.live_history import LiveHistory
 from mavdem.live import Setup
+from mavdem.live.history import AHEAD, LiveHistory
 from mavdem.live.session import Display
-from mavdem.live.status import AHEAD
 
 
 class SessionHistory:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 
-from mavdem.evaluate.live_history import LiveHistory
+from mavdem.live.history import LiveHistory
 from mavdem.plot.style import HAIRLINE, THIN, legend_above, not_blown_up, picture
 from mavdem.report.names import readable
 from mavdem.report.palette import BAND_OPACITY, DISTURBANCE, HELD_OUT_OPACITY, MEASURED, PREDICTED

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mavdem.alignment.trim import HoverFigures
+from mavdem.condition.hover import HoverFigures
 from mavdem.dem import Learned
 from mavdem.dem.validation import LEVEL
 from mavdem.plot.style import HAIRLINE, note, per, picture

@@ -10,11 +10,11 @@ from simulated import simulated
 
 import mavdem
 from mavdem.analysis import LogAnalysis
+from mavdem.analysis.figures import VehicleFigures
+from mavdem.analysis.findings import findings
 from mavdem.condition import Condition, Identity
-from mavdem.condition.tier import Tier
+from mavdem.condition.inventory import Tier
 from mavdem.evaluate import held_out_test
-from mavdem.evaluate.findings import findings
-from mavdem.evaluate.vehicle_figures import VehicleFigures
 from mavdem.page.flight_page import flight_page
 
 FLIGHT = simulated(samples=900, wind=4.0, lag=0.05)

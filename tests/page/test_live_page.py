@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mavdem.evaluate.live_history import HorizonErrors, LiveHistory
 from mavdem.live import SessionStatus
-from mavdem.live.status import ACCOUNT
+from mavdem.live.history import ACCOUNT, HorizonErrors, LiveHistory
 from mavdem.page.live_page import live_page
 from mavdem.page.session_history import SessionHistory
 

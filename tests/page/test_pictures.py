@@ -9,7 +9,7 @@ import pytest
 from live_rows import flown
 from matplotlib.figure import Figure
 
-from mavdem.evaluate.live_history import LiveHistory
+from mavdem.live.history import LiveHistory
 from mavdem.page.pictures import PicturePlan, picture_chapter
 from mavdem.plot.live_flight import live_flight
 

@@ -1,0 +1,497 @@
+"""PX4's own logs (.ulg): whole messages without damaged bytes, then topics on the boot clock as MAVLink's messages.
+
+A ULog message is its size (uint16), a letter for its kind, and its content, without an end mark or a checksum, so one
+wrong size hides all that follows. But the file first defines its contents: a format (F) for each topic, and a
+subscription (A) that gives a topic its number; a data message (D) of that number has a known size. After an impossible
+message the search continues for the next place at which two possible messages follow one another. pyulog decodes only
+the messages found so: given a damaged file, it prints, loses what follows, or fails. ``px4_topics`` translates them.
+Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import struct
+from array import array
+from collections.abc import Container, Mapping
+from math import isfinite
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pyulog import ULog
+from scipy.ndimage import median_filter
+
+from mavdem.errors import Unreadable
+from mavdem.ingest.contents import file_bytes
+from mavdem.ingest.mavlink.definitions import enum_name
+from mavdem.ingest.mavlink.framing import Progress
+from mavdem.ingest.px4_topics import NEEDED, Px4Topic, mav_type, messages, names
+from mavdem.ingest.telemetry import (
+    Columns,
+    Log,
+    Telemetry,
+    joined,
+    listed,
+    log_of_vehicles,
+    rate_without_gaps,
+    repair_sentences,
+    rows_by,
+    selected,
+)
+from mavdem.ingest.vocabulary import PX4, UNNAMED, version_text
+
+MAGIC = b"ULog\x01\x12\x35"
+"""First bytes of a ULog file; one byte of version and 8 of the time of its first message follow."""
+FIRST_MESSAGE = 16  # Bytes before the first message
+MAX_STAMP_OFFSET = 10.0
+"""Seconds ahead of the stamps around it, or behind an earlier one of its topic, that make a time stamp wrong."""
+MEDIAN_WINDOW = 101
+"""Data messages whose median stamp is the time. When logging starts, each topic's last message, long past, is logged
+once; the topics that are read are fewer than half of the window."""
+MAX_VALUES = 1 << 14
+"""Values in one message of each subscription to a wanted topic together; PX4's logs have a few hundred."""
+
+# Bounded, so that a long stretch of letters is not read again from each of them.
+FORMAT = re.compile(rb"([\w/-]{1,255}):((?:\w{1,255}(?:\[\d{1,4}\])? \w{1,255};)+)")  # Name and fields of a format
+SIZES = {"int8_t": 1, "uint8_t": 1, "bool": 1, "char": 1, "int16_t": 2, "uint16_t": 2, "int32_t": 4, "uint32_t": 4}
+SIZES |= {"float": 4, "int64_t": 8, "uint64_t": 8, "double": 8}
+"""Bytes of the basic types."""
+
+INFORMATION = re.compile(rb"char\[\d+\] (?:ver_sw|sys_uuid)|uint32_t ver_sw_release")
+"""Keys of information messages (I) that are kept: PX4's version, and the number of the board."""
+
+_FIELD = re.compile(rb"(\w+)(?:\[(\d+)\])? (\w+);")
+_LARGEST, _NESTED = 0xFFFF, 16
+_HEADER = struct.Struct("<HB")
+_STAMP = struct.Struct("<Q")
+_ID = _DROPOUT = struct.Struct("<H")
+_BEGUN = (
+    rb"F(?=[\w/-]{1,255}+:)|A(?=...[\w/-])|[PI](?=.[a-z])|[MQ](?=..[a-z])"
+    rb"|[LC](?=[0-7])|S(?=\x2f)|(?<=\x02\x00)[OR]"
+)
+"""Letters of the kinds of messages but D, with the bytes beside them, so that a long run of one letter costs little."""
+_TOPIC = re.compile(rb"[\w/-]{1,255}")
+_KEY = re.compile(rb"(\w+)(\[\d*\])? [ -~]+")
+_TEXT = re.compile(rb"[^\x00-\x08\x0e-\x1a\x1c-\x1f]*")
+_COMPAT_FLAGS, _OFFSETS = slice(8, 16), struct.Struct("<3Q")
+_APPENDED = 1
+
+
+class UlogFormat(NamedTuple):
+    """The layout of a format (F) in a message: ``size`` in bytes, also ``unpadded``, without the padding at the end.
+
+    ``values`` counts single values, those of nested formats included; ``stamp`` is the place of the time stamp, -1
+    without one, and ``nested`` the depth of nested formats, itself included.
+    """
+
+    size: int
+    unpadded: int
+    values: int
+    stamp: int = -1
+    nested: int = 0
+
+
+class _UlogField(NamedTuple):
+    """A value of ``kind``, which may be another format, or an array of ``length`` values unless that is 0."""
+
+    kind: bytes
+    length: int
+    name: bytes
+
+
+_BASIC = {kind.encode(): UlogFormat(size, size, 1) for kind, size in SIZES.items()}
+
+
+def _appended(content: bytes, source: str) -> list[int]:
+    """Where data begin that were appended after a crash; the message before each is cut off there."""
+    if len(content) < FIRST_MESSAGE + 3 or content[FIRST_MESSAGE + 2] != ord("B"):
+        return []
+    flags = content[FIRST_MESSAGE + 3 : FIRST_MESSAGE + 3 + 40]
+    if len(flags) < 40 or _HEADER.unpack_from(content, FIRST_MESSAGE)[0] < 40:
+        return []
+    incompatible = flags[_COMPAT_FLAGS]
+    if incompatible[0] & ~_APPENDED or any(incompatible[1:]):
+        raise Unreadable(f"{source} is a ULog of a later format or damaged at its beginning: its flags are unknown.")
+    offsets = [offset for offset in _OFFSETS.unpack_from(flags, 16) if offset] if incompatible[0] & _APPENDED else []
+    sound = all(a < b for a, b in zip([FIRST_MESSAGE + 43, *offsets], [*offsets, len(content)], strict=True))
+    return offsets if sound else []
+
+
+def _wrong_stamp(stamps: NDArray[np.float64], topic: NDArray[np.uint16]) -> NDArray[np.bool_]:
+    if not len(stamps):
+        return np.zeros(0, dtype=np.bool_)
+    median = median_filter(stamps, size=min(MEDIAN_WINDOW, len(stamps)), mode="mirror")
+    wrong_stamp = np.asarray(stamps > median + MAX_STAMP_OFFSET)
+    for all_rows in rows_by(topic).values():
+        rows = all_rows[~wrong_stamp[all_rows]]
+        wrong_stamp[rows] = stamps[rows] < np.maximum.accumulate(stamps[rows]) - MAX_STAMP_OFFSET
+    return wrong_stamp
+
+
+class WholeMessages:
+    """The whole messages of a ULog file, from its ``MAGIC`` on, of data those of the ``wanted`` topics, None for all.
+
+    Attributes:
+        content: a ULog file of these, with their formats, subscriptions, parameters and version.
+        topic, wrong_stamp: (N,) of each data message in ``content``; a wrong stamp is far from those around it.
+        dropouts: (n,) ms in which the logger wrote nothing, each.
+        messages: how many whole messages the file has, also those that are not wanted.
+        bytes_skipped, damaged: bytes that belong to no message, and the number of places with such between messages.
+        cut: messages that are cut off by the end of the file, or by appended data.
+        crowded: subscriptions to wanted topics left out because of ``MAX_VALUES``.
+
+    Raises Unreadable: the file's flags require a later format.
+    """
+
+    def __init__(
+        self, content: bytes, wanted: Container[bytes] | None, source: str, progress: Progress | None = None
+    ) -> None:
+        self.messages = self.bytes_skipped = self.damaged = self.cut = self.crowded = 0
+        self._definitions, self._data = bytearray(), bytearray()
+        self._stamps, self._numbers, self._dropouts = array("Q"), array("H"), array("H")
+        self._content, self._wanted, self._progress = content, wanted, progress
+        self._formats = Formats()
+        self._values = 0
+        # By number: the least and the greatest size of a message, and the place of its stamp; -1 where not wanted.
+        self._topics: dict[int, tuple[int, int, int]] = {}
+        self._low_bytes: set[int] = set()
+        self._begun = _begun(self._low_bytes)
+        ends = [*_appended(content, source), len(content)]
+        for start, end in zip([FIRST_MESSAGE, *ends], ends, strict=False):
+            self._walk(start, end)
+        header = MAGIC + b"\x01" + content[8:FIRST_MESSAGE].ljust(8, b"\0")
+        self.content = b"".join((header, self._definitions, self._data))
+        self.topic = np.frombuffer(self._numbers, dtype=np.uint16)
+        stamps = np.frombuffer(self._stamps, dtype=np.uint64).astype(np.float64) / 1e6
+        self.wrong_stamp = _wrong_stamp(stamps, self.topic)
+        self.dropouts = np.frombuffer(self._dropouts, dtype=np.uint16)
+
+    def _walk(self, at: int, end: int) -> None:
+        """Walks the messages of ``content[at:end]``; a message that ``end`` cuts off is left out."""
+        content, topics, reported = self._content, self._topics, at
+        while at < end:
+            if at - reported > 1 << 20 and self._progress is not None:
+                self._progress(at / len(content))
+                reported = at
+            after = self._after(at, end)
+            if after and self._likely(at, after, end):
+                self.messages += 1
+                kind = content[at + 2]
+                if kind == 0x44:  # D
+                    number = _ID.unpack_from(content, at + 3)[0]
+                    least, _, stamp = topics.get(number, (0, 0, -1))
+                    if stamp >= 0:
+                        # Without the padding at the end, which PX4 omits and pyulog does not expect.
+                        self._data += _HEADER.pack(least, kind) + content[at + 3 : at + 3 + least]
+                        self._numbers.append(number)
+                        self._stamps.append(_STAMP.unpack_from(content, at + stamp)[0])
+                else:
+                    self._keep(chr(kind), at, after)
+                at = after
+                continue
+            resumed = self._resumed(at + 1, end)
+            if resumed == end and not after:
+                self.cut += 1
+            else:
+                self.damaged += 1
+            self.bytes_skipped += resumed - at
+            at = resumed
+
+    def _after(self, at: int, end: int) -> int:
+        """Where the message at ``at`` ends; 0 if that is beyond ``end``."""
+        if at + 3 > end:
+            return 0
+        after = at + 3 + int(_HEADER.unpack_from(self._content, at)[0])
+        return after if after <= end else 0
+
+    def _likely(self, at: int, after: int, end: int) -> bool:
+        """Whether there is a message at ``at``: by itself or, where that is undecided, by those after it."""
+        sound = self._sound(at, after)
+        for _ in range(3):
+            if sound is not None:
+                return sound
+            if after == end:
+                return True
+            at, after = after, self._after(after, end)
+            sound = self._sound(at, after) if after else False
+        return bool(sound)
+
+    def _resumed(self, at: int, end: int) -> int:
+        """The first place from ``at`` on with a message that is possible by itself, and another after it."""
+        for kind in self._begun.finditer(self._content, at + 2, end):
+            start = kind.start() - 2
+            after = self._after(start, end)
+            if after and self._sound(start, after):
+                following = self._after(after, end)
+                if after == end or (following and self._likely(after, following, end)):
+                    return start
+        return end
+
+    def _sound(self, at: int, after: int) -> bool | None:
+        """Whether the bytes can be a message of its kind; None when that is not known."""
+        content, size = self._content, after - at - 3
+        kind = content[at + 2]
+        if kind == 0x44:  # D, nearly all of them
+            if size <= 2:
+                return False
+            topic = self._topics.get(_ID.unpack_from(content, at + 3)[0])
+            return None if topic is None else topic[0] <= size <= topic[1]
+        match chr(kind):
+            case "F":
+                return FORMAT.fullmatch(content, at + 3, after) is not None
+            case "A":
+                return size > 3 and _TOPIC.fullmatch(content, at + 6, after) is not None
+            case "P" | "I":
+                return self._is_pair(at + 3, after)
+            case "M" | "Q":
+                return size > 1 and self._is_pair(at + 4, after)
+            case "L" | "C" as kind_of_text:
+                first = at + (12 if kind_of_text == "L" else 14)
+                head = min(after, first + 128)
+                return first <= after and content[at + 3] in b"01234567" and bool(_TEXT.fullmatch(content, first, head))
+            case "S":
+                return content[at + 3 : after] == bytes.fromhex("2F731320250CBB12")
+            case "O" | "R":
+                return size == 2
+            case "B":
+                return at == FIRST_MESSAGE and size >= 40
+        # Kinds of later versions are letters too.
+        return None if size and chr(kind).isascii() and chr(kind).isalpha() else False
+
+    def _is_pair(self, at: int, after: int) -> bool:
+        """Whether the bytes are a length, a key of that length ("int32_t NAME") and a value of the key's type."""
+        value = at + 1 + self._content[at] if at < after else after + 1
+        key = _KEY.fullmatch(self._content, at + 1, value) if value <= after else None
+        if key is None:
+            return False
+        return key[2] is not None or SIZES.get(key[1].decode(errors="replace"), -1) == after - value
+
+    def _keep(self, kind: str, at: int, after: int) -> None:
+        message = self._content[at:after]
+        if kind == "F":
+            self._add_format(message)
+        elif kind == "A":
+            self._subscribe(message)
+        elif (kind == "P" and not self._topics) or (kind == "I" and INFORMATION.fullmatch(message, 4, 4 + message[3])):
+            self._definitions += message
+        elif kind == "P":
+            self._data += message
+        elif kind == "O":
+            self._dropouts.append(_DROPOUT.unpack_from(message, 3)[0])
+
+    def _add_format(self, message: bytes) -> None:
+        found = FORMAT.fullmatch(message, 3)
+        assert found is not None  # _sound has matched it
+        if self._formats.add(found[1], found[2]):
+            self._definitions += message
+
+    def _subscribe(self, message: bytes) -> None:
+        number, name = _ID.unpack_from(message, 4)[0], message[6:]
+        found = self._formats.complete.get(name)
+        if number in self._topics or found is None:
+            return
+        stamp = -1
+        if (self._wanted is None or name in self._wanted) and found.stamp >= 0:
+            self._values += found.values
+            if self._values <= MAX_VALUES:
+                stamp = 5 + found.stamp
+                self._data += message
+            else:
+                self.crowded += 1
+        if number & 0xFF not in self._low_bytes:
+            self._low_bytes.add(number & 0xFF)
+            self._begun = _begun(self._low_bytes)
+        self._topics[number] = (2 + found.unpadded, 2 + found.size, stamp)
+
+
+class Formats:
+    """The formats of a file; ``complete`` has those, by name, whose nested formats are all defined.
+
+    A format may come before those that it contains. Each is completed once, after the last of them: a few formats that
+    contain each other many times would else take forever. One that contains itself, or is too large, never is.
+    """
+
+    def __init__(self) -> None:
+        self.complete: dict[bytes, UlogFormat] = {}
+        self._fields: dict[bytes, list[_UlogField]] = {}
+        self._missing: dict[bytes, int] = {}
+        self._awaited: dict[bytes, list[bytes]] = {}
+
+    def add(self, name: bytes, fields: bytes) -> bool:
+        """Adds what ``FORMAT`` found, if it is the first of its name and consistent; returns whether."""
+        found = [_UlogField(kind, int(length or 0), field) for kind, length, field in _FIELD.findall(fields)]
+        if name in self._fields or len({field.name for field in found}) != len(found):
+            return False
+        self._fields[name] = found
+        parts = {field.kind for field in found if field.kind not in _BASIC and field.kind not in self.complete}
+        self._missing[name] = len(parts)
+        for part in parts:
+            self._awaited.setdefault(part, []).append(name)
+        whole = [] if parts else [name]
+        while whole:
+            whole += self._completed(whole.pop())
+        return True
+
+    def _completed(self, name: bytes) -> list[bytes]:
+        """Completes a format and returns those that missed nothing else."""
+        layout = _layout([(field, _BASIC.get(field.kind) or self.complete[field.kind]) for field in self._fields[name]])
+        if layout is None:
+            return []
+        self.complete[name] = layout
+        waiting = self._awaited.pop(name, [])
+        for other in waiting:
+            self._missing[other] -= 1
+        return [other for other in waiting if not self._missing[other]]
+
+
+def _layout(fields: list[tuple[_UlogField, UlogFormat]]) -> UlogFormat | None:
+    size = values = unpadded = 0
+    stamp = -1
+    for field, part in fields:
+        if (field.kind, field.length, field.name) == (b"uint64_t", 0, b"timestamp"):
+            stamp = size
+        size += part.size * max(field.length, 1)
+        values += part.values * max(field.length, 1)
+        if not field.name.startswith(b"_padding"):
+            unpadded = size
+    nested = 1 + max(part.nested for _, part in fields)
+    return UlogFormat(size, unpadded, values, stamp, nested) if size <= _LARGEST and nested <= _NESTED else None
+
+
+def _begun(low_bytes: set[int]) -> re.Pattern[bytes]:
+    """Where a message may begin, at the letter of its kind, for topics whose numbers have these low bytes."""
+    numbers = b"".join(b"\\x%02x" % number for number in sorted(low_bytes))
+    return re.compile(_BEGUN + (b"|D(?=[%s])" % numbers if numbers else b""), re.DOTALL)
+
+
+def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
+    """Reads a ULog file; a damaged one as far as possible. It has one vehicle, PX4's.
+
+    In the ``Log``, ``frames`` counts the whole messages of the file. There are no receive times. Raises Unreadable: the
+    file cannot be opened, is no ULog, or contains none of the flight's topics.
+    """
+    source, content = os.fspath(path), file_bytes(path)
+    if not content.startswith(MAGIC):
+        raise Unreadable(f"{source} is no PX4 ULog: name a file that PX4's logger wrote (.ulg).")
+    found = WholeMessages(content, {name.encode() for name in NEEDED}, source, progress)
+    log = ULog(io.BytesIO(found.content))
+    values = [*log.initial_parameters.items(), *((name, value) for _, name, value in log.changed_parameters)]
+    # The last finite value of each.
+    parameters = {name: float(value) for name, value in values if isinstance(value, int | float) and isfinite(value)}
+    topics = _topics(log, found)
+    kind = mav_type(topics, parameters)
+    vehicle = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
+    made = messages(topics, parameters, vehicle, kind)
+    if "EXTENDED_SYS_STATE" in made:
+        made["EXTENDED_SYS_STATE"] = _each_second(made["EXTENDED_SYS_STATE"], topics)
+    if not made:
+        raise Unreadable(f"{source} is a ULog without the topics of a flight: {_instead(content, source, found)}")
+    ids = (parameters.get(name, 1.0) for name in ("MAV_SYS_ID", "MAV_COMP_ID"))
+    system, component = (int(number) if 1 <= number <= 255 else 1 for number in ids)  # 1 is PX4's default
+    telemetry = Telemetry(
+        system=system,
+        component=component,
+        vehicle=vehicle,
+        autopilot=enum_name("MAV_AUTOPILOT", PX4),
+        messages=made,
+        parameters=parameters,
+        source=source,
+        repairs=(*_damage(found), *_interpolated(topics, made)),
+        translated_from="ULog",
+        names=names(topics, made),
+        firmware=_firmware(log.msg_info_dict),
+        dropouts=len(found.dropouts),
+        board=str(log.msg_info_dict.get("sys_uuid", "")).lower(),
+    )
+    if progress is not None:
+        progress(1.0)
+    return log_of_vehicles((telemetry,), found.messages, found.bytes_skipped)
+
+
+def _instead(content: bytes, source: str, found: WholeMessages) -> str:
+    """What a ULog holds that is not a flight's."""
+    log = ULog(io.BytesIO(WholeMessages(content, None, source).content))
+    held = {topic.name for topic in log.data_list if len(topic.data["timestamp"])}
+    if not held:
+        wrong = found.damaged or found.cut or found.crowded
+        return "it is damaged or cut off at its beginning." if wrong else "nothing was logged in it."
+    state = (
+        "is damaged," if found.damaged or found.crowded else "is cut off at its end," if found.cut else "is intact, but"
+    )
+    return (
+        f"the file {state} holds neither attitude nor motor outputs (its topics: {listed(held)}); in PX4 log "
+        "vehicle_attitude, vehicle_angular_velocity and actuator_motors (the parameter SDLOG_PROFILE)."
+    )
+
+
+def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Px4Topic]]:
+    """Topics by name and instance, in the order of their time stamps, without wrong stamps."""
+    parts: dict[tuple[str, int], list[Columns]] = {}
+    rows = rows_by(found.topic)
+    for data in log.data_list:
+        kept = ~found.wrong_stamp[rows[data.msg_id]]
+        # A topic that was subscribed to twice continues under another number.
+        parts.setdefault((data.name, data.multi_id), []).append(selected(data.data, kept))
+    topics: dict[str, dict[int, Px4Topic]] = {}
+    for (name, instance), pieces in parts.items():
+        fields = joined(pieces)
+        fields = selected(fields, np.argsort(fields["timestamp"], kind="stable"))
+        if len(fields["timestamp"]):
+            topics.setdefault(name, {})[instance] = fields | {"time": fields["timestamp"].astype(np.float64) / 1e6}
+    return topics
+
+
+def _each_second(state: Columns, topics: dict[str, dict[int, Px4Topic]]) -> Columns:
+    """A state that old PX4 logged at its changes only, repeated at the first message of each second without it."""
+    logged = np.unique(np.concatenate([topic["time"] for group in topics.values() for topic in group.values()]))
+    _, first = np.unique(np.floor(logged), return_index=True)
+    last = np.searchsorted(state["time"], logged[first], side="right") - 1
+    missing = (last >= 0) & (logged[first] - state["time"][np.maximum(last, 0)] > 1.0)
+    rows = np.sort(np.concatenate([np.arange(len(state["time"])), last[missing]]))
+    return selected(state, rows) | {"time": np.union1d(state["time"], logged[first][missing])}
+
+
+def _firmware(information: Mapping[str, object]) -> str:
+    """PX4's version and the first digits of its commit, as far as they were logged: "PX4 v1.16.0 (94cb2012)"."""
+    version, commit = information.get("ver_sw_release"), information.get("ver_sw")
+    number = f" v{version_text(version)}" if isinstance(version, int) and 0 <= version < 1 << 32 else ""
+    return f"PX4{number} ({commit[:8]})" if isinstance(commit, str) else f"PX4{number}"
+
+
+def _damage(found: WholeMessages) -> tuple[str, ...]:
+    def times(count: int, noun: str) -> str:
+        return f"{count} {noun}{'s' * (count != 1)}"
+
+    wrong = int(np.count_nonzero(found.wrong_stamp))
+    places, subscriptions = times(found.damaged, "place"), times(found.crowded, "subscription")
+    lasted = found.dropouts / 1e3  # PX4's logger records the duration, not what is missing
+    return repair_sentences(
+        (
+            found.damaged,
+            f"The file is damaged in {places}: {found.bytes_skipped} bytes that belong to no message were skipped.",
+        ),
+        (found.cut, f"Left out: {times(found.cut, 'message')} cut off by the end of the file or of a part of it."),
+        (wrong, f"Left out: {times(wrong, 'message')} with a time stamp far from those around it."),
+        (found.crowded, f"Left out: {subscriptions} to more topics, or larger ones, than PX4 has."),
+        (
+            len(lasted),
+            f"The logger dropped out {times(len(lasted), 'time')}, for {lasted.sum():.3g} s in all and "
+            f"{lasted.max(initial=0):.3g} s at most: messages of these times are missing.",
+        ),
+    )
+
+
+def _interpolated(topics: dict[str, dict[int, Px4Topic]], messages: dict[str, Columns]) -> tuple[str, ...]:
+    """Attitude that was interpolated between samples, where the body rates were logged clearly more often."""
+    logged = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
+    made = messages.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]
+    if len(made) <= 1.1 * max(map(len, logged), default=0):
+        return ()
+    attitude, rates = (rate_without_gaps(np.diff(time)) for time in (max(logged, key=len), made))
+    return (
+        f"Attitude was logged at {attitude:.3g} Hz and body rates at {rates:.3g} Hz: attitude was interpolated at the "
+        "timestamps of the body rates.",
+    )

@@ -1,0 +1,263 @@
+"""What a live session reports: one status of the link, the vehicle and the learning, and events.
+
+The history of a live flight: what happened when, which parts were learnt from, and how well it was predicted.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import nan
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mavdem.dem import Estimate
+from mavdem.dem.engine.linalg import Array
+from mavdem.health.motor_watch import MotorAlarm
+
+
+def sentence(text: str) -> str:
+    """``text`` with a capital letter and one full stop; empty if it is."""
+    text = text.rstrip(". ")
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
+
+
+class Event(NamedTuple):
+    """One event: the UNIX time ``received``, s, of the bytes that caused it, and a ``sentence``."""
+
+    received: float
+    sentence: str
+
+
+NOT_FLYING = "The vehicle is on the ground."
+FLIGHT_UNKNOWN = "Nothing shows yet whether the vehicle flies."
+NO_FLIGHT = NOT_FLYING, FLIGHT_UNKNOWN
+UNCONFIRMED = (
+    "The vehicle did not confirm that its message rates were restored (the link was lost?): reboot it, or set them "
+    "again."
+)
+NOT_SETTLED = "This part of the flight is not learned from: climb, landing or strong tilt."
+ACCOUNT = {
+    "learned": "learned from (what was taken back after a landing included)",
+    "unsettled": "in the air, but climbing, landing, tilted too far, or at the beginning of a segment",
+    "on_ground": "on the ground",
+    "waiting": "without attitude and motor outputs that come fast enough",
+    "silent": "without a message",
+    "link_lost": "with the link lost",
+    "no_vehicle": "without a vehicle",
+}
+"""What the seconds of a session are accounted for as."""
+
+
+AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
+HORIZONS = 0.05, 0.1, AHEAD, 0.5
+"""Seconds ahead of a live session's predictions, besides one step."""
+
+
+def horizons(dt: float) -> tuple[int, ...]:
+    """The horizons of a live session in steps of ``dt``, s."""
+    return tuple(sorted({1, *(max(1, round(seconds / dt)) for seconds in HORIZONS)}))
+
+
+@dataclass(frozen=True)
+class SessionStatus:
+    """The status of a live session at one moment.
+
+    ``LiveStream`` fills in what concerns the link and the vehicle, ``LiveSession`` the rows, the latency and the
+    silence of the link. ``dataclasses.asdict`` turns it into plain JSON values.
+
+    Attributes:
+        vehicle: the followed vehicle, "system:component"; ``None`` before one is chosen.
+        obstacle: why there are no rows or no new model; empty while all is well.
+        rates: Hz of the vehicle's attitude and motor messages over the last two seconds of its clock, by name.
+        flying: whether the vehicle is armed and airborne.
+        learned, shown: rows that the learner used, and rows that were only shown.
+        latency: median and 99th percentile, s, from the link to the estimate.
+        ahead: about ``AHEAD`` seconds ahead, and the half width, rad, of the 90 % band of the angle predicted there.
+        useful: seconds of the longest useful horizon (``Estimate.useful``), and the squared error of predictions there
+            over that of the better of the last sample and the mean so far; NaN where there is none.
+        lost: messages of the vehicle missing by its sequence numbers.
+        late: samples that came too late for their row.
+        outlier_stamps: messages with outlier time stamps.
+        frames, unread: complete frames, and those of another dialect or damaged.
+        garbage: bytes that belong to no frame.
+        senders: each sender kept: system, component, kind, autopilot, frames, lost, flies.
+        others: frames of senders that are no longer kept.
+        alarms: lasting changes of the motors' balance, the latest of all boots; those without a motor are no alarms.
+        alarm_count: number of these so far.
+        alarm: the sentence of the latest alarm on a motor in this boot and this flight; it stays after the landing.
+    """
+
+    vehicle: str | None = None
+    obstacle: str = ""
+    rates: Mapping[str, float] = field(default_factory=dict)
+    flying: bool = False
+    learned: int = 0
+    shown: int = 0
+    latency: tuple[float, float] = (nan, nan)
+    ahead: tuple[float, float] = (nan, nan)
+    useful: tuple[float, float] = (nan, nan)
+    lost: int = 0
+    late: int = 0
+    outlier_stamps: int = 0
+    frames: int = 0
+    unread: int = 0
+    garbage: int = 0
+    senders: tuple[dict[str, Any], ...] = ()
+    others: int = 0
+    alarms: tuple[MotorAlarm, ...] = ()
+    alarm_count: int = 0
+    alarm: str = ""
+
+    def predicting(self, estimate: Estimate | None) -> SessionStatus:
+        """The same with ``ahead`` and ``useful`` of an estimate."""
+        if estimate is None:
+            return self
+        seconds, place = estimate.ahead_times - estimate.time, estimate.useful
+        nearest = int(abs(seconds - AHEAD).argmin())
+        ratio = nan, nan
+        if place is not None:
+            ratio = float(seconds[place]), float(estimate.ahead_ratio[place].mean())
+        return replace(self, ahead=(float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])), useful=ratio)
+
+
+MAX_ROWS = 100_000
+"""Rows kept of the lines; when there are more, every second one is dropped, and from then on every second one kept."""
+SETTLED_GAP = 1.0  # s between two learnt samples from which on they belong to different parts of the flight
+
+
+class DatedSentence(NamedTuple):
+    """A ``sentence`` on something that happened, ``seconds`` after the beginning."""
+
+    seconds: float
+    sentence: str
+
+
+class HorizonErrors(NamedTuple):
+    """Errors of the predictions ``seconds`` ahead, inputs unknown; (m,) each, over ``samples``.
+
+    ``mse`` is the mean squared error, ``held`` that of the last sample held, ``inside`` the share inside the 90 % band.
+    """
+
+    seconds: float
+    samples: int
+    mse: Array
+    held: Array
+    inside: Array
+
+
+class HistoryLines(NamedTuple):
+    """Lines over time, (N,) each, s from the beginning; NaN where there is nothing and across gaps.
+
+    ``predicted`` is of the first output, the horizon of the history before its time; ``torque`` is the wind's, rad/s².
+    The bands are half widths.
+    """
+
+    time: Array
+    measured: Array
+    predicted: Array
+    predicted_band: Array
+    torque: Array
+    torque_band: Array
+
+
+class _Pending(NamedTuple):
+    """A prediction whose time has not come."""
+
+    time: float
+    predicted: Array
+    band: Array
+    last: Array
+
+
+class LiveHistory:
+    """Collects what happens in a live flight; the memory of its lines is bounded."""
+
+    def __init__(self, horizon: float) -> None:
+        """The lines show predictions about ``horizon`` s ahead."""
+        self.events: list[DatedSentence] = []
+        self.horizon = horizon
+        self._columns = tuple(array("d") for _ in HistoryLines._fields)
+        self._segments = array("q")  # of each row
+        self._stride, self._skipped = 1, 0
+        self._offsets: dict[int, float] = {}
+        """Of each segment, s from the boot clock to the time since the beginning. The first rows of one may come late,
+        all at once: the smallest difference is right."""
+        self._learnt: list[tuple[int, float, float]] = []
+        self._pending: dict[float, deque[_Pending]] = {}
+        self._sums: dict[float, tuple[int, Array]] = {}
+
+    def note(self, now: float, sentence: str) -> None:
+        """Takes an event ``now``, s from the beginning."""
+        self.events.append(DatedSentence(now, sentence))
+
+    def take(self, now: float, segment: int, time: float, outputs: Array, estimate: Estimate | None) -> None:
+        """Takes a row of the boot clock's ``time``, which came ``now``, s; without an estimate it was not learnt from.
+
+        ``segment`` counts the gaps before it; ``outputs`` (m,) are the measured ones.
+        """
+        if segment not in self._offsets:
+            self._pending.clear()
+        self._offsets[segment] = min(now - time, self._offsets.get(segment, np.inf))
+        predicted = self._judged(time, outputs)
+        angle, band = (np.nan, np.nan) if predicted is None else (predicted.predicted[0], predicted.band[0])
+        torque = (np.nan, np.nan) if estimate is None else (estimate.wind_torque, estimate.wind_torque_band)
+        self._skipped += 1
+        if self._skipped >= self._stride:
+            self._append(segment, time, float(outputs[0]), float(angle), float(band), *torque)
+        if estimate is None:
+            return
+        if self._learnt and self._learnt[-1][0] == segment and time - self._learnt[-1][2] < SETTLED_GAP:
+            self._learnt[-1] = (*self._learnt[-1][:2], time)
+        else:
+            self._learnt.append((segment, time, time))
+        for ahead, values, width in zip(estimate.ahead_times, estimate.ahead, estimate.ahead_band, strict=True):
+            if np.isfinite(values).all() and np.isfinite(width).all():
+                seconds = round(float(ahead) - time, 6)
+                self._pending.setdefault(seconds, deque()).append(_Pending(float(ahead), values, width, outputs))
+
+    def errors(self) -> list[HorizonErrors]:
+        """Of each horizon, the shortest first."""
+        return [HorizonErrors(seconds, count, *(sums / count)) for seconds, (count, sums) in sorted(self._sums.items())]
+
+    @property
+    def learnt(self) -> list[tuple[float, float]]:
+        """The parts learnt from: first and last sample, s."""
+        return [(first + self._offsets[i], last + self._offsets[i]) for i, first, last in self._learnt]
+
+    @property
+    def lines(self) -> HistoryLines:
+        """The lines so far."""
+        time, *others = (np.array(column) for column in self._columns)
+        time += np.array([self._offsets[segment] for segment in self._segments])
+        gaps = np.flatnonzero(np.diff(self._segments)) + 1
+        return HistoryLines(np.insert(time, gaps, time[gaps]), *(np.insert(other, gaps, np.nan) for other in others))
+
+    def _judged(self, time: float, outputs: Array) -> _Pending | None:
+        """Compares predictions of ``time`` with what was measured; returns that of the history's horizon."""
+        found = None
+        for seconds, waiting in self._pending.items():
+            while waiting and waiting[0].time < time + 1e-6:
+                one = waiting.popleft()
+                if one.time < time - 1e-6:
+                    continue
+                error = outputs - one.predicted
+                sums = np.stack([error**2, (outputs - one.last) ** 2, np.abs(error) <= one.band])
+                count, before = self._sums.get(seconds, (0, np.zeros_like(sums)))
+                self._sums[seconds] = count + 1, before + sums
+                if abs(seconds - self.horizon) == min(abs(other - self.horizon) for other in self._pending):
+                    found = one
+        return found
+
+    def _append(self, segment: int, *row: float) -> None:
+        self._skipped = 0
+        self._segments.append(segment)
+        for column, value in zip(self._columns, row, strict=True):
+            column.append(value)
+        if len(self._columns[0]) > MAX_ROWS:
+            self._columns = tuple(column[::2] for column in self._columns)
+            self._segments = self._segments[::2]
+            self._stride *= 2

@@ -1,0 +1,61 @@
+"""The history of a live flight: errors as they are by hand, lines with their gaps, and bounded memory."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from live_rows import AHEAD, flown
+
+from mavdem.live import history as live_history
+from mavdem.live.history import LiveHistory
+
+
+def test_errors_are_those_of_the_samples_whose_time_has_come():
+    history = LiveHistory(0.25)
+    _, motion = flown(history, 5.0)
+    short, long = history.errors()
+    assert (short.seconds, long.seconds) == AHEAD
+    assert (short.samples, long.samples) == (499, 475)
+    np.testing.assert_allclose(long.mse, [0.01, 0.04])
+    np.testing.assert_allclose(long.held, np.mean((motion[25:] - motion[:-25]) ** 2, axis=0))
+    np.testing.assert_allclose(long.inside, [0, 1])
+
+
+def test_nothing_is_compared_across_a_gap_and_lines_break_there():
+    history = LiveHistory(0.25)
+    flown(history, 1.0)
+    flown(history, 2.0, segment=1, start=103.0)
+    assert [one.samples for one in history.errors()] == [298, 250]
+    lines = history.lines
+    assert np.isnan(lines.measured).sum() == 1
+    shown = np.isfinite(lines.predicted)
+    np.testing.assert_allclose(lines.predicted[shown], lines.measured[shown] + 0.1)
+    assert history.learnt == [pytest.approx((10.0, 10.99)), pytest.approx((13.0, 14.99))]
+
+
+def test_rows_that_come_late_are_dated_by_those_that_do_not():
+    history = LiveHistory(0.25)
+    flown(history, 3.0, late=2.0)
+    assert history.learnt == [pytest.approx((10.0, 12.99))]
+
+
+def test_what_is_not_learnt_from_is_shown_and_not_judged():
+    history = LiveHistory(0.25)
+    flown(history, 1.0, learnt=False)
+    assert history.errors() == [] and history.learnt == []
+    assert np.isfinite(history.lines.measured).sum() == 100
+
+
+def test_a_long_flight_keeps_its_shape_in_bounded_memory(monkeypatch):
+    monkeypatch.setattr(live_history, "MAX_ROWS", 100)
+    history = LiveHistory(0.25)
+    flown(history, 10.0)
+    lines = history.lines
+    assert len(lines.time) <= 100
+    assert lines.time[0] == pytest.approx(10.0) and lines.time[-1] == pytest.approx(20.0, abs=0.2)
+    assert history.errors()[0].samples == 999
+    for segment in (1, 2, 3):
+        flown(history, 2.0, segment, 110.0 + 5 * segment)
+    lines = history.lines
+    assert np.isnan(lines.measured).sum() == 3
+    assert np.diff(lines.time)[~np.isnan(lines.measured[1:])].max() < 1.0  # no line is drawn across a gap

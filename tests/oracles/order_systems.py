@@ -1,0 +1,148 @@
+"""Flights of systems of known order: the paper's four, held at hover, and random ones with smooth inputs."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag, solve_continuous_are, solve_continuous_lyapunov
+
+from mavdem import Flight
+from mavdem.dem.engine.model import discretize, recursion
+from sitl_scenarios.truth import paper_system
+
+Array = NDArray[np.float64]
+
+WARM_UP_SAMPLES = 300  # simulated before the first sample, so that the initial state does not matter
+SUBSTEPS = 5  # simulation steps between samples; inputs are linear within a step
+ROLL = np.array([1.0, -1.0, -1.0, 1.0]) / 4  # the four motors' share of a roll command
+CONTROLLER = 0.02  # time constant of the motors, seconds; the motors are recorded and not the command
+
+COMMAND, EACH_MOTOR, TURN = 6.0, 1.0, 0.1
+"""PWM, standard deviations of the roll that is commanded beside the controller and of each motor by itself; and the
+width of their kernel, s."""
+
+MOMENT, FORCE = 3.0, 0.5  # rad/s² on the roll rate and m/s² on the speed, standard deviations of the process noise
+SLOWEST, FASTEST = 0.7, 3.0  # rad/s, of the modes of random systems
+MIN_HANKEL_RATIO = 0.1  # least Hankel singular value over the largest; a random system below it is drawn again
+WORST_CONDITION = 10.0  # of a random system's coordinates
+INPUT_KERNEL, NOISE_KERNEL = 0.25, 0.2  # seconds, of random systems
+
+
+def paper_flight(
+    order: Literal[1, 2, 3, 4],
+    seed: int,
+    samples: int = 700,
+    dt: float = 1 / 120,
+    smoothness: float = 2.0,
+    sensors: float = 1e-3,
+) -> Flight:
+    """A flight of System 1 to 4, all of whose states are measured: the order is the number of outputs.
+
+    Held at hover by a linear-quadratic regulator, in Gaussian-kernel noise of ``smoothness`` steps. ``sensors`` is the
+    standard deviation of the sensors' noise, over that of each output.
+    """
+    rng = np.random.default_rng([order, seed])
+    system = paper_system(order)
+    A, B = system.A, system.B
+    of_roll = B @ ROLL
+    weights = np.diag([4.0, 1.0, 30.0, 1.0][4 - order :])
+    hold = of_roll @ solve_continuous_are(A, of_roll[:, None], weights, [[0.02]]) / 0.02
+    # The command is a state that follows the regulator.
+    closed = np.block([[A, of_roll[:, None]], [-hold[None] / CONTROLLER, -np.ones((1, 1)) / CONTROLLER]])
+    commanded = np.append(np.zeros(order), 1 / CONTROLLER)[:, None]
+    disturbed = np.eye(order + 1, order)[:, [order - 3, order - 1] if order >= 3 else [order - 1]]
+    push = np.hstack([commanded, np.vstack([B, np.zeros(4)]), disturbed])
+    step, number = dt / SUBSTEPS, (samples + WARM_UP_SAMPLES) * SUBSTEPS
+    sizes = np.array([FORCE, MOMENT][-disturbed.shape[1] :])
+    driven = np.hstack(
+        [
+            COMMAND * smooth_noise(TURN, step, number, 1, rng),
+            EACH_MOTOR * smooth_noise(TURN, step, number, 4, rng),
+            sizes * smooth_noise(smoothness * dt, step, number, len(sizes), rng),
+        ]
+    )
+    moved = motion(closed, push, driven, step)
+    motors = moved[:, order:] * ROLL + driven[:, 1:5]
+    return _recorded(moved[:, :order], motors, samples, dt, smoothness * dt, sensors, rng)
+
+
+def random_flight(
+    order: int,
+    channels: int,
+    seed: int,
+    samples: int = 2000,
+    dt: float = 0.05,
+    disturbance: float = 0.02,
+    sensors: float = 1e-3,
+) -> Flight:
+    """A flight of a random stable system with as many inputs as outputs, moved by smooth inputs and by noise.
+
+    ``disturbance`` is the standard deviation that process noise gives the outputs, over that which the inputs give
+    them; ``sensors`` that of the sensors' noise, over that of each output.
+    """
+    rng = np.random.default_rng([order, channels, seed])
+    A, B, C = random_system(order, channels, rng)
+    step, number = dt / SUBSTEPS, (samples + WARM_UP_SAMPLES) * SUBSTEPS
+    inputs = smooth_noise(INPUT_KERNEL, step, number, channels, rng)
+    noise = smooth_noise(NOISE_KERNEL, step, number, order, rng)
+    by_inputs, by_noise = motion(A, B, inputs, step) @ C.T, motion(A, np.eye(order), noise, step) @ C.T
+    size = disturbance * np.sqrt(by_inputs.var(axis=0).mean() / by_noise.var(axis=0).mean())
+    return _recorded(by_inputs + size * by_noise, inputs, samples, dt, NOISE_KERNEL, sensors, rng)
+
+
+def random_system(order: int, channels: int, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+    """A, B and C of a stable system with real and oscillating modes, all of which are visible in the outputs."""
+    while True:
+        blocks: list[Array] = []
+        left = order
+        while left:
+            speed = np.exp(rng.uniform(np.log(SLOWEST), np.log(FASTEST)))
+            if left > 1 and rng.random() < 0.6:
+                damping = rng.uniform(0.2, 0.8)
+                swing = speed * np.sqrt(1 - damping**2)
+                blocks.append(np.array([[-damping * speed, swing], [-swing, -damping * speed]]))
+                left -= 2
+            else:
+                blocks.append(np.array([[-speed]]))
+                left -= 1
+        turn = rng.standard_normal((order, order))
+        if np.linalg.cond(turn) > WORST_CONDITION:
+            continue
+        A = turn @ block_diag(*blocks) @ np.linalg.inv(turn)
+        B, C = rng.standard_normal((order, channels)), rng.standard_normal((channels, order))
+        hankel = np.sqrt(np.linalg.eigvals(_gramian(A, B) @ _gramian(A.T, C.T)).real.clip(0))
+        if hankel.min() > MIN_HANKEL_RATIO * hankel.max():
+            return A, B, C
+
+
+def _gramian(A: Array, B: Array) -> Array:
+    return np.asarray(solve_continuous_lyapunov(A, -B @ B.T))
+
+
+def motion(A: Array, B: Array, driven: Array, step: float) -> Array:
+    """States (T, n) of ẋ = Ax + B·driven from rest, for inputs (T, r)."""
+    transition = discretize(A, B, step)
+    pushes = driven[:-1] @ transition.input_now.T + driven[1:] @ transition.input_next.T
+    start = np.zeros(len(A))
+    return np.vstack([start, recursion(transition.state, pushes, start)])
+
+
+def smooth_noise(width: float, step: float, number: int, channels: int, rng: np.random.Generator) -> Array:
+    """Gaussian-kernel noise of unit variance, (number, channels)."""
+    # The transform is periodic; the extra samples keep its ends apart.
+    total = number + round(20 * width / step) + 1
+    gain = np.exp(-((2 * np.pi * np.fft.rfftfreq(total, step) * width) ** 2) / 2)
+    noise = np.fft.irfft(np.fft.rfft(rng.standard_normal((total, channels)), axis=0) * gain[:, None], total, axis=0)
+    power = np.sum(np.fft.irfft(gain, total) ** 2)
+    return np.asarray(noise[:number] / np.sqrt(power))
+
+
+def _recorded(
+    outputs: Array, inputs: Array, samples: int, dt: float, smoothness: float, sensors: float, rng: np.random.Generator
+) -> Flight:
+    kept = slice(WARM_UP_SAMPLES * SUBSTEPS, None, SUBSTEPS)
+    outputs, inputs = outputs[kept], inputs[kept]
+    noise = smooth_noise(smoothness, dt, samples, outputs.shape[1], rng)
+    return Flight(dt * np.arange(samples), inputs, outputs + sensors * outputs.std(axis=0) * noise)
