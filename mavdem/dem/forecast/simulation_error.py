@@ -369,7 +369,8 @@ def resumable_simulation_fit(
         prior = mean, precision_of(mixer)
         return resumable_fit_with_prior(theta, prior, model.sizes, gain, record.dt, segments, iterations)
 
-    first = geometry if any(geometry is each for each in geometries) else next(iter(geometries), None)
+    before = [each for each in geometries if geometry is not None and np.array_equal(each.quiet, geometry.quiet)]
+    first = next(iter([*before, *geometries]), None)
     found = yield from fitted(first)
     if found is None or not geometries:
         return found and found[0]
