@@ -224,7 +224,7 @@ def _model(
     steps = _test_samples(flights[0], test)
     try:
         with progress("Judging by held-out windows") as done:
-            return flights, learned, held_out_windows(flights, settings, steps, done)
+            return flights, learned, held_out_windows(flights, settings, steps, done, learned)
     except ValueError as error:
         raise _too_few(flights, steps) from error
 
