@@ -6,10 +6,8 @@ from collections.abc import Sequence
 from math import isfinite
 from typing import Literal, NamedTuple
 
-from scipy.stats import norm
-
+from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned, Physical, WindTorque
-from mavdem.dem.validation import LEVEL
 from mavdem.evaluate.held_out import HeldOut
 
 Grade = Literal["GOOD", "LIMITED", "NOT IDENTIFIABLE"]
@@ -105,7 +103,7 @@ def _wind(learned: Learned) -> tuple[Grade, str]:
         return NONE, "It follows from the motors' effect, which is not identifiable."
     if found.reason is not None:
         return NONE, found.reason
-    half = float(norm.ppf(0.5 + LEVEL / 2)) * found.scale_error
+    half = quantile() * found.scale_error
     doubtful = [name for name, status in read.status.items() if status != "reported"]
     if doubtful:
         return LIMITED, f"It follows from the motors' effect, damping and lag: {' and '.join(doubtful)} not well known."
