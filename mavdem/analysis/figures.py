@@ -21,11 +21,11 @@ from mavdem.analysis.findings import Finding
 from mavdem.condition import Condition, Identity
 from mavdem.condition.hover import HoverFigures, hover_of
 from mavdem.condition.inventory import Tier
+from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque, physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
-from mavdem.dem.validation import LEVEL
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LAST, PREDICTION, HeldOut
 from mavdem.evaluate.scores import error_over, mspe

@@ -11,10 +11,8 @@ from collections.abc import Sequence
 from math import isfinite, nan
 from typing import Literal, NamedTuple
 
-from scipy.stats import norm
-
+from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned, Physical, WindTorque
-from mavdem.dem.validation import LEVEL
 from mavdem.evaluate.held_out import HeldOut
 
 Grade = Literal["GOOD", "LIMITED", "NOT IDENTIFIABLE"]
@@ -135,7 +133,7 @@ def _wind(wind: WindTorque | None, physical: Physical, why_not: str) -> tuple[Gr
     if doubtful := [words[name] for name, status in physical.status.items() if status != "reported"]:
         followed = f"{words['effect']}, {words['damping']} and {words['lag']}"
         return LIMITED, f"It follows from {followed}: {' and '.join(doubtful)} not well known."
-    half = float(norm.ppf(0.5 + LEVEL / 2)) * wind.scale_error
+    half = quantile() * wind.scale_error
     return _grade("wind", half), f"Its standard deviation is known to ±{100 * half:.0f} %."
 
 

@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import settled_segments
@@ -26,6 +25,7 @@ from mavdem.alignment.drive import AXES, TILT_AXES, floats, in_order
 from mavdem.alignment.phases import Intervals, both, total
 from mavdem.alignment.signals import Signals
 from mavdem.condition.hover import HoverFigures, hover_of
+from mavdem.confidence import LEVEL, half_width
 from mavdem.errors import NotLearnable
 from mavdem.ingest.motors import MULTIROTORS
 
@@ -72,7 +72,6 @@ def during(periods: Periods, time: NDArray[np.float64], boot: NDArray[np.int64])
     return inside
 
 
-LEVEL = 0.9
 FASTEST = 0.05
 """Hz, of the fastest cosine: slower than gusts and the position loop, whose seconds are no mean of a flight."""
 FEWEST, MOST = 4, 32  # Cosines; fewer than 4 make intervals that are mostly chance, more than 32 hardly change them
@@ -94,7 +93,7 @@ def mean_interval(values: NDArray[np.float64], seconds: float) -> MeanInterval:
     phase = np.pi * (np.arange(length) + 0.5) / length
     basis = np.sqrt(2.0) * np.cos(np.arange(1, cosines + 1)[:, None] * phase) / length
     variance = np.square(basis @ (values - mean)).mean(axis=0)
-    return MeanInterval(mean, float(student.ppf(0.5 + LEVEL / 2, cosines)) * np.sqrt(variance))
+    return MeanInterval(mean, half_width(variance, LEVEL, cosines))
 
 
 LEVELS = ("vibration_x", "vibration_y", "vibration_z")

@@ -19,9 +19,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.validation import LEVEL
 from mavdem.evaluate.scores import error_over
 from mavdem.evaluate.windows import TEST_SECONDS, samples_in
 from mavdem.flight import Flight

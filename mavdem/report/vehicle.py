@@ -8,9 +8,9 @@ from math import isfinite
 from mavdem.analysis.figures import AxisFigures, VehicleFigures
 from mavdem.analysis.findings import HALF_WIDTH, known_wind
 from mavdem.condition.hover import HoverFigures
+from mavdem.confidence import LEVEL
 from mavdem.dem import Physical, WindTorque
 from mavdem.dem.graybox.identifiability import CHANGED
-from mavdem.dem.validation import LEVEL
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.names import listed, readable, short
 from mavdem.report.rounding import plus_minus, rounded
