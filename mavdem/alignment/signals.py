@@ -19,7 +19,7 @@ DataFlash's RATE and from PX4 it corrects the error of the attitude as well.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -189,6 +189,14 @@ class Signals:
             raise ValueError(f"axis must be one of {', '.join(AXES)}, not {self.axis!r}")
         if self.inputs not in (None, *INPUTS):
             raise ValueError(f"inputs must be one of {', '.join(INPUTS)}, not {self.inputs!r}")
+
+    def about(self, axis: str, inputs: str | None = None) -> Signals:
+        """Returns the signals for another ``axis`` or other ``inputs``; what depends on neither is not read again."""
+        other = replace(self, axis=axis, inputs=inputs)
+        shared = ("tilts", "motors", "voltage", "armed", "landed_state", "climb_rate")
+        own = ("attitude", "demand", "setpoints") if axis == self.axis else ()
+        other.__dict__.update({name: self.__dict__[name] for name in (*shared, *own) if name in self.__dict__})
+        return other
 
     @cached_property
     def attitude(self) -> Attitude | None:

@@ -168,7 +168,7 @@ def _chosen(named: str, seed: int | None, duration: float | None) -> Scenario:
     except ValueError as error:
         raise click.BadParameter(f"{error}.", param_hint="--seed or --duration") from error
     try:
-        AUTOPILOTS[chosen.stream.speaks].rates(chosen.stream.rate, chosen.stream.rates)
+        AUTOPILOTS[chosen.stream.autopilot].rates(chosen.stream.rate, chosen.stream.rates)
     except ValueError as error:
         # Not after a long flight.
         raise click.BadParameter(f"{Path(named).name}: {error}.", param_hint="SCENARIO") from error

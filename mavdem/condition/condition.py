@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, settled_segments, within
@@ -25,10 +24,10 @@ from mavdem.alignment.drive import AXES, TILT_AXES, Signal, floats, series
 from mavdem.alignment.phases import both, total
 from mavdem.alignment.signals import Signals
 from mavdem.condition.hover import HoverFigures, hover_of
+from mavdem.confidence import LEVEL, half_width
 from mavdem.errors import NotLearnable
 from mavdem.ingest.motors import MULTIROTORS
 
-LEVEL = 0.9  # Probability of the intervals
 FASTEST = 0.05
 """Hz, of the fastest cosine: slower than gusts and the position loop, whose seconds are no mean of a flight."""
 FEWEST, MOST = 4, 32  # Cosines; fewer than 4 make intervals that are mostly chance, more than 32 hardly change them
@@ -201,7 +200,7 @@ def mean_interval(values: NDArray[np.float64], seconds: float) -> NDArray[np.flo
     phase = np.pi * (np.arange(length) + 0.5) / length
     basis = np.sqrt(2.0) * np.cos(np.arange(1, cosines + 1)[:, None] * phase) / length
     variance = np.square(basis @ (values - values.mean(axis=0))).mean(axis=0)
-    return float(student.ppf(0.5 + LEVEL / 2, cosines)) * np.sqrt(variance)
+    return half_width(variance, LEVEL, cosines)
 
 
 def _seconds(parts: Segments) -> float:

@@ -90,7 +90,7 @@ class Transmitter:
 
         Raises ValueError: the scenario names rates of a message that is not sent.
         """
-        self.autopilot = AUTOPILOTS[scenario.stream.speaks]
+        self.autopilot = AUTOPILOTS[scenario.stream.autopilot]
         self.system = scenario.stream.system
         self._rates = self.autopilot.rates(scenario.stream.rate, scenario.stream.rates)
         if scenario.stream.only_when_asked:
