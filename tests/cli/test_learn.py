@@ -152,7 +152,7 @@ def test_segments_of_one_boot_are_learnt_from_together(without_pictures, tmp_pat
     boots = {"segment": {"boot": 0}, "cautions": []}, {"segment": {"boot": 1}, "cautions": []}
     parts = [replace(whole[a:b], provenance=boots[boot]) for a, b, boot in ((0, 500, 0), (600, 1100, 0), (0, 400, 1))]
     judged = Verdict("roll", True, "Two boots.", "", (), None, QualityFigures())
-    monkeypatch.setattr("mavdem.analysis.analysis.judged_segments", lambda *_: (tuple(parts), judged))
+    monkeypatch.setattr("mavdem.analysis.analysis.usable_segments", lambda *_: (tuple(parts), judged))
     assert main(["learn", FLIGHT, "--out", str(tmp_path), "--json", "--preset", "paper"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert [one["samples"] for one in report["segments"]] == [500, 500]

@@ -37,8 +37,8 @@ TIMES = ((np.log(1.0), 1.0), (np.log(0.07), 1.0))
 """Likewise of the time of each component of the wind: the drift of the air, and gusts."""
 
 REFINEMENTS = {"thrust curve": (0.0, 0.3), "spin-up": (0.0, 0.3)}
-"""Refinements, each a parameter: relative change of the effect for one standard deviation of the inputs; and, as a share
-of the lag, by how much rotors spin up faster than down."""
+"""Refinements, each a parameter: relative change of the effect for one standard deviation of the inputs; and, as a
+share of the lag, by how much rotors spin up faster than down."""
 
 
 class FlightWindows(NamedTuple):
