@@ -47,13 +47,13 @@ class LearnedDownstream:
 
     @property
     def plot(self) -> Any:
-        """Its pictures: ``plot.bode()`` and others return a ``matplotlib.figure.Figure``; see ``mavdem.plot.Plots``.
+        """Its pictures: ``plot.bode()`` and others return a ``matplotlib.figure.Figure``; see ``mavdem.report.figures.Plots``.
 
         Raises:
             ImportError: matplotlib is not installed.
         """
         require("Learned.plot", "plot")
-        return downstream("plot", "Plots")(self)
+        return downstream("report.figures", "Plots")(self)
 
     def summary(self) -> str:
         """What the vehicle does in wind, on one screen; without windows that the model has not seen.

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mavdem.page.document import Chapter
 
 from mavdem import Learned, Settings, evaluate
 from mavdem import learn as learn_model
@@ -24,7 +25,6 @@ from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, samples_
 from mavdem.evaluate.vehicle_figures import AxisFigures, vehicle_of_log
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected
-from mavdem.page.document import Chapter
 from mavdem.report.blocks import Sentence, Table
 
 LOGS = Path(__file__).parents[2] / "logs"

@@ -12,9 +12,9 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from mavdem.page.inline_svg import inline_svg
 
 from mavdem.page import Chapter, Drawing, render_page
-from mavdem.page.inline_svg import inline_svg
 from mavdem.report.blocks import Sentence, Table
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")

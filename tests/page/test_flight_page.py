@@ -6,6 +6,7 @@ import sys
 from types import SimpleNamespace
 
 import pytest
+from mavdem.page.flight_page import flight_page
 from simulated import simulated
 
 import mavdem
@@ -15,7 +16,6 @@ from mavdem.condition.tier import Tier
 from mavdem.evaluate import held_out_test
 from mavdem.evaluate.findings import findings
 from mavdem.evaluate.vehicle_figures import VehicleFigures
-from mavdem.page.flight_page import flight_page
 
 FLIGHT = simulated(samples=900, wind=4.0, lag=0.05)
 TRAIN, TEST = FLIGHT[:800], FLIGHT[800:]

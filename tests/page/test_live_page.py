@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from mavdem.page.live_page import live_page
+from mavdem.page.session_history import SessionHistory
 
 from mavdem.evaluate.live_history import HorizonErrors, LiveHistory
 from mavdem.live import SessionStatus
 from mavdem.live.status import ACCOUNT
-from mavdem.page.live_page import live_page
-from mavdem.page.session_history import SessionHistory
 
 NOTHING = dict.fromkeys(ACCOUNT, 0.0)
 

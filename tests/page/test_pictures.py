@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from live_rows import flown
 from matplotlib.figure import Figure
+from mavdem.page.pictures import PicturePlan, picture_chapter
 
 from mavdem.evaluate.live_history import LiveHistory
-from mavdem.page.pictures import PicturePlan, picture_chapter
-from mavdem.plot.live_flight import live_flight
+from mavdem.report.figures.series import live_flight
 
 
 def refuse() -> Figure:

@@ -12,16 +12,14 @@ import control
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
+from mavdem.plot import Plots, forecast
 
 import mavdem
 from mavdem.evaluate import held_out_test, held_out_windows
-from mavdem.plot import Plots, forecast
-from mavdem.plot.complex_plane import uncertain_poles
-from mavdem.plot.drawn import drawn_models, drawn_physical, physical_system, system
-from mavdem.plot.forecasts import typical_windows
-from mavdem.plot.one_step_errors import correlation
 from mavdem.report import palette
 from mavdem.report.axis_command import AxisCommand
+from mavdem.report.figures.series import correlation, typical_windows
+from mavdem.report.figures.systems import drawn_models, drawn_physical, physical_system, system, uncertain_poles
 from mavdem.report.names import Labels
 
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
