@@ -5,10 +5,11 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
-    from mavdem.alignment import HoverFigures, hover, hover_figures, read_flight, read_segments
+    from mavdem.alignment import read_flight, read_segments
+    from mavdem.analysis import VehicleFigures, vehicle
+    from mavdem.condition import HoverFigures, hover, hover_figures
     from mavdem.dem import Learned, OnlineLearner, Settings, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
-    from mavdem.evaluate import VehicleFigures, vehicle
     from mavdem.flight import Flight
     from mavdem.forecaster import Forecaster
     from mavdem.ingest import Telemetry
@@ -38,21 +39,21 @@ __all__ = [
 _HOMES = {
     "Flight": "flight",
     "Forecaster": "forecaster",
-    "HoverFigures": "alignment",
+    "HoverFigures": "condition",
     "Learned": "dem",
     "NotLearnable": "errors",
     "OnlineLearner": "dem",
     "Settings": "dem",
     "Telemetry": "ingest",
     "Unreadable": "errors",
-    "VehicleFigures": "evaluate",
-    "hover": "alignment",
-    "hover_figures": "alignment",
+    "VehicleFigures": "analysis",
+    "hover": "condition",
+    "hover_figures": "condition",
     "learn": "dem",
     "learn_many": "dem",
     "read_flight": "alignment",
     "read_segments": "alignment",
-    "vehicle": "evaluate",
+    "vehicle": "analysis",
 }
 
 

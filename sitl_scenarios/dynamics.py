@@ -1,4 +1,4 @@
-"""Dynamics: forces and moments on a quadrotor, and its accelerations.
+"""Dynamics of a quadrotor: rotor frame and mixer, forces and moments, and the step from state to state.
 
 North-east-down (NED), body axes forward, right, down (FRD). On the body act its weight, the rotors' thrust along −z and
 torque about z, and air that moves past it:
@@ -9,29 +9,94 @@ torque about z, and air that moves past it:
 - each rotor's loss of thrust to air that moves down through its disc, k_z ω a_z, with a_z at its own hub. So a body
   that rolls is damped, and air that turns about its x axis rolls it (J. Svacha et al., ICUAS 2017).
 
-Both drags act at the height of the hubs, above the centre of mass, and so tilt the body. Left out as small: gyroscopic
-moments of the rotors, flapping moments, ground effect, and what inflow does to torque.
+Both drags act at the height of the hubs, above the centre of mass, and so tilt the body. Damage changes what a rotor
+gives at its speed, and where the centre of mass is. Left out as small: gyroscopic moments of the rotors, flapping
+moments, ground effect, what inflow does to torque, what a shifted load changes of the inertia, and what a chipped
+propeller loses of its drag.
 
-Damage changes what a rotor gives at its speed, and where the centre of mass is: the body turns about the new one, and
-hull and hubs are where they were. Left out as small: what a shifted load changes of the moments of inertia, and what a
-chipped propeller loses of its drag.
+ArduPilot and PX4 count an X quad alike: 1 front right, 2 rear left, 3 front left, 4 rear right. ArduPilot counts a + as
+1 right, 2 left, 3 front, 4 rear; PX4, whose parameters hold the places, is given the same. In both frames, 1 and 2
+turn counter-clockwise seen from above
+(https://ardupilot.org/copter/docs/connect-escs-and-motors.html; PX4's airframe reference).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import asin, atan2, sqrt
-from typing import NamedTuple
+from math import asin, atan2, exp, hypot, sqrt
+from typing import Literal, NamedTuple
 
-from sitl_scenarios.mixer import SPINS, Four, frame
 from sitl_scenarios.scenario import Scenario, VehicleSpec
 from sitl_scenarios.vehicles import AIR_DENSITY, GRAVITY, airframe
+
+Four = tuple[float, float, float, float]
+
+SPINS: Four = (1.0, 1.0, -1.0, -1.0)
+"""1: the rotor turns counter-clockwise seen from above, and its torque turns the body clockwise: positive yaw."""
+PAPER_ORDER = (2, 0, 3, 1)
+"""Which motor of an X frame, from 0 in our order, is the paper's first, second, third and fourth. The AR.Drone counts
+clockwise from the front left, hence [1 −1 −1 1] in roll: front left, front right, rear right, rear left."""
+
+
+class RotorFrame(NamedTuple):
+    """Rotors in the autopilots' order."""
+
+    forward: Four  # with right: place of each rotor from the centre of mass, m
+    right: Four
+    roll: Four  # with pitch, yaw: what a demand of 1 adds to the normalised command of each motor
+    pitch: Four
+    yaw: Four
+
+
+def frame(kind: Literal["x", "plus"], arm: tuple[float, float]) -> RotorFrame:
+    """The frame of a vehicle; ``arm``: how far forward and right the rotors of the X are, m; of the + as far out."""
+    forward: Four = (1.0, -1.0, 1.0, -1.0)
+    right: Four = (1.0, -1.0, -1.0, 1.0)
+    if kind == "plus":
+        forward, right, arm = (0.0, 0.0, 1.0, -1.0), (1.0, -1.0, 0.0, 0.0), (hypot(*arm),) * 2
+    # Thrust acts upwards: a rotor on the left rolls to the right, one in front raises the nose.
+    return RotorFrame(_scaled(forward, arm[0]), _scaled(right, arm[1]), _scaled(right, -1.0), forward, SPINS)
+
+
+def _scaled(four: Four, factor: float) -> Four:
+    a, b, c, d = four
+    return a * factor, b * factor, c * factor, d * factor
+
+
+IDLE_COMMAND = 0.1  # Of full command: what an armed motor turns at, at least
+
+
+def mix(frame: RotorFrame, demands: Four) -> Four:
+    """Normalised commands of the motors, ``IDLE_COMMAND`` to 1.
+
+    ``demands`` are roll, pitch, yaw (−1 to 1) and thrust (0 to 1). Where a motor would saturate, thrust gives way
+    first, so that the vehicle stays upright, and then all of roll, pitch and yaw alike.
+    """
+    roll, pitch, yaw, thrust = demands
+    a, b, c, d = (roll * r + pitch * p + yaw * s for r, p, s in zip(frame.roll, frame.pitch, frame.yaw, strict=True))
+    lowest, highest = min(a, b, c, d), max(a, b, c, d)
+    if highest - lowest > 1.0 - IDLE_COMMAND:
+        scale = (1.0 - IDLE_COMMAND) / (highest - lowest)
+        a, b, c, d = a * scale, b * scale, c * scale, d * scale
+        lowest, highest = lowest * scale, highest * scale
+    thrust = min(max(thrust, IDLE_COMMAND - lowest), 1.0 - highest)
+    return a + thrust, b + thrust, c + thrust, d + thrust
+
+
+MIN_PULSE, MAX_PULSE = 1000.0, 2000.0  # Of no command and of a full one
+DISARMED_PULSE = {"px4": 900.0, "ardupilot": 1000.0}  # µs of a disarmed motor, by autopilot
+
+
+def pulse(command: float) -> float:
+    """A normalised command as it is put out: whole µs."""
+    return float(round(MIN_PULSE + (MAX_PULSE - MIN_PULSE) * command))
+
 
 Three = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
-class Air(NamedTuple):
+class AirState(NamedTuple):
     """The air about the vehicle, and what else pushes it."""
 
     north: float = 0.0  # with east, down: m/s, where it moves to
@@ -44,7 +109,7 @@ class Air(NamedTuple):
     yaw: float = 0.0
 
 
-class Wear(NamedTuple):
+class Damage(NamedTuple):
     """Damage of a vehicle: shares that are left of what its four rotors do, and where its centre of mass is."""
 
     speed: Four = (1.0,) * 4  # of each rotor, at the same command
@@ -53,20 +118,20 @@ class Wear(NamedTuple):
     centre: tuple[float, float] = (0.0, 0.0)  # of mass: how far forward and right of the published one, m
 
 
-SOUND = Wear()
+UNDAMAGED = Damage()
 
 
-def damages(scenario: Scenario) -> list[tuple[float, Wear]]:
+def damages(scenario: Scenario) -> list[tuple[float, Damage]]:
     """Seconds after the first arming, and the condition from then on, of all damage in order; none of a sound one."""
     vehicle, propeller, load = scenario.vehicle, scenario.propeller, scenario.load
     begins = [vehicle.weak_from] * bool(vehicle.weak_motor) + [propeller.start] * bool(propeller.motor)
     begins += [load.start] * bool(load.forward or load.right)
 
-    def at(time: float) -> Wear:
+    def at(time: float) -> Damage:
         weak = vehicle.weak_motor if time >= vehicle.weak_from else 0
         chipped = propeller.motor if time >= propeller.start else 0
         shifted = time >= load.start
-        return Wear(
+        return Damage(
             # Thrust goes with the square of the speed.
             speed=_all_but(weak, sqrt(vehicle.weak_thrust)),
             thrust=_all_but(chipped, propeller.thrust),
@@ -86,11 +151,11 @@ def _all_but(motor: int, share: float) -> Four:
 Change = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 """Acceleration NED (m/s²), angular acceleration in body axes (rad/s²), and of that the disturbance: force NED (N) and
 moment in body axes (N m) of everything but weight and the rotors' thrust and torque in still air."""
-Dynamics = Callable[[Quaternion, Three, Three, Four, Air], Change]
+Dynamics = Callable[[Quaternion, Three, Three, Four, AirState], Change]
 """Of attitude (body to NED), velocity (NED, m/s), body rates (rad/s), rotor speeds (rad/s) and the air."""
 
 
-def dynamics(vehicle: VehicleSpec, condition: Wear = SOUND) -> Dynamics:
+def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     """Accelerations of a vehicle in the air as a function of its state; flown, and linearised, by this one function."""
     body = airframe(vehicle)
     places = frame(vehicle.frame, body.arm)
@@ -107,7 +172,7 @@ def dynamics(vehicle: VehicleSpec, condition: Wear = SOUND) -> Dynamics:
     along = body.rotor_drag if vehicle.rotor_drag else 0.0
     through = body.inflow if vehicle.rotor_drag else 0.0
 
-    def change(attitude: Quaternion, velocity: Three, rates: Three, rotors: Four, air: Air) -> Change:
+    def change(attitude: Quaternion, velocity: Three, rates: Three, rotors: Four, air: AirState) -> Change:
         # Unrolled into floats: numpy's calls on arrays of three would take ten times as long.
         w, x, y, z = attitude
         vn, ve, vd = velocity
@@ -199,3 +264,81 @@ def euler(attitude: Quaternion) -> tuple[float, float, float]:
         asin(min(max(2 * (w * y - z * x), -1.0), 1.0)),
         atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)),
     )
+
+
+class State(NamedTuple):
+    """Of the vehicle."""
+
+    position: Three = (0.0, 0.0, 0.0)  # with velocity: NED, m and m/s
+    velocity: Three = (0.0, 0.0, 0.0)
+    attitude: Quaternion = (1.0, 0.0, 0.0, 0.0)  # unit quaternion from body to NED
+    rates: Three = (0.0, 0.0, 0.0)  # in body axes, rad/s
+    rotors: Four = (0.0, 0.0, 0.0, 0.0)  # speeds, rad/s
+    change: Change = (0.0,) * 12  # what acted last; all of it zero on the ground
+
+
+class Body:
+    """A vehicle's way from state to state, in steps of h = ``step`` seconds."""
+
+    def __init__(self, vehicle: VehicleSpec, step: float) -> None:
+        self._vehicle = vehicle
+        self._change = dynamics(vehicle)
+        self._step = step
+        up, down = airframe(vehicle).lag
+        self._keeps = tuple(exp(-step / tau) if tau else 0.0 for tau in (up / 0.5, up, down / 0.5, down))
+
+    def damage(self, condition: Damage) -> None:
+        """From now on it is what is left of the vehicle."""
+        self._change = dynamics(self._vehicle, condition)
+
+    def spun(self, rotors: Four, targets: Four, steps: int) -> Four:
+        """Rotor speeds after some steps towards what their commands settle at, the body standing still."""
+        for _ in range(steps):
+            _, rotors = self._lagged(rotors, targets)
+        return rotors
+
+    def moved(self, state: State, targets: Four, air: AirState, steps: int) -> State:
+        """The state after some steps in the air; ``targets``: what the rotors' commands settle at, rad/s."""
+        change, h, half = self._change, self._step, self._step / 2
+        (x, y, z), (u, v, w), attitude, (p, q, r), rotors, last = state
+        an, ae, ad, ap, aq, ar = last[:6]
+        for _ in range(steps):
+            middle_rotors, rotors = self._lagged(rotors, targets)
+            # Half a step of rotation by the rates; their own change would be of higher order.
+            last = change(
+                turned(attitude, (p * half / 2, q * half / 2, r * half / 2)),
+                (u + half * an, v + half * ae, w + half * ad),
+                (p + half * ap, q + half * aq, r + half * ar),
+                middle_rotors,
+                air,
+            )
+            an, ae, ad, ap, aq, ar, *_ = last
+            x += h * (u + half * an)
+            y += h * (v + half * ae)
+            z += h * (w + half * ad)
+            u += h * an
+            v += h * ae
+            w += h * ad
+            halves = half * (p + half * ap), half * (q + half * aq), half * (r + half * ar)
+            a, b, c, d = turned(attitude, halves)
+            size = 1.0 / sqrt(a * a + b * b + c * c + d * d)
+            attitude = a * size, b * size, c * size, d * size
+            p += h * ap
+            q += h * aq
+            r += h * ar
+        return State((x, y, z), (u, v, w), attitude, (p, q, r), rotors, last)
+
+    def _lagged(self, rotors: Four, targets: Four) -> tuple[Four, Four]:
+        """Speeds half a step and a step later."""
+        o1, o2, o3, o4 = rotors
+        t1, t2, t3, t4 = targets
+        half_up, up, half_down, down = self._keeps
+        d1, d2, d3, d4 = o1 - t1, o2 - t2, o3 - t3, o4 - t4
+        m1, e1 = (half_up, up) if d1 < 0.0 else (half_down, down)
+        m2, e2 = (half_up, up) if d2 < 0.0 else (half_down, down)
+        m3, e3 = (half_up, up) if d3 < 0.0 else (half_down, down)
+        m4, e4 = (half_up, up) if d4 < 0.0 else (half_down, down)
+        return (
+            (t1 + d1 * m1, t2 + d2 * m2, t3 + d3 * m3, t4 + d4 * m4),
+            (t1 + d1 * e1, t2 + d2 * e2, t3 + d3 * e3, t4 + d4 * e4),
+        )

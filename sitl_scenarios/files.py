@@ -1,20 +1,115 @@
-"""Reads scenarios, by name or from TOML files."""
+"""Reads scenarios, by name or from TOML files, and says in a sentence what is wrong in one."""
 
 from __future__ import annotations
 
 import json
 import stat
 import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from importlib.resources import files
+from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from sitl_scenarios.plan import times
-from sitl_scenarios.problems import describe_errors, did_you_mean, too_much
-from sitl_scenarios.scenario import Scenario
-from sitl_scenarios.sections.base import shortened
+from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind, place, shortened
+
+MAX_LISTED = 5  # Problems that are listed one by one: the others often follow from them
+MAX_DEPTH = 8  # Tables and arrays within each other; no scenario needs half of that
+KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
+    section: {get_args(model.model_fields["kind"].annotation)[0]: model for model in get_args(get_args(union)[0])}
+    for section, union in (("wind", Wind), ("excitation", Excitation))
+}
+"""Of the sections that have a ``kind``."""
+
+
+def too_much(value: Any, depth: int = 0) -> str:
+    """Why a value out of a file is not even looked at; empty if it is."""
+    if depth > MAX_DEPTH:
+        return "it is nested deeper than any scenario"
+    if isinstance(value, int) and abs(value) >= 1 << 64:
+        return "it has a number of more digits than any scenario needs"
+    inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    return next(filter(None, (too_much(one, depth + 1) for one in inside)), "")
+
+
+def describe_errors(errors: Iterable[Any], table: Mapping[str, Any]) -> str:
+    """The first of pydantic's ``errors`` in what was to be a scenario, in one sentence, and how many more there are."""
+    wrong = list(dict.fromkeys(shortened(_sentence(detail, table), 300) for detail in errors))
+    more = [f"and {len(wrong) - MAX_LISTED} more"] if len(wrong) > MAX_LISTED else []
+    return "; ".join([*wrong[:MAX_LISTED], *more])
+
+
+def did_you_mean(given: str, known: Iterable[str]) -> str:
+    """In brackets what of the ``known`` is most like what is given; empty where nothing is."""
+    near = get_close_matches(given[:100], list(known), n=1)
+    return f" (did you mean {near[0]!r}?)" if near else ""
+
+
+def _sentence(detail: Any, table: Mapping[str, Any]) -> str:
+    """What pydantic found in one place."""
+    where, given, kind = detail["loc"], detail.get("input"), detail["type"]
+    words = _words(where, table)
+    key, context = place(words) if words else "it", detail.get("ctx", {})
+    if kind == "value_error":
+        return str(context["error"])
+    if kind in ("extra_forbidden", "missing"):
+        name, keys = _section(where)
+        if kind == "missing":
+            return f"{key} is missing: {name} has {', '.join(keys)}"
+        guess = did_you_mean(str(where[-1]), keys)
+        return f"{key} is no key of a scenario{guess}: {name} has {', '.join(keys)}"
+    if kind == "union_tag_not_found":
+        return f"{place([*words, 'kind'])} is missing: it is one of {', '.join(KINDS[str(where[0])])}"
+    if kind == "union_tag_invalid":
+        tag = str(context["tag"])
+        guess = did_you_mean(tag, KINDS[str(where[0])])
+        return f"{place([*words, 'kind'])} must be one of {context['expected_tags']}, not {_shown(tag)}{guess}"
+    if len(words) == 1 and isinstance(given, dict) and words[0] in ("wind", "moments"):
+        return f"[{words[0]}] must be [[{words[0]}]], in double brackets: there may be several"
+    if len(words) == 1 and isinstance(given, list) and words[0] not in ("wind", "moments"):
+        return f"{key} must be a single table or value, [{key}] and not [[{key}]]: there is only one"
+    if kind == "too_long":
+        return f"{key} must be at most {context['max_length']}, not {context['actual_length']}"
+    if isinstance(given, float) and not isfinite(given):
+        return f"{key} must be a number, not {given}"
+    message = detail["msg"].replace("Input should be", "must be").replace("an object", "a table")
+    return f"{key} {message}" + ("" if isinstance(given, dict | list) else f", not {_shown(given)}")
+
+
+def _shown(given: Any) -> str:
+    return shortened(json.dumps(given))
+
+
+def _words(where: Sequence[int | str], table: Any) -> list[int | str]:
+    """The keys in the file: pydantic's place without the names of the kinds that it went through."""
+    words: list[int | str] = []
+    for position, word in enumerate(where):
+        inside = isinstance(table, dict) and word in table or isinstance(table, list) and isinstance(word, int)
+        if not inside and position < len(where) - 1:
+            continue
+        words.append(word)
+        table = table[word] if inside else None
+    return words
+
+
+def _section(where: Sequence[int | str]) -> tuple[str, list[str]]:
+    """What the last key of a place would be a key of, in words, and the keys that it has."""
+    section = str(where[0])
+    if len(where) == 1:
+        return "a scenario", list(Scenario.model_fields)
+    if section in KINDS:
+        kind = next(str(word) for word in where[1:] if word in KINDS[section])
+        name = f"a {kind} wind" if section == "wind" else f"{section} of the kind {kind}"
+        return name, [key for key in KINDS[section][kind].model_fields if key != "kind"]
+    if section == "moments":
+        return "a moment", list(Moment.model_fields)
+    model = Scenario.model_fields[section].annotation
+    return f"[{section}]", list(model.model_fields) if isinstance(model, type) and issubclass(model, BaseModel) else []
+
 
 MAX_FILE_BYTES = 100_000  # Bytes of a scenario file: fifty times the longest that comes with the package
 

@@ -1,4 +1,4 @@
-"""Motion: states, inputs and disturbances of a simulated flight, row by row."""
+"""Motion: states, inputs and disturbances of a simulated flight, row by row; and whether it held its place."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sitl_scenarios.dynamics import IDLE_COMMAND
+from sitl_scenarios.scenario import Scenario, Steps
 
 Array = NDArray[np.float64]
 
@@ -46,3 +49,58 @@ class Motion:
 
     def __len__(self) -> int:
         return len(self.time)
+
+
+MAX_OFFSET_METRES = 5.0  # m from where it is asked to be: more than any gust of the scenarios here pushes a vehicle
+ON_GROUND, IN_AIR = 1, 2  # MAV_LANDED_STATE; of those above it takes off or lands
+
+
+class Holding:
+    """Follows a flight, block of rows after block of rows.
+
+    ``farthest``: m from its place in hover, for a second on end; 0 if never farther than ``MAX_OFFSET_METRES``.
+    ``at_limit``: share of the rows in the air at which a motor could not do more, or not less.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        aside = scenario.excitation.distance if isinstance(scenario.excitation, Steps) else 0.0
+        # On its way from one end of a sideways step to the other it is where it should be.
+        self._aside, self._height = aside, scenario.height
+        self._since: float | None = None
+        self._phase = ON_GROUND
+        self._rows = self._limited = 0
+        self.farthest = 0.0
+
+    @property
+    def at_limit(self) -> float:
+        """Share of the rows in the air at which a motor was at a limit."""
+        return self._limited / self._rows if self._rows else 0.0
+
+    def add(self, motion: Motion) -> None:
+        """The next rows."""
+        flying = motion.armed & (motion.landed_state >= IN_AIR)
+        limited = (motion.outputs >= 2000.0) | (motion.outputs <= 1000.0 + 1000.0 * IDLE_COMMAND)
+        self._rows += int(np.count_nonzero(flying))
+        self._limited += int(np.count_nonzero(limited[flying].any(axis=1)))
+        north, east, down = motion.position.T
+        off = np.sqrt(north**2 + (east - np.clip(east, 0.0, self._aside)) ** 2 + (down + self._height) ** 2)
+        rows = zip(motion.time.tolist(), motion.landed_state.tolist(), motion.armed.tolist(), off.tolist(), strict=True)
+        for time, state, armed, distance in rows:
+            # Blown down to the ground it is still asked to hover.
+            self._phase = state if state != ON_GROUND else self._phase
+            far = armed and self._phase == IN_AIR and distance > MAX_OFFSET_METRES
+            self._since = (time if self._since is None else self._since) if far else None
+            if self._since is not None and time - self._since >= 1.0:  # for a second on end
+                self.farthest = max(self.farthest, distance)
+
+    def cautions(self) -> list[str]:
+        """One sentence for each problem, without a full stop."""
+        found = []
+        if self.farthest:
+            found.append(f"the vehicle could not hold its place and was {self.farthest:.3g} m from it: use less wind")
+        if self.at_limit > 0.1:
+            found.append(
+                f"motors were at their limits in {self.at_limit:.0%} of the time in the air, where nothing linear is "
+                "to be learnt: use less wind, or smaller moments"
+            )
+        return found

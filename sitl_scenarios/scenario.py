@@ -1,21 +1,85 @@
-"""Scenario: vehicle, wind, excitation, messages and faults; everything that decides a simulated flight.
+"""Scenario: vehicle, wind, excitation, messages, faults and damage; everything that decides a simulated flight.
 
 A scenario file is the same in TOML, a table for each section; what it leaves out has the value given here. Directions
-are degrees clockwise from north: wind comes *from* its direction, as in weather reports. ``mavdem fly
---describe`` prints what each key means: the description of its pydantic field.
+are degrees clockwise from north: wind comes *from* its direction, as in weather reports. ``mavdem fly --describe``
+prints what each key means: the description of its pydantic field.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import cos, inf, radians, sin
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from sitl_scenarios.sections.base import MAX_SECONDS, NotNegative, Positive, Section, Share, place
-from sitl_scenarios.sections.damage import Load, Propeller
+_COUNTED = {"wind": "wind", "moments": "moment"}  # Sections that there may be several of, and what one is called
+_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
+
+
+def place(words: Sequence[int | str]) -> str:
+    """Where something stands: the keys that lead there, an int for one of several, counted from 0."""
+    section, *rest = words
+    if section in _COUNTED and rest and isinstance(rest[0], int):
+        number = rest[0]
+        nth = f"{_ORDINALS[number]} {_COUNTED[section]}" if number < len(_ORDINALS) else f"{section} no. {number + 1}"
+        return f"the {nth}" + (f"'s {_dotted(rest[1:])}" if rest[1:] else "")
+    return _dotted(words)
+
+
+def _dotted(words: Sequence[int | str]) -> str:
+    return ".".join(shortened(str(word)) for word in words)
+
+
+def shortened(text: str, longest: int = 60) -> str:
+    """Text cut to ``longest`` characters, with an ellipsis where it was longer."""
+    return text if len(text) <= longest else f"{text[: longest - 2]} …"
+
+
+MAX_SECONDS = 7200.0  # Seconds of a flight: an hour is much, and two are enough
+
+Positive = Annotated[float, Field(gt=0, le=MAX_SECONDS)]
+NotNegative = Annotated[float, Field(ge=0, le=MAX_SECONDS)]
+Share = Annotated[float, Field(ge=0, le=1)]
+
+
+class Section(BaseModel):
+    """A part of a scenario: immutable, without keys it does not know, and without text for numbers."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, use_attribute_docstrings=True)
+
+
+Left = Annotated[float, Field(gt=0, le=1)]
+Millimetres = Annotated[float, Field(ge=-100, le=100)]
+
+
+class Propeller(Section):
+    """A propeller that chips in flight: it gives less thrust, takes less torque, and shakes the vehicle."""
+
+    motor: Annotated[int, Field(ge=0, le=4)] = 0
+    """Motor that turns it, counted from 1 as the autopilot does; 0: none."""
+    start: NotNegative = 0.0
+    """Seconds into the flight at which it chips."""
+    thrust: Left = 0.85
+    """Share of its thrust that is left, at the same speed."""
+    torque: Left = 0.82
+    """Share of its torque that is left; where blades get shorter, thrust goes with R⁴ and torque with R⁵."""
+    unbalance: Annotated[float, Field(ge=0, le=1000)] = 20.0
+    """Mass that is missing times its distance from the shaft, g mm: a force that turns with the rotor."""
+
+
+class Load(Section):
+    """A load that shifts in flight, and the vehicle's centre of mass with it."""
+
+    start: NotNegative = 0.0
+    """Seconds into the flight at which it shifts."""
+    forward: Millimetres = 0.0
+    """How far the centre of mass moves forward, mm; back where negative."""
+    right: Millimetres = 0.0
+    """How far it moves to the right, mm; to the left where negative."""
+
 
 MAX_WINDS = 16  # Winds, and moments, that are summed
 
@@ -261,7 +325,7 @@ class Sensors(Section):
 class StreamSpec(Section):
     """What the autopilot sends."""
 
-    speaks: Literal["px4", "ardupilot"] = "px4"
+    autopilot: Literal["px4", "ardupilot"] = Field(default="px4", validation_alias=AliasChoices("autopilot", "speaks"))
     """Whose messages, units and parameters."""
     rate: Annotated[float, Field(ge=0.1, le=400)] = 100.0
     """Hz of attitude and of motor outputs; other messages that come often come at a quarter of it."""

@@ -1,26 +1,149 @@
-"""Truth: A, B, wind, disturbance and states of a simulated flight, to compare a learnt model with."""
+"""Truth: A, B, wind, disturbance and states of a simulated flight, to compare a learned model with.
+
+A and B are those of the dynamics linearised, by central differences, about hover in still air, level, nose to the
+north. In wind a vehicle hovers tilted, with another thrust: the effect of its motors there is a few hundredths from
+what it is here.
+"""
 
 from __future__ import annotations
 
 import os
-from dataclasses import fields
-from typing import Any
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from math import cos, sin, tan
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mavdem.files import atomic_write
-from sitl_scenarios.dynamics import SOUND, damages
-from sitl_scenarios.holding import IN_AIR
-from sitl_scenarios.linear import axis, rotor_effects
-from sitl_scenarios.mixer import MAX_PULSE, MIN_PULSE
-from sitl_scenarios.motion import Array, Motion
+from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, PAPER_ORDER, UNDAMAGED, AirState, Damage, damages, dynamics
+from sitl_scenarios.motion import IN_AIR, Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
-from sitl_scenarios.scenario import Axis, Scenario
+from sitl_scenarios.scenario import Axis, Scenario, VehicleSpec
 from sitl_scenarios.sensors import vibration
 from sitl_scenarios.simulation import CYCLES
 from sitl_scenarios.vehicles import CHARGED, airframe
+
+STATES = (
+    *("north", "east", "down", "north speed", "east speed", "down speed"),
+    *("roll", "pitch", "yaw", "roll rate", "pitch rate", "yaw rate"),
+    *("rotor 1", "rotor 2", "rotor 3", "rotor 4"),
+)
+"""m, m/s, rad, rad/s in body axes, and rad/s."""
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """A linear system."""
+
+    states: tuple[str, ...]  # their names, n of them
+    A: Array  # (n, n), 1/s and the like
+    B: Array  # (n, 4), per unit of each motor's command
+
+    def of(self, states: Sequence[str]) -> Linear:
+        """The rows and columns of some states; what others do to them is left out."""
+        kept = [self.states.index(state) for state in states]
+        return Linear(tuple(states), self.A[np.ix_(kept, kept)], self.B[kept])
+
+    def without_lag(self) -> Linear:
+        """With rotors that are at once where they settle."""
+        body, rotors = slice(0, 12), slice(12, 16)
+        settled = -np.linalg.solve(self.A[rotors, rotors], self.B[rotors])
+        return Linear(self.states[:12], self.A[body, body], self.B[body] + self.A[body, rotors] @ settled)
+
+
+def linearised(vehicle: VehicleSpec) -> Linear:
+    """All states of ``STATES``, about hover; a rotor's lag is the mean of its two.
+
+    Motor commands are in the vehicle's own unit, in the order of ``sitl_scenarios.dynamics``.
+    """
+    body = airframe(vehicle)
+    derivative = _derivative(vehicle)
+    # States and commands.
+    hover = np.repeat([0.0, body.hover_speed, body.hover_command], [12, 4, 4])
+    steps = np.repeat([1e-3, 1e-5, 1e-5, 1e-4, 1e-5 * body.hover_speed, 1e-5 * body.full], [3, 3, 3, 3, 4, 4])
+    columns = [
+        (derivative(hover + step) - derivative(hover - step)) / (2 * size)
+        for step, size in zip(np.diag(steps), steps, strict=True)
+    ]
+    return Linear(STATES, np.column_stack(columns[:16]), np.column_stack(columns[16:]))
+
+
+def axis(vehicle: VehicleSpec, axis: Axis = "roll", lag: bool = True) -> Linear:
+    """Angle and rate about one axis, of yaw the rate alone, in µs of PWM: what a model of a flight is held against.
+
+    With ``lag`` there is one more state, the angular acceleration that the rotors make, "roll drive" (rad/s²), which
+    follows the commands with the rotors' time constant. Without, it is there at once.
+    """
+    found = linearised(vehicle)
+    everything = Linear(found.states, found.A, found.B * (airframe(vehicle).full / 1000))
+    # The heading does nothing to a vehicle; roll and pitch, of gravity, do.
+    names = ("yaw rate",) if axis == "yaw" else (axis, f"{axis} rate")
+    instant = everything.without_lag().of(names)
+    tau = sum(airframe(vehicle).lag) / 2
+    if not lag or tau == 0:
+        return instant
+    n = len(names)
+    A, B = np.zeros((n + 1, n + 1)), np.zeros((n + 1, 4))
+    A[:n, :n] = instant.A
+    A[n - 1, n], A[n, n] = 1.0, -1 / tau
+    B[n] = instant.B[-1] / tau
+    return Linear((*names, f"{axis} drive"), A, B)
+
+
+def rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: Damage = UNDAMAGED) -> Array:
+    """(3, 4) roll, pitch and yaw acceleration, rad/s², by the speed of each rotor, rad/s, at ``rotors`` (4,), rad/s.
+
+    In steady flight through ``air`` (3,), m/s: its motion relative to the body, in the body's axes.
+    """
+    change = dynamics(vehicle, condition)
+    level, still, about = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), AirState(*air.tolist())
+
+    def acceleration(speeds: Array) -> Array:
+        o1, o2, o3, o4 = speeds.tolist()
+        return np.array(change(level, still, still, (o1, o2, o3, o4), about)[3:6])
+
+    steps = np.diag(1e-5 * rotors)
+    return np.column_stack([(acceleration(rotors + h) - acceleration(rotors - h)) / (2 * h.sum()) for h in steps])
+
+
+def paper_system(order: Literal[1, 2, 3, 4]) -> Linear:
+    """A and B of the paper's table ``tab:systems``: AR.Drone 2.0, without rotor drag and lag, PWM of 0 to 255.
+
+    System 1 to 4 (``order``) have the states [φ̇], [φ, φ̇], [ẏ, φ, φ̇], [y, ẏ, φ, φ̇]. Its y points to the left and its
+    motors are in its own order, see ``sitl_scenarios.dynamics.PAPER_ORDER``.
+    """
+    east = ("east", "east speed", "roll", "roll rate")[4 - order :]
+    found = linearised(VehicleSpec(model="ardrone2", rotor_drag=False)).without_lag().of(east)
+    mirror = np.diag([-1.0 if state.startswith("east") else 1.0 for state in east])
+    names = tuple({"east": "y", "east speed": "ẏ", "roll": "φ", "roll rate": "φ̇"}[state] for state in east)
+    return Linear(names, mirror @ found.A @ mirror, mirror @ found.B[:, PAPER_ORDER])
+
+
+def _derivative(vehicle: VehicleSpec) -> Callable[[Array], Array]:
+    """Of ``STATES`` by states and commands (20,)."""
+    body = airframe(vehicle)
+    change = dynamics(vehicle)
+    # A vehicle whose rotors do not lag has no such states; any small lag leaves the same without it.
+    tau = sum(body.lag) / 2 or 1e-3
+
+    def derivative(at: Array) -> Array:
+        state, commands = at[:16], at[16:]
+        roll, pitch, yaw = state[6:9]
+        p, q, r = state[9:12]
+        w, x, y, z = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat(scalar_first=True).tolist()
+        vn, ve, vd = state[3:6].tolist()
+        o1, o2, o3, o4 = state[12:].tolist()
+        acting = change((w, x, y, z), (vn, ve, vd), (float(p), float(q), float(r)), (o1, o2, o3, o4), AirState())
+        turning = q * sin(roll) + r * cos(roll)
+        angles = (p + turning * tan(pitch), q * cos(roll) - r * sin(roll), turning / cos(pitch))
+        targets = [body.rotor_speed(command) for command in commands.tolist()]
+        return np.array([vn, ve, vd, *acting[:3], *angles, *acting[3:6], *(np.array(targets) - state[12:]) / tau])
+
+    return derivative
+
 
 AXES: tuple[Axis, ...] = ("roll", "pitch", "yaw")
 
@@ -48,7 +171,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     - likewise ``pitch_…``; and ``yaw_…``, whose only state is the rate, but for the rotors': (1, 1), (1, 4), (2, 2),
       (2, 4).
 
-    About hover in still air; see ``sitl_scenarios.linear``.
+    About hover in still air; see ``sitl_scenarios.truth``.
     """
     body = airframe(scenario.vehicle)
     up, down = body.lag
@@ -56,7 +179,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     arrays["scenario"] = np.array(scenario.model_dump_json())
     arrays["trim"] = np.full(4, 1000 + 1000 * body.hover_command / body.full)
     arrays |= _effects(scenario, motion) | _damage(scenario, motion) | {"vibration": vibration(scenario, motion)}
-    arrays["delay"] = np.array(scenario.sensors.delay + CYCLES[scenario.stream.speaks] / 2)
+    arrays["delay"] = np.array(scenario.sensors.delay + CYCLES[scenario.stream.autopilot] / 2)
     arrays["voltage"] = CHARGED * motion.battery
     arrays["lag"] = np.array([(up + down) / 2, up, down])
     for number, name in enumerate(AXES):
@@ -72,7 +195,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
 def _damage(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     """``weak``, what is left of every motor, and the centre of mass."""
     begins = [(BOOT_SECONDS + begin, condition) for begin, condition in damages(scenario)]
-    left = [SOUND, *(condition for _, condition in begins)]
+    left = [UNDAMAGED, *(condition for _, condition in begins)]
     number = np.searchsorted([begin for begin, _ in begins], motion.time, side="right")
     parts = {f"{name}_left": np.array([getattr(one, name) for one in left]) for name in ("speed", "thrust", "torque")}
     parts["centre"] = np.array([one.centre for one in left])
@@ -84,12 +207,12 @@ def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
     """``roll_effect`` and its likes."""
     spec, body, found = scenario.vehicle, airframe(scenario.vehicle), dict[str, Array]()
     hover, begins = motion.landed_state == IN_AIR, damages(scenario)
-    parts = {"": (hover, SOUND)}
+    parts = {"": (hover, UNDAMAGED)}
     if begins:
         (first, _), (last, condition) = begins[0], begins[-1]
         before, after = hover & (motion.time < BOOT_SECONDS + first), hover & (motion.time >= BOOT_SECONDS + last)
         # Where it is broken in all of the hover, there is one part of it.
-        parts = {"": (before, SOUND), "_weak": (after, condition)} if before.any() else {"": (after, condition)}
+        parts = {"": (before, UNDAMAGED), "_weak": (after, condition)} if before.any() else {"": (after, condition)}
     for suffix, (rows, condition) in parts.items():
         if not rows.any():
             continue

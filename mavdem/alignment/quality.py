@@ -11,10 +11,9 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import welch
 
 from mavdem.alignment import phases
-from mavdem.alignment.align import mean_rate, sample
+from mavdem.alignment.align import Segment, mean_rate, sample, slow_runs, within
 from mavdem.alignment.drive import Motors
-from mavdem.alignment.intervals import Interval, Intervals, both, total
-from mavdem.alignment.segments import Segment, slow_runs, within
+from mavdem.alignment.phases import Interval, Intervals, both, total
 from mavdem.alignment.signals import Attitude, Signals, usual_rate
 from mavdem.flight import Flight
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
 
-from mavdem.alignment.columns import message_counts
-from mavdem.alignment.segments import Segment
+from mavdem.alignment.align import Segment
+from mavdem.alignment.drive import message_counts
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE, SLOW_MOTION_RATE, Signals
 from mavdem.alignment.verdict import MINIMUM_DURATION, Verdict, judge, judge_segments
 from mavdem.errors import NotLearnable

@@ -1,5 +1,6 @@
 """Analysis: all that a log says of one vehicle and axis, in one call."""
 
-from mavdem.analysis.log_analysis import LogAnalysis, analyse
+from mavdem.analysis.analysis import analyse
+from mavdem.analysis.figures import AxisFigures, LogAnalysis, VehicleFigures, figures, vehicle
 
-__all__ = ["LogAnalysis", "analyse"]
+__all__ = ["AxisFigures", "LogAnalysis", "VehicleFigures", "analyse", "figures", "vehicle"]

@@ -13,16 +13,15 @@ from click.core import ParameterSource
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.analysis import LogAnalysis, analyse
-from mavdem.analysis.training_data import TooFewSamples
+from mavdem.analysis.analysis import TooFewSamples
+from mavdem.analysis.figures import ALL
 from mavdem.cli.options import chosen_settings, file_option, model_options, source_options, window_options
 from mavdem.cli.output import complain, print_blocks, print_json, printable, progress, say_aside
 from mavdem.cli.output_files import RECORDING, check_folder, folder_named, result_files, write_figures, write_results
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
-from mavdem.errors import NotLearnable
-from mavdem.evaluate.flight_windows import Length
-from mavdem.evaluate.vehicle_figures import ALL
-from mavdem.extras import advice
+from mavdem.errors import NotLearnable, advice
+from mavdem.evaluate.windows import Length
 from mavdem.report.blocks import Sentence
 from mavdem.report.details import detail_blocks
 from mavdem.report.page import log_page

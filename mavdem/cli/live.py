@@ -18,16 +18,15 @@ from mavdem.cli.output import print_json, printable, say_aside
 from mavdem.cli.output_files import check_file, write_page, writing
 from mavdem.cli.signals import asked_to_end, ending_at_once
 from mavdem.dem import Learned
-from mavdem.errors import Unreadable
+from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
-from mavdem.extras import MissingExtra, advice
 from mavdem.files import atomic_write
 from mavdem.health.motor_watch import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
+from mavdem.live.history import ACCOUNT, horizons, sentence
 from mavdem.live.link import Link
 from mavdem.live.recording import RawRecording
 from mavdem.live.session import LearningProcess, LiveSession
-from mavdem.live.status import ACCOUNT, horizons, sentence
 from mavdem.report.page import SessionHistory, live_page
 
 if TYPE_CHECKING:

@@ -13,7 +13,6 @@ from scipy.stats import norm
 
 from mavdem.dem.closed_loop.mixture import ClosedLoop
 from mavdem.dem.closed_loop.prediction import Prediction
-from mavdem.dem.closed_loop.response import ClosedLoopResponse, attitude_loop
 from mavdem.dem.document import parts_of, values_of
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
@@ -31,7 +30,7 @@ from mavdem.dem.settings import CompleteSettings
 from mavdem.dem.smoothness import SmoothnessEstimate
 from mavdem.dem.uncertainty import Direction, SandwichCovariance
 from mavdem.dem.validation import LEVEL, json_values, require_probability
-from mavdem.downstream import LearnedDownstream
+from mavdem.errors import LearnedDownstream
 
 may_overflow = np.errstate(over="ignore", invalid="ignore")
 """Forecasts of an unstable model, or with huge inputs, overflow to infinity or NaN without a warning."""
@@ -158,14 +157,6 @@ class Learned(LearnedDownstream):
             return wind(self.physical, self.record)
         except ValueError:  # LinAlgError is one
             return None
-
-    @cached_property
-    def closed_loop(self) -> ClosedLoopResponse:
-        """The dominant poles of the attitude loop as flown, or the reason why they are not identifiable.
-
-        See ``mavdem.dem.closed_loop.response.attitude_loop``.
-        """
-        return attitude_loop(self.record, self.physical)
 
     @may_overflow
     def one_step(self) -> Array:

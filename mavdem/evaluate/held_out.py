@@ -22,8 +22,8 @@ import numpy as np
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.validation import LEVEL
-from mavdem.evaluate.flight_windows import TEST_SECONDS, samples_in
-from mavdem.evaluate.squared_error import error_over
+from mavdem.evaluate.scores import error_over
+from mavdem.evaluate.windows import TEST_SECONDS, samples_in
 from mavdem.flight import Flight
 
 FOLDS = 5

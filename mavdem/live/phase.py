@@ -22,7 +22,7 @@ from mavdem.alignment.phases import (
 )
 from mavdem.alignment.signals import CLIMB_FIELDS
 from mavdem.ingest.vocabulary import ACTIVE, ARMED, CUSTOM_MODE, IN_AIR, LANDING_MODES, OFF_GROUND, STANDBY
-from mavdem.live.status import FLIGHT_UNKNOWN, NOT_FLYING
+from mavdem.live.history import FLIGHT_UNKNOWN, NOT_FLYING
 
 HALF_AVERAGING_SECONDS = AVERAGING_SECONDS / 2
 MIN_UPDATE_SECONDS = 0.05  # Between two means: the mean hardly changes faster

@@ -21,14 +21,14 @@ from typing import ParamSpec, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.alignment.signals import axis_outputs
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.dem.parallel import pool
 from mavdem.live.aligner import AlignedRow, Setup
-from mavdem.live.kept_model import KeptModel, named
+from mavdem.live.history import ACCOUNT, NO_FLIGHT, NOT_SETTLED, UNCONFIRMED, SessionStatus, horizons, sentence
 from mavdem.live.link import Link, LinkLost
 from mavdem.live.rate_request import MAX_TRIES, REPLY_SECONDS, SILENCE_SECONDS, Arrivals, RateRequest, greeting
 from mavdem.live.recording import RawRecording
-from mavdem.live.status import ACCOUNT, NO_FLIGHT, NOT_SETTLED, UNCONFIRMED, SessionStatus, horizons, sentence
 from mavdem.live.stream import LiveStream
 
 Array = NDArray[np.float64]
@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 STATUS_SECONDS = 1.0  # From one status to the next
 REPEAT_SECONDS = 30.0
 """In which a sentence is reported once, whatever its numbers: a link at a limit must not fill a terminal."""
+MAX_MODELS = 16  # Kept, so that one from before a landing is among them: several times the seconds that are taken back
 LOW_PRIORITY = 10  # Niceness, 0 to 19, of the process that learns
 
 _NUMBERS = re.compile(r"\d+(\.\d+)?(?= (Hz|s|ms)\b)")
@@ -109,7 +110,9 @@ class LiveSession:
     rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
     learner: OnlineLearner | None = None  # of the latest rows; ``None`` before the first
     sentences: deque[str] = field(default_factory=lambda: deque(maxlen=200))  # the latest
-    _kept: KeptModel = field(init=False)
+    _models: deque[tuple[float, Learned]] = field(default_factory=lambda: deque(maxlen=MAX_MODELS))
+    _newest: Learned | None = None
+    _landed: bool = False  # whether no model has come since the last landing
     _display: Display | None = None
     _display_failed: bool = False
     _setup: Setup | None = None
@@ -135,10 +138,6 @@ class LiveSession:
     _obstacle: str = ""
     _last_said: dict[str, float] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        """Begins without a model."""
-        self._kept = KeptModel(self.executor)
-
     def step(self, timeout: float = 0.1) -> None:
         """Processes what has come; waits at most ``timeout`` seconds for it."""
         received = self._receive(timeout)
@@ -149,7 +148,7 @@ class LiveSession:
                 self._take(row)
             landing = self.stream.taken_back()
             if landing is not None and self.learner is not None:
-                self.learner.forget_since(landing)
+                self._land(landing)
             for event in self.stream.events():
                 self._log(event.sentence)
         for text in self.link.events():
@@ -191,17 +190,22 @@ class LiveSession:
         return dict(self._account)
 
     def final_model(self) -> Learned:
-        """The model of the last samples, or a better one from before, which is reported.
+        """Returns the last model before the last landing; in flight, that of the last samples.
 
         Raises:
             ValueError: there is none.
         """
         if self.learner is None:
             raise ValueError("there was no settled flight")
-        learned, reason = self._kept.choose(self.learner)
-        if reason:
-            self._log(reason)
-        return named(learned, self._setup, self.stream.axis)
+        if self._landed and self._models:
+            return self._named(self._models[-1][1])
+        try:
+            return self._named(self.learner.learn_now())
+        except ValueError as error:
+            if not self._models:
+                raise
+            self._log(f"The newest samples support no model ({error}): the former one is kept.")
+            return self._named(self._models[-1][1])
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""
@@ -292,6 +296,8 @@ class LiveSession:
             self._learners[setup.dt, names] = learner
         self.learner = learner
         if setup is not self._setup:
+            if self._setup is not None and setup.boot != self._setup.boot:
+                self._models = deque(((-np.inf, learned) for _, learned in self._models), MAX_MODELS)
             self._setup = setup
             self._open_display(setup)
         estimate = None
@@ -301,7 +307,7 @@ class LiveSession:
                 estimate = learner.update(row.time, row.outputs, row.inputs)
             except ValueError as error:
                 self._log(f"A sample was skipped: {_reason(error)}.")
-            self._kept.take(learner.learned, row.time)
+            self._keep_model(learner.learned, row.time)
         self._learned += estimate is not None
         self._estimate = self._estimate if estimate is None else estimate
         self._shown += estimate is None
@@ -309,6 +315,35 @@ class LiveSession:
         self._latencies.append(time.monotonic() - self._came)
         if self._display is not None:
             self._display.put(row.time, row.segment, row.outputs, row.inputs, estimate, learner.learned)
+
+    def _land(self, since: float) -> None:
+        """Takes back what was learned from ``since``, s of the boot clock, on: it was of a landing."""
+        assert self.learner is not None
+        self.learner.forget_since(since)
+        while self._models and self._models[-1][0] > since:
+            self._models.pop()
+        self._landed = True
+
+    def _keep_model(self, learned: Learned | None, time: float) -> None:
+        """Keeps a new result of ``learn`` at ``time``, s of the boot clock."""
+        if learned is not None and learned is not self._newest:
+            self._newest, self._landed = learned, False
+            self._models.append((time, learned))
+
+    def _named(self, learned: Learned) -> Learned:
+        """The model with the names and units of the latest rows, where it has their inputs."""
+        setup, record = self._setup, learned.record
+        if setup is None or record.inputs.shape[1] != len(setup.layout.names):
+            return learned
+        names, units = zip(*axis_outputs(self.stream.axis), strict=True)
+        record = replace(
+            record,
+            input_names=setup.layout.names,
+            output_names=names,
+            input_units=(setup.scale.unit,) * len(setup.layout.names),
+            output_units=units,
+        )
+        return replace(learned, record=record)
 
     def _open_display(self, setup: Setup) -> None:
         """Shows the rows of a setup; a display that fails is not used again, and nothing else ends."""

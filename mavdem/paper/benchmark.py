@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mavdem.comparison import Outcome
-from mavdem.evaluate.flight_windows import Window
+from mavdem.evaluate.scores import Outcome
+from mavdem.evaluate.windows import Window
 from mavdem.paper.checks import Check
 from mavdem.paper.claims import BENCHMARK
 from mavdem.paper.drawing import DEM, DEM_WITHOUT, EM, MEASURED, ONE_STEP, OTHER, PEM, SUBSPACE, unseen

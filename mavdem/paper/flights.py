@@ -17,7 +17,7 @@ from mavdem.flight import Flight
 from mavdem.ingest import read_log
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load, scenario_of
-from sitl_scenarios.mavlink.recorded import recorded
+from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation, fly

@@ -11,7 +11,7 @@ from scipy.stats import norm
 
 from mavdem.dem import learn
 from mavdem.evaluate import Noise, analyse_noise, process_noise
-from mavdem.evaluate.flight_windows import Window
+from mavdem.evaluate.windows import Window
 from mavdem.paper.checks import Check
 from mavdem.paper.claims import NOISE
 from mavdem.paper.drawing import DEM, MEASURED, ONE_STEP, ink
@@ -19,8 +19,8 @@ from mavdem.paper.flights import REAL
 from mavdem.paper.item import Cell, Item, ItemResult, PageTable, Picture
 from mavdem.paper.runner import PAPER, Runner
 from mavdem.paper.words import number
-from sitl_scenarios.linear import axis
 from sitl_scenarios.scenario import VehicleSpec
+from sitl_scenarios.truth import axis
 
 LEVEL = 0.01  # of each test; with five tests, one report in twenty rejects a true hypothesis
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from mavdem.dem import Learned, Settings, learn
 from mavdem.evaluate import mspe, relative_mspe
-from mavdem.evaluate.flight_windows import Window
+from mavdem.evaluate.windows import Window
 from mavdem.paper.checks import Check
 from mavdem.paper.claims import PREDICTION
 from mavdem.paper.drawing import DEM, MEASURED, ONE_STEP, unseen

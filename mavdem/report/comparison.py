@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from math import sqrt
 
-from mavdem.comparison.comparison import Comparison
-from mavdem.comparison.methods import GENERALIZED_COORDINATES
-from mavdem.comparison.summaries import Loss, MethodSummary, OverFlights, over
+from mavdem.analysis.findings import LEAST_COVERAGE
 from mavdem.evaluate import HORIZONS, Paired
-from mavdem.evaluate.findings import LEAST_COVERAGE
+from mavdem.evaluate.comparison import GENERALIZED_COORDINATES, Comparison, Loss, MethodSummary, OverFlights, over
 from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.names import listed, named, readable

@@ -32,7 +32,7 @@ largest weight."""
 
 
 def detail_blocks(learned: Learned, report: dict[str, Any]) -> list[Block]:
-    """Cautions, the errors of ``mavdem.evaluate.report`` one step ahead, the model, and how it was learnt."""
+    """Cautions, the errors of ``mavdem.analysis.figures`` one step ahead, the model, and how it was learnt."""
     labels, energy = Labels.of(learned), learned.free_energy
     return [
         *(Sentence(caution, "Caution:") for caution in learned.cautions),

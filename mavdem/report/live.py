@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import sqrt
 
-from mavdem.evaluate.live_history import HorizonErrors, LiveHistory
 from mavdem.health.motor_watch import FALSE_ALARMS_BASIS
-from mavdem.live.status import ACCOUNT, AHEAD, SessionStatus
+from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.names import named, readable
 

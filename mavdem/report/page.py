@@ -19,17 +19,15 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader
 from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
-from mavdem.comparison import Comparison
 from mavdem.dem import Estimate, Learned, Settings
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.order.choice import OrderChoice
-from mavdem.downstream import downstream
-from mavdem.evaluate.live_history import LiveHistory
-from mavdem.extras import advice
+from mavdem.errors import advice, downstream
+from mavdem.evaluate.comparison import Comparison
 from mavdem.files import atomic_write
 from mavdem.live import SessionStatus, Setup
+from mavdem.live.history import AHEAD, LiveHistory
 from mavdem.live.session import Display
-from mavdem.live.status import AHEAD
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.comparison import comparison_report
 from mavdem.report.details import detail_blocks

@@ -7,12 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mavdem.alignment.trim import HoverFigures
 from mavdem.analysis import LogAnalysis
+from mavdem.analysis.findings import Finding, findings, known_wind, next_step, warnings_of
+from mavdem.condition.hover import HoverFigures
 from mavdem.dem import Learned, Physical
-from mavdem.dem.closed_loop.response import LoopPole
 from mavdem.dem.validation import LEVEL
-from mavdem.evaluate.findings import Finding, findings, known_wind, next_step, warnings_of
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, text_of
@@ -41,7 +40,6 @@ def screen(
         *finding_blocks(found),
         *_vehicle(labels, learned.physical, hover),
         *wind_blocks(learned.wind, learned.physical),
-        *_closed_loop(learned),
         *_prediction(labels, held_out),
         *(Sentence(warning, "Warning:") for warning in warnings_of(learned, held_out)),
         Sentence(next_step(found), "Next:"),
@@ -166,22 +164,6 @@ def _vehicle(labels: Labels, read: Physical | None, hover: HoverFigures | None) 
     if rest:
         blocks.append(Sentence(f"{'; '.join(rest)}. ± is the half width of the {100 * LEVEL:.0f} % interval."))
     return blocks
-
-
-def _closed_loop(learned: Learned) -> list[Block]:
-    """The poles of the attitude loop; nothing where the motors' effect, which they follow from, is not identifiable."""
-    if learned.physical is None or not learned.physical.identifiable:
-        return []
-    found = learned.closed_loop
-    text = "; ".join(map(_pole, found.poles)) + "." if found.poles else f"not identifiable. {found.reason}"
-    return [Sentence(text, "Closed loop as flown:")]
-
-
-def _pole(pole: LoopPole) -> str:
-    if pole.time_constant is not None and pole.time_constant_half is not None:
-        return f"time constant {plus_minus(pole.time_constant, pole.time_constant_half)} s"
-    frequency = plus_minus(pole.frequency, pole.frequency_half)
-    return f"{frequency} Hz, damping ratio {plus_minus(pole.damping_ratio, pole.damping_ratio_half)}"
 
 
 def _prediction(labels: Labels, held_out: HeldOut | None) -> list[Block]:

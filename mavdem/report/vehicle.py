@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isfinite
 
-from mavdem.alignment.trim import HoverFigures
+from mavdem.analysis.figures import AxisFigures, VehicleFigures
+from mavdem.analysis.findings import WIND_ERROR, known_wind
+from mavdem.condition.hover import HoverFigures
 from mavdem.dem import Physical, WindTorque
 from mavdem.dem.graybox.identifiability import CHANGED
 from mavdem.dem.validation import LEVEL
-from mavdem.evaluate.findings import WIND_ERROR, known_wind
-from mavdem.evaluate.vehicle_figures import AxisFigures, VehicleFigures
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.names import listed, readable, short
 from mavdem.report.rounding import plus_minus, rounded

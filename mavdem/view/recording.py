@@ -11,9 +11,9 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
+from mavdem.analysis.findings import findings, known_wind
 from mavdem.dem import Learned
 from mavdem.dem.validation import LEVEL
-from mavdem.evaluate.findings import findings, known_wind
 from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.files import atomic_write
 from mavdem.flight import Flight

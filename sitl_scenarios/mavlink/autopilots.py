@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from sitl_scenarios.mixer import DISARMED_PULSE
-from sitl_scenarios.sections.base import shortened
+from sitl_scenarios.dynamics import DISARMED_PULSE
+from sitl_scenarios.scenario import shortened
 
 DISARMED, ON_GROUND, IN_AIR, TAKING_OFF, LANDING = range(5)
 """States of the flight: disarmed, and when armed the MAV_LANDED_STATE."""
@@ -115,4 +115,4 @@ ARDUPILOT = Autopilot(
     bitwise=False,
 )
 
-AUTOPILOTS: Mapping[str, Autopilot] = {"px4": PX4, "ardupilot": ARDUPILOT}  # By ``scenario.stream.speaks``
+AUTOPILOTS: Mapping[str, Autopilot] = {"px4": PX4, "ardupilot": ARDUPILOT}  # By ``scenario.stream.autopilot``

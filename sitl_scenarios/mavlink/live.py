@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from time import monotonic
 from typing import Any
 
-from sitl_scenarios.holding import Holding
-from sitl_scenarios.mavlink.batch import Batch
 from sitl_scenarios.mavlink.commands import CommandHandler, Received, addressed_messages
-from sitl_scenarios.mavlink.link import LossyLink
+from sitl_scenarios.mavlink.link import Batch, LossyLink
 from sitl_scenarios.mavlink.transmitter import COMPONENT, Transmitter
+from sitl_scenarios.motion import Holding
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 

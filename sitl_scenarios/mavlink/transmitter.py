@@ -1,4 +1,4 @@
-"""Transmitter: the frames an autopilot sends, block of cycles after block of cycles."""
+"""Transmitter: the frames an autopilot sends, block of cycles after block; and a whole flight as they arrive."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.mavlink.compose import FrameSender, composed_frames
+from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames
+from mavdem.ingest.mavlink.vehicles import FrameStream
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, DISARMED, INFO
-from sitl_scenarios.mavlink.batch import Batch, joined
-from sitl_scenarios.mavlink.messages import MessageWriter, Payloads, named, payload
-from sitl_scenarios.mavlink.parameters import Parameter, parameters
+from sitl_scenarios.mavlink.link import Batch, LossyLink, joined
+from sitl_scenarios.mavlink.messages import MessageWriter, Parameter, Payloads, named, parameters, payload
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.plan import seconds
 from sitl_scenarios.scenario import Scenario
@@ -90,7 +90,7 @@ class Transmitter:
 
         Raises ValueError: the scenario names rates of a message that is not sent.
         """
-        self.autopilot = AUTOPILOTS[scenario.stream.speaks]
+        self.autopilot = AUTOPILOTS[scenario.stream.autopilot]
         self.system = scenario.stream.system
         self._rates = self.autopilot.rates(scenario.stream.rate, scenario.stream.rates)
         if scenario.stream.only_when_asked:
@@ -260,3 +260,24 @@ def _nothing() -> Batch:
     nobody, none = FrameSender(0, 0), np.empty(0, dtype=np.uint8)
     data, frames = composed_frames(payload("HEARTBEAT")[:0], named("HEARTBEAT"), nobody, none)
     return Batch(np.empty(0), data, frames)
+
+
+EPOCH = 1_767_225_600
+"""UNIX seconds of the first boot, 1 January 2026, 0:00 UTC: the same for every flight, so that files are too."""
+BLOCK = 1 << 14  # Cycles whose frames are made together
+
+
+def recorded(scenario: Scenario, motion: Motion, cycle: float, progress: Callable[[float], None]) -> FrameStream:
+    """The frames of a flight from boot to end that arrive, stamped with the time they do.
+
+    ``cycle`` is of the autopilot's loop, s; ``progress`` is called with the fraction done. Raises ValueError: as
+    ``Transmitter``.
+    """
+    transmitter, link = Transmitter(scenario, cycle), LossyLink(scenario.faults, scenario.seed)
+    received = []
+    for begin in range(0, len(motion), BLOCK):
+        received.append(link.pass_on(transmitter.send(rows_of_motion(motion, slice(begin, begin + BLOCK)))))
+        progress(min(begin + BLOCK, len(motion)) / len(motion))
+    whole = joined([*received, *link.rest()])
+    stamps = EPOCH * 1_000_000 + np.round(whole.time * 1e6)
+    return FrameStream("simulation", "simulation", whole.data, whole.frames, stamps.astype(np.uint64), 0, ())

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from hover import X_QUAD, Hover, changed, columns
 
-from mavdem.alignment.align import align, sample
+from mavdem.alignment.align import MAX_GAP_SECONDS, Segment, align, sample, settled_segments
 from mavdem.alignment.phases import TRANSIENT_SECONDS
-from mavdem.alignment.segments import MAX_GAP_SECONDS, Segment, settled_segments
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.alignment.verdict import judge
 from mavdem.ingest import read_log

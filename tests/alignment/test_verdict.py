@@ -12,8 +12,7 @@ from hover import X_QUAD, Hover, changed, columns
 
 from mavdem.alignment import align as aligning
 from mavdem.alignment import quality
-from mavdem.alignment.align import align
-from mavdem.alignment.segments import Segment, settled_segments
+from mavdem.alignment.align import Segment, align, settled_segments
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import judge, too_slow
 from mavdem.cli.commands import mavdem

@@ -12,11 +12,11 @@ from hover import Hover
 
 from mavdem import read_flight
 from mavdem.analysis import LogAnalysis, analyse
-from mavdem.analysis.slow_motion import MOST_OF_BASELINE, objection
+from mavdem.analysis.analysis import MOST_OF_BASELINE, objection
+from mavdem.analysis.findings import Finding
 from mavdem.errors import NotLearnable
 from mavdem.evaluate import HeldOut
-from mavdem.evaluate.findings import Finding
-from mavdem.evaluate.flight_windows import Length
+from mavdem.evaluate.windows import Length
 from mavdem.health.motor_watch import MotorAlarm
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.telemetry import selected
@@ -51,7 +51,7 @@ def slow() -> LogAnalysis:
 def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_is_told(slow):
     assert slow.tier.name == "b" and slow.learned is not None and slow.held_out is not None
     assert slow.held_out.error_ratio() < MOST_OF_BASELINE and slow.held_out.coverage > 0.75
-    assert (slow.learned.physical, slow.learned.wind, slow.learned.closed_loop.poles) == (None, None, ())
+    assert (slow.learned.physical, slow.learned.wind) == (None, None)
     assert "40 samples a second" in slow.learned.physical_reason
     assert "slow motion" in slow.learned.cautions[0]
     assert "Hz" in slow.reason and slow.remedy
@@ -72,9 +72,9 @@ def test_what_was_learnt_across_a_failing_motor_is_limited(monkeypatch):
     whole = read_log(SAMPLE)
     start = float(read_flight(SAMPLE).time[0])
     alarm = MotorAlarm(start + 4, start + 3, 2, "motor 2 (rear left)", 0.25, 0.98)
-    monkeypatch.setattr("mavdem.analysis.log_analysis.motor_alarms", lambda signals: (alarm,))
+    monkeypatch.setattr("mavdem.analysis.analysis.motor_alarms", lambda signals: (alarm,))
     sound = (Finding("motor effectiveness", "GOOD", ""), Finding("wind", "NOT IDENTIFIABLE", "Why."))
-    monkeypatch.setattr("mavdem.analysis.log_analysis.findings", lambda learned, held_out: sound)
+    monkeypatch.setattr("mavdem.analysis.analysis.findings", lambda learned, held_out: sound)
     effect, wind = analyse(whole, train=Length(7.0, in_seconds=True)).findings
     assert effect.grade == "LIMITED" and "Motor 2 (rear left) changed" in effect.reason
     assert wind == sound[1]

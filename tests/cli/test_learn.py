@@ -9,20 +9,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mavdem.page.document import Chapter
 
 from mavdem import Learned, Settings, evaluate
 from mavdem import learn as learn_model
 from mavdem.alignment.quality import QualityFigures
 from mavdem.alignment.read import read_flight
 from mavdem.alignment.verdict import Verdict
+from mavdem.analysis.figures import AxisFigures, model_figures, vehicle_of_log
+from mavdem.analysis.findings import PURPOSES
 from mavdem.cli import output_files
 from mavdem.cli.commands import main
 from mavdem.cli.learn import named_after
 from mavdem.cli.output import json_text, print_blocks
-from mavdem.evaluate.findings import PURPOSES
-from mavdem.evaluate.flight_windows import TEST_SECONDS, TRAIN_SECONDS, samples_in
-from mavdem.evaluate.vehicle_figures import AxisFigures, vehicle_of_log
+from mavdem.evaluate.windows import TEST_SECONDS, TRAIN_SECONDS, samples_in
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected
 from mavdem.report.blocks import Sentence, Table
@@ -46,7 +45,7 @@ def names(folder: Path) -> set[str]:
 @pytest.fixture
 def without_pictures(monkeypatch):
     """For tests of other things: drawing the page's pictures takes longer than learning from a few seconds."""
-    monkeypatch.setattr("mavdem.page.learned_page.picture_chapter", lambda *_: Chapter("Pictures", []))
+    monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
 
 
 @pytest.mark.slow
@@ -60,7 +59,7 @@ def test_the_document_is_the_report_of_the_library(preset, without_pictures, tmp
     train, test = flight[200:400], flight[400:450]
     learned = learn_model(train, Settings.paper() if preset == "paper" else Settings())
     held_out = evaluate.held_out_test(train, test, learned)
-    expected = json.loads(json_text(evaluate.report([train], learned, held_out)))
+    expected = json.loads(json_text(model_figures([train], learned, held_out)))
     del expected["cautions"]  # in the command's document those of the log come first
     assert {name: report[name] for name in expected} == expected
     assert names(out) == FILES
@@ -85,7 +84,7 @@ def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch,
     page = (tmp_path / "ardupilot_wind5_steps" / "report.html").read_text()
     assert page.count("<svg") == 9 and "<script" not in page and "://" not in page and len(page) < 2_000_000
     assert "<h1>ardupilot_wind5_steps.tlog</h1>" in page and "motor effectiveness" in page
-    monkeypatch.setattr("mavdem.page.learned_page.picture_chapter", lambda *_: Chapter("Pictures", []))
+    monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
     assert main([*words, "--verbose"]) == 0
     said = capsys.readouterr().out
     assert said.startswith(screen.out)
@@ -152,7 +151,7 @@ def test_segments_of_one_boot_are_learnt_from_together(without_pictures, tmp_pat
     boots = {"segment": {"boot": 0}, "cautions": []}, {"segment": {"boot": 1}, "cautions": []}
     parts = [replace(whole[a:b], provenance=boots[boot]) for a, b, boot in ((0, 500, 0), (600, 1100, 0), (0, 400, 1))]
     judged = Verdict("roll", True, "Two boots.", "", (), None, QualityFigures())
-    monkeypatch.setattr("mavdem.analysis.log_analysis.judged_segments", lambda *_: (tuple(parts), judged))
+    monkeypatch.setattr("mavdem.analysis.analysis.judged_segments", lambda *_: (tuple(parts), judged))
     assert main(["learn", FLIGHT, "--out", str(tmp_path), "--json", "--preset", "paper"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert [one["samples"] for one in report["segments"]] == [500, 500]
@@ -194,7 +193,7 @@ def test_a_flight_at_10_hz_gives_a_model_of_its_slow_motion_and_no_physical_para
     report = strict_json(capsys.readouterr().out)
     assert (report["tier"], report["next_tier"]["tier"]) == ("b", "a")
     assert report["forecast_over_constant_mean"] < 0.9 and report["dt"] == pytest.approx(0.1, rel=0.01)
-    assert (report["physical"], report["wind"], report["closed_loop"]["poles"]) == (None, None, [])
+    assert (report["physical"], report["wind"], report["closed_loop"]) == (None, None, None)
     effect = next(one for one in report["findings"] if one["purpose"] == "motor effectiveness")
     assert effect["grade"] == "NOT IDENTIFIABLE" and "40 samples a second" in effect["reason"]
     assert "What to do:" in (tmp_path / "report.html").read_text()
@@ -210,7 +209,7 @@ def test_a_model_that_breaks_down_is_the_data_s_doing(tmp_path, monkeypatch, cap
     def breaks_down(*_: object) -> None:
         raise np.linalg.LinAlgError("Singular matrix")
 
-    monkeypatch.setattr("mavdem.analysis.log_analysis.learn", breaks_down)
+    monkeypatch.setattr("mavdem.analysis.analysis.learn", breaks_down)
     assert main(["learn", FLIGHT, "--train", "700", "--out", str(tmp_path)]) == 1
     assert "Singular matrix" in capsys.readouterr().err
     assert names(tmp_path) == {"report.json", "report.html"}
@@ -258,7 +257,7 @@ def test_all_axes_are_reported_beside_the_model_of_roll(without_pictures, tmp_pa
         axes = {name: AxisFigures((), None, None, f"No {name}.") for name in names}
         return vehicle_of_log(log, (), *others)._replace(axes=axes)
 
-    monkeypatch.setattr("mavdem.analysis.log_analysis.vehicle_of_log", without_fits)
+    monkeypatch.setattr("mavdem.analysis.analysis.vehicle_of_log", without_fits)
     words = ["learn", FLIGHT, "--out", str(tmp_path), "--axis", "all", "--train", "100", "--test", "20"]
     assert main([*words, "--json"]) == 0
     report = strict_json(capsys.readouterr().out)

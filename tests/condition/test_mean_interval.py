@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from mavdem.condition.mean_interval import LEVEL, mean_interval
+from mavdem.condition.condition import LEVEL, mean_interval
 
 SECONDS, RATE, SERIES = 60.0, 10.0, 1000
 

@@ -11,8 +11,7 @@ from mavdem.alignment import read
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import judge
 from mavdem.condition import condition_of
-from mavdem.condition.inventory import inventory
-from mavdem.condition.tier import Tier, tier_of
+from mavdem.condition.inventory import Tier, inventory, tier_of
 from mavdem.errors import NotLearnable
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Telemetry

@@ -12,7 +12,7 @@ from mavdem.dem.online.bands import SECONDS, ErrorBands
 from mavdem.dem.online.surprise import FALSE_MARK_SECONDS, PEAK_SECONDS, Marks, Surprise
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream
-from sitl_scenarios.mixer import Four
+from sitl_scenarios.dynamics import Four
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
 

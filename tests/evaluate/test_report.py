@@ -6,6 +6,7 @@ from scipy.ndimage import gaussian_filter1d
 
 import mavdem
 from mavdem import evaluate
+from mavdem.analysis.figures import model_figures
 
 DT = 0.01
 
@@ -65,7 +66,7 @@ def test_the_report_is_plain_json_and_puts_the_best_first():
     train, test = flight()[:400], flight()[400:]
     learned = mavdem.learn(train, mavdem.Settings(window=9, parameter_precision=1.0))
     held_out = evaluate.held_out_test(train, test, learned)
-    report = evaluate.report([train], learned, held_out)
+    report = model_figures([train], learned, held_out)
     assert json.loads(json.dumps(report)) == report
     for errors in (report["one_step_mspe"], report["forecast_mspe"]):
         ratios = [error["relative"] for error in errors.values()]

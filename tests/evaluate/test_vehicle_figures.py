@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import mavdem
+from mavdem.analysis.figures import VehicleFigures
 from mavdem.dem import physical
-from mavdem.evaluate.vehicle_figures import VehicleFigures
 from mavdem.report.blocks import Table
 from mavdem.report.vehicle import vehicle_blocks
 

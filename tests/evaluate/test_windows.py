@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mavdem import Flight
-from mavdem.evaluate.flight_windows import windows
+from mavdem.evaluate.windows import windows
 
 
 def flight(samples: int, rate: float = 100) -> Flight:

@@ -39,12 +39,10 @@ from ulog_files import shared
 
 import mavdem
 from mavdem.alignment import signals
-from mavdem.alignment.setpoints import setpoints
-from mavdem.alignment.signals import Signals, voltage
+from mavdem.alignment.signals import Signals, setpoints, voltage
 from mavdem.alignment.verdict import judge
-from mavdem.errors import NotLearnable, Unreadable
+from mavdem.errors import MissingExtra, NotLearnable, Unreadable
 from mavdem.export.conversion import convert
-from mavdem.extras import MissingExtra
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mcap.log import mcap_stream

@@ -9,16 +9,15 @@ from live_hover import Flight, replay
 from mavlink_streams import SHARED, message
 
 from mavdem.alignment.signals import Signals
-from mavdem.analysis.motor_alarms import motor_alarms
+from mavdem.analysis.analysis import motor_alarms
 from mavdem.cli.live import _status_line
-from mavdem.evaluate.live_history import LiveHistory
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.ingest.tlog import write_tlog
 from mavdem.live import LiveStream, SessionStatus
-from mavdem.live.status import ACCOUNT
+from mavdem.live.history import ACCOUNT, LiveHistory
 from mavdem.report.live import live_report
-from sitl_scenarios.mavlink.recorded import recorded
+from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.scenario import DrydenWind, Scenario, StreamSpec, VehicleSpec
 from sitl_scenarios.simulation import CYCLES, fly
 

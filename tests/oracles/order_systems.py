@@ -10,7 +10,7 @@ from scipy.linalg import block_diag, solve_continuous_are, solve_continuous_lyap
 
 from mavdem import Flight
 from mavdem.dem.engine.model import discretize, recursion
-from sitl_scenarios.linear import paper_system
+from sitl_scenarios.truth import paper_system
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter1d
 from simulated import simulated
 
 import mavdem
-from mavdem import evaluate
+from mavdem.analysis.figures import model_figures
 from mavdem.dem.uncertainty import Direction
 from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import Block, Sentence, Table
@@ -50,7 +50,7 @@ def altered(learned: mavdem.Learned, **fields: object) -> mavdem.Learned:
 
 def told(learned: mavdem.Learned) -> list[Block]:
     """The details of a model of ``TRAIN``."""
-    report = evaluate.report([TRAIN], learned, held_out_test(TRAIN, TEST, learned))
+    report = model_figures([TRAIN], learned, held_out_test(TRAIN, TEST, learned))
     return detail_blocks(learned, report)
 
 
@@ -63,7 +63,7 @@ def test_which_rotors_work_against_which_is_reported():
     made = simulated(wind=0.5, lag=0.05)
     train, test = made[:700], made[700:]
     learned = mavdem.learn(train, mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0))
-    report = evaluate.report([train], learned, held_out_test(train, test, learned))
+    report = model_figures([train], learned, held_out_test(train, test, learned))
     assert "input 1 and input 4 against input 2 and input 3." in words(detail_blocks(learned, report))
 
 
@@ -139,7 +139,7 @@ def test_it_says_how_far_ahead_predictions_without_the_inputs_are_worth_somethin
     assert (steps > 0).all()
     expected = f"roll up to {steps[0] * DT:.2g} s ahead, roll rate up to {steps[1] * DT:.2g} s ahead"
     assert f"they explain at least half of the variance of {expected}, by predictions inside" in words(told(learned))
-    report = evaluate.report([TRAIN], learned, held_out_test(TRAIN, TEST, learned))
+    report = model_figures([TRAIN], learned, held_out_test(TRAIN, TEST, learned))
     report["prediction"]["half_explained_seconds"] = [0.2, 0.0]
     said = words(detail_blocks(learned, report))
     assert "of roll up to 0.2 s ahead, roll rate at no horizon, by predictions" in said

@@ -10,12 +10,11 @@ import pytest
 from simulated import simulated
 
 import mavdem
-from mavdem.alignment.trim import hover_figures
-from mavdem.dem.closed_loop.response import ClosedLoopResponse, LoopPole
+from mavdem.analysis.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings, next_step, warnings_of
+from mavdem.condition.hover import hover_figures
 from mavdem.dem.graybox import DetectedGust
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.evaluate import HeldOut, held_out_test
-from mavdem.evaluate.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings, next_step, warnings_of
 from mavdem.ingest.motors import OutputScale
 from mavdem.report.blocks import Sentence, Table, text_of
 from mavdem.report.rounding import plus_minus, rounded
@@ -193,17 +192,6 @@ def test_the_wind_s_torque_and_its_gusts_are_reported(learned):
     uncertain = said(reason=None, scale_error=0.4)
     assert "uncertain by 40 %" in uncertain and "uncertain by" not in said(reason=None, scale_error=0.05)
     assert "is not resolved" in said(resolved=False, reason="The wind's torque is not resolved: why.")
-
-
-def test_the_closed_loop_has_its_poles_or_the_reason(learned):
-    known = with_parts(learned, read(learned))
-    assert "Closed loop as flown: not identifiable. The log has no attitude setpoint" in text_of(screen(known))
-    poles = LoopPole(2.93, 0.76, None, 0.31, 0.07, None, 1.0), LoopPole(1.0, 1.0, 0.16, 0.1, 0.1, 0.02, 0.4)
-    vars(known)["closed_loop"] = ClosedLoopResponse(poles, "")
-    said = text_of(screen(known))
-    assert "flown: 2.9 ± 0.3 Hz, damping ratio 0.76 ± 0.07; time constant 0.160 ± 0.020 s." in said
-    unknown = with_parts(learned, read(learned, effect="not identifiable"))
-    assert "Closed loop" not in text_of(screen(unknown))
 
 
 def test_a_model_alone_has_a_summary_without_windows(learned):

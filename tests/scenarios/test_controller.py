@@ -5,8 +5,7 @@ from math import radians
 import numpy as np
 import pytest
 
-from sitl_scenarios.body import State
-from sitl_scenarios.mixer import IDLE_COMMAND, frame, mix, pulse
+from sitl_scenarios.dynamics import IDLE_COMMAND, State, frame, mix, pulse
 from sitl_scenarios.plan import FULL_STICK, Plan
 from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Steps, Sticks
 from sitl_scenarios.sensors import Sensing
@@ -39,7 +38,7 @@ def test_outputs_are_whole_microseconds():
 
 def sensed(sensors, states, seed=0):
     sensing = Sensing(sensors, CYCLE, np.random.default_rng(seed))
-    return [sensing.known(state) for state in states]
+    return [sensing.estimate(state) for state in states]
 
 
 def test_what_is_known_is_late_by_the_delay():

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from made_up_motion import made_up_motion
 
-from sitl_scenarios.holding import Holding
 from sitl_scenarios.mavlink.transmitter import rows_of_motion
-from sitl_scenarios.motion import Motion
+from sitl_scenarios.motion import Holding, Motion
 from sitl_scenarios.scenario import Scenario, Steps
 
 

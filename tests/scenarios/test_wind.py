@@ -17,10 +17,7 @@ from sitl_scenarios.scenario import (
     VonKarmanWind,
     towards,
 )
-from sitl_scenarios.wind import Weather
-from sitl_scenarios.wind.jet import jet_speed
-from sitl_scenarios.wind.low_altitude import turbulence
-from sitl_scenarios.wind.weather import gust_speed
+from sitl_scenarios.wind import Weather, gust_speed, jet_speed, turbulence
 
 ORIGIN = (0.0, 0.0, 0.0)
 DT = 0.004

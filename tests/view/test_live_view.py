@@ -236,7 +236,7 @@ def test_what_happens_is_logged_with_its_time_and_size(tmp_path: Path) -> None:
             now = estimate(20, 50.0 + DT * i)
             now = now._replace(wind_torque=one, wind_torque_band=0.5, unusual=3500 <= i < 3600, surprise=7.0)
             view.put(now.time, 0, OUTPUTS[0], INPUTS[0], now)
-    assert sorted(texts(path, "TextLog:text")) == ["gust: +1145 °/s² for 0.5 s", "unusual motion: surprise 7"]
+    assert sorted(texts(path, "TextLog:text")) == ["gust: +1149 °/s² for 0.5 s", "unusual motion: surprise 7"]
     stamps = [np.array(batch.column("boot clock").cast("int64")) for name, _, batch in chunks(path) if name == "log"]
     times = np.concatenate(stamps) / 1e9
     assert sorted(times) == pytest.approx([81.75, 85.0 - LATE], abs=0.02)

@@ -25,7 +25,7 @@ import numpy as np
 
 import mavdem
 from mavdem import evaluate
-from mavdem.evaluate.flight_windows import Window, windows
+from mavdem.evaluate.windows import Window, windows
 from mavdem.paper.flights import SHARED, logged, recorded_flights
 from sitl_scenarios.files import load, scenario_of
 
@@ -91,7 +91,7 @@ def flights(rates: bool) -> Iterator[HalvedFlight]:
 def simulated(name: str, rate: int) -> mavdem.Flight:
     """A scenario flown with messages at ``rate`` Hz, as its telemetry log holds it."""
     values = load(name).model_dump(mode="json")
-    values["stream"] |= {"rate": float(rate)} | ({"speaks": "ardupilot"} if rate > PX4_LOOP else {})
+    values["stream"] |= {"rate": float(rate)} | ({"autopilot": "ardupilot"} if rate > PX4_LOOP else {})
     return logged(scenario_of(values))
 
 

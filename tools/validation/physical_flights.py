@@ -11,8 +11,7 @@ import numpy as np
 from mavdem import Flight
 from mavdem.paper.flights import logged
 from sitl_scenarios.files import scenario_of
-from sitl_scenarios.holding import IN_AIR
-from sitl_scenarios.motion import Motion
+from sitl_scenarios.motion import IN_AIR, Motion
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
@@ -101,7 +100,7 @@ def scenario(case: Case) -> Scenario:
         "vehicle": {"model": case.vehicle, **case.varied},
         "wind": winds[case.wind],
         "moments": moments.get(case.wind, []),
-        "stream": {"rate": case.rate, "speaks": case.autopilot},
+        "stream": {"rate": case.rate, "autopilot": case.autopilot},
     }
     if (steering := STEERING[case.steering]) is not None:
         values["excitation"] = steering

@@ -32,8 +32,8 @@ from mavdem.health.balance import BalanceFigures, balance_figures, balance_of_si
 from mavdem.health.motor_signature import motor_signatures
 from mavdem.health.reference import HealthFigures
 from mavdem.ingest import read_log
-from sitl_scenarios.holding import IN_AIR
-from sitl_scenarios.mixer import MAX_PULSE, MIN_PULSE
+from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE
+from sitl_scenarios.motion import IN_AIR
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from mavdem.alignment.drive import INPUTS, TILT_AXES
+from mavdem.analysis.figures import physical_values, wind_values
 from mavdem.dem import Learned
 from mavdem.errors import Unreadable
-from mavdem.evaluate.flight_report import physical_values, wind_values
 from mavdem.fleet.row import FlightRow
 
 REPORT = "report.json"

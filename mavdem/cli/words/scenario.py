@@ -10,7 +10,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from mavdem.cli.output import printable
-from sitl_scenarios.problems import KINDS
+from sitl_scenarios.files import KINDS
 from sitl_scenarios.scenario import Gust, Moment, Scenario, VehicleSpec, Wind
 
 VEHICLES = {"ardrone2": "AR.Drone 2.0", "iris": "3DR Iris", "crazyflie": "Crazyflie 2"}
@@ -65,7 +65,7 @@ def in_words(scenario: Scenario) -> list[str]:
         values["demand"] = DEMANDS.get(values.get("axis", ""), "")
         sentences.append(f"Excitation: {EXCITATIONS[scenario.excitation.kind].format(**values)}.")
     sentences.append(
-        f"Sends MAVLink {stream.version} as {AUTOPILOTS[stream.speaks]}, system {stream.system}: attitude and motor "
+        f"Sends MAVLink {stream.version} as {AUTOPILOTS[stream.autopilot]}, system {stream.system}: attitude and motor "
         f"outputs at {stream.rate:g} Hz"
         + "".join(f", {name} at {rate:g} Hz" for name, rate in stream.rates.items())
         + ("; all but HEARTBEAT only when asked for." if stream.only_when_asked else ".")

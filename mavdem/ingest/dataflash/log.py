@@ -14,19 +14,15 @@ from math import isfinite
 import numpy as np
 
 from mavdem.errors import Unreadable
-from mavdem.ingest import board_number
 from mavdem.ingest.contents import file_bytes
-from mavdem.ingest.dataflash.binary import read_binary
-from mavdem.ingest.dataflash.definitions import DataflashRecording, MessageTable, numbers
-from mavdem.ingest.dataflash.housekeeping import on_boot_clock
+from mavdem.ingest.dataflash.binary import DataflashRecording, MessageTable, numbers, read_binary
 from mavdem.ingest.dataflash.text import is_text, read_text
-from mavdem.ingest.dataflash.translation import GYROS, NEEDED, OF_FLIGHT, translated
-from mavdem.ingest.log import Log, listed, log_of_vehicles, repair_sentences
+from mavdem.ingest.dataflash.translation import GYROS, NEEDED, OF_FLIGHT, on_boot_clock, translated
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress
-from mavdem.ingest.telemetry import Columns, Telemetry, selected
-from mavdem.ingest.vocabulary import ARDUPILOT, AUTOPILOT_COMPONENT, UNNAMED
+from mavdem.ingest.telemetry import Columns, Log, Telemetry, listed, log_of_vehicles, repair_sentences, selected
+from mavdem.ingest.vocabulary import ARDUPILOT, AUTOPILOT_COMPONENT, UNNAMED, board_number_in_texts
 
 CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}  # Fields with the time stamp and their units in a second
 EVENTS = ("EV", "ARM")  # Without a stamp, as before ArduCopter 3.4, they have the time of the message before them
@@ -78,7 +74,7 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
         firmware=next((text.strip() for text in texts if _FIRMWARE.match(text)), ""),
         dropouts=dropouts,
         names=made.names,
-        board=board_number.in_texts(texts),
+        board=board_number_in_texts(texts),
     )
     frames = sum(recording.counts.values())
     return log_of_vehicles((vehicle,), frames, recording.bytes_skipped, counts=recording.counts)

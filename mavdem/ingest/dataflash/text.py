@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.dataflash.definitions import (
+from mavdem.ingest.dataflash.binary import (
     EMPTY,
     FORMAT,
     MAX_DEFINITIONS,

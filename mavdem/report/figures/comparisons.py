@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from mavdem.comparison import Comparison
 from mavdem.dem.order.choice import STRONG_EVIDENCE_NATS, OrderChoice
+from mavdem.evaluate.comparison import Comparison
 from mavdem.report.figures.style import HAIRLINE, legend_above, picture
 from mavdem.report.palette import BASELINE, DISTINCT, HELD_OUT_OPACITY, MEASURED, PREDICTED, distinct
 
@@ -42,12 +42,12 @@ def error_ratios(comparison: Comparison, from_zero: bool = False) -> Figure:
     with picture(AROUND_ROWS_INCHES + ROW_INCHES * len(ranked)) as figure:
         axes = figure.subplots()
         axes.axvline(1, **HAIRLINE)
-        for row, method in enumerate(ranked):
+        for place, method in enumerate(ranked):
             colour = PREDICTED if method == comparison.methods[0] else MEASURED
             values, median = np.clip(ratios[method], *SHOWN_RATIOS), np.clip(medians[method], *SHOWN_RATIOS)
-            rows = np.full(len(values), row)
+            rows = np.full(len(values), place)
             axes.plot(values, rows, "o", color=colour, markersize=3.5, alpha=0.5, markeredgewidth=0)
-            axes.plot(median, row, "|", color=colour, markersize=11, markeredgewidth=2.2)
+            axes.plot(median, place, "|", color=colour, markersize=11, markeredgewidth=2.2)
         axes.set_xscale("log")
         axes.set_yticks(range(len(ranked)), ranked)
         axes.set_ylim(len(ranked) - 0.4, -0.6)

@@ -14,14 +14,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
 from scipy.stats import norm
 
-from mavdem.alignment.trim import HoverFigures
+from mavdem.condition.hover import HoverFigures
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack, unpack
 from mavdem.dem.validation import LEVEL
 from mavdem.evaluate.held_out import CONSTANT_MEAN, FORECAST, HeldOut, held_out_test, held_out_windows
-from mavdem.evaluate.live_history import LiveHistory
 from mavdem.flight import Flight
+from mavdem.live.history import LiveHistory
 from mavdem.report.axis_command import AxisCommand
 from mavdem.report.figures.style import (
     HAIRLINE,

@@ -120,13 +120,14 @@ def svg(figure: Figure, name: str) -> str:
     unknown = dict.fromkeys(("Creator", "Date", "Format", "Type"))
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
         Figure.savefig(figure, drawn, format="svg", dpi=PIXELS_PER_INCH, metadata=unknown)
-    text = drawn.getvalue()
-    # Ids of groups, to which nothing refers, are the same in each figure.
-    return re.sub(r'<g id="[^"]*">', "<g>", text[text.index("<svg") :])
+    text = drawn.getvalue()[drawn.getvalue().index("<svg") :]
+    # Groups of all figures have the same ids, to which nothing refers.
+    used = set(re.findall(r"#(\w+)", text))
+    return re.sub(r' id="([^"]*)"', lambda match: match[0] if match[1] in used else "", text)
 
 
-def band(axes: Axes, x: Array, low: Array, high: Array, colour: str, label: str = "") -> None:
-    """Draws the filled band between two lines (N,)."""
+def band(axes: Axes, x: Array, low: Array | float, high: Array | float, colour: str, label: str = "") -> None:
+    """Draws the filled band between two lines (N,), or levels."""
     axes.fill_between(x, low, high, color=colour, alpha=BAND_OPACITY, linewidth=0, label=label)
 
 

@@ -97,7 +97,8 @@ def model_systems(learned: Learned, motors: Array, seed: int = 0) -> Systems:
     away = _normal(rng, learned.theta_covariance if scatter is None else scatter.covariance)
     if scatter is not None:
         away /= np.sqrt(rng.chisquare(scatter.freedom, (DRAWS, 1)) / scatter.freedom)
-    drawn = (unpack(row, *B.shape, len(C)) for row in theta + np.vstack([0 * theta, away]))
+    (n, r), m = B.shape, len(C)
+    drawn = (unpack(row, n, r, m) for row in theta + np.vstack([0 * theta, away]))
     As, Bs, Cs = map(np.array, zip(*drawn, strict=True))
     return Systems(As, Bs @ motors, Cs, np.zeros(DRAWS + 1))
 
@@ -217,7 +218,8 @@ def _draw(axes: Axes, x: Array, values: Array, name: str, colour: str) -> None:
     certain = len(values) == 1
     axes.plot(x, values[0], color=colour, label=name, linestyle=(0, (4, 2)) if certain else "-")
     if not certain:
-        band(axes, x, *np.percentile(values[1:], EDGES, axis=0), colour)
+        low, high = np.percentile(values[1:], EDGES, axis=0)
+        band(axes, x, low, high, colour)
 
 
 def _remark(learned: Learned) -> str:
@@ -290,7 +292,8 @@ def _physical(axes: Axes, physical: Physical | None) -> None:
         return
     half = physical.interval(LEVEL).damping
     ends = [-physical.damping - half, -physical.damping + half]
-    band(axes, np.array(ends), *(BAR * np.array(axes.get_ylim())), PHYSICAL)
+    bottom, top = axes.get_ylim()
+    band(axes, np.array(ends), BAR * bottom, BAR * top, PHYSICAL)
     style: dict[str, Any] = {"color": PHYSICAL, "markersize": 5, "label": "physical parameters"}
     axes.plot([-physical.damping, -1 / physical.lag], [0, 0], "s", **style)
 
@@ -304,7 +307,8 @@ def _region(axes: Axes, pole: Pole, values: Complex) -> None:
         half = float(student.ppf(0.5 + LEVEL / 2, pole.freedom) * np.sqrt(pole.covariance[0, 0]))
         if half < nearest:
             ends = np.array([pole.value.real - half, pole.value.real + half])
-            band(axes, ends, *(BAR * np.array(axes.get_ylim())), BAND, name)
+            bottom, top = axes.get_ylim()
+            band(axes, ends, BAR * bottom, BAR * top, BAND, name)
         return
     variances, directions = np.linalg.eigh(pole.covariance)
     # Hotelling: two numbers whose covariance has so many degrees of freedom.

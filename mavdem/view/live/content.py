@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -9,7 +10,8 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from mavdem.dem import Estimate
-from mavdem.dem.online.gust_watch import GustWatch
+from mavdem.dem.graybox.gusts import LEVEL_SECONDS, gusts
+from mavdem.dem.record import Record
 from mavdem.report.names import place, readable
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
 from mavdem.view.live.line_group import BOOT_CLOCK, LineGroup
@@ -21,6 +23,7 @@ Array = NDArray[np.float64]
 
 AHEAD_SECONDS = 0.25  # horizon shown, before errors say which is useful
 CHANGE_SECONDS = 10.0  # for which a horizon is shown at least
+GUST_SECONDS = 60.0  # of the latest torque, which gusts are found in
 BEYOND = 0.3  # how far predictions and bands are drawn beyond what was measured, in spans of it
 
 
@@ -30,7 +33,9 @@ class Content:
     def __init__(self, channels: Channels, root: str = "") -> None:
         self.root = root
         self._channels = channels
-        self._model, self._gusts = ModelLines(channels, root), GustWatch(channels.dt)
+        self._model = ModelLines(channels, root)
+        self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(GUST_SECONDS / channels.dt))
+        self._gusts_until = -np.inf
         self._segment: int | None = None
         self._units = [readable(unit) for unit in channels.output_units]
         self._horizon, self._since = shown_horizon(channels), -np.inf
@@ -140,16 +145,30 @@ class Content:
             if now is None or not np.isfinite(now.wind_time):
                 continue
             known.append((now.wind_time + row.shift, now.wind_torque, now.wind_torque_band))
-            gust = self._gusts.add(now.wind_torque, now.wind_torque_band)
-            if gust is not None:
-                text = f"gust: {scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
-                self.log(recording, LogLine(known[-1][0] - gust.length, "WARN", text))
+            if not np.isfinite(now.wind_torque):
+                self._torques.clear()
+                continue
+            self._torques.append(known[-1])
+        self._log_gusts(recording)
         if known:
             time, torque, half = np.array(known).T
             edges = np.stack([torque - half, torque + half], axis=-1)
             edges = self._in_sight("wind", scale * torque, scale * edges)
             self.groups["wind/0_band"].send(recording, time, edges)
             self.groups["wind/1_torque"].send(recording, time, scale * torque[:, None])
+
+    def _log_gusts(self, recording: rr.RecordingStream) -> None:
+        """Logs the gusts of the latest torque that have ended since the last time, about once a second."""
+        dt = self._channels.dt
+        if len(self._torques) * dt < 2 * LEVEL_SECONDS or self._torques[-1][0] < self._gusts_until + 1.0:
+            return
+        time, torque, band = np.array(self._torques).T
+        before, self._gusts_until = self._gusts_until, time[-1]
+        for gust in gusts(torque, band, Record(torque[:, None], torque[:, None], dt, (len(torque),))).found:
+            end = gust.sample + round(gust.length / dt)
+            if end < len(time) and time[end] > before:
+                text = f"gust: {readable('rad/s²').scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
+                self.log(recording, LogLine(float(time[gust.sample]), "WARN", text))
 
     def _judgement(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
         """Draws F(t) and surprise at the centres of their windows, and logs marks; NaN breaks incomplete windows."""

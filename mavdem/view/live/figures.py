@@ -8,7 +8,7 @@ from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.surprise import FALSE_MARK_SECONDS
 from mavdem.dem.validation import LEVEL
 from mavdem.live import SessionStatus
-from mavdem.live.status import sentence
+from mavdem.live.history import sentence
 from mavdem.report.names import readable
 from mavdem.report.rounding import plus_minus, with_unit
 from mavdem.view.live.rows import Channels, ViewRow

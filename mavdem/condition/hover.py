@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.alignment.align import settled_segments, within
 from mavdem.alignment.quality import FULL_THROTTLE, IDLE_THROTTLE
 from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.segments import settled_segments, within
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import judge
 from mavdem.errors import NotLearnable

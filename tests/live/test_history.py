@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from live_rows import AHEAD, flown
 
-from mavdem.evaluate import live_history
-from mavdem.evaluate.live_history import LiveHistory
+from mavdem.live import history as live_history
+from mavdem.live.history import LiveHistory
 
 
 def test_errors_are_those_of_the_samples_whose_time_has_come():

@@ -1,0 +1,296 @@
+"""Wind: noise, Dryden and von Kármán turbulence, gusts and jets; and a scenario's weather, their sum, cycle by cycle.
+
+Turbulence near the ground is that of MIL-F-8785C, 3.7.3.4 and figures 10 and 11 (and MIL-HDBK-1797B, Appendix A,
+4.9.2), with the height h in feet:
+
+    L_w = h,  L_u = L_v = h / (0.177 + 0.000823 h)^1.2
+    σ_w = 0.1 u₂₀,  σ_u = σ_v = σ_w / (0.177 + 0.000823 h)^0.4
+
+MIL-HDBK-1797B halves L_v and L_w and writes 2L in their spectra, so that the spectra are the same; it is 8785C's L
+here. The spectra are in space, and an aircraft meets them at its airspeed V. A hovering vehicle has none but the
+wind's: V is the mean wind, and ``SLOWEST`` at least, where the standard is silent.
+
+Both kinds of turbulence have exactly their own variance and autocorrelation at any step, and begin in their stationary
+state: Dryden's filters are solved exactly, von Kármán's autocorrelation is embedded in a circle.
+"""
+
+from __future__ import annotations
+
+from math import ceil, cos, exp, fsum, log, pi, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.signal import fftconvolve, lfilter
+from scipy.special import gamma, gammainc, kv
+
+from sitl_scenarios.dynamics import AirState, Three, frame
+from sitl_scenarios.motion import Array
+from sitl_scenarios.scenario import (
+    MOMENT,
+    WIND,
+    DrydenWind,
+    GaussianWind,
+    Gust,
+    Jet,
+    Scenario,
+    SteadyWind,
+    TurbulentWind,
+    towards,
+)
+from sitl_scenarios.vehicles import AIRFRAMES
+
+
+def gaussian_noise(s: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
+    """Returns (samples,) of white noise through the kernel exp(−t²/2s²), s > 0 in seconds, of variance 1 at any ``dt``.
+
+    Its autocorrelation is exp(−τ²/4s²), and its derivative has standard deviation 1/(√2 s): s is the width of the
+    *kernel* (K. Friston et al., "DEM: A variational treatment of dynamic systems", NeuroImage 2008; the paper's
+    Eq. ``Smatrix``).
+    """
+    # Steps of s/2 or less make the sums that stand for integrals exact to 1e-16; beyond 6 s lies 1e-9 of the kernel.
+    every = max(1, ceil(dt / (0.5 * s)))
+    step = dt / every
+    reach = ceil(6.0 * s / step)
+    # Plain sums and libm's exp: numpy's own choose instructions by the machine, and the last bit with them.
+    kernel = [exp(-((i * step / s) ** 2) / 2) for i in range(-reach, reach + 1)]
+    size = sqrt(fsum(k * k for k in kernel))
+    white = noise.standard_normal((samples - 1) * every + len(kernel))
+    coloured = fftconvolve(white, [k / size for k in kernel], "valid")
+    return np.asarray(coloured[::every], dtype=np.float64)
+
+
+FOOT = 0.3048  # m
+SLOWEST = 1.0  # m/s: V in less wind
+
+
+class Turbulence(NamedTuple):
+    """At one height in one wind."""
+
+    # along, across and down: (L/V in s, σ in m/s) of the components along the mean wind, across it and down
+    along: tuple[float, float]
+    across: tuple[float, float]
+    down: tuple[float, float]
+    # (time constant in s, standard deviation in rad/s) of the air's rotation about a horizontal axis
+    rotation: tuple[float, float]
+
+
+def turbulence(wind: TurbulentWind, height: float, span: float) -> Turbulence:
+    """Lengths and intensities of a wind, by the standard.
+
+    Of its rotation it gives that about the flight path, p_g, a first-order process for Dryden and von Kármán alike:
+
+        Φ_p(Ω) = σ_w²/L_w · 0.8 (π L_w / 4b)^(1/3) / (1 + (4bΩ/π)²),
+
+    whose variance is the integral of that over Ω ≥ 0. A hovering vehicle has no path: both of its axes get this. The
+    ``height`` is in m, and so is the ``span`` b between the outermost rotors.
+    """
+    # The standard's model begins at 10 feet, and holds below as it is there.
+    feet = max(height / FOOT, 10.0)
+    slope = 0.177 + 0.000823 * feet
+    airspeed = max(wind.speed, SLOWEST)
+    low, wide = feet * FOOT, feet / slope**1.2 * FOOT
+    vertical = 0.1 * wind.wind_at_20_feet
+    horizontal = vertical / slope**0.4
+    variance = vertical**2 / low * 0.8 * (pi * low / (4 * span)) ** (1 / 3) * pi**2 / (8 * span)
+    return Turbulence(
+        along=(wide / airspeed, horizontal),
+        across=(wide / airspeed, horizontal),
+        down=(low / airspeed, vertical),
+        rotation=(4 * span / (pi * airspeed), variance**0.5),
+    )
+
+
+def first_order(constant: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
+    """Returns (samples,) of Dryden's process along the wind, variance 1; T = L/V is ``constant``, s.
+
+    White noise of unit intensity through H_u(s) = √(2T) / (1 + Ts) (MIL-F-8785C, 3.7.1.2, whose √(2L/πV) belongs to
+    spectra of which ∫₀^∞ Φ dω is the variance); its autocorrelation is exp(−τ/T).
+    """
+    keeps = exp(-dt / constant)
+    drive = noise.standard_normal(samples)
+    drive[1:] *= sqrt(1 - keeps * keeps)
+    return _lag(keeps, drive)
+
+
+def second_order(constant: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
+    """Returns (samples,) of Dryden's process across the wind and down, of variance 1.
+
+    H_v(s) = √T (1 + √3 Ts) / (1 + Ts)², whose autocorrelation is (1 − τ/2T) exp(−τ/T). With x₁ = n/(1 + Ts) and
+    x₂ = x₁/(1 + Ts) it is √3 x₁ + (1 − √3) x₂. In units of T, states in a stationary state have the covariance
+    [[1/2, 1/4], [1/4, 1/4]]; after a = dt/T the old ones count e^(−a) [[1, 0], [a, 1]], and what the noise adds has the
+    covariance ∫₀ᵃ [1, u; u, u²] e^(−2u) du (C. Van Loan, "Computing integrals involving the matrix exponential", 1978):
+    incomplete gamma functions, which lose no digits at small a.
+    """
+    a = dt / constant
+    keeps = exp(-a)
+    q11, q12, q22 = gammainc(1, 2 * a) / 2, gammainc(2, 2 * a) / 4, gammainc(3, 2 * a) / 4
+    white = noise.standard_normal((2, samples))
+    first, second = sqrt(q11) * white[0], q12 / sqrt(q11) * white[0] + sqrt(q22 - q12**2 / q11) * white[1]
+    first[0] = sqrt(1 / 2) * white[0, 0]
+    second[0] = sqrt(1 / 8) * (white[0, 0] + white[1, 0])
+    x1 = _lag(keeps, first)
+    second[1:] += keeps * a * x1[:-1]
+    return sqrt(3) * x1 + (1 - sqrt(3)) * _lag(keeps, second)
+
+
+def _lag(keeps: float, drive: Array) -> Array:
+    """X with x[0] = drive[0] and x[k] = keeps x[k − 1] + drive[k]."""
+    return np.asarray(lfilter([1.0], [1.0, -keeps], drive))
+
+
+LENGTH = 1.339  # a: it makes L the integral of f
+
+
+def along(time: Array) -> Array:
+    """Returns the autocorrelation along the wind, f = 2^(2/3)/Γ(1/3) ζ^(1/3) K_{1/3}(ζ), at lags ``time`` ≥ 0; (N,).
+
+    ζ = Vτ/(aL), ``time`` in units of L/V (T. von Kármán, "Progress in the statistical theory of turbulence", 1948).
+    """
+    zeta = np.maximum(time / LENGTH, 1e-12)
+    return np.asarray(2 ** (2 / 3) / gamma(1 / 3) * zeta ** (1 / 3) * kv(1 / 3, zeta))
+
+
+def across(time: Array) -> Array:
+    """Returns that across it, g = f − 2^(2/3)/Γ(1/3) ζ^(4/3) K_{2/3}(ζ)/2."""
+    zeta = np.maximum(time / LENGTH, 1e-12)
+    return np.asarray(along(time) - 2 ** (2 / 3) / gamma(1 / 3) * zeta ** (4 / 3) * kv(2 / 3, zeta) / 2)
+
+
+def von_karman_noise(transverse: bool, constant: float, dt: float, samples: int, noise: np.random.Generator) -> Array:
+    """Returns (samples,) of von Kármán's turbulence along the wind, or ``transverse``, variance 1; L/V ``constant``, s.
+
+    MIL-F-8785C, 3.7.1.1, gives spectra that no rational filter has:
+
+        Φ_u(Ω) = σ² 2L/π (1 + (aLΩ)²)^(−5/6)
+        Φ_v(Ω) = σ² L/π (1 + 8/3 (aLΩ)²) (1 + (aLΩ)²)^(−11/6),  Φ_w likewise;  a = 1.339.
+
+    A series of just their autocorrelations is drawn by circulant embedding (C. Dietrich and G. Newsam, SIAM J. Sci.
+    Comput. 1997), as no synthesis from samples of the spectrum is, which lacks what lies beyond half the sampling rate.
+    """
+    # At ζ = 40 nothing is left of either autocorrelation: e^(−40).
+    memory = int(40.0 * LENGTH * constant / dt) + 1
+    # A circle on which the two ends of the series are uncorrelated.
+    size = next_fast_len(2 * (samples + memory), real=True)
+    lags = dt / constant * np.arange(memory + 1, dtype=np.float64)
+    correlation = np.zeros(size)
+    correlation[: len(lags)] = (across if transverse else along)(lags)
+    correlation[size - len(lags) + 1 :] = correlation[1 : len(lags)][::-1]
+    # What rounding leaves below zero is none.
+    power = np.maximum(rfft(correlation).real, 0.0)
+    parts = noise.standard_normal((2, len(power)))
+    spectrum = np.sqrt(power * size / 2) * (parts[0] + 1j * parts[1])
+    # The mean, and with an even size the highest frequency, have one part, with all of their power.
+    for single in (0, -1) if size % 2 == 0 else (0,):
+        spectrum[single] = np.sqrt(power[single] * size) * parts[0, single]
+    return np.asarray(irfft(spectrum, size)[:samples])
+
+
+SPREAD = 0.094  # S: half-width by distance
+
+
+def jet_speed(jet: Jet, along: float, aside: float) -> float:
+    """Returns the mean speed in a jet, m/s, so many m ``along`` its axis from the blower and ``aside`` from the axis.
+
+    A round turbulent jet (S. B. Pope, "Turbulent Flows", 2000, section 5.1): beyond its potential core the speed on the
+    axis falls as U_c/U₀ = 6 d/x, and the profile's half-width grows as r_½ = 0.094 x; in the core, up to x = 6 d, both
+    are taken as at its end. The profile is Gaussian, a common approximation (J. Lee and V. Chu, "Turbulent Jets and
+    Plumes", 2003) to Pope's (1 + (√2 − 1)(r/r_½)²)⁻²: they part by 0.08 U_c at most, at 2 r_½. What is not axial in the
+    mean is left out, and so are gradients across the vehicle.
+    """
+    if along <= 0.0:
+        return 0.0
+    end = 6.0 * jet.diameter  # where the speed on the axis begins to fall
+    return jet.speed * min(1.0, end / along) * exp(-log(2) * (aside / (SPREAD * max(along, end))) ** 2)
+
+
+class JetWind:
+    """The air of a jet, cycle by cycle.
+
+    Its axis is at the ``height`` of the vehicle's hover, m. Its turbulence is Gaussian-kernel noise along, across and
+    down, independent, as strong as the mean speed is where the vehicle is.
+    """
+
+    def __init__(self, jet: Jet, height: float, dt: float, samples: int, noise: np.random.Generator) -> None:
+        self._jet, self._height = jet, height
+        self._north, self._east, _ = towards(jet.direction).tolist()
+        columns = [gaussian_noise(jet.s, dt, samples, noise) for _ in range(3)]
+        self._turbulence: Array = jet.turbulence * np.column_stack(columns)
+
+    def at(self, cycle: int, position: Three) -> Three:
+        """Velocity of the air NED, m/s, at ``position`` (NED, m) in a cycle."""
+        n, e = self._north, self._east
+        north, east, down = position
+        along = self._jet.distance + north * n + east * e
+        right = east * n - north * e - self._jet.offset
+        below = down + self._height
+        speed = jet_speed(self._jet, along, (right * right + below * below) ** 0.5)
+        a, b, c = self._turbulence[cycle].tolist()
+        return speed * ((1.0 + a) * n - b * e), speed * ((1.0 + a) * e + b * n), speed * c
+
+
+def gust_speed(wind: Gust, time: Array) -> Array:
+    """(N,) speed in m/s at ``time`` (N,), seconds since arming."""
+    risen = np.clip((time - wind.start) / wind.rise, 0.0, 1.0)
+    if wind.hold is not None:
+        risen = risen - np.clip((time - wind.start - wind.rise - wind.hold) / wind.rise, 0.0, 1.0)
+    # libm's cos: numpy's own chooses instructions by the machine, and the last bit with them.
+    return np.array([wind.speed / 2 * (1 - cos(pi * share)) for share in risen.tolist()])
+
+
+class Weather:
+    """The air of a flight, cycle by cycle; it is held through each.
+
+    Args:
+        scenario: its winds, moments and seed.
+        dt: cycle, s.
+        time: (N,) seconds since arming, of each cycle.
+    """
+
+    def __init__(self, scenario: Scenario, dt: float, time: Array) -> None:
+        samples = len(time)
+        # Columns as in AirState.
+        air = np.zeros((samples, 8))
+        self._jets: list[JetWind] = []
+        for number, wind in enumerate(scenario.wind):
+            noise = scenario.random(WIND, number)
+            match wind:
+                case SteadyWind():
+                    air[:, :3] += wind.speed * towards(wind.direction)
+                case GaussianWind():
+                    for column in range(3):
+                        air[:, column] += wind.sd * gaussian_noise(wind.s, dt, samples, noise)
+                case Gust():
+                    air[:, :3] += gust_speed(wind, time)[:, None] * towards(wind.direction)
+                case Jet():
+                    self._jets.append(JetWind(wind, scenario.height, dt, samples, noise))
+                case TurbulentWind():
+                    air[:, :5] += _turbulent(wind, scenario, dt, samples, noise)
+        for number, moment in enumerate(scenario.moments):
+            noise = scenario.random(MOMENT, number)
+            air[:, AirState._fields.index(moment.axis)] += moment.sd * gaussian_noise(moment.s, dt, samples, noise)
+        self._air = air
+
+    def at(self, cycle: int, position: Three) -> AirState:
+        """The air at ``position`` (NED, m) in a cycle, counted from 0; before the first and after the last, theirs."""
+        cycle = min(max(cycle, 0), len(self._air) - 1)
+        air = AirState(*self._air[cycle].tolist())
+        for jet in self._jets:
+            north, east, down = jet.at(cycle, position)
+            air = air._replace(north=air.north + north, east=air.east + east, down=air.down + down)
+        return air
+
+
+def _turbulent(wind: TurbulentWind, scenario: Scenario, dt: float, samples: int, noise: np.random.Generator) -> Array:
+    """(N, 5) velocity NED of the mean wind and its turbulence, and the air's rotation about two horizontal axes."""
+    places = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
+    known = turbulence(wind, scenario.height, max(places.right) - min(places.right))
+    if isinstance(wind, DrydenWind):
+        along = first_order(known.along[0], dt, samples, noise)
+        across, down = (second_order(known[i][0], dt, samples, noise) for i in (1, 2))
+    else:
+        along, across, down = (von_karman_noise(i > 0, known[i][0], dt, samples, noise) for i in range(3))
+    north, east, _ = towards(wind.direction)
+    ahead, aside = wind.speed + known.along[1] * along, known.across[1] * across
+    p, q = (known.rotation[1] * first_order(known.rotation[0], dt, samples, noise) for _ in range(2))
+    return np.column_stack([ahead * north - aside * east, ahead * east + aside * north, known.down[1] * down, p, q])
