@@ -139,7 +139,8 @@ def learn_command(
         "seconds": round(perf_counter() - began, 3),
         "files": {name: str(folder / name) for name in names},
     }
-    held = inventory(log, analysis.verdict.axis, vehicle, inputs)
+    known = analysis.verdict, analysis.condition, analysis.identity
+    held = inventory(log, analysis.verdict.axis, vehicle, inputs, known)
     if learned is None or held_out is None:
         _without_model(analysis, report, folder, source, held, as_json)
         raise click.exceptions.Exit(UNSUPPORTED)

@@ -12,13 +12,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
-from scipy.stats import norm
 
 from mavdem.condition.hover import HoverFigures
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack, unpack
-from mavdem.dem.validation import LEVEL
 from mavdem.evaluate.held_out import CONSTANT_MEAN, FORECAST, HeldOut, held_out_test, held_out_windows
 from mavdem.flight import Flight
 from mavdem.live.history import LiveHistory
@@ -225,7 +223,7 @@ def residuals(learned: Learned, output: int = -1) -> Figure:
     lags = round(LAG_SECONDS / learned.dt)
     auto, driven_auto = correlation(centred, centred, lags), correlation(driven, driven, lags)
     across = correlation(driven, centred, lags)
-    width = float(norm.ppf(0.5 + BOUND_LEVEL / 2)) / np.sqrt(known.sum())
+    width = quantile(BOUND_LEVEL) / np.sqrt(known.sum())
     # The variance of a correlation of two independent series.
     joint = np.sqrt(max(1 + 2 * float(auto[1:] @ driven_auto[1:]), 1.0))
     lag = np.arange(lags + 1.0) * learned.dt

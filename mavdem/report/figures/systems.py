@@ -17,12 +17,11 @@ from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 from scipy.linalg import expm
 from scipy.stats import f as fisher
-from scipy.stats import t as student
 
+from mavdem.confidence import LEVEL, half_width
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack, unpack
-from mavdem.dem.validation import LEVEL
 from mavdem.report.axis_command import AxisCommand
 from mavdem.report.figures.style import HAIRLINE, band, legend_above, not_blown_up, note, per, picture
 from mavdem.report.names import Labels, readable
@@ -304,7 +303,7 @@ def _region(axes: Axes, pole: Pole, values: Complex) -> None:
     others = np.abs(values - pole.value)
     nearest = float(others[others > 0].min(initial=np.inf))
     if not pole.value.imag:
-        half = float(student.ppf(0.5 + LEVEL / 2, pole.freedom) * np.sqrt(pole.covariance[0, 0]))
+        half = float(half_width(pole.covariance[0, 0], LEVEL, pole.freedom))
         if half < nearest:
             ends = np.array([pole.value.real - half, pole.value.real + half])
             bottom, top = axes.get_ylim()
