@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
 
 from mavdem.condition.hover import HoverFigures
+from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack, unpack
