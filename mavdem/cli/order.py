@@ -18,7 +18,7 @@ from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
 from mavdem.page.comparison_page import order_page
-from mavdem.report.order import order_report
+from mavdem.report.comparison import order_report
 
 
 @click.command("order")

@@ -9,9 +9,8 @@ from mavdem.evaluate.comparison import Comparison
 from mavdem.page.document import Chapter, render_page
 from mavdem.page.pictures import PicturePlan, picture_chapter
 from mavdem.report.blocks import Table
-from mavdem.report.comparison import comparison_report
+from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.names import listed
-from mavdem.report.order import order_report
 
 
 def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:

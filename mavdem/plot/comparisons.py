@@ -70,29 +70,29 @@ def error_growth(comparison: Comparison) -> Figure:
     Args:
         comparison: of the methods; of several flights, their geometric mean is drawn.
     """
-    steps = [at.steps for at in comparison.summaries(comparison.flights[0])[0].horizons]
+    steps = [at["steps"] for at in comparison.summaries(comparison.flights[0])[0]["horizons"]]
     first = comparison.methods[0]
     drawn: set[str] = set()
     with picture() as figure:
         axes = figure.subplots()
         axes.axhline(1, **HAIRLINE)
         for one in comparison.over_flights():
-            family = one.method.split("(")[0]
+            family = one["method"].split("(")[0]
             if family in drawn or family in LEFT_OUT:
                 continue
             drawn.add(family)
-            own, held = one.method == first, one.method == HELD
+            own, held = one["method"] == first, one["method"] == HELD
             place = len(drawn - {first, HELD})
             axes.plot(
-                steps[: len(one.horizons) - 1] + steps[-1:],
-                one.horizons,
+                steps[: len(one["horizons"]) - 1] + steps[-1:],
+                one["horizons"],
                 "--" if held else "-",
                 color=PREDICTED if own else BASELINE if held else PEERS[place % len(PEERS)],
                 linewidth=2.6 if own else 1.3,
                 zorder=3 if own else 2,
                 marker="o",
                 markersize=3,
-                label=one.method,
+                label=one["method"],
             )
         axes.set(xscale="log", yscale="log", xlabel="steps ahead", ylabel="error ratio (1: the constant mean)")
         axes.set_xticks(steps, map(str, steps))
