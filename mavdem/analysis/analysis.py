@@ -16,7 +16,7 @@ import numpy as np
 
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.phases import settled
-from mavdem.alignment.read import choose_vehicle, judged_segments
+from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
 from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigures, axis_figures
 from mavdem.analysis.findings import GOOD, LIMITED, PURPOSES, Finding, findings
@@ -107,7 +107,7 @@ def analyse(
         signals = Signals(choose_vehicle(log.vehicles, vehicle), AXES[0] if axis == ALL else axis, inputs)
     else:
         signals = signals.about(AXES[0] if axis == ALL else axis, inputs)
-    segments, verdict = judged_segments(signals, log.components)
+    segments, verdict = usable_segments(signals, log.components)
     if other_axis is None:
         condition, identity = condition_of(signals), identity_of(signals, log.receive_time[0])
         alarms = motor_alarms(signals)
@@ -121,7 +121,7 @@ def analyse(
 
     slow = tier.name == "b"
     if slow:
-        segments, of_slow = judged_segments(signals, log.components, SLOW_MOTION_RATE)
+        segments, of_slow = usable_segments(signals, log.components, SLOW_MOTION_RATE)
         if not segments:
             return without_model(of_slow.reason)
     if not segments:

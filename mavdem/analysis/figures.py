@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mavdem.alignment.drive import AXES
-from mavdem.alignment.read import choose_vehicle, judged_segments
+from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import Verdict
 from mavdem.analysis.findings import Finding
@@ -279,7 +279,7 @@ def vehicle(path: str | bytes | PathLike[str], axis: str = ALL, vehicle: str | N
 
 def axis_figures(signals: Signals, components: Sequence[Component] = ()) -> AxisFigures:
     """Returns the physical parameters of the axis of ``signals``; ``components`` are those in the log."""
-    flights, verdict = judged_segments(signals, components)
+    flights, verdict = usable_segments(signals, components)
     if not flights:
         return AxisFigures((), None, None, str(NotLearnable(verdict.reason, verdict.remedy)))
     record = Record.of(flights)

@@ -29,8 +29,8 @@ from mavdem.evaluate.windows import (
     windows,
 )
 from mavdem.flight import Flight
-from mavdem.page.comparison_page import comparison_page
 from mavdem.report.comparison import comparison_report
+from mavdem.report.page import comparison_page
 
 COMPARISON_FILES = ("comparison.json", "comparison.html", "windows.csv")
 

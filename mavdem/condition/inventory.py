@@ -10,7 +10,7 @@ from scipy.stats import trim_mean
 
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals
-from mavdem.alignment.verdict import Verdict, judge
+from mavdem.alignment.verdict import Verdict, verdict_of
 from mavdem.condition.condition import Condition, condition_of
 from mavdem.condition.identity import Identity, identity_of
 from mavdem.ingest import Log
@@ -136,7 +136,7 @@ def _vehicle(
 ) -> dict[str, Any]:
     if known is None:
         signals = Signals(telemetry, axis, inputs)
-        known = judge(signals, log.components), condition_of(signals), identity_of(signals, log.receive_time[0])
+        known = verdict_of(signals, log.components), condition_of(signals), identity_of(signals, log.receive_time[0])
     verdict, condition, identity = known
     return {
         "system": telemetry.system,

@@ -206,7 +206,6 @@ DOCUMENT = TypeAdapter(
             effect_directions=list[float] | None,
             setpoints=list[list[float | None]] | None,
             setpoint_names=list[str],
-            voltage=list[float | None] | None,
         )
         | None,
         labels=_part(dict, begins=list[float], **dict.fromkeys(LABELS, list[str])) | None,
@@ -237,7 +236,7 @@ def values_of(parts: Mapping[str, Any]) -> dict[str, Any]:
 
 def _of_vehicle(record: Record) -> dict[str, Any] | None:
     """What only the physical parameters use, if anything is known; where a setpoint is not, it is null."""
-    known = {"effect_directions": record.effect_directions, "setpoints": record.setpoints, "voltage": record.voltage}
+    known = {"effect_directions": record.effect_directions, "setpoints": record.setpoints}
     if all(table is None for table in known.values()):
         return None
     tables = {name: None if table is None else _nulls(table) for name, table in known.items()}
@@ -291,14 +290,13 @@ def _with_vehicle(record: Record, values: Mapping[str, Any]) -> Record:
     shapes = {
         "effect_directions": (record.inputs.shape[1],),
         "setpoints": (len(record), len(names)),
-        "voltage": (len(record),),
     }
     tables = {name: None if values[name] is None else np.array(values[name], np.float64) for name in shapes}
     for name, table in tables.items():
         if table is not None and table.shape != shapes[name]:
             raise ValueError(f"of_vehicle.{name} must be of shape {shapes[name]}, not {table.shape}")
-    directions, setpoints, voltage = tables.values()
-    return replace(record, effect_directions=directions, setpoints=setpoints, voltage=voltage, setpoint_names=names)
+    directions, setpoints = tables.values()
+    return replace(record, effect_directions=directions, setpoints=setpoints, setpoint_names=names)
 
 
 def _current(values: Any) -> Any:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mavdem.dem.closed_loop.inputs import input_cautions
 from mavdem.dem.engine.ascent import CoordinateAscent
 from mavdem.dem.engine.free_energy import free_energy
 from mavdem.dem.engine.generative import SufficientStatistics
@@ -198,7 +197,7 @@ def _cautions(
 ) -> tuple[str, ...]:
     """The cautions of a fit, with what was found of it; ``smoothness`` where it was estimated."""
     model = fitted.scaling.physical_model(fitted.ascent.belief.theta, fitted.model.n)
-    found = list(input_cautions(record)) if fitted.settings.prior == "regulated" else []
+    found = list(record.input_cautions) if fitted.settings.prior == "regulated" else []
     if model.spectral_abscissa > 0:
         found.append(f"The model is unstable: it grows e-fold in {1 / model.spectral_abscissa:.3g} s.")
     if fitted.simulation_fit is None and uncertainty.scatter is None:

@@ -6,8 +6,7 @@ import os
 from pathlib import Path
 
 from mavdem.errors import Unreadable
-from mavdem.ingest.contents import READABLE_FORMATS, file_beginning
-from mavdem.ingest.dataflash.text import is_text as is_dataflash_text
+from mavdem.ingest.contents import READABLE_FORMATS, file_beginning, is_dataflash_text
 from mavdem.ingest.mavlink.framing import MARKER_1, MARKER_2, Progress
 from mavdem.ingest.mavlink.vehicles import FrameStream
 from mavdem.ingest.telemetry import Log

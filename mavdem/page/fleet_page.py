@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 from mavdem.comparison.flight_figures import flights_of, vehicles_of
 from mavdem.fleet.row import FlightRow
-from mavdem.page.document import environment
 from mavdem.page.fleet_charts import FleetDrawing, vehicle_drawings
 from mavdem.page.fleet_table import NOT_USED, flight_table
 from mavdem.report.blocks import Block
@@ -22,6 +21,7 @@ from mavdem.report.fleets.summary import (
     vehicle_health,
     vehicle_words,
 )
+from mavdem.report.page import environment
 
 MIN_FLIGHTS = 2  # of a vehicle whose figures are drawn
 MAX_DRAWN = 60  # vehicles, those in trouble first: a page with more is too large to mail
@@ -85,7 +85,7 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     ]
     header, lines = flight_table([row for flight in _newest_first(rows) for row in flight])
     return (
-        environment()
+        environment("mavdem.page")
         .get_template("fleet.html")
         .render(
             blocks=fleet_blocks(rows),

@@ -63,18 +63,13 @@ def test_what_only_physical_parameters_use_is_kept():
     flight = FLIGHT[:500]
     setpoints = np.sin(flight.time)[:, None]
     setpoints[:9] = np.nan
-    further = {"setpoints": setpoints, "setpoint_names": ("roll stick",), "voltage": np.linspace(16, 15, 500)}
+    further = {"setpoints": setpoints, "setpoint_names": ("roll stick",)}
     directions = np.ones(flight.inputs.shape[1])
     known = Flight(flight.time, flight.inputs, flight.outputs, effect_directions=directions, **further)
     learned = learn(known, Settings(order=3, d=2, window=9, parameter_precision=1.0))
     record = Learned.from_json(learned.to_json()).record
     np.testing.assert_array_equal(record.setpoints, setpoints)
-    np.testing.assert_array_equal(record.voltage, further["voltage"])
     np.testing.assert_array_equal(record.effect_directions, directions)
     assert record.setpoint_names == ("roll stick",)
     assert record.begins == (flight.time[0],)
     assert {name: getattr(record, name) for name in LABELS} == {name: getattr(known, name) for name in LABELS}
-    values = json.loads(learned.to_json())
-    values["of_vehicle"]["voltage"] = [1.0]
-    with pytest.raises(ValueError, match=r"of_vehicle.voltage must be of shape \(500,\)"):
-        Learned.from_json(json.dumps(values))

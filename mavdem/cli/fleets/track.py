@@ -33,7 +33,7 @@ from mavdem.report.fleets.summary import fleet_blocks
 SECONDS_BETWEEN_LINES = 30.0  # of progress, where standard error is no terminal
 MOST_SECONDS, MOST_MEGABYTES = 1_000_000, 1_000_000  # that may be asked for: days, and a terabyte
 INDEX = "index.html"
-PAGE = "mavdem.page.flight_page:write_flight_page"
+PAGE = "mavdem.report.page:write_flight_page"
 """The function that writes a flight's page, as workers call it."""
 
 

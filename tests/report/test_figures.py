@@ -1,4 +1,4 @@
-"""Pictures: drawn in the palette's colours, in degrees, with legends beside the data; and the numbers behind them."""
+"""Figures: drawn in the palette's colours, in degrees, with legends beside the data; and the numbers behind them."""
 
 from __future__ import annotations
 
@@ -11,17 +11,15 @@ from pathlib import Path
 import control
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 import mavdem
 from mavdem.evaluate import held_out_test, held_out_windows
-from mavdem.plot import Plots, forecast
-from mavdem.plot.complex_plane import uncertain_poles
-from mavdem.plot.drawn import drawn_models, drawn_physical, physical_system, system
-from mavdem.plot.forecasts import typical_windows
-from mavdem.plot.one_step_errors import correlation
 from mavdem.report import palette
 from mavdem.report.axis_command import AxisCommand
+from mavdem.report.figures import Plots
+from mavdem.report.figures.series import correlation, forecast, typical_windows
+from mavdem.report.figures.style import svg
+from mavdem.report.figures.systems import model_systems, physical_systems, uncertain_poles
 from mavdem.report.names import Labels
 
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
@@ -58,54 +56,41 @@ def figures(learned, flight, held):
     return drawn | {"forecast": learned.plot.forecast(held)}
 
 
-def svg(figure: Figure) -> str:
-    file = io.StringIO()
-    figure.savefig(file, format="svg", metadata={"Date": None})
-    return file.getvalue()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [*METHODS, "forecast"])
-def test_a_picture_has_the_colours_of_the_palette_and_text_as_text(name, figures):
-    drawn = svg(figures[name])
+def test_a_figure_has_the_palette_s_colours_named_axes_and_no_legend_or_title_over_data(name, figures):
+    figure = figures[name]
+    drawn = svg(figure, name)
     values = [value for value in vars(palette).values() if isinstance(value, str | tuple)]
     known = {colour for value in values for colour in ([value] if isinstance(value, str) else value)}
-    assert set(re.findall(r"#[0-9a-f]{6}\b", re.sub(r"<defs>.*?</defs>|<metadata>.*?</metadata>", "", drawn))) <= known
+    assert set(re.findall(r"#[0-9a-f]{6}\b", re.sub(r"<defs>.*?</defs>|<image[^>]*>", "", drawn))) <= known
     assert drawn.count("<text") > 8
     assert "fill: #ffffff" not in drawn, "it has a background"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [*METHODS, "forecast"])
-def test_every_axis_is_named_and_no_legend_or_title_lies_over_data_or_each_other(name, figures):
-    figure = figures[name]
-    figure.savefig(io.BytesIO(), format="png")
     width, height = figure.get_size_inches()
     assert width == pytest.approx(5.2) and 1.5 < height < 4.5
+    text = ""
     for axes in figure.axes:
+        text += axes.get_xlabel() + axes.get_ylabel() + axes.get_title("left")
         assert axes.get_ylabel() or axes.get_title("left")
-        legend = axes.get_legend()
-        if legend is None:
-            continue
-        box = legend.get_window_extent()
-        assert not any(box.overlaps(other.get_window_extent()) for other in figure.axes)
-        assert not box.overlaps(axes._left_title.get_window_extent())
-        assert box.x0 >= 0 and box.x1 <= figure.bbox.x1
+        if (legend := axes.get_legend()) is not None:
+            box = legend.get_window_extent()
+            assert not any(box.overlaps(other.get_window_extent()) for other in figure.axes)
+            assert not box.overlaps(axes._left_title.get_window_extent())
+            assert box.x0 >= 0 and box.x1 <= figure.bbox.x1
     assert figure.axes[-1].get_xlabel()
+    assert name == "poles" or "rad" not in text, "angles are in degrees"
+    units = {"bode": "°/s per µs", "step": "roll (°)", "disturbance": "°/s²", "forecast": "roll (°)"}
+    assert units.get(name, "") in text
 
 
-def labels(figure: Figure) -> str:
-    return " ".join([axes.get_xlabel() + axes.get_ylabel() + axes.get_title("left") for axes in figure.axes])
-
-
-@pytest.mark.slow
-def test_angles_are_in_degrees(figures, learned):
-    assert "rad" not in " ".join(labels(figures[name]) for name in figures if name != "poles")
-    for name, unit in {"bode": "°/s per µs", "step": "roll (°)", "disturbance": "°/s²", "forecast": "roll (°)"}.items():
-        assert unit in labels(figures[name])
-    line = figures["residuals"].axes[0].lines[0].get_ydata()
+def test_long_lines_become_pixels_and_gaps_stay(learned):
+    figure = learned.plot.residuals()
+    (line,) = figure.axes[0].lines
     errors = np.degrees(learned.record.outputs[1:, 1] - learned.one_step()[1:, 1])
-    np.testing.assert_allclose(line[1:], errors)
+    np.testing.assert_allclose(line.get_ydata()[1:], errors)
+    assert np.isnan(line.get_ydata()[0])
+    longer = replace(learned.record, outputs=np.tile(learned.record.outputs, (2, 1)))
+    assert not line.get_rasterized() and len(longer.outputs) > 1500 > len(errors)
 
 
 def test_a_forecast_is_of_the_windows_with_the_usual_error(held):
@@ -116,29 +101,25 @@ def test_a_forecast_is_of_the_windows_with_the_usual_error(held):
     pair = typical_windows(held, 2).start
     gap = 9.0 * (np.arange(len(held)) > pair)
     assert typical_windows(replace(held, time=held.time + gap[:, None]), 2).start != pair
+    with pytest.raises(ValueError, match="no held-out window"):
+        forecast(replace(held, time=held.time[:0]), Labels(("u",), ("y",), ("",), ("rad",)))
 
 
 def test_the_flight_after_the_training_data_is_one_window(flight, learned):
     after = mavdem.read_flight(LOG)[1200:1300]
     figure = learned.plot.forecast(after, output=1)
     assert len(figure.axes) == 1 and figure.axes[0].get_ylabel() == "roll rate (°/s)"
-    own = held_out_test(flight, after, learned)
+    held = held_out_test(flight, after, learned)
     measured, mean = figure.axes[0].lines[:2]
     np.testing.assert_allclose(measured.get_ydata(), np.degrees(after.outputs[:, 1]))
-    np.testing.assert_allclose(mean.get_ydata(), np.degrees(own.forecasts["forecast"][0, :, 1]))
+    np.testing.assert_allclose(mean.get_ydata(), np.degrees(held.forecasts["forecast"][0, :, 1]))
     np.testing.assert_allclose(mean.get_xdata(), after.time)
-
-
-def test_no_window_is_an_error(held):
-    none = replace(held, time=held.time[:0])
-    with pytest.raises(ValueError, match="no held-out window"):
-        forecast(none, Labels(("u",), ("y",), ("",), ("rad",)))
 
 
 def test_responses_are_those_of_python_control(learned):
     motors = AxisCommand.of(learned).motors
     A, B, C = learned.model[:3]
-    ours, theirs = system(A, B, C, motors), control.StateSpace(A, (B @ motors)[:, None], C, np.zeros((2, 1)))
+    ours, theirs = model_systems(learned, motors), control.StateSpace(A, (B @ motors)[:, None], C, np.zeros((2, 1)))
     frequency, time = np.geomspace(0.1, 20, 5), np.linspace(0, 1.5, 31)
     response = theirs(2j * np.pi * frequency)
     for output in (0, 1):
@@ -148,22 +129,22 @@ def test_responses_are_those_of_python_control(learned):
 
 
 def test_the_physical_response_is_late_by_its_delay_and_ends_at_effect_over_damping(learned):
-    read = learned.physical._replace(damping=4.0, lag=0.05, delay=0.2)
+    physical = learned.physical._replace(damping=4.0, lag=0.05, delay=0.2)
     motors = AxisCommand.of(learned).motors
     time = np.linspace(0, 3, 301)
-    outputs = physical_system(read, motors, 2).after_step(time)[0]
+    systems = physical_systems(physical, motors, 2)
+    outputs = systems.after_step(time)[0]
     assert (outputs[time < 0.2] == 0).all() and (outputs[time > 0.22, 1] > 0).all()
-    np.testing.assert_allclose(outputs[-1, 1], read.effect @ motors / 4.0, rtol=1e-3)
-    rate = physical_system(read, motors, 1).after_step(time)[0]
+    np.testing.assert_allclose(outputs[-1, 1], physical.effect @ motors / 4.0, rtol=1e-3)
+    rate = physical_systems(physical, motors, 1).after_step(time)[0]
     np.testing.assert_allclose(rate[:, 0], outputs[:, 1])
-    draws = drawn_physical(read, motors, 2)
-    assert draws.b[:, 2].std() > 0 and (draws.delay > 0).all()
+    assert systems.b[1:, 2].std() > 0 and (systems.delay > 0).all()
 
 
 def test_a_poles_region_is_that_of_draws(learned):
     # So certain that the poles are linear in A.
     certain = replace(learned, scatter=learned.scatter._replace(covariance=1e-8 * learned.scatter.covariance))
-    drawn = np.linalg.eigvals(drawn_models(certain, np.ones(4)).A)
+    drawn = np.linalg.eigvals(model_systems(certain, np.ones(4)).A[1:])
     for pole in uncertain_poles(certain):
         nearest = drawn[np.arange(len(drawn)), np.abs(drawn - pole.value).argmin(axis=1)] - pole.value
         spread = np.cov(np.array([nearest.real, nearest.imag])) * (pole.freedom - 2) / pole.freedom  # Student's
@@ -172,15 +153,15 @@ def test_a_poles_region_is_that_of_draws(learned):
 
 def test_a_correlation_is_found_at_its_lag():
     rng = np.random.default_rng(1)
-    one = rng.standard_normal(5000)
-    found = correlation(one, np.roll(one, 7) + rng.standard_normal(5000), 20)
-    assert found.argmax() == 7 and found[7] == pytest.approx(0.5**0.5, abs=0.03)
-    assert np.abs(np.delete(found, 7)).max() < 0.06
+    noise = rng.standard_normal(5000)
+    values = correlation(noise, np.roll(noise, 7) + rng.standard_normal(5000), 20)
+    assert values.argmax() == 7 and values[7] == pytest.approx(0.5**0.5, abs=0.03)
+    assert np.abs(np.delete(values, 7)).max() < 0.06
 
 
 def test_a_command_is_the_difference_of_the_motors(learned, flight):
     command = AxisCommand.of(learned)
-    assert command.label == "roll command (µs)"
+    assert (command.name, command.unit) == ("roll command", "µs")
     up = flight.effect_directions > 0
     difference = flight.inputs[:, up].mean(axis=1) - flight.inputs[:, ~up].mean(axis=1)
     np.testing.assert_allclose(command.series(flight.inputs), difference - difference.mean(), atol=1e-9)
@@ -197,37 +178,33 @@ def test_a_command_of_unknown_geometry_goes_by_the_effects_and_a_demand_is_itsel
 
 @pytest.mark.slow
 def test_without_physical_parameters_only_what_needs_them_is_refused(learned, monkeypatch):
+    unknown = learned.physical._replace(status=dict.fromkeys(learned.physical.status, "not identifiable"))
+    monkeypatch.setitem(learned.__dict__, "physical", unknown)
+    for draw in (learned.plot.bode, learned.plot.motors, learned.plot.disturbance):
+        assert "not identifiable" in draw().get_supxlabel()
     for name in ("physical", "wind"):
         monkeypatch.setitem(learned.__dict__, name, None)
-    with pytest.raises(ValueError, match="no wind's torque"):
+    with pytest.raises(ValueError, match="no wind torque"):
         learned.plot.disturbance()
     with pytest.raises(ValueError, match="no motors to show"):
         learned.plot.motors()
-    assert "physical parameters" not in svg(learned.plot.bode())
-
-
-@pytest.mark.slow
-def test_what_is_not_identifiable_is_said_in_the_picture(learned, monkeypatch):
-    monkeypatch.setitem(
-        learned.__dict__,
-        "physical",
-        learned.physical._replace(status=dict.fromkeys(learned.physical.status, "not identifiable")),
-    )
-    for draw in (learned.plot.bode, learned.plot.motors, learned.plot.disturbance):
-        assert "not identifiable" in svg(draw())
+    assert "physical parameters" not in svg(learned.plot.bode(), "bode")
 
 
 def test_the_effect_of_a_demand_is_not_put_beside_a_motor(learned, flight):
     hover = mavdem.hover_figures([flight])
     columns = [name for name, value in vars(hover).items() if isinstance(value, tuple)]
     fewer = replace(hover, **{name: getattr(hover, name)[:2] for name in columns})
-    assert [axes.get_title("left") for axes in learned.plot.motors(hover).axes] == ["effect", "trim", "headroom"]
+    assert [axes.get_title("left") for axes in learned.plot.motors(hover).axes] == ["effectiveness", "trim", "headroom"]
     assert [axes.get_title("left") for axes in learned.plot.motors(fewer).axes] == ["trim", "headroom"]
 
 
 @pytest.mark.slow
-def test_a_notebook_shows_a_picture(figures):
+def test_a_notebook_shows_a_figure_and_a_script_saves_one(figures):
     assert figures["bode"]._repr_png_().startswith(b"\x89PNG")
+    file = io.StringIO()
+    figures["bode"].savefig(file, format="svg")
+    assert "<text" in file.getvalue()
     assert "matplotlib.pyplot" not in sys.modules or not sys.modules["matplotlib.pyplot"].get_fignums()
 
 

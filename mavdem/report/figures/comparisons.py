@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from mavdem.dem.order.choice import STRONG_EVIDENCE_NATS, OrderChoice
 from mavdem.evaluate.comparison import Comparison
-from mavdem.plot.style import HAIRLINE, legend_above, picture
+from mavdem.report.figures.style import HAIRLINE, legend_above, picture
 from mavdem.report.palette import BASELINE, DISTINCT, HELD_OUT_OPACITY, MEASURED, PREDICTED, distinct
 
 SHOWN_RATIOS = 1e-3, 1e3
@@ -24,34 +24,30 @@ MANY_FLIGHTS = 6  # from which on flights are not named
 
 
 def error_ratios(comparison: Comparison, from_zero: bool = False) -> Figure:
-    """The error ratio of each method in each window over the whole test part, the lowest median first.
+    """Draws the error ratio of each method in each window over the whole test part, the lowest median first.
 
     Args:
         comparison: of the methods; its first is drawn in the colour of predictions.
         from_zero: whether forecasts start from state 0.
     """
     begun = "zero" if from_zero else "data"
-    rows = [row for row in comparison.rows() if row["inputs"] == "known" and row["begun"] == begun]
     length = {(window.flight, window.start): len(window.test) for window in comparison.windows}
-    found: dict[str, list[float]] = {method: [] for method in comparison.methods}
-    for row in rows:
-        if row["steps"] == length[row["flight"], row["start"]]:
-            found[row["method"]].append(np.nan_to_num(float(row["relative"]), nan=np.inf))
-    medians = {method: float(np.median(values)) for method, values in found.items() if values}
+    ratios: dict[str, list[float]] = {method: [] for method in comparison.methods}
+    for row in comparison.rows():
+        whole = row["steps"] == length[row["flight"], row["start"]]
+        if whole and row["inputs"] == "known" and row["begun"] == begun:
+            ratios[row["method"]].append(np.nan_to_num(float(row["relative"]), nan=np.inf))
+    medians = {method: float(np.median(values)) for method, values in ratios.items() if values}
     ranked = sorted(medians, key=medians.__getitem__)
     with picture(AROUND_ROWS_INCHES + ROW_INCHES * len(ranked)) as figure:
         axes = figure.subplots()
         axes.axvline(1, **HAIRLINE)
         for place, method in enumerate(ranked):
-            own = method == comparison.methods[0]
-            colour = PREDICTED if own else MEASURED
-            values = np.clip(found[method], *SHOWN_RATIOS)
-            axes.plot(
-                values, np.full(len(values), place), "o", color=colour, markersize=3.5, alpha=0.5, markeredgewidth=0
-            )
-            axes.plot(
-                np.clip(medians[method], *SHOWN_RATIOS), place, "|", color=colour, markersize=11, markeredgewidth=2.2
-            )
+            colour = PREDICTED if method == comparison.methods[0] else MEASURED
+            values, median = np.clip(ratios[method], *SHOWN_RATIOS), np.clip(medians[method], *SHOWN_RATIOS)
+            rows = np.full(len(values), place)
+            axes.plot(values, rows, "o", color=colour, markersize=3.5, alpha=0.5, markeredgewidth=0)
+            axes.plot(median, place, "|", color=colour, markersize=11, markeredgewidth=2.2)
         axes.set_xscale("log")
         axes.set_yticks(range(len(ranked)), ranked)
         axes.set_ylim(len(ranked) - 0.4, -0.6)
@@ -65,7 +61,7 @@ def error_ratios(comparison: Comparison, from_zero: bool = False) -> Figure:
 
 
 def error_growth(comparison: Comparison) -> Figure:
-    """The median error ratio by horizon: of the first method, the best of each family of others, and held samples.
+    """Draws the median error ratio by horizon: of the first method, the best of each other family, and held samples.
 
     Args:
         comparison: of the methods; of several flights, their geometric mean is drawn.
@@ -76,23 +72,22 @@ def error_growth(comparison: Comparison) -> Figure:
     with picture() as figure:
         axes = figure.subplots()
         axes.axhline(1, **HAIRLINE)
-        for one in comparison.over_flights():
-            family = one["method"].split("(")[0]
+        for summary in comparison.over_flights():
+            method, family = summary["method"], summary["method"].split("(")[0]
             if family in drawn or family in LEFT_OUT:
                 continue
             drawn.add(family)
-            own, held = one["method"] == first, one["method"] == HELD
-            place = len(drawn - {first, HELD})
+            peer = PEERS[len(drawn - {first, HELD}) % len(PEERS)]
             axes.plot(
-                steps[: len(one["horizons"]) - 1] + steps[-1:],
-                one["horizons"],
-                "--" if held else "-",
-                color=PREDICTED if own else BASELINE if held else PEERS[place % len(PEERS)],
-                linewidth=2.6 if own else 1.3,
-                zorder=3 if own else 2,
+                steps[: len(summary["horizons"]) - 1] + steps[-1:],
+                summary["horizons"],
+                "--" if method == HELD else "-",
+                color=PREDICTED if method == first else BASELINE if method == HELD else peer,
+                linewidth=2.6 if method == first else 1.3,
+                zorder=3 if method == first else 2,
                 marker="o",
                 markersize=3,
-                label=one["method"],
+                label=method,
             )
         axes.set(xscale="log", yscale="log", xlabel="steps ahead", ylabel="error ratio (1: the constant mean)")
         axes.set_xticks(steps, map(str, steps))
@@ -105,28 +100,21 @@ def error_growth(comparison: Comparison) -> Figure:
 
 
 def free_energy_by_order(choice: OrderChoice, names: Sequence[str]) -> Figure:
-    """F̄ by the number of states, below its highest value, of each flight and on average.
+    """Draws F̄ by the number of states, below its highest value, of each flight and on average.
 
     Args:
         choice: of the order.
         names: of its flights.
     """
     below = np.nanmax(choice.free_energy, axis=1, keepdims=True) - choice.free_energy
-    mean = np.nanmax(choice.mean) - choice.mean
+    mean, few = np.nanmax(choice.mean) - choice.mean, len(names) < MANY_FLIGHTS
     with picture() as figure:
         axes = figure.subplots()
         axes.axhspan(0, STRONG_EVIDENCE_NATS, color=MEASURED, alpha=HELD_OUT_OPACITY, linewidth=0)
-        few = len(names) < MANY_FLIGHTS
-        for place, (name, values) in enumerate(zip(names, below, strict=True)):
-            axes.plot(
-                choice.orders,
-                values,
-                "o-",
-                color=distinct(place + 1) if few else MEASURED,
-                markersize=4,
-                label=name.replace("$", r"\$") if few else "",
-                alpha=1 if few else 0.4,
-            )
+        for number, (name, values) in enumerate(zip(names, below, strict=True), 1):
+            colour, opacity = (distinct(number), 1.0) if few else (MEASURED, 0.4)
+            label = name.replace("$", r"\$") if few else ""
+            axes.plot(choice.orders, values, "o-", color=colour, markersize=4, alpha=opacity, label=label)
         if len(names) > 1:
             axes.plot(choice.orders, mean, "o-", color=PREDICTED, linewidth=2.5, label="mean")
         axes.axvline(choice.chosen, color=BASELINE, linewidth=1.4, zorder=1, label="chosen")
