@@ -101,8 +101,8 @@ def settled(signals: Signals, boot: int) -> Intervals:
     Neither take-off nor landing, where it reports them; both axes must stay upright.
     """
     climb = _of(signals.climb_rate, boot)
-    flights = both(armed(signals, boot), _in_states(signals, boot, (IN_AIR,)))
-    level = [between for flight in flights if (between := _between_transients(flight, climb)) is not None]
+    flights = both(armed(signals, boot), in_states(signals, boot, (IN_AIR,)))
+    level = [between for flight in flights if (between := between_transients(flight, climb)) is not None]
     for tilt in signals.tilts:
         level = both(level, _upright(tilt, boot))
     return level if signals.tilts else []
@@ -120,7 +120,7 @@ def armed(signals: Signals, boot: int) -> Intervals:
 
 def airborne(signals: Signals, boot: int) -> Intervals:
     """Intervals of ``boot`` off the ground, by EXTENDED_SYS_STATE while it comes, otherwise by the motors' thrust."""
-    return _in_states(signals, boot, OFF_GROUND)
+    return in_states(signals, boot, OFF_GROUND)
 
 
 def highest_collective(signals: Signals) -> float:
@@ -129,13 +129,13 @@ def highest_collective(signals: Signals) -> float:
     for boot in np.unique(collective.boot) if collective is not None else ():
         here = _of(collective, boot)
         assert here is not None
-        mean = _average(here.time, here.values)
+        mean = average(here.time, here.values)
         for start, end in armed(signals, boot):
             highest = max(highest, float(mean[(here.time >= start) & (here.time <= end)].max(initial=0.0)))
     return highest
 
 
-def _in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
+def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
     """Intervals of ``boot`` in one of MAV_LANDED_STATE's ``states``, in the air where only the thrust shows it.
 
     A report counts for the time up to the next, not for what came before all reports, nor across a long gap.
@@ -144,7 +144,7 @@ def _in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Interval
     carried: Intervals = []
     if collective is not None:
         least = airborne_collective(signals.telemetry.parameters)
-        carried = where(collective.time, _average(collective.time, collective.values) > least)
+        carried = where(collective.time, average(collective.time, collective.values) > least)
     if reported is None:
         return carried
     undefined = reported.values == 0
@@ -155,12 +155,12 @@ def _in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Interval
     return either(both(inside, covered), both(carried, outside(covered)))
 
 
-def _between_transients(flight: Interval, climb: Signal | None) -> Interval | None:
+def between_transients(flight: Interval, climb: Signal | None) -> Interval | None:
     """The settled part of one flight; an end of the flight that was not seen has no transient to cut."""
     start, end = flight
     after, before = start + TRANSIENT_SECONDS, end - TRANSIENT_SECONDS
     if climb is not None:
-        speed = _average(climb.time, climb.values)
+        speed = average(climb.time, climb.values)
         inside = (climb.time >= after) & (climb.time <= before)
         if not (isinf(start) or isinf(end) or np.any(speed[inside] > -CLIMB_OUT_SPEED)):
             inside = np.zeros_like(inside)  # No whole flight only sinks: the estimate has run away
@@ -191,7 +191,7 @@ def _true(signal: Signal | None) -> Intervals:
     return ALWAYS if signal is None else where(signal.time, signal.values > 0)
 
 
-def _average(time: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+def average(time: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Centred mean of the samples within half of ``AVERAGING_SECONDS`` on either side."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     first = np.searchsorted(time, time - AVERAGING_SECONDS / 2, side="left")
