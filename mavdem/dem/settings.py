@@ -66,11 +66,17 @@ def _numbered_from_zero(groups: tuple[int, ...]) -> tuple[int, ...]:
     return groups
 
 
+def _positive_definite(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    require_positive_definite(np.array(rows), "it", len(rows))
+    return rows
+
+
 Whole = Annotated[int, Field(ge=0, le=2**63 - 1)]
 Natural = Annotated[int, Field(ge=1, le=2**63 - 1)]
 Positive = Annotated[float, Field(ge=SMALLEST, le=1 / SMALLEST)]
 Log = Annotated[float, Field(ge=-LARGEST_LOG, le=LARGEST_LOG)]
 Logs = Log | Annotated[tuple[Log, ...], Field(min_length=1)]
+Matrix = Annotated[tuple[tuple[float, ...], ...], Field(min_length=1), AfterValidator(_positive_definite)]
 Groups = Annotated[tuple[int, ...], Field(min_length=1), AfterValidator(_numbered_from_zero)]
 
 _WHOLE, _NATURAL = "a whole number of at least 0", "a whole number of at least 1"
@@ -101,7 +107,10 @@ RULES: dict[str, tuple[Any, str]] = {
     "lambda_z": (Logs, f"{_LOG}, or one for each group"),
     "lambda_w": (Logs, f"{_LOG}, or one for each group"),
     "lambda_log_precision": (tuple[Logs, Logs], f"two, of λz and of λw: each {_LOG}, or one for each group"),
-    "input_log_precision": (Logs, f"{_LOG}, or one for each input"),
+    "input_precision": (
+        Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | Matrix,
+        "a positive number, one for each input, or a positive definite matrix",
+    ),
     "learning_rates": (
         tuple[Positive | None, Positive | None, Positive | None] | None,
         "three positive numbers or Nones, or None",
@@ -139,7 +148,7 @@ def _takes_former_names(cls: type[AnySettings]) -> type[AnySettings]:
     def with_former_names(self: Any, *args: Any, **values: Any) -> None:
         init(self, *args, **_translated(values))
 
-    cls.__init__ = with_former_names  # type: ignore[assignment]
+    cls.__init__ = with_former_names  # type: ignore[method-assign]
     return cls
 
 
@@ -154,8 +163,6 @@ def _translated(values: Mapping[str, Any]) -> dict[str, Any]:
         if name in new:
             precisions[place] = _log(new.pop(name), name)
             new["lambda_log_precision"] = tuple(precisions)
-    if "input_precision" in new:
-        new["input_log_precision"] = _log(new.pop("input_precision"), "input_precision")
     of_outputs, of_states = new.pop("output_groups", None), new.pop("state_groups", None)
     if of_outputs is not None and of_states is not None:
         new["noise_groups"] = of_outputs, of_states
@@ -225,8 +232,8 @@ class Settings:
         lambda_z, lambda_w: prior means of the log precisions of measurement and process noise; one number, or one for
             each group.
         lambda_log_precision: the log precisions of these two priors: e²⁵ fixes λᶻ, e^−4.6 leaves λʷ to the data.
-        input_log_precision: log precision of inputs, and of each of their derivatives, about η̃ᵛ; one number, or one for
-            each input.
+        input_precision: P̃ᵛ, of inputs about η̃ᵛ and of each of their derivatives; one number, one for each input, or a
+            matrix ((d + 1)r, (d + 1)r), order-major. 1.6e5: known to 0.25 % of a unit.
 
     **Inference**
 
@@ -244,7 +251,7 @@ class Settings:
             ``None``: no such fit.
         forecasts: "model": by the model alone; "shrunk": these, shrunk towards the trim as far as the posterior of θ is
             uncertain, or, where θ was not refined, by the weight that forecasts of the training data give; "mixed":
-            these, mixed with others that take the motors for measurements of the motion, since the autopilot answers it.
+            these, mixed with others that take the motors for measurements of the motion as well.
 
     Raises:
         ValueError: names the setting and says what it must be.
@@ -266,7 +273,7 @@ class Settings:
     lambda_z: float | tuple[float, ...] = 20.0
     lambda_w: float | tuple[float, ...] = 3.0
     lambda_log_precision: tuple[float | tuple[float, ...], float | tuple[float, ...]] = (25.0, -4.6)
-    input_log_precision: float | tuple[float, ...] = 12.0
+    input_precision: float | tuple[float, ...] | tuple[tuple[float, ...], ...] = 1.6e5
 
     learning_rates: tuple[float | None, float | None, float | None] | None = None
     iterations: int = 200
@@ -287,7 +294,10 @@ class Settings:
         _require(self.window is None or self.window >= fewest, "window", f"at least {fewest} for p and d", self.window)
         for kind, name in enumerate(("lambda_z", "lambda_w")):
             number = 1 if self.noise_groups is None else max(self.noise_groups[kind]) + 1
-            for setting, value in ((name, getattr(self, name)), ("lambda_log_precision", self.lambda_log_precision[kind])):
+            for setting, value in (
+                (name, getattr(self, name)),
+                ("lambda_log_precision", self.lambda_log_precision[kind]),
+            ):
                 fits = not isinstance(value, tuple) or len(value) == number
                 _require(fits, setting, f"a number for each of {number} groups", value)
         # With C free, nothing fixes the scale of x, and F̄ is largest at C = 0.
@@ -311,7 +321,7 @@ class Settings:
 
     @classmethod
     def paper(cls, order: int = 2, seed: int = 0) -> Self:
-        """Returns the settings of the paper, section V.D (``alg_settings``): p = 2, d = 1, s = dt, η from U[−1, 1], P = e⁴.
+        """Returns those of the paper, section V.D (``alg_settings``): p = 2, d = 1, s = dt, η from U[−1, 1], P = e⁴.
 
         Where the paper and its authors' code leave a choice: outputs are not centred; the D step takes the exact
         limit k → ∞; D's last row is zero and counts; F̄ and its mean-field terms are exact; the first step already
@@ -328,7 +338,7 @@ class Settings:
             prior="uniform",
             parameter_precision=e**4,
             lambda_log_precision=(25.0, 20.0),
-            input_log_precision=16.0,
+            input_precision=e**16,
             iterations=20,
             seed=seed,
             horizon=None,
