@@ -18,7 +18,7 @@ from mavdem.fleet.dataset import is_fleet, read_rows
 from mavdem.fleet.reading.flights import rows_of_log
 from mavdem.fleet.row import OK, UNKNOWN, FlightRow
 from mavdem.report.fleets.differences import difference_blocks
-from mavdem.report.names import listed
+from mavdem.report.numbers import listed
 
 MAX_NAMED = 8  # vehicles in a sentence
 

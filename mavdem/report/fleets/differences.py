@@ -17,8 +17,7 @@ from mavdem.comparison.vehicle_difference import (
 )
 from mavdem.comparison.vehicle_estimates import DAMPING, EFFECT, LAG, MEAN_EFFECT, SHARE
 from mavdem.report.blocks import Block, Sentence
-from mavdem.report.names import listed, readable, short
-from mavdem.report.rounding import plus_minus, rounded
+from mavdem.report.numbers import listed, plus_minus, readable, rounded, short
 
 ALLOWED = {SHARE: "those of shares for the lean", MEAN_EFFECT: "those of mean effects for battery and mean output"}
 """Which intervals allow for which conditions."""

@@ -17,7 +17,7 @@ from mavdem.comparison.flight_figures import (
     vehicles_of,
 )
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.names import listed
+from mavdem.report.numbers import listed
 
 TROUBLE = ("fault", "drift")
 SEVERITY = (*TROUBLE, "unknown", OK)
