@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from importlib.metadata import version
-from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,7 +23,6 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.order.choice import OrderChoice
 from mavdem.errors import advice, downstream
 from mavdem.evaluate.comparison import Comparison
-from mavdem.files import atomic_write
 from mavdem.live import SessionStatus, Setup
 from mavdem.live.history import AHEAD, LiveHistory
 from mavdem.live.session import Display
@@ -223,13 +221,6 @@ def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = "..
     if not details:
         subtitle = "No model could be learned from this flight; what it holds nevertheless."
     return document(file, subtitle, blocks, [*chapters, *details], strip, ("Fleet", index))
-
-
-def write_flight_page(file: str, analyses: Mapping[str, LogAnalysis], path: Path) -> None:
-    """Writes :func:`flight_page`, whole or not at all; raises ``OSError`` where it cannot."""
-    with atomic_write(path) as page:
-        # The name of a file need not be Unicode.
-        page.write(flight_page(file, analyses).encode(errors="replace"))
 
 
 PICTURES = {
