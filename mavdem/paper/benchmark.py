@@ -20,7 +20,7 @@ from mavdem.paper.flights import REAL
 from mavdem.paper.item import Cell, Item, ItemResult, PageTable, Picture
 from mavdem.paper.runner import OTHERS, OURS, PEERS, STARTS, WITH, Runner, median_draw, total_mspe
 from mavdem.paper.words import number, percent
-from mavdem.report.names import listed
+from mavdem.report.numbers import listed
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from mavdem.paper.drawing import DEM, MEASURED, ONE_STEP, unseen
 from mavdem.paper.item import Cell, Item, ItemResult, PageTable, Picture
 from mavdem.paper.runner import OURS, PAPER, WITH, Runner
 from mavdem.paper.words import number, percent
-from mavdem.report.names import listed
+from mavdem.report.numbers import listed
 
 Array = NDArray[np.float64]
 

@@ -14,8 +14,8 @@ from rerun_file import chunks, views
 import mavdem
 from mavdem.dem.graybox.gusts import DetectedGust
 from mavdem.evaluate import held_out_test
-from mavdem.report.axis_command import AxisCommand
 from mavdem.report.blocks import markdown
+from mavdem.report.numbers import AxisCommand
 from mavdem.report.screen import key_figures, screen, title
 from mavdem.view import show, write_recording
 from mavdem.view.learning import prior_outweighs_data
