@@ -17,7 +17,7 @@ MAX_LINES = 500
 """Of one file: a chapter, not a book."""
 
 FLOORS = (
-    {"errors", "extras", "files", "forecaster"},
+    {"confidence", "errors", "extras", "files", "forecaster"},
     {"downstream"},
     {"flight"},
     {"ingest"},
@@ -30,7 +30,7 @@ FLOORS = (
     {"analysis"},
     {"fleet"},
     {"report"},
-    {"export", "plot", "view"},
+    {"export", "view"},
     {"page"},
     {"paper"},
     {"__init__"},
@@ -56,7 +56,7 @@ ROOMS_OF_LIBRARIES = {
     "control": {"export"},
     "click": {"cli"},
     "rich": {"cli"},
-    "matplotlib": {"page", "paper", "plot", "report"},
+    "matplotlib": {"paper", "report"},
     "jinja2": {"page", "report"},
     "sitl_scenarios": {"cli", "paper"},
 }
@@ -64,8 +64,8 @@ ROOMS_OF_LIBRARIES = {
 
 ARRAYS = sys.stdlib_module_names | {"numpy", "scipy", "threadpoolctl", "pydantic"}
 USED_BY = {
-    "mavdem.dem": {"mavdem.dem", "mavdem.errors"},
-    "mavdem.health": {"mavdem.health", "mavdem.alignment", "mavdem.dem", "mavdem.condition"},
+    "mavdem.dem": {"mavdem.dem", "mavdem.confidence", "mavdem.errors"},
+    "mavdem.health": {"mavdem.health", "mavdem.confidence", "mavdem.alignment", "mavdem.dem", "mavdem.condition"},
     "sitl_scenarios": {"sitl_scenarios", "mavdem.errors", "mavdem.files", "mavdem.ingest.mavlink"},
 }
 """Rooms that know arrays only, and what of ours they may use: no file, link or viewer."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from scipy.signal import butter, sosfiltfilt
 from mavdem.alignment import phases
 from mavdem.alignment.drive import Motors, Signal
 from mavdem.alignment.phases import Intervals, both, unbroken
-from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Setpoint, Signals, axis_outputs, held
+from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals, axis_outputs, held
 from mavdem.flight import Flight
 
 MEDIAN_STEPS = 41
@@ -78,10 +77,13 @@ def longest_recorded(signals: Signals) -> Segment | None:
     return max(sampled, key=lambda segment: segment.duration, default=None)
 
 
-def within(stream: Attitude | Motors, segment: Segment) -> NDArray[np.bool_]:
-    """Which samples (N,) of the stream belong to the segment, those within ``STAMP_SECONDS`` of its ends included."""
-    inside = (stream.time >= segment.start - STAMP_SECONDS) & (stream.time <= segment.end + STAMP_SECONDS)
-    return np.asarray(inside & (stream.boot == segment.boot))
+def within(stream: Attitude | Motors | Signal, *segments: Segment) -> NDArray[np.bool_]:
+    """Returns which samples (N,) belong to the segments, those up to ``STAMP_SECONDS`` beyond an end included."""
+    inside = np.zeros(len(stream.time), dtype=np.bool_)
+    for part in segments:
+        near = (stream.time >= part.start - STAMP_SECONDS) & (stream.time <= part.end + STAMP_SECONDS)
+        inside |= near & (stream.boot == part.boot)
+    return inside
 
 
 def is_sampled(attitude: Attitude, motors: Motors, segment: Segment) -> bool:
@@ -120,7 +122,6 @@ LOW_PASS_RATIO = 1.5
 band in which the stream itself is already aliased."""
 CUTOFF_RATIO = 0.4
 """Cut-off of that filter in grid rates: 0.5 is the Nyquist frequency, and 0.1 (5 Hz at 50) passes unchanged."""
-VOLTAGE_SECONDS = 10.0  # How long a measured voltage is known: autopilots send it at 0.5 Hz and faster
 FILTER_EDGE_STEPS = 5
 """Grid steps after which the filter has forgotten its start to a hundredth. Its slowest pole, at a rate of 2 pi
 ``CUTOFF_RATIO`` sin(22.5°), decays by a factor e a step."""
@@ -158,7 +159,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
     time = grid_of(attitude.time[near], motors.time[drive], dt)
     outputs, attitude_way = sample(time, dt, attitude.time[near], motion[near])
     inputs, motors_way = sample(time, dt, motors.time[drive], motors.outputs[drive])
-    layout, scale = motors.layout, motors.scale
+    layout, scale, asked = motors.layout, motors.scale, signals.setpoints
     return Flight(
         time=time,
         inputs=inputs,
@@ -189,36 +190,14 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
                 "spins": list(layout.spins),
             },
             "scale": asdict(scale),
-            "setpoints": {one.name: telemetry.called(one.message) for one in signals.setpoints},
+            "setpoints": {one.name: telemetry.called(one.message) for one in asked},
             "repairs": list(telemetry.repairs),
         },
         effect_directions=None if layout.positions_assumed else layout.effect(axis),
-        **_asked(signals.setpoints, segment.boot, time),
-        voltage=None if signals.voltage is None else _voltage_at(signals.voltage, segment.boot, time),
+        setpoints=np.column_stack([held(one, segment.boot, time) for one in asked]) if asked else None,
+        setpoint_names=tuple(one.name for one in asked) or None,
+        setpoint_units=tuple(one.unit for one in asked) or None,
     )
-
-
-def _asked(setpoints: Sequence[Setpoint], boot: int, time: NDArray[np.float64]) -> dict[str, Any]:
-    """The arguments of a flight that are its setpoints at ``time`` (T,)."""
-    if not setpoints:
-        return {}
-    return {
-        "setpoints": np.column_stack([held(one, boot, time) for one in setpoints]),
-        "setpoint_names": tuple(one.name for one in setpoints),
-        "setpoint_units": tuple(one.unit for one in setpoints),
-    }
-
-
-def _voltage_at(signal: Signal, boot: int, time: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The voltage (T,) at ``time`` (T,) s of ``boot``, linear between messages, NaN far from any; None if all are."""
-    here = signal.boot == boot
-    stamps, volts = signal.time[here], signal.values[here]
-    if not len(stamps):
-        return None
-    after = np.clip(np.searchsorted(stamps, time), 0, len(stamps) - 1)
-    away = np.minimum(np.abs(time - stamps[after]), np.abs(time - stamps[np.maximum(after - 1, 0)]))
-    known = away <= VOLTAGE_SECONDS
-    return np.where(known, np.interp(time, stamps, volts), np.nan) if known.any() else None
 
 
 def step(rates: Iterable[float]) -> float:

@@ -9,7 +9,7 @@ from os import PathLike
 from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import message_counts
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE, SLOW_MOTION_RATE, Signals
-from mavdem.alignment.verdict import MINIMUM_DURATION, Verdict, judge, judge_segments
+from mavdem.alignment.verdict import MINIMUM_DURATION, Verdict, segment_verdicts, verdict_of
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
 from mavdem.ingest import Component, Log, read_log
@@ -25,7 +25,11 @@ def read_flight(
     inputs: str | None = None,
     tier: str = "a",
 ) -> Flight:
-    """The longest usable segment of a log; its cautions are in ``provenance["cautions"]``.
+    """Returns the longest usable segment of a log; its cautions are in ``provenance["cautions"]``.
+
+    >>> flight = mavdem.read_flight("flight.tlog", axis="roll")
+    >>> flight.output_names, flight.inputs.shape[1], flight.dt
+    (('roll', 'roll rate'), 4, 0.01)
 
     Args:
         path: a log that ``mavdem.ingest.read_log`` reads.
@@ -41,6 +45,9 @@ def read_flight(
         Unreadable: the log cannot be read.
         NotLearnable: it holds no vehicle, or several and none was chosen, or the verdict is no.
         ValueError: ``path`` is no path, or an axis, inputs or a tier that is none.
+
+    See Also:
+        :func:`mavdem.read_segments`: all usable segments; :class:`mavdem.Flight`: what it is; :func:`mavdem.learn`.
     """
     if tier not in TIERS:
         raise ValueError(f"tier must be one of {', '.join(TIERS)}, not {tier!r}")
@@ -51,7 +58,10 @@ def read_flight(
 def read_segments(
     path: str | bytes | PathLike[str], axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
 ) -> tuple[Flight, ...]:
-    """All usable segments of settled flight in a log, in the order of time; :func:`read_flight` gives the longest.
+    """Returns all usable segments of settled flight in a log, in the order of time.
+
+    >>> [flight.duration > 50 for flight in mavdem.read_segments("flight.tlog")]
+    [True]
 
     They have the same inputs and outputs and the same step, that of the longest, so that ``mavdem.learn`` takes them
     together. Each passed the checks of :func:`read_flight`; where some did not, ``provenance["cautions"]`` say how
@@ -62,6 +72,9 @@ def read_segments(
 
     Raises:
         Unreadable, NotLearnable, ValueError: as :func:`read_flight`.
+
+    See Also:
+        :func:`mavdem.read_flight`: the longest segment; :func:`mavdem.learn`, which takes them together.
     """
     flights, _ = learnable_segments(read_log(path), axis, vehicle, inputs)
     return flights
@@ -72,11 +85,11 @@ def learnable_flight(
 ) -> tuple[Flight, Verdict]:
     """The longest usable segment of a log, as :func:`read_flight` gives it, and the verdict on it."""
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
-    verdict = judge(signals, log.components)
+    verdict = verdict_of(signals, log.components)
     if verdict.learnable or tier == "a":
         return _with_cautions(verdict), verdict
     doubt = (f"No full {axis} model can be learnt from it: {verdict.reason}",)
-    slow = judge(signals, log.components, SLOW_MOTION_RATE)
+    slow = verdict_of(signals, log.components, SLOW_MOTION_RATE)
     if slow.learnable or tier == "b" or verdict.flight is None:
         return _with_cautions(slow, doubt), verdict
     provenance = {**verdict.flight.provenance, "cautions": list(doubt)}
@@ -87,17 +100,17 @@ def learnable_segments(
     log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
 ) -> tuple[tuple[Flight, ...], Verdict]:
     """All usable segments of a log, as :func:`read_segments` gives them, and the verdict on the longest."""
-    flights, verdict = judged_segments(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)
+    flights, verdict = usable_segments(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)
     if not flights:
         raise NotLearnable(verdict.reason, verdict.remedy)
     return flights, verdict
 
 
-def judged_segments(
+def usable_segments(
     signals: Signals, speakers: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
 ) -> tuple[tuple[Flight, ...], Verdict]:
     """As :func:`learnable_segments`, of ``signals`` that need no more than ``least_rate``, Hz; none where it is no."""
-    verdicts = judge_segments(signals, speakers, least_rate)
+    verdicts = segment_verdicts(signals, speakers, least_rate)
     usable = [verdict for verdict in verdicts if verdict.learnable]
     left_out = _left_out(verdicts[0].segments, [verdict.segment for verdict in usable])
     flights = [_with_cautions(verdict, left_out) for verdict in usable]

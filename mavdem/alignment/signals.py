@@ -19,7 +19,7 @@ DataFlash's RATE and from PX4 it corrects the error of the attitude as well.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
@@ -37,15 +37,33 @@ from mavdem.alignment.drive import (
     by_preference,
     demand,
     floats,
-    in_order,
     message_counts,
     motors,
     preferred_message,
+    series,
     thrust_demand,
 )
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps
 from mavdem.ingest.vocabulary import ARMED, euler_angles
+
+ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")  # Messages with the attitude, the preferred first
+CLIMB_FIELDS = {"LOCAL_POSITION_NED": ("vz", -1.0), "GLOBAL_POSITION_INT": ("vz", -0.01), "VFR_HUD": ("climb", 1.0)}
+"""Messages with the vertical speed, the preferred first: the field, and the factor that makes it m/s upwards."""
+BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
+"""Messages with the battery's voltage, the preferred first. They have no stamp of their own, and get the time of the
+message before them: a few ms, for a quantity that changes over seconds."""
+NO_CELL = 65535  # mV of a cell, or battery, that is not measured
+LEAST_VOLTAGE, MOST_VOLTAGE = 1.0, 1000.0
+"""V: below, there is no battery monitor, or the simulator has no battery; above, the message is damaged."""
+MINIMUM_RATE = 40.0
+"""Hz, of attitude and of motors. Ten times the roughly 4 Hz at which a multirotor's roll loop crosses over, and what is
+left of a 50 Hz stream on a link that loses a fifth. On recorded flights motors add nothing to a forecast at 1-10 Hz and
+do at 50."""
+SLOW_MOTION_RATE = 8.0
+"""Hz, of both, from which a model may predict the slow motion: of flights decimated to 10 Hz and recorded at 10 Hz,
+nine in ten were predicted better than without a model. Motors' effect, damping and lag show at higher frequencies."""
+Inputs = TypeVar("Inputs")
 
 TARGET_MESSAGE = "ATTITUDE_TARGET"
 RATE_FIELDS = {"roll": "body_roll_rate", "pitch": "body_pitch_rate", "yaw": "body_yaw_rate"}
@@ -85,7 +103,7 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
     radio = preferred_message(message_counts(telemetry, RADIO_MESSAGES))
     found: list[tuple[str, str, str, Columns, NDArray[np.float64]]] = []
     if targets is not None:
-        ignored = _ignored(targets)
+        ignored = np.asarray(targets.get("type_mask", np.zeros(len(targets["time"])))).astype(np.int64)
         rates = np.where(ignored & IGNORED_RATES[axis], np.nan, floats(targets, RATE_FIELDS[axis]))
         rates[np.abs(rates) > MAX_BODY_RATE] = np.nan
         found.append((f"{axis} rate setpoint", "rad/s", TARGET_MESSAGE, targets, rates))
@@ -98,7 +116,7 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
         found.append((f"{axis} stick", "", MANUAL_MESSAGE, manual, deflection))
     elif radio is not None and (pulses := _pulses(telemetry, radio, axis)) is not None:
         found.append((f"{axis} stick", "µs", radio, telemetry.messages[radio], pulses))
-    made = (Setpoint(name, unit, message, _signal(columns, values)) for name, unit, message, columns, values in found)
+    made = (Setpoint(name, unit, message, series(columns, values)) for name, unit, message, columns, values in found)
     return tuple(setpoint for setpoint in made if len(setpoint.signal.time))
 
 
@@ -111,12 +129,6 @@ def held(setpoint: Setpoint, boot: int, time: NDArray[np.float64]) -> NDArray[np
     last = np.searchsorted(stamps, time + ROUNDING, side="right") - 1
     known = (last >= 0) & (time - stamps[np.maximum(last, 0)] <= HOLD_SECONDS + ROUNDING)
     return np.where(known, values[np.maximum(last, 0)], np.nan)
-
-
-def _ignored(targets: Columns) -> NDArray[np.int64]:
-    if "type_mask" not in targets:
-        return np.zeros(len(targets["time"]), dtype=np.int64)
-    return np.asarray(targets["type_mask"]).astype(np.int64)
 
 
 def _angles(targets: Columns, axis: str) -> NDArray[np.float64]:
@@ -142,34 +154,6 @@ def _pulses(telemetry: Telemetry, message: str, axis: str) -> NDArray[np.float64
     if message == "RC_CHANNELS_RAW" and "port" in columns:
         unusable |= np.asarray(columns["port"]) != 0
     return np.where(unusable, np.nan, pulses)
-
-
-def _signal(columns: Columns, values: NDArray[np.float64]) -> Signal:
-    there = np.isfinite(values)
-    time, boot, table, _ = in_order(columns["time"][there], columns["boot"][there], values[there, None])
-    return Signal(time, boot, table[:, 0])
-
-
-ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")  # Messages with the attitude, the preferred first
-CLIMB_FIELDS = {"LOCAL_POSITION_NED": ("vz", -1.0), "GLOBAL_POSITION_INT": ("vz", -0.01), "VFR_HUD": ("climb", 1.0)}
-"""Messages with the vertical speed, the preferred first: the field, and the factor that makes it m/s upwards."""
-BATTERY_MESSAGES = ("SYS_STATUS", "BATTERY_STATUS")
-"""Messages with the battery's voltage, the preferred first. They have no stamp of their own, and get the time of the
-message before them: a few ms, for a quantity that changes over seconds."""
-NO_CELL = 65535  # mV of a cell, or battery, that is not measured
-LEAST_VOLTAGE, MOST_VOLTAGE = 1.0, 1000.0
-"""V: below, there is no battery monitor, or the simulator has no battery; above, the message is damaged."""
-MINIMUM_RATE = 40.0
-"""Hz, of attitude and of motors. Ten times the roughly 4 Hz at which a multirotor's roll loop crosses over, and what is
-left of a 50 Hz stream on a link that loses a fifth. On recorded flights motors add nothing to a forecast at 1-10 Hz and
-do at 50."""
-
-SLOW_MOTION_RATE = 8.0
-"""Hz, of both, from which a model may predict the slow motion: of flights decimated to 10 Hz and recorded at 10 Hz,
-nine in ten were predicted better than without a model. Motors' effect, damping and lag show at higher frequencies."""
-
-
-Inputs = TypeVar("Inputs")
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,6 +189,14 @@ class Signals:
             raise ValueError(f"axis must be one of {', '.join(AXES)}, not {self.axis!r}")
         if self.inputs not in (None, *INPUTS):
             raise ValueError(f"inputs must be one of {', '.join(INPUTS)}, not {self.inputs!r}")
+
+    def about(self, axis: str, inputs: str | None = None) -> Signals:
+        """Returns the signals for another ``axis`` or other ``inputs``; what depends on neither is not read again."""
+        other = replace(self, axis=axis, inputs=inputs)
+        shared = ("tilts", "motors", "voltage", "armed", "landed_state", "climb_rate")
+        own = ("attitude", "demand", "setpoints") if axis == self.axis else ()
+        other.__dict__.update({name: self.__dict__[name] for name in (*shared, *own) if name in self.__dict__})
+        return other
 
     @cached_property
     def attitude(self) -> Attitude | None:
@@ -272,8 +264,7 @@ class Signals:
         columns = self.telemetry.messages.get("EXTENDED_SYS_STATE")
         if columns is None:
             return None
-        time, boot, table, _ = in_order(columns["time"], columns["boot"], floats(columns, "landed_state")[:, None])
-        return Signal(time, boot, table[:, 0])
+        return series(columns, floats(columns, "landed_state"))
 
     @cached_property
     def climb_rate(self) -> Signal | None:
@@ -281,9 +272,7 @@ class Signals:
         for message, (field, factor) in CLIMB_FIELDS.items():
             columns = self.telemetry.messages.get(message)
             if columns is not None and len(columns["time"]) > 1:
-                climb = factor * floats(columns, field)[:, None]
-                time, boot, table, _ = in_order(columns["time"], columns["boot"], climb)
-                return Signal(time, boot, table[:, 0])
+                return series(columns, factor * floats(columns, field))
         return None
 
     @cached_property
@@ -292,8 +281,7 @@ class Signals:
         working = self.motors
         if working is not None:
             return Signal(working.time, working.boot, working.scale.fraction(working.outputs).mean(axis=1))
-        thrust = thrust_demand(self.telemetry)
-        return None if thrust is None else Signal(thrust.time, thrust.boot, thrust.values[:, 0])
+        return thrust_demand(self.telemetry)
 
 
 def motors_or_demand(
@@ -339,11 +327,12 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
         else:
             table = np.column_stack([yaw, r, turning / np.cos(pitch)])
     table[impossible] = np.nan
-    time, boot, kept, left_out = in_order(columns["time"], columns["boot"], table)
-    angle, rate, slope = kept.T
+    kept = series(columns, table)
+    angle, rate, slope = kept.values.T
     if axis == "yaw":
         angle = np.unwrap(angle)
-    return Attitude(message, time, boot, angle, rate, slope, len(table), left_out, int(np.count_nonzero(impossible)))
+    counts = kept.sent, kept.left_out, int(np.count_nonzero(impossible))
+    return Attitude(message, kept.time, kept.boot, angle, rate, slope, *counts)
 
 
 def axis_outputs(axis: str) -> tuple[tuple[str, str], ...]:
@@ -361,10 +350,9 @@ def voltage(telemetry: Telemetry) -> Signal | None:
         columns = telemetry.messages[message]
         volts = _of_cells(columns) if message == "BATTERY_STATUS" else floats(columns, "voltage_battery")
         volts = np.where(volts == NO_CELL, np.nan, volts) / 1000
-        there = (volts >= LEAST_VOLTAGE) & (volts <= MOST_VOLTAGE)
-        time, boot, table, _ = in_order(columns["time"][there], columns["boot"][there], volts[there, None])
-        if len(time):
-            return Signal(time, boot, table[:, 0])
+        measured = series(columns, volts, (volts >= LEAST_VOLTAGE) & (volts <= MOST_VOLTAGE))
+        if len(measured.time):
+            return measured
     return None
 
 

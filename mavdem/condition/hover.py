@@ -14,7 +14,7 @@ from mavdem.alignment.align import settled_segments, within
 from mavdem.alignment.quality import FULL_THROTTLE, IDLE_THROTTLE
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
-from mavdem.alignment.verdict import judge
+from mavdem.alignment.verdict import verdict_of
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
 from mavdem.ingest import Component, Log, read_log
@@ -65,7 +65,11 @@ class HoverFigures:
 
 
 def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> HoverFigures:
-    """The figures of a log's settled flight, of the motors' own messages, however slowly they come.
+    """Returns the figures of a log's settled flight, of the motors' own messages, however slowly they come.
+
+    >>> figures = mavdem.hover("flight.tlog")
+    >>> figures.motors[0], figures.unit, len(figures.headroom)
+    ('motor 1 (front right)', 'µs', 4)
 
     Args:
         path: a log that ``mavdem.ingest.read_log`` reads.
@@ -74,6 +78,9 @@ def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> Hove
     Raises:
         Unreadable: the log cannot be read.
         NotLearnable: it holds no vehicle, or several and none was chosen, or no settled flight with motor outputs.
+
+    See Also:
+        :func:`mavdem.hover_figures`: the same of flights; :func:`mavdem.read_flight`.
     """
     return hover_of_log(read_log(path), vehicle)
 
@@ -88,13 +95,11 @@ def hover_of(signals: Signals, speakers: Sequence[Component] = ()) -> HoverFigur
     segments = settled_segments(signals)
     motors = signals.motors
     if not segments or motors is None or signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
-        verdict = judge(signals, speakers)
+        verdict = verdict_of(signals, speakers)
         raise NotLearnable(verdict.reason, verdict.remedy)
-    rows = np.any([within(motors, segment) for segment in segments], axis=0)
-    lean: dict[str, float] = {}
-    for axis, tilt in zip(("roll", "pitch"), signals.tilts, strict=True):
-        flown = np.any([within(tilt, segment) for segment in segments], axis=0)
-        lean[axis] = float(np.degrees(tilt.angle[flown].mean()))
+    rows = within(motors, *segments)
+    tilts = zip(("roll", "pitch"), signals.tilts, strict=True)
+    lean = {axis: float(np.degrees(tilt.angle[within(tilt, *segments)].mean())) for axis, tilt in tilts}
     seconds = sum(segment.duration for segment in segments)
     return _figures(motors.layout.names, motors.scale, seconds, motors.outputs[rows], lean)
 

@@ -10,9 +10,9 @@ from scipy.stats import trim_mean
 
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals
-from mavdem.alignment.verdict import Verdict, judge
+from mavdem.alignment.verdict import Verdict, verdict_of
 from mavdem.condition.condition import Condition, condition_of
-from mavdem.condition.identity import identity_of
+from mavdem.condition.identity import Identity, identity_of
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Columns, Telemetry, selected
 
@@ -87,7 +87,13 @@ def tier_of(verdict: Verdict, condition: Condition) -> Tier:
     return Tier(name, verdict.reason, following, NEEDS[following], verdict.remedy)
 
 
-def inventory(log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None) -> dict[str, Any]:
+def inventory(
+    log: Log,
+    axis: str = "roll",
+    vehicle: str | None = None,
+    inputs: str | None = None,
+    known: tuple[Verdict, Condition, Identity] | None = None,
+) -> dict[str, Any]:
     """Everything there is to report of a log before learning, as plain JSON values; times in s, rates in Hz.
 
     Of each component ``lost_share`` is the share of its sequence numbers that do not occur, and of a vehicle
@@ -95,11 +101,13 @@ def inventory(log: Log, axis: str = "roll", vehicle: str | None = None, inputs: 
     streams; None where there are none. A link loses messages of all kinds alike: where ``missing_share`` is near 0, the
     sequence numbers that do not occur are of kinds that the log leaves out. A change of rates raises ``missing_share``
     but not ``lost_share``; only both together mean a loss. The arguments are as for :func:`mavdem.read_flight`; a
-    ``vehicle`` leaves the others out. Raises NotLearnable: no such vehicle; ValueError: unknown axis or inputs.
+    ``vehicle`` leaves the others out, and what is ``known`` of the one that was analysed is not worked out again.
+    Raises NotLearnable: no such vehicle; ValueError: unknown axis or inputs.
     """
     vehicles = log.vehicles if vehicle is None else (choose_vehicle(log.vehicles, vehicle),)
     missing = {(one.system, one.component): _missing_share(one) for one in log.vehicles}
-    described = [_vehicle(telemetry, axis, inputs, log) for telemetry in vehicles]
+    analysed = None if known is None else choose_vehicle(log.vehicles, vehicle)
+    described = [_vehicle(one, axis, inputs, log, known if one is analysed else None) for one in vehicles]
     return {
         "source": log.source,
         "frames": log.frames,
@@ -123,9 +131,13 @@ def inventory(log: Log, axis: str = "roll", vehicle: str | None = None, inputs: 
     }
 
 
-def _vehicle(telemetry: Telemetry, axis: str, inputs: str | None, log: Log) -> dict[str, Any]:
-    signals = Signals(telemetry, axis, inputs)
-    verdict, condition = judge(signals, log.components), condition_of(signals)
+def _vehicle(
+    telemetry: Telemetry, axis: str, inputs: str | None, log: Log, known: tuple[Verdict, Condition, Identity] | None
+) -> dict[str, Any]:
+    if known is None:
+        signals = Signals(telemetry, axis, inputs)
+        known = verdict_of(signals, log.components), condition_of(signals), identity_of(signals, log.receive_time[0])
+    verdict, condition, identity = known
     return {
         "system": telemetry.system,
         "component": telemetry.component,
@@ -143,7 +155,7 @@ def _vehicle(telemetry: Telemetry, axis: str, inputs: str | None, log: Log) -> d
         "repairs": list(telemetry.repairs),
         "verdict": verdict.as_dict(),
         **tier_of(verdict, condition).as_dict(),
-        "identity": identity_of(signals, log.receive_time[0]).as_dict(),
+        "identity": identity.as_dict(),
         "condition": condition.as_dict(),
     }
 

@@ -357,7 +357,7 @@ class Phase:
             if level is not None and level[0] <= known:
                 self._settled_from = level[0]
         elif climb is not None:
-            sinks = phases.average(climb.time, climb.values) <= -CLIMB_OUT_SPEED
+            sinks = phases.average(climb) <= -CLIMB_OUT_SPEED
             since = self._reviewed - AVERAGING_SECONDS / 2
             sinking = climb.time[sinks & (climb.time > max(since, self._reported_until)) & (climb.time <= known)]
             if len(sinking):

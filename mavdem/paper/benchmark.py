@@ -10,7 +10,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mavdem.evaluate.scores import Outcome
+from mavdem.evaluate.comparison import Outcome
+from mavdem.evaluate.scores import KNOWN
 from mavdem.evaluate.windows import Window
 from mavdem.paper.checks import Check
 from mavdem.paper.claims import BENCHMARK
@@ -19,7 +20,7 @@ from mavdem.paper.flights import REAL
 from mavdem.paper.item import Cell, Item, ItemResult, PageTable, Picture
 from mavdem.paper.runner import OTHERS, OURS, PEERS, STARTS, WITH, Runner, median_draw, total_mspe
 from mavdem.paper.words import number, percent
-from mavdem.report.names import listed
+from mavdem.report.numbers import listed
 
 Array = NDArray[np.float64]
 
@@ -173,7 +174,7 @@ def by_step(sample: dict[str, Outcome], window: Window) -> dict[str, Array]:
         name: np.full(len(window.test), np.inf)
         if forecast is None
         else np.asarray(((forecast - window.test.outputs) ** 2).sum(axis=1))
-        for name, forecast in ((name, outcome.forecast) for name, outcome in sample.items())
+        for name, forecast in ((name, outcome.forecasts.get(KNOWN)) for name, outcome in sample.items())
     }
 
 
@@ -193,7 +194,7 @@ def _experiments(runner: Runner, start: str) -> MethodErrors:
 
 def _by_flight(runner: Runner) -> MethodErrors:
     flights = runner.comparison.flights
-    found = [{one.method: one.relative for one in runner.comparison.summaries(flight)} for flight in flights]
+    found = [{one["method"]: one["relative"] for one in runner.comparison.summaries(flight)} for flight in flights]
     return MethodErrors(flights, {name: np.array([one[name] for one in found]) for name in COLOURS})
 
 
@@ -205,7 +206,7 @@ def _part(standings: MethodErrors, flights: tuple[str, ...]) -> MethodErrors:
 def _unstable(runner: Runner) -> dict[str, dict[str, int]]:
     compared = runner.comparison
     return {
-        flight: {one.method: one.unstable for one in compared.summaries(flight)}
+        flight: {one["method"]: one["unstable"] for one in compared.summaries(flight)}
         | {"windows": len(compared.of_flight(flight).windows)}
         for flight in compared.flights
     }
@@ -243,8 +244,8 @@ def _forecasts(window: Window, sample: dict[str, Outcome]) -> Figure:
         panel.plot(before.time - window.train.time[0], before.outputs[:, place], color=MEASURED, linewidth=2.2)
         panel.plot(time, test.outputs[:, place], color=MEASURED, linewidth=2.2, label="measured")
         for name, outcome in sample.items():
-            if outcome.forecast is not None:
-                panel.plot(time, outcome.forecast[:, place], color=COLOURS[name], label=NAMES.get(name, name))
+            if KNOWN in outcome.forecasts:
+                panel.plot(time, outcome.forecasts[KNOWN][:, place], color=COLOURS[name], label=NAMES.get(name, name))
         measured = np.concatenate([before.outputs[:, place], test.outputs[:, place]])
         # A forecast that diverges would flatten all others.
         middle, half = (measured.max() + measured.min()) / 2, np.ptp(measured) / 2

@@ -12,7 +12,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mavdem.evaluate import paired
-from mavdem.evaluate.scores import Outcome
+from mavdem.evaluate.comparison import Outcome
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN
 from mavdem.evaluate.windows import Window
 from mavdem.paper.checks import Check
 from mavdem.paper.claims import COORDINATES, MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES
@@ -21,7 +22,7 @@ from mavdem.paper.flights import REAL
 from mavdem.paper.item import Cell, Item, ItemResult, PageTable, Picture
 from mavdem.paper.runner import OURS, OURS_WITHOUT, STARTS, WITH, WITHOUT, Runner, median_draw, total_mspe
 from mavdem.paper.words import number, percent
-from mavdem.report.names import listed
+from mavdem.report.numbers import listed
 
 Array = NDArray[np.float64]
 
@@ -216,7 +217,7 @@ def _forecasts(window: Window, middle: dict[str, Outcome]) -> Figure:
             panel.plot(time, test.outputs[:, place], color=MEASURED, linewidth=2, label="measured")
             for name, label, colour in ((WITH, "DEM, p = 2", DEM), (WITHOUT, "DEM, p = 1", DEM_WITHOUT)):
                 one = middle[name]
-                forecast = one.forecast if start == STARTS[0] else one.forecast_from_zero
+                forecast = one.forecasts.get(KNOWN if start == STARTS[0] else FROM_ZERO)
                 if forecast is not None:
                     panel.plot(time, forecast[:, place], color=colour, label=label)
         axes[0, column].set_title(f"from {start}")

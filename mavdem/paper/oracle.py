@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mavdem import baselines
-from mavdem.evaluate.comparison import PAPER_SETTINGS_WITHOUT, dem, judge_job
-from mavdem.evaluate.scores import Method
+from mavdem.evaluate.comparison import PAPER_SETTINGS_WITHOUT, Method, dem, evaluate_job
 from mavdem.evaluate.windows import Window
 from mavdem.flight import Flight
 from mavdem.paper.checks import Check
@@ -43,7 +42,7 @@ def run(runner: Runner) -> ItemResult:
         for seed in range(priors)
     ]
     jobs += [(Method("EM", partial(baselines.em, order=2, seed=seed)), window) for seed in range(5)]
-    found = runner.each(judge_job, jobs)
+    found = runner.each(evaluate_job, jobs)
     errors = {
         start: {name: np.array([total_mspe(one, start) for one in found if one.method == name]) for name, *_ in RULES}
         for start in STARTS

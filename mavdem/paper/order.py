@@ -20,7 +20,7 @@ from mavdem.paper.flights import TRAIN, hover, paper_scenario
 from mavdem.paper.item import Cell, Item, ItemResult, PageTable, Picture
 from mavdem.paper.runner import PAPER, Runner
 from mavdem.paper.words import number, percent
-from mavdem.report.names import listed
+from mavdem.report.numbers import listed
 from sitl_scenarios.simulation import fly
 
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ from mavdem.paper.drawing import DEM, MEASURED, ONE_STEP, unseen
 from mavdem.paper.item import Cell, Item, ItemResult, PageTable, Picture
 from mavdem.paper.runner import OURS, PAPER, WITH, Runner
 from mavdem.paper.words import number, percent
-from mavdem.report.names import listed
+from mavdem.report.numbers import listed
 
 Array = NDArray[np.float64]
 
@@ -37,7 +37,7 @@ def run(runner: Runner) -> ItemResult:
     papers, defaults = _numbers(window, learned), _numbers(window, learn(window.train, Settings()))
     draws = runner.draws[WITH][runner.extent.sample]
     return ItemResult(
-        checks=checks(window, learned, [float(draw.mspe.sum()) for draw in draws]),
+        checks=checks(window, learned, [float(draw.mspe().sum()) for draw in draws]),
         numbers={WITH: papers, OURS: defaults},
         tables=(_table(window.flight, {"the paper’s settings": papers, "default settings": defaults}),),
         pictures=(

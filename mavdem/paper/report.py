@@ -11,12 +11,12 @@ from typing import Any
 
 from mavdem.dem import learn
 from mavdem.evaluate import held_out_test
-from mavdem.page.document import environment
 from mavdem.paper import benchmark, coordinates, noise, oracle, order, prediction
 from mavdem.paper.checks import ClaimStatus, claim_status, findings, sentence
 from mavdem.paper.item import Item, ItemResult
 from mavdem.paper.landscape import experiment
 from mavdem.paper.runner import PAPER, Runner
+from mavdem.report.page import environment
 from mavdem.view import write_recording
 
 ITEMS: tuple[Item, ...] = (

@@ -13,8 +13,8 @@ import numpy as np
 from mavdem.dem import Settings
 from mavdem.dem.parallel import parallel_map
 from mavdem.evaluate import comparison
-from mavdem.evaluate.comparison import PAPER_SETTINGS_WITHOUT, Comparison, dem, judge_job
-from mavdem.evaluate.scores import Outcome
+from mavdem.evaluate.comparison import PAPER_SETTINGS_WITHOUT, Comparison, Outcome, dem, evaluate_job
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN
 from mavdem.evaluate.windows import Window, windows
 from mavdem.flight import Flight
 from mavdem.paper.flights import (
@@ -118,7 +118,7 @@ class Runner:
         """All methods on windows of all flights."""
         cut = [window for own in (*self.windows.values(), *self.recorded.values()) for window in own]
         jobs = [(method, window) for window in cut for method in METHODS]
-        return Comparison.of(cut, self.each(judge_job, jobs))
+        return Comparison.of(cut, self.each(evaluate_job, jobs))
 
     @cached_property
     def draws(self) -> dict[str, dict[int, list[Outcome]]]:
@@ -130,7 +130,7 @@ class Runner:
             for name, number in places
             for seed in range(self.extent.priors)
         ]
-        found = iter(self.each(judge_job, jobs))
+        found = iter(self.each(evaluate_job, jobs))
         drawn: dict[str, dict[int, list[Outcome]]] = {name: {} for name in kinds}
         for name, number in places:
             drawn[name][number] = [next(found) for _ in range(self.extent.priors)]
@@ -152,7 +152,7 @@ def _spread(cut: tuple[Window, ...], most: int) -> tuple[Window, ...]:
 
 def total_mspe(outcome: Outcome, start: str) -> float:
     """MSPE summed over outputs, of the forecast that begins from ``start``, one of ``STARTS``."""
-    return float((outcome.mspe if start == STARTS[0] else outcome.mspe_from_zero).sum())
+    return float(outcome.mspe(KNOWN if start == STARTS[0] else FROM_ZERO).sum())
 
 
 def median_draw(outcomes: list[Outcome], start: str) -> Outcome:

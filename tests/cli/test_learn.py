@@ -15,7 +15,7 @@ from mavdem import learn as learn_model
 from mavdem.alignment.quality import QualityFigures
 from mavdem.alignment.read import read_flight
 from mavdem.alignment.verdict import Verdict
-from mavdem.analysis.figures import AxisFigures, model_figures, vehicle_of_log
+from mavdem.analysis.figures import AxisFigures, model_figures
 from mavdem.analysis.findings import PURPOSES
 from mavdem.cli import output_files
 from mavdem.cli.commands import main
@@ -24,7 +24,6 @@ from mavdem.cli.output import json_text, print_blocks
 from mavdem.evaluate.windows import TEST_SECONDS, TRAIN_SECONDS, samples_in
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected
-from mavdem.page.document import Chapter
 from mavdem.report.blocks import Sentence, Table
 
 LOGS = Path(__file__).parents[2] / "logs"
@@ -46,7 +45,7 @@ def names(folder: Path) -> set[str]:
 @pytest.fixture
 def without_pictures(monkeypatch):
     """For tests of other things: drawing the page's pictures takes longer than learning from a few seconds."""
-    monkeypatch.setattr("mavdem.page.learned_page.picture_chapter", lambda *_: Chapter("Pictures", []))
+    monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
 
 
 @pytest.mark.slow
@@ -85,7 +84,7 @@ def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch,
     page = (tmp_path / "ardupilot_wind5_steps" / "report.html").read_text()
     assert page.count("<svg") == 9 and "<script" not in page and "://" not in page and len(page) < 2_000_000
     assert "<h1>ardupilot_wind5_steps.tlog</h1>" in page and "motor effectiveness" in page
-    monkeypatch.setattr("mavdem.page.learned_page.picture_chapter", lambda *_: Chapter("Pictures", []))
+    monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
     assert main([*words, "--verbose"]) == 0
     said = capsys.readouterr().out
     assert said.startswith(screen.out)
@@ -152,7 +151,7 @@ def test_segments_of_one_boot_are_learnt_from_together(without_pictures, tmp_pat
     boots = {"segment": {"boot": 0}, "cautions": []}, {"segment": {"boot": 1}, "cautions": []}
     parts = [replace(whole[a:b], provenance=boots[boot]) for a, b, boot in ((0, 500, 0), (600, 1100, 0), (0, 400, 1))]
     judged = Verdict("roll", True, "Two boots.", "", (), None, QualityFigures())
-    monkeypatch.setattr("mavdem.analysis.analysis.judged_segments", lambda *_: (tuple(parts), judged))
+    monkeypatch.setattr("mavdem.analysis.analysis.usable_segments", lambda *_: (tuple(parts), judged))
     assert main(["learn", FLIGHT, "--out", str(tmp_path), "--json", "--preset", "paper"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert [one["samples"] for one in report["segments"]] == [500, 500]
@@ -253,12 +252,11 @@ def test_yaw_has_no_model_and_is_judged_only(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_all_axes_are_reported_beside_the_model_of_roll(without_pictures, tmp_path, monkeypatch, capsys):
-    def without_fits(log, names, *others):
+    def without_fits(signals, components):
         """The physical parameters of the other axes are those of the library's test, and take seconds."""
-        axes = {name: AxisFigures((), None, None, f"No {name}.") for name in names}
-        return vehicle_of_log(log, (), *others)._replace(axes=axes)
+        return AxisFigures((), None, None, f"No {signals.axis}.")
 
-    monkeypatch.setattr("mavdem.analysis.analysis.vehicle_of_log", without_fits)
+    monkeypatch.setattr("mavdem.analysis.analysis.axis_figures", without_fits)
     words = ["learn", FLIGHT, "--out", str(tmp_path), "--axis", "all", "--train", "100", "--test", "20"]
     assert main([*words, "--json"]) == 0
     report = strict_json(capsys.readouterr().out)

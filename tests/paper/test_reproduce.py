@@ -32,7 +32,7 @@ from mavdem.paper.item import ItemResult
 from mavdem.paper.report import FIGURES, ITEMS, NUMBERS, PAGE, RECORDING, ItemReport
 from mavdem.paper.runner import PAPER, PEERS, WITH, Extent, Runner
 from mavdem.paper.words import number, percent
-from mavdem.report.names import listed
+from mavdem.report.numbers import listed
 
 MAVDEM = Path(sys.executable).with_name("mavdem")
 

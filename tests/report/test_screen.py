@@ -17,7 +17,7 @@ from mavdem.dem.graybox.parameters import Physical
 from mavdem.evaluate import HeldOut, held_out_test
 from mavdem.ingest.motors import OutputScale
 from mavdem.report.blocks import Sentence, Table, text_of
-from mavdem.report.rounding import plus_minus, rounded
+from mavdem.report.numbers import plus_minus, rounded
 from mavdem.report.screen import key_figures, screen, summary
 
 FLIGHT = simulated(samples=1500, wind=4.0, lag=0.05)
@@ -116,7 +116,7 @@ def test_the_next_step_is_that_of_the_first_purpose_that_is_not_served(grades, a
 def test_a_reason_is_given_once(learned):
     known = read(learned, effect="not identifiable", damping="not identifiable", lag="not identifiable")
     same = known._replace(reasons={**known.reasons, "damping": "Why effect. And otherwise."})
-    assert findings(with_parts(learned, same), None)[1].reason == "For the same reason as motor effectiveness."
+    assert findings(with_parts(learned, same), None)[1].reason == "For the same reason as control effectiveness."
 
 
 def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(learned):

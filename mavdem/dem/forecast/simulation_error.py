@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
+from mavdem.confidence import quantile
 from mavdem.dem.engine.gauss_newton import Damping, Quadratic, resumable_gauss_newton
 from mavdem.dem.engine.generative import GenerativeModel
 from mavdem.dem.engine.linalg import Array, inverse, logdet
@@ -176,7 +176,7 @@ class SimulationFit:
 
     def quantile(self, level: float) -> float:
         """Half width of an interval that holds its number with probability ``level``, in standard deviations."""
-        return float(student.ppf(0.5 + level / 2, self.freedom))
+        return float(quantile(level, self.freedom))
 
     @property
     def noise(self) -> Array:

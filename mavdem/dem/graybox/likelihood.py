@@ -36,9 +36,9 @@ mixer's direction. The effect's mean is that of a first estimate."""
 TIMES = ((np.log(1.0), 1.0), (np.log(0.07), 1.0))
 """Likewise of the time of each component of the wind: the drift of the air, and gusts."""
 
-REFINEMENTS = {"thrust curve": (0.0, 0.3), "spin-up": (0.0, 0.3), "voltage": (1.0, 1.0)}
-"""Refinements, each a parameter: relative change of the effect for one standard deviation of the inputs; by how much
-rotors spin up faster than down, as a share of the lag; and the power of the voltage that the effect goes with."""
+REFINEMENTS = {"thrust curve": (0.0, 0.3), "spin-up": (0.0, 0.3)}
+"""Refinements, each a parameter: relative change of the effect for one standard deviation of the inputs; and, as a
+share of the lag, by how much rotors spin up faster than down."""
 
 
 class FlightWindows(NamedTuple):
@@ -46,13 +46,11 @@ class FlightWindows(NamedTuple):
 
     inputs: Array  # (W, N, r) deviations from the trim, in units of their common standard deviation
     rate: Array  # (W, N) rad/s
-    voltage: Array | None  # (W, N) relative to its mean
     dt: float
 
     def of(self, places: slice | NDArray[np.intp]) -> FlightWindows:
         """Some of them."""
-        voltage = None if self.voltage is None else self.voltage[places]
-        return FlightWindows(self.inputs[places], self.rate[places], voltage, self.dt)
+        return FlightWindows(self.inputs[places], self.rate[places], self.dt)
 
 
 class Parameters(NamedTuple):
@@ -143,12 +141,10 @@ class Parameters(NamedTuple):
         for name, value in zip(self.refinements, theta[self.of_noise + 1 :], strict=True):
             if name == "thrust curve":
                 inputs = inputs + value * windows.inputs**2 / 2
-            elif name == "spin-up":
+            else:
                 # To first order: the lag divided by 1 ± value where the rotor speeds up or slows down.
                 lag = float(self.lag(theta, windows.dt))
                 inputs = inputs + value * np.abs(windows.inputs - lagged(windows.inputs, lag, windows.dt))
-            elif windows.voltage is not None:
-                inputs = inputs * (windows.voltage**value)[:, :, None]
         return np.asarray(inputs @ self.effect(theta))
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> tuple[Array, Array]:

@@ -60,12 +60,8 @@ def cut(record: Record) -> Cut:
     unit = float(np.sqrt(np.mean(inputs**2)))
     if not unit:
         raise ValueError("physical parameters need motors that move: all inputs are constant")
-    voltage = None if record.voltage is None else record.voltage[places]
-    if voltage is not None:
-        moves = np.isfinite(voltage).all() and voltage.min() > 0 and np.ptp(voltage) > 0
-        voltage = voltage / voltage.mean() if moves else None
     step = int(places[0, 1] - places[0, 0])
-    windows = FlightWindows(inputs / unit, record.outputs[places, rate], voltage, step * record.dt)
+    windows = FlightWindows(inputs / unit, record.outputs[places, rate], step * record.dt)
     return Cut(
         windows,
         np.asarray(record.dt * places[:, 0]),
