@@ -122,7 +122,6 @@ LOW_PASS_RATIO = 1.5
 band in which the stream itself is already aliased."""
 CUTOFF_RATIO = 0.4
 """Cut-off of that filter in grid rates: 0.5 is the Nyquist frequency, and 0.1 (5 Hz at 50) passes unchanged."""
-VOLTAGE_SECONDS = 10.0  # How long a measured voltage is known: autopilots send it at 0.5 Hz and faster
 FILTER_EDGE_STEPS = 5
 """Grid steps after which the filter has forgotten its start to a hundredth. Its slowest pole, at a rate of 2 pi
 ``CUTOFF_RATIO`` sin(22.5°), decays by a factor e a step."""
@@ -198,20 +197,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
         setpoints=np.column_stack([held(one, segment.boot, time) for one in asked]) if asked else None,
         setpoint_names=tuple(one.name for one in asked) or None,
         setpoint_units=tuple(one.unit for one in asked) or None,
-        voltage=None if signals.voltage is None else _voltage_at(signals.voltage, segment.boot, time),
     )
-
-
-def _voltage_at(signal: Signal, boot: int, time: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The voltage (T,) at ``time`` (T,) s of ``boot``, linear between messages, NaN far from any; None if all are."""
-    here = signal.boot == boot
-    stamps, volts = signal.time[here], signal.values[here]
-    if not len(stamps):
-        return None
-    after = np.clip(np.searchsorted(stamps, time), 0, len(stamps) - 1)
-    away = np.minimum(np.abs(time - stamps[after]), np.abs(time - stamps[np.maximum(after - 1, 0)]))
-    known = away <= VOLTAGE_SECONDS
-    return np.where(known, np.interp(time, stamps, volts), np.nan) if known.any() else None
 
 
 def step(rates: Iterable[float]) -> float:

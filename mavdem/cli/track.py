@@ -17,24 +17,22 @@ from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
 from mavdem.cli.output import STDERR, print_blocks, print_json, printable, say, say_aside
 from mavdem.cli.output_files import write_page
 from mavdem.cli.sources import refuse_link
-from mavdem.comparison.vehicle_difference import since_baseline
-from mavdem.fleet.dataset import read_rows
-from mavdem.fleet.reading.cluster import Cluster
-from mavdem.fleet.reading.crew import Crew, Reader
-from mavdem.fleet.reading.outcome import Limits
-from mavdem.fleet.summary import summarised
+from mavdem.fleet.cluster import Cluster
+from mavdem.fleet.difference import since_baseline
+from mavdem.fleet.row import summary
+from mavdem.fleet.store import read_rows
 from mavdem.fleet.tracking import FleetTracker
 from mavdem.fleet.tracking import Progress as LogProgress
+from mavdem.fleet.workers import Limits, Reader, WorkerPool
 from mavdem.page.fleet_page import fleet_page
 from mavdem.report.blocks import Sentence
-from mavdem.report.fleets.differences import baseline_blocks
-from mavdem.report.fleets.summary import fleet_blocks
+from mavdem.report.flights import baseline_blocks, fleet_blocks
 
 SECONDS_BETWEEN_LINES = 30.0  # of progress, where standard error is no terminal
 MOST_SECONDS, MOST_MEGABYTES = 1_000_000, 1_000_000  # that may be asked for: days, and a terabyte
 INDEX = "index.html"
-PAGE = "mavdem.report.page:write_flight_page"
-"""The function that writes a flight's page, as workers call it."""
+PAGE = "mavdem.report.page:flight_page"
+"""The function that makes a flight's page, as workers call it."""
 
 
 def _folder(context: click.Context, parameter: click.Parameter, value: str) -> Path:
@@ -80,14 +78,14 @@ def _scheduler(context: click.Context, parameter: click.Parameter, value: str | 
     "--time-limit",
     type=click.FloatRange(1, MOST_SECONDS),
     callback=_finite,
-    default=Limits.seconds,
+    default=Limits().seconds,
     show_default=True,
     help="Seconds that one log may take.",
 )
 @click.option(
     "--memory-limit",
     type=click.IntRange(256, MOST_MEGABYTES),
-    default=Limits.megabytes,
+    default=Limits().megabytes,
     show_default=True,
     help="Memory in MB that the reading of one log may take.",
 )
@@ -122,7 +120,7 @@ def track_command(
     \b
     FLEET has:
       flights/      the table, as Parquet, for DuckDB, Polars and pandas
-      logs.parquet  which logs are known, and what each cost to read
+      fleet.sqlite  which logs are known, and what each says and cost to read
       index.html    what was found, each vehicle's figures over its flights, and all flights; open it in a browser
       pages/        a page a flight
 
@@ -143,35 +141,34 @@ def track_command(
         raise click.BadParameter(
             "it is of this machine; with --scheduler the cluster has its own.", param_hint="--jobs"
         )
-    reader: Reader = Cluster(scheduler, limits) if scheduler else Crew(jobs or _cores(), limits)
-    tracker = FleetTracker(out, reader, PAGE)
+    reader: Reader = Cluster(scheduler, limits) if scheduler else WorkerPool(jobs or _cores(), limits)
     try:
         with _progress() as progress:
-            tracked = tracker.track(logs, baseline, progress)
+            tracked = FleetTracker(out, reader, PAGE).track(logs, baseline, progress)
     except KeyboardInterrupt:
         say_aside("What was read is kept: the same command goes on.")
         raise
     rows = read_rows(out)
-    summary = summarised(rows)
-    changes = since_baseline(rows, tracker.healthy()) if tracker.healthy() else {}
-    told = {name: baseline_blocks(one) for name, one in changes.items()}
-    write_page(out / INDEX, fleet_page(rows, told))
+    counts = {"logs": tracked.logs, "read": tracked.read, **summary(rows)}
+    changes = since_baseline(rows, tracked.healthy) if tracked.healthy else {}
+    since = {name: baseline_blocks(change) for name, change in changes.items()}
+    write_page(out / INDEX, fleet_page(rows, since))
     for problem in tracked.problems:
         say_aside(printable(f"mavdem: {problem}"))
     if as_json:
-        since = {name: one.as_dict() for name, one in changes.items()}
-        index = str(out / INDEX)
-        counts = {"logs": tracked.logs, "read": tracked.read}
-        print_json({"fleet": str(out), "index": index, **counts, **summary.as_dict(), "since_baseline": since})
+        found = {"since_baseline": {name: change.as_dict() for name, change in changes.items()}}
+        print_json({"fleet": str(out), "index": str(out / INDEX), **counts, **found})
     else:
         say(f"{tracked.logs} log{'s' * (tracked.logs != 1)}, {tracked.read} of them read.\n")
         print_blocks(fleet_blocks(rows))
-        for name, blocks in told.items():
+        for name, blocks in since.items():
             print_blocks([Sentence("", f"{name}:"), *blocks])
-        _say_what_next(out)
+        say_aside(printable(f"Look: {out / INDEX}"))
+        table = f"{out}/flights/**/*.parquet".replace("'", "''")  # as SQL quotes it
+        say_aside(printable(f"Query, for example in DuckDB: from '{table}'"))
     if tracked.problems:
         context.exit(UNUSABLE)
-    if not summary.flights:
+    if not counts["flights"]:
         context.exit(UNSUPPORTED)
 
 
@@ -179,18 +176,24 @@ def _cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _say_what_next(out: Path) -> None:
-    """On standard error: what to open, and what to ask."""
-    say_aside(printable(f"Look: {out / INDEX}"))
-    table = f"{out}/flights/**/*.parquet".replace("'", "''")  # as SQL quotes it
-    say_aside(printable(f"Query, for example in DuckDB: from '{table}'"))
-
-
 @contextmanager
 def _progress() -> Iterator[LogProgress]:
-    """Shows on standard error how many logs are done, how fast, and when the last will be."""
+    """Shows on standard error how many logs are done, and when the last will be; in lines where it is no terminal."""
+    began = shown = monotonic()
+
+    def rate(done: int) -> str:
+        seconds = monotonic() - began
+        return f"{done / seconds:.1f} a second" if done and seconds else ""
+
+    def line(done: int, of: int) -> None:
+        nonlocal shown
+        if done and done < of and monotonic() - shown >= SECONDS_BETWEEN_LINES:
+            shown = monotonic()
+            left = (shown - began) * (of - done) / done
+            say_aside(f"{done} of {of} logs, {rate(done)}, {left / 60:.0f} min left")
+
     if not STDERR.is_terminal:
-        yield _Lines()
+        yield line
         return
     columns = (
         TextColumn("Reading logs"),
@@ -201,27 +204,4 @@ def _progress() -> Iterator[LogProgress]:
     )
     with Progress(*columns, console=STDERR, transient=True) as bar:
         task = bar.add_task("", total=None, rate="")
-        began = monotonic()
-
-        def show(done: int, of: int) -> None:
-            bar.update(task, completed=done, total=of, rate=_rate(done, monotonic() - began))
-
-        yield show
-
-
-def _rate(done: int, seconds: float) -> str:
-    return f"{done / seconds:.1f} a second" if done and seconds else ""
-
-
-class _Lines:
-    """Progress as a line now and then."""
-
-    def __init__(self) -> None:
-        self._began = self._last = monotonic()
-
-    def __call__(self, done: int, of: int) -> None:
-        now = monotonic()
-        if done and done < of and now - self._last >= SECONDS_BETWEEN_LINES:
-            left = (now - self._began) * (of - done) / done
-            say_aside(f"{done} of {of} logs, {_rate(done, now - self._began)}, {left / 60:.0f} min left")
-            self._last = now
+        yield lambda done, of: bar.update(task, completed=done, total=of, rate=rate(done))

@@ -13,8 +13,8 @@ from simulated import simulated
 
 from mavdem import Flight, baselines
 from mavdem.evaluate import HORIZONS, Paired, mspe, relative_mspe
-from mavdem.evaluate.comparison import METHODS, Comparison, compare, outcomes
-from mavdem.evaluate.scores import Method, Outcome, judge
+from mavdem.evaluate.comparison import METHODS, Comparison, Method, Outcome, compare, evaluate_window, outcomes
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN, UNKNOWN, ratio
 from mavdem.evaluate.windows import windows
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.comparison import comparison_report
@@ -81,18 +81,26 @@ def compared():
     return compare(WINDOWS, [HOLD, MEAN, ARX, REFUSES, EXPLODES])
 
 
+def row_of(rows: tuple[dict, ...], method: str) -> dict:
+    return next(row for row in rows if row["method"] == method)
+
+
+def whole(outcome: Outcome, question: str = KNOWN) -> float:
+    """The error ratio of the whole test part."""
+    return ratio(outcome.of(question))[-1]
+
+
 def test_an_outcome_is_what_the_model_says_of_the_window():
     window = WINDOWS[1]
-    found, model = judge(ARX, window), baselines.arx(window.train)
+    found, model = evaluate_window(ARX, window), baselines.arx(window.train)
     assert (found.method, found.flight, found.start, found.failure) == ("ARX", "a", 425, "")
-    assert (found.stable, found.cautions, found.diverged) == (model.stable, model.cautions, False)
-    forecast, from_zero = model.forecast(window.test.inputs), model.forecast(window.test.inputs, from_zero=True)
-    np.testing.assert_array_equal(found.forecast, forecast)
-    np.testing.assert_array_equal(found.mspe, mspe(window.test.outputs, forecast).per_output)
-    np.testing.assert_array_equal(found.mspe_from_zero, mspe(window.test.outputs, from_zero).per_output)
-    assert [one.steps for one in found.skill] == list(HORIZONS)
-    assert found.skill[-1].relative == pytest.approx(relative_mspe(window.train, window.test, forecast))
-    assert found.skill_from_zero.relative == relative_mspe(window.train, window.test, from_zero)
+    assert (found.stable, found.cautions) == (model.stable, model.cautions)
+    forecasts = {KNOWN: model.forecast(window.test.inputs), FROM_ZERO: model.forecast(window.test.inputs, True)}
+    for question, forecast in forecasts.items():
+        np.testing.assert_array_equal(found.forecasts[question], forecast)
+        np.testing.assert_array_equal(found.mspe(question), mspe(window.test.outputs, forecast).per_output)
+        assert whole(found, question) == relative_mspe(window.train, window.test, forecast)
+    assert found.of(KNOWN)["steps"].tolist() == list(HORIZONS) and not len(found.of(UNKNOWN))
 
 
 @pytest.mark.parametrize(
@@ -100,28 +108,29 @@ def test_an_outcome_is_what_the_model_says_of_the_window():
     [(REFUSES, "train is not to my liking"), (BREAKS, "ZeroDivisionError: division by zero")],
 )
 def test_a_method_without_an_answer_says_why_and_errs_infinitely(method, failure):
-    found = judge(method, WINDOWS[0])
-    assert (found.failure, found.stable, found.forecast, found.diverged) == (failure, None, None, False)
-    assert [one.relative for one in (*found.skill, found.skill_from_zero)] == [np.inf] * 7
-    assert [one.steps for one in found.skill] == list(HORIZONS)
+    found = evaluate_window(method._replace(predicts=True), WINDOWS[0])
+    assert (found.failure, found.stable, found.forecasts) == (failure, None, {})
+    assert ratio(found.scores).tolist() == [np.inf] * 13
+    assert found.of(UNKNOWN)["steps"].tolist() == list(HORIZONS)
 
 
 @pytest.mark.parametrize("method", [EXPLODES, IS_LOST])
 def test_a_forecast_beyond_all_numbers_errs_infinitely(method):
-    found = judge(method, WINDOWS[0])
-    assert found.diverged and not found.failure
-    assert found.skill[-1].relative == np.inf
+    found = evaluate_window(method, WINDOWS[0])
+    assert not found.failure and whole(found) == np.inf
 
 
 def test_a_forecast_that_expects_more_than_the_constant_mean_s_error_is_cautioned_against():
-    found = {times: judge(Method("doubtful", partial(Doubtful, times=times)), WINDOWS[0]) for times in (0.9, 1.1)}
+    found = {
+        times: evaluate_window(Method("doubtful", partial(Doubtful, times=times)), WINDOWS[0]) for times in (0.9, 1.1)
+    }
     assert not found[0.9].cautions
     assert found[1.1].cautions == ("The error to expect of the forecast is larger than the constant mean's.",)
 
 
 def test_a_fault_of_our_own_is_no_outcome():
     with pytest.raises(TypeError):
-        judge(Method("hold", lambda: None), WINDOWS[0])
+        evaluate_window(Method("hold", lambda: None), WINDOWS[0])
 
 
 def test_a_window_without_a_unit_of_error_fails_for_every_method():
@@ -129,14 +138,14 @@ def test_a_window_without_a_unit_of_error_fails_for_every_method():
     still = Flight(flight.time, flight.inputs, flight.outputs * [1, 0])
     (window, *_) = windows("still", still)
     for method in (HOLD, MEAN, METHODS[0]):
-        assert "vary" in judge(method, window).failure
+        assert "vary" in evaluate_window(method, window).failure
 
 
 def test_what_is_compared_can_be_sent_to_other_processes():
     for method in METHODS:
         again = pickle.loads(pickle.dumps(method))
         assert again.name == method.name
-    outcome = judge(ARX, WINDOWS[0])
+    outcome = evaluate_window(ARX, WINDOWS[0])
     assert pickle.loads(pickle.dumps(outcome)).to_dict() == outcome.to_dict()
 
 
@@ -158,23 +167,24 @@ def test_outcomes_come_by_window_and_make_the_comparison_in_any_order(compared):
         Comparison.of([], [])
 
 
-def test_a_standing_is_the_median_of_its_windows(compared):
-    found = {one.method: one for one in compared.summaries("a")}
-    rows = [row for row in compared.outcomes if row[0].flight == "a"]
-    of_hold = [row[0].skill[-1].relative for row in rows]
-    assert found["hold"].relative == np.median(of_hold) == found["hold"].horizons[-1].relative
-    assert (found["hold"].worst, found["hold"].worse_than_constant) == (max(of_hold), sum(np.array(of_hold) > 1))
-    errors = np.mean([row[0].mspe for row in rows], axis=0)
-    assert found["hold"].mspe == tuple(errors) and found["hold"].mspe_total == pytest.approx(errors.sum())
-    assert found["constant mean"].relative == 1 and found["constant mean"].worse_than_constant == 0
-    assert (found["refuses"].failed, found["refuses"].failure) == (3, "train is not to my liking")
-    assert (found["explodes"].failed, found["explodes"].diverged, found["explodes"].unstable) == (0, 3, 3)
-    assert [one.relative for one in compared.summaries("a")] == sorted(one.relative for one in found.values())
+def test_a_summary_is_the_median_of_its_windows(compared):
+    rows = compared.summaries("a")
+    hold, mean, refused, exploded = (row_of(rows, name) for name in ("hold", "constant mean", "refuses", "explodes"))
+    column = [row[0] for row in compared.outcomes if row[0].flight == "a"]
+    ratios = [whole(one) for one in column]
+    assert hold["relative"] == np.median(ratios) == hold["horizons"][-1]["relative"]
+    assert (hold["worst"], hold["worse_than_constant"]) == (max(ratios), sum(np.array(ratios) > 1))
+    errors = np.mean([one.mspe() for one in column], axis=0)
+    assert hold["mspe"] == errors.tolist() and hold["mspe_total"] == pytest.approx(errors.sum())
+    assert mean["relative"] == 1 and mean["worse_than_constant"] == 0
+    assert (refused["failed"], refused["failure"]) == (3, "train is not to my liking")
+    assert (exploded["failed"], exploded["diverged"], exploded["unstable"]) == (0, 3, 3)
+    assert [row["relative"] for row in rows] == sorted(row["relative"] for row in rows)
 
 
 def test_the_first_is_paired_with_each_on_windows_that_do_not_overlap(compared):
-    found = {one.method: one.horizons[-1].reference for one in compared.summaries("a")}
-    ours, theirs = (np.array([row[place].skill[-1].relative for row in compared.outcomes[:3]]) for place in (0, 2))
+    found = {row["method"]: row["horizons"][-1]["reference"] for row in compared.summaries("a")}
+    ours, theirs = (np.array([whole(row[column]) for row in compared.outcomes[:3]]) for column in (0, 2))
     assert found["ARX"].ratio == pytest.approx(np.median(ours / theirs))
     assert (found["ARX"].windows, found["ARX"].tested) == (3, 2)
     assert found["refuses"] == Paired(0.0, 3, 3, 2, 0.5)
@@ -183,54 +193,46 @@ def test_the_first_is_paired_with_each_on_windows_that_do_not_overlap(compared):
 
 def test_losses_are_where_the_median_is_larger_the_worst_first(compared):
     losses = compared.losses()
-    assert {loss.method for loss in losses} <= {"ARX", "constant mean"}
+    assert {loss["method"] for loss in losses} <= {"ARX", "constant mean"}
     for loss in losses:
-        of_flight = {one.method: one for one in compared.summaries(loss.flight)}
+        rows = compared.summaries(loss["flight"])
         ours, theirs = (
-            next(at.relative for at in of_flight[name].horizons if at.steps == loss.steps)
-            for name in ("hold", loss.method)
+            next(at["relative"] for at in row_of(rows, name)["horizons"] if at["steps"] == loss["steps"])
+            for name in ("hold", loss["method"])
         )
-        assert loss.ratio == pytest.approx(ours / theirs) and loss.ratio > 1
-    assert [loss.ratio for loss in losses] == sorted((loss.ratio for loss in losses), reverse=True)
+        assert loss["ratio"] == pytest.approx(ours / theirs) and loss["ratio"] > 1
+    assert [loss["ratio"] for loss in losses] == sorted((loss["ratio"] for loss in losses), reverse=True)
     (table,) = [one for one in comparison_report(compared) if "with hold worse" in getattr(one, "header", [""])[0]]
-    assert {row[0] for row in table.rows} == {loss.method for loss in losses}
+    assert {row[0] for row in table.rows} == {loss["method"] for loss in losses}
     # Of two windows that do not overlap nothing is certain.
     assert {cell for row in table.rows for cell in row[1:]} <= {"", "1 (0)", "2 (0)"}
 
 
 def test_over_flights_each_counts_once(compared):
-    found = {one.method: one for one in compared.over_flights()}
-    medians = [next(one.relative for one in compared.summaries(flight) if one.method == "ARX") for flight in ("a", "b")]
-    assert found["ARX"].relative == pytest.approx(np.sqrt(np.prod(medians)))
-    assert (found["ARX"].flights, found["ARX"].windows, found["ARX"].reference.windows) == (2, 6, 2)
-    assert found["refuses"].relative == np.inf and found["refuses"].failed == 6
-    assert len(found["ARX"].horizons) == len(HORIZONS)
+    rows = compared.over_flights()
+    arx, refused = row_of(rows, "ARX"), row_of(rows, "refuses")
+    medians = [row_of(compared.summaries(flight), "ARX")["relative"] for flight in ("a", "b")]
+    assert arx["relative"] == pytest.approx(np.sqrt(np.prod(medians)))
+    assert (arx["flights"], arx["windows"], arx["reference"].windows) == (2, 6, 2)
+    assert refused["relative"] == np.inf and refused["failed"] == 6
+    assert len(arx["horizons"]) == len(HORIZONS)
 
 
 def test_from_zero_the_whole_test_part_is_judged(compared):
-    found = {one.method: one for one in compared.summaries("a", from_zero=True)}
-    own = [row[2].skill_from_zero.relative for row in compared.outcomes[:3]]
-    assert found["ARX"].relative == np.median(own)
-    assert [at.steps for at in found["ARX"].horizons] == [150]
-    assert compared.to_dict(from_zero=True)["start"] == "zero"
+    arx = row_of(compared.summaries("a", FROM_ZERO), "ARX")
+    assert arx["relative"] == np.median([whole(row[2], FROM_ZERO) for row in compared.outcomes[:3]])
+    assert [at["steps"] for at in arx["horizons"]] == [150]
+    assert compared.to_dict(FROM_ZERO)["start"] == "zero"
 
 
 def test_the_document_is_plain_json_and_rows_a_table(compared):
-    told = json.loads(json.dumps(compared.to_dict()))
-    assert list(told) == [
-        "reference",
-        "methods",
-        "start",
-        "verdicts",
-        "losses",
-        "over_flights",
-        "flights",
-        "predictions",
-    ]
-    assert [len(flight["windows"]) for flight in told["flights"]] == [3, 3]
-    of_window = told["flights"][1]["windows"][2]
-    assert (of_window["start"], of_window["time"]) == (850, pytest.approx(8.5))
-    assert of_window["methods"]["ARX"] == compared.outcomes[5][2].to_dict()
+    document = json.loads(json.dumps(compared.to_dict()))
+    keys = "reference methods start verdicts losses over_flights flights predictions"
+    assert list(document) == keys.split()
+    assert [len(flight["windows"]) for flight in document["flights"]] == [3, 3]
+    window = document["flights"][1]["windows"][2]
+    assert (window["start"], window["time"]) == (850, pytest.approx(8.5))
+    assert window["methods"]["ARX"] == compared.outcomes[5][2].to_dict()
     rows = compared.rows()
     known, unknown = ([row for row in rows if row["inputs"] == word] for word in ("known", "unknown"))
     assert (len(known), len(unknown)) == (6 * 5 * (len(HORIZONS) + 1), 6 * 2 * len(HORIZONS))
@@ -311,7 +313,8 @@ def test_of_few_windows_nothing_is_distinguished():
 def test_of_six_flights_each_is_a_pair():
     parts = [window for name in "abcdef" for window in windows(name, FLIGHTS["a"][100 * ord(name) - 9700 :], 200, 50)]
     found = compare(parts, [HOLD, IS_OFF])
-    assert found.verdicts()["is_off"] == found.over_flights()[1].reference and found.verdicts()["is_off"].tested == 6
+    assert found.verdicts()["is_off"] == found.over_flights()[1]["reference"]
+    assert found.verdicts()["is_off"].tested == 6
     assert comparison_report(found)[0].lead == (
         "hold's error on 6 flights over the whole test part is lower than that of is_off."
     )
@@ -323,10 +326,11 @@ def test_a_band_that_failed_is_cautioned_against(predicted):
 
     def held(share: float, unknown: float) -> Comparison:
         def changed(one: Outcome) -> Outcome:
-            if one.predicted is None or one.band is None:
-                return one
-            part = one.predicted._replace(inside=(unknown,) * len(one.inside))
-            return replace(one, inside=(share,) * len(one.inside), predicted=part)
+            scores = one.scores.copy()
+            for question, inside in ((KNOWN, share), (UNKNOWN, unknown)):
+                if question in one.bands:
+                    scores["inside"][scores["question"] == question] = inside
+            return replace(one, scores=scores)
 
         rows = tuple(tuple(map(changed, row)) for row in predicted.outcomes)
         return Comparison(predicted.windows, predicted.methods, rows)
@@ -348,7 +352,9 @@ def test_the_influence_of_generalized_coordinates_is_a_table_of_its_own():
     ]
     assert table.header[1:] == ["DEM", "DEM p=1", "ratio"]
     assert [row[0] for row in table.rows] == ["a", "b", "all flights"]
-    one, other = ({s.method: s.relative for s in compare(WINDOWS, pair).summaries(flight)} for flight in ("a", "b"))
+    one, other = (
+        {s["method"]: s["relative"] for s in compare(WINDOWS, pair).summaries(flight)} for flight in ("a", "b")
+    )
     assert table.rows[0][1:] == [f"{one['DEM']:.3g}", "1", f"{one['DEM']:.3g}"]
     assert table.rows[2][1:] == [f"{np.sqrt(one['DEM'] * other['DEM']):.3g}", "1", table.rows[2][1]]
 
@@ -362,44 +368,35 @@ def predicted():
 
 
 def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
-    found = predicted.predictions
-    assert found.methods == ("joint VAR(4)", "hold", "constant mean")
-    assert found.predictions is None
-    window, outcome = WINDOWS[1], found.outcomes[1][0]
+    assert predicted.methods_of(UNKNOWN) == ("joint VAR(4)", "hold", "constant mean")
+    window, outcome = WINDOWS[1], predicted.outcomes[1][0]
     model = baselines.var(window.train, 4)
-    np.testing.assert_array_equal(outcome.forecast, model.predict(150))
-    np.testing.assert_array_equal(outcome.band, model.predict_band(150))
+    np.testing.assert_array_equal(outcome.forecasts[UNKNOWN], model.predict(150))
+    np.testing.assert_array_equal(outcome.bands[UNKNOWN], model.predict_band(150))
     inside = np.abs(model.predict(150) - window.test.outputs) <= model.predict_band(150)
-    assert outcome.inside == pytest.approx([inside[:steps].mean() for steps in HORIZONS])
+    assert outcome.of(UNKNOWN)["inside"] == pytest.approx([inside[:steps].mean() for steps in HORIZONS])
     in_pieces = model.predict_every(25, window.test.inputs, window.test.outputs)
     relative = relative_mspe(window.train, window.test, in_pieces)
-    assert outcome.skill[HORIZONS.index(25)].relative == pytest.approx(relative)
+    assert ratio(outcome.of(UNKNOWN))[HORIZONS.index(25)] == pytest.approx(relative)
     # Hold and mean need no inputs: they are the same with and without.
     for name in ("hold", "constant mean"):
-        one, other = (next(each for each in of.summaries("a") if each.method == name) for of in (predicted, found))
-        assert [at.relative for at in one.horizons] == [at.relative for at in other.horizons]
-    assert compare(WINDOWS[:1], [ARX]).predictions is None
+        one, other = (row_of(predicted.summaries("a", question), name)["horizons"] for question in (KNOWN, UNKNOWN))
+        assert [at["relative"] for at in one] == pytest.approx([at["relative"] for at in other])
     assert compare(WINDOWS[:1], [ARX]).to_dict()["predictions"] is None
-
-
-def test_a_method_that_fails_has_no_prediction_either():
-    found = compare(WINDOWS[:1], [HOLD, REFUSES._replace(predicts=True)]).predictions
-    assert found.outcomes[0][1].failure and found.outcomes[0][1].mspe[0] == np.inf
+    nested = predicted.to_dict()["predictions"]
+    assert nested["methods"] == ["joint VAR(4)", "hold", "constant mean"] and nested["predictions"] is None
 
 
 def test_a_method_that_cannot_predict_says_so():
-    assert "needs the inputs" in judge(ARX._replace(predicts=True), WINDOWS[0]).failure
+    assert "needs the inputs" in evaluate_window(ARX._replace(predicts=True), WINDOWS[0]).failure
 
 
 def test_the_share_in_the_band_is_a_mean_over_windows_and_flights(predicted):
-    own = next(one for one in predicted.predictions.summaries("a") if one.method == "joint VAR(4)")
-    rows = [row[0] for row in predicted.predictions.outcomes if row[0].flight == "a"]
-    assert own.horizons[2].inside == pytest.approx(np.mean([row.inside[2] for row in rows]))
-    overall = next(one for one in predicted.predictions.over_flights() if one.method == "joint VAR(4)")
-    of_flights = [predicted.predictions.summaries(flight) for flight in ("a", "b")]
-    shares = [next(one for one in each if one.method == "joint VAR(4)").horizons[2].inside for each in of_flights]
-    assert overall.inside[2] == pytest.approx(np.mean(shares))
-    assert next(one for one in predicted.over_flights() if one.method == "hold").inside == (None,) * len(HORIZONS)
+    shares = [row_of(predicted.summaries(flight, UNKNOWN), "joint VAR(4)")["horizons"][2]["inside"] for flight in "ab"]
+    windows_of_a = [row[0].of(UNKNOWN)["inside"][2] for row in predicted.outcomes if row[0].flight == "a"]
+    assert shares[0] == pytest.approx(np.mean(windows_of_a))
+    assert row_of(predicted.over_flights(UNKNOWN), "joint VAR(4)")["inside"][2] == pytest.approx(np.mean(shares))
+    assert row_of(predicted.over_flights(), "hold")["inside"] == [None] * len(HORIZONS)
 
 
 @pytest.mark.parametrize("flights", ["a", "ab"])

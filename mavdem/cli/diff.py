@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
+from mavdem.analysis.figures import physical_values, wind_values
 from mavdem.cli.commands import UNSUPPORTED
-from mavdem.cli.fleets.learnt_rows import is_learnt, rows_of_learnt
 from mavdem.cli.options import no_option
 from mavdem.cli.output import print_blocks, print_json, progress
 from mavdem.cli.sources import refuse_link
-from mavdem.comparison.vehicle_difference import vehicle_difference
-from mavdem.errors import NotLearnable
-from mavdem.fleet.dataset import is_fleet, read_rows
-from mavdem.fleet.reading.flights import rows_of_log
-from mavdem.fleet.row import OK, UNKNOWN, FlightRow
-from mavdem.report.fleets.differences import difference_blocks
+from mavdem.dem import Learned
+from mavdem.errors import NotLearnable, Unreadable
+from mavdem.fleet.difference import vehicle_difference
+from mavdem.fleet.row import AXIS_ORDER, OK, UNKNOWN, FlightRow
+from mavdem.fleet.rows_of_log import rows_of_log
+from mavdem.fleet.store import is_fleet, read_rows
+from mavdem.report.flights import difference_blocks
 from mavdem.report.names import listed
 
 MAX_NAMED = 8  # vehicles in a sentence
+REPORT, MODEL = "report.json", "model.json"  # of what `mavdem learn` writes, those with figures
 
 
 @click.command("diff")
@@ -74,8 +77,8 @@ def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:
     """The flights that A or B names; raises ``NotLearnable`` where there are none of this vehicle."""
     refuse_link(source)
     path = Path(source)
-    if is_learnt(path):
-        return rows_of_learnt(path)
+    if path.suffix == ".json" or (path / REPORT).is_file():
+        return _learned_rows(path)
     if is_fleet(path):
         rows = read_rows(path)
         chosen = [row for row in rows if vehicle in (None, row.vehicle)]
@@ -83,8 +86,13 @@ def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:
             raise NotLearnable(f"The logs of {name} do not say of which vehicle they are.", "Compare two logs by name.")
     else:
         with progress(f"Reading {source}", measured=False):
-            rows = rows_of_log(path, None, "", source)
-        chosen = [row for row in rows if vehicle in (None, row.vehicle, str(row.system)) or _component(row, vehicle)]
+            rows = rows_of_log(path, source).rows
+        # In a log it may be named by system and component, of which a row has the first.
+        chosen = [
+            row
+            for row in rows
+            if not vehicle or vehicle in (row.vehicle, f"{row.system}") or vehicle.partition(":")[0] == f"{row.system}"
+        ]
     if not any(row.status == OK for row in chosen):
         reasons = sorted({row.status for row in chosen if row.status != OK})
         names = _names(rows)
@@ -94,9 +102,28 @@ def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:
     return chosen
 
 
-def _component(row: FlightRow, vehicle: str | None) -> bool:
-    """Whether the vehicle is named by system and component, of which a row has the first."""
-    return vehicle is not None and vehicle.partition(":")[0] == str(row.system)
+def _learned_rows(path: Path) -> list[FlightRow]:
+    """A row an axis of what ``mavdem learn`` wrote: its folder, its report, or a model alone; raises ``Unreadable``."""
+    file = path / REPORT if path.is_dir() else path
+    try:
+        text = file.read_text()
+        report = json.loads(text)
+        if "free_energy" in report and "physical" not in report:
+            learned = Learned.from_json(text)
+            record = learned.record
+            report = {"inputs": record.input_names, "outputs": record.output_names}
+            report |= {"flight": {"scale": {"unit": next(iter(record.input_units), None)}}}
+            report |= {"physical": physical_values(learned.physical), "wind": wind_values(learned.wind)}
+        if "physical" not in report:
+            raise ValueError("no figures of a vehicle")
+        source = str((report.get("flight") or {}).get("source") or path)
+        # With --axis all there are figures of each axis; those of the model are one of them.
+        axes = {axis: values for axis in AXIS_ORDER[:2] if (values := (report.get("axes") or {}).get(axis))}
+        figures = [(report | values, {"axis": axis}) for axis, values in axes.items()] or [(report, {})]
+        return [FlightRow.of(document, file=source, key=str(path), **axis) for document, axis in figures]
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not of `mavdem learn`"
+        raise Unreadable(f"{file} cannot be read ({reason}): name a {REPORT} or a {MODEL}.") from None
 
 
 def _of_one_vehicle(first: Sequence[FlightRow], second: Sequence[FlightRow]) -> tuple[list[FlightRow], list[FlightRow]]:

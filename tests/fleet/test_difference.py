@@ -8,8 +8,17 @@ import numpy as np
 import pytest
 from fleet_rows import flight_row
 
-from mavdem.comparison.vehicle_difference import BETWEEN, FAMILY_ERROR, RESOLUTION, vehicle_difference
-from mavdem.comparison.vehicle_estimates import EFFECT, MEAN_EFFECT, SHARE, Quantity, estimates_of
+from mavdem.fleet.difference import (
+    BETWEEN,
+    EFFECT,
+    FAMILY_ERROR,
+    MEAN_EFFECT,
+    RESOLUTION,
+    SHARE,
+    Quantity,
+    estimates_of,
+    vehicle_difference,
+)
 from mavdem.fleet.row import FlightRow
 
 Z90 = 1.645
