@@ -26,9 +26,8 @@ from mavdem.paper.runner import (
     percent,
 )
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.names import listed
+from mavdem.report.numbers import listed, rounded
 from mavdem.report.page import Picture
-from mavdem.report.rounding import rounded
 
 SHOWN = (WITH, *PEERS, OURS, *OTHERS, MEAN)
 """Methods in the order of tables and legends: the paper's four, then others."""

@@ -28,8 +28,8 @@ from mavdem.paper.runner import (
     percent,
 )
 from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.numbers import rounded
 from mavdem.report.page import Picture
-from mavdem.report.rounding import rounded
 
 SETTINGS = {"paper’s": (WITH, WITHOUT), "default": (OURS, OURS_WITHOUT)}  # with generalized coordinates, and without
 MIN_SHARE = 0.8  # share of the experiments on which p = 2 must have the lower error, as on four of the paper's five

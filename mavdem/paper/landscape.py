@@ -34,9 +34,9 @@ from mavdem.paper.scalar_system import (
 )
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.figures.style import picture
+from mavdem.report.numbers import rounded
 from mavdem.report.page import Picture
 from mavdem.report.palette import INK_ON_LIGHT, TRUTH, distinct
-from mavdem.report.rounding import rounded
 
 SAME_POINT = 0.1  # posterior standard deviations: ascents whose ends scatter less end at one point
 DRAWN = (0, 1, 2, 3, 10)  # iterations

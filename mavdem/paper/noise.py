@@ -35,8 +35,8 @@ from mavdem.paper.claims import NOISE
 from mavdem.paper.flights import REAL
 from mavdem.paper.runner import PAPER, Check, Item, Result, Runner
 from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.numbers import rounded
 from mavdem.report.page import Picture
-from mavdem.report.rounding import rounded
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.truth import axis
 

@@ -28,8 +28,8 @@ from mavdem.paper.runner import (
     run_trial,
 )
 from mavdem.report.blocks import Sentence, Table
+from mavdem.report.numbers import rounded
 from mavdem.report.page import Picture
-from mavdem.report.rounding import rounded
 
 FOLDER = SHARED / "oracle"
 CENTRAL_SHARE = 0.9  # central share of our errors over random priors that must contain the authors' error

@@ -16,9 +16,8 @@ from mavdem.paper.claims import ORDER
 from mavdem.paper.flights import TRAIN, hover, paper_scenario
 from mavdem.paper.runner import PAPER, Check, Item, Result, Runner, percent
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.names import listed
+from mavdem.report.numbers import listed, rounded
 from mavdem.report.page import Picture
-from mavdem.report.rounding import rounded
 from sitl_scenarios.simulation import fly
 
 SYSTEMS = {1: ("φ̇",), 2: ("φ", "φ̇"), 3: ("ẏ", "φ", "φ̇"), 4: ("y", "ẏ", "φ", "φ̇")}

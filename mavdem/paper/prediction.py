@@ -15,9 +15,8 @@ from mavdem.paper import figures
 from mavdem.paper.claims import PREDICTION
 from mavdem.paper.runner import OURS, PAPER, STARTS, WITH, Check, Item, Result, Runner, percent
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.names import listed
+from mavdem.report.numbers import listed, rounded
 from mavdem.report.page import Picture
-from mavdem.report.rounding import rounded
 
 MIN_EXPLAINED = 0.99  # least share of each output's variance that one-step predictions must explain
 MAX_ITERATIONS = 10  # iterations within which the parameters must converge
