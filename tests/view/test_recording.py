@@ -12,7 +12,7 @@ from rerun.chunk import RrdReader
 from rerun_file import chunks, views
 
 import mavdem
-from mavdem.dem.graybox.gusts import DetectedGust
+from mavdem.dem.graybox.wind import DetectedGust
 from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import markdown
 from mavdem.report.numbers import AxisCommand

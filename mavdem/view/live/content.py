@@ -10,7 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from mavdem.dem import Estimate
-from mavdem.dem.graybox.gusts import LEVEL_SECONDS, gusts
+from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts
 from mavdem.dem.record import Record
 from mavdem.report.numbers import place, readable
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
