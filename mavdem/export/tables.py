@@ -22,7 +22,7 @@ from mavdem.alignment.signals import Attitude, Signals, axis_outputs
 from mavdem.dem import Learned
 from mavdem.flight import Flight
 from mavdem.ingest.telemetry import rows_by
-from mavdem.report.names import Labels, state_names, states_are_outputs
+from mavdem.report.numbers import Labels, state_names, states_are_outputs
 
 if TYPE_CHECKING:
     import control
