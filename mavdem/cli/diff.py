@@ -20,7 +20,7 @@ from mavdem.fleet.row import AXIS_ORDER, OK, UNKNOWN, FlightRow
 from mavdem.fleet.rows_of_log import rows_of_log
 from mavdem.fleet.store import is_fleet, read_rows
 from mavdem.report.flights import difference_blocks
-from mavdem.report.names import listed
+from mavdem.report.numbers import listed
 
 MAX_NAMED = 8  # vehicles in a sentence
 REPORT, MODEL = "report.json", "model.json"  # of what `mavdem learn` writes, those with figures

@@ -15,7 +15,7 @@ from mavdem.evaluate.comparison import GENERALIZED_COORDINATES, Comparison
 from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE, Paired
 from mavdem.evaluate.scores import FROM_ZERO, HORIZONS, KNOWN, UNKNOWN, error_over
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.names import THREE_STATES, listed, named, readable
+from mavdem.report.numbers import THREE_STATES, listed, named, readable
 
 WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
 BANDS = {KNOWN: "forecasts", UNKNOWN: "predictions"}

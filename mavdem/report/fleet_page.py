@@ -22,9 +22,8 @@ from mavdem.report.flights import (
     vehicle_health,
     vehicle_words,
 )
-from mavdem.report.names import readable
+from mavdem.report.numbers import plus_minus, readable, rounded
 from mavdem.report.page import environment
-from mavdem.report.rounding import plus_minus, rounded
 
 MIN_FLIGHTS = 2  # of a vehicle whose figures are drawn
 MAX_DRAWN = 20  # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail

@@ -28,10 +28,10 @@ from mavdem.live.history import AHEAD, LiveHistory
 from mavdem.live.session import Display
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.comparison import comparison_report, order_report
+from mavdem.report.condition import log_blocks
 from mavdem.report.details import detail_blocks
-from mavdem.report.live import event_blocks, live_report
-from mavdem.report.log_contents import log_blocks
-from mavdem.report.names import Labels, listed
+from mavdem.report.flights import event_blocks, live_report
+from mavdem.report.numbers import Labels, listed
 from mavdem.report.palette import INK_ON_LIGHT
 from mavdem.report.screen import analysis_blocks, key_figures, screen
 

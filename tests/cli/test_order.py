@@ -13,7 +13,7 @@ from mavdem.cli.commands import main
 from mavdem.dem.order import choose_order
 from mavdem.report.blocks import Sentence
 from mavdem.report.comparison import order_report
-from mavdem.report.names import THREE_STATES
+from mavdem.report.numbers import THREE_STATES
 
 LOGS = Path(__file__).parents[2] / "logs"
 STEPS, SLOW = LOGS / "ardupilot_wind5_steps.tlog", LOGS / "ardupilot_default_rates.tlog"

@@ -51,7 +51,7 @@ class FitSize(NamedTuple):
         if self.outputs <= self.order:
             return settings
         # With more outputs than states C is free, and the paper's convention holds the scale of the states.
-        free = {"prior": "uniform", "last_derivative_zero": True, "correlation": "continuous"}
+        free = {"prior": "uniform", "correlation": "continuous"}
         return CompleteSettings.from_dict({**settings.to_dict(), **free})
 
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from mavdem.dem.engine.linalg import Array
 from mavdem.fleet.row import AXIS_ORDER, DEMAND, Flight, FlightRow, worst_health
 from mavdem.report.figures.style import HAIRLINE, WIDTH, band, not_blown_up, picture
-from mavdem.report.names import readable, short
+from mavdem.report.numbers import readable, short
 from mavdem.report.palette import BAD, LIMITED, distinct
 
 FEW = 25  # flights, up to which each has a dot and its own interval

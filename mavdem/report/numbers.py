@@ -1,8 +1,14 @@
-"""Names and units for people: degrees for angles; states that are outputs have their names."""
+"""Names and units for people: degrees for angles; states that are outputs have their names.
+
+Numbers for people: rounded to what their intervals bear, in degrees where they are angles.
+
+The command of an axis: by how much the motors that turn the vehicle one way run above those that turn it back.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from math import floor, isfinite, log10
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -139,3 +145,87 @@ def per_second(unit: str) -> str:
     if not unit:
         return "per s"
     return unit.removesuffix("/s") + "/s²" if unit.endswith("/s") else unit + "/s"
+
+
+FEW_DIGITS = 3  # A half width that begins with 1 or 2 has two digits, lest rounding changes it by a third
+
+
+def plus_minus(value: float, half: float) -> str:
+    """An estimate and the half width of its interval, as many digits as that bears; a dash where there is none."""
+    if not (isfinite(value) and isfinite(half)):
+        return "-"
+    if half <= 0:
+        return f"{value:.3g}"
+    digit = floor(log10(half))
+    digit -= half < FEW_DIGITS * 10.0**digit
+    # Decimals where they are few, else one power of ten for both.
+    power = 0 if -6 <= digit <= 2 else 3 * (max(digit, floor(log10(abs(value) or half))) // 3)
+    decimals = max(power - digit, 0)
+    mean, width = (
+        f"{round(number / 10.0**power, power - digit) + 0.0:.{decimals}f}" for number in (float(value), float(half))
+    )
+    return f"({mean} ± {width})e{power}" if power else f"{mean} ± {width}"
+
+
+def with_unit(value: float, unit: Readable, digits: int = 2) -> str:
+    """A value in the unit it is shown in: "3.9°", "3.7 °/s"."""
+    space = "" if unit.name in ("", "°") else " "
+    return f"{rounded(unit.scale * value, digits)}{space}{unit.name}"
+
+
+def rounded(value: float, digits: int = 2) -> str:
+    """So many significant digits, and those before the decimal point; no exponent for sizes of every day."""
+    if not isfinite(value):
+        return "infinite" if value > 0 else "-"
+    if value == 0 or not 1e-4 <= abs(value) < 1e6:
+        return f"{value:.{digits}g}"
+    return f"{value:.{max(digits - 1 - floor(log10(abs(value))), 0)}f}"
+
+
+Array = NDArray[np.float64]
+
+
+class AxisCommand(NamedTuple):
+    """One number for r inputs: c = ``weights`` · (u − trim), in the unit of the inputs.
+
+    Attributes:
+        name: such as "roll command".
+        unit: of the inputs, empty where it is not known.
+        weights: (r,) of the motors that turn the vehicle up the axis they sum to 1, of the others to -1.
+        motors: (r,) what the motors do for a command of 1 and for nothing else.
+    """
+
+    name: str
+    unit: str
+    weights: Array
+    motors: Array
+
+    @classmethod
+    def of(cls, learned: Learned) -> AxisCommand:
+        """That of the axis which was learnt, by the mixer's geometry or else by each motor's estimated effect."""
+        labels, directions = Labels.of(learned), _directions(learned)
+        up, down = np.maximum(directions, 0.0), np.maximum(-directions, 0.0)
+        weights = sum(sign * side / side.sum() for sign, side in ((1, up), (-1, down)) if side.any())
+        motors = directions / (weights @ directions)
+        return cls(f"{labels.output_names[0]} command", labels.input_units[0], np.asarray(weights), motors)
+
+    def series(self, inputs: Array) -> Array:
+        """(T,) the command over inputs (T, r), about its mean."""
+        command = inputs @ self.weights
+        return np.asarray(command - command.mean())
+
+    @property
+    def label(self) -> str:
+        """The name with its unit: "roll command (µs)"."""
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
+
+def _directions(learned: Learned) -> Array:
+    """(r,) how each input turns the vehicle, relative to the others; not all are zero."""
+    known = learned.record.effect_directions
+    if known is not None:
+        return np.asarray(known)
+    if learned.record.inputs.shape[1] == 1:  # the controller's demand
+        return np.ones(1)
+    effect = learned.model.B[-1] if learned.physical is None else learned.physical.effect
+    return np.asarray(effect if effect.any() else np.ones(len(effect)))
