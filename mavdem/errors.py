@@ -28,7 +28,7 @@ class NotLearnable(ValueError):
 EXTRAS = {
     "control": ("control",),
     "dask": ("distributed",),
-    "fleet": ("aiohttp", "fsspec", "pyarrow"),
+    "fleet": ("aiohttp", "fsspec", "pebble", "pyarrow"),
     "pandas": ("pandas",),
     "paper": ("matplotlib", "rerun"),
     "parquet": ("pyarrow",),

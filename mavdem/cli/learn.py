@@ -24,10 +24,9 @@ from mavdem.errors import NotLearnable, advice
 from mavdem.evaluate.windows import Length
 from mavdem.report.blocks import Sentence
 from mavdem.report.details import detail_blocks
+from mavdem.report.flights import truth_blocks
 from mavdem.report.page import log_page
-from mavdem.report.screen import analysis_blocks, title
-from mavdem.report.truth import truth_blocks
-from mavdem.report.vehicle import vehicle_blocks
+from mavdem.report.screen import analysis_blocks, title, vehicle_blocks
 
 UNSUPPORTED = 1  # the exit code of a log that holds no model
 

@@ -17,7 +17,7 @@ from mavdem.dem.order.choice import DEFAULT_MAX_ORDER, LARGEST_ORDER, FlightOrde
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
-from mavdem.report.order import order_report
+from mavdem.report.comparison import order_report
 from mavdem.report.page import order_page
 
 

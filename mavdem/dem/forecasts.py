@@ -73,14 +73,14 @@ def training_forecasts(fitted: Fit, record: Record) -> TrainingForecasts:
 
     The parameters took part of the data to fit them: N numbers leave a squared error that is (N − k)/N of the one to
     expect elsewhere. A forecast of L samples has N = m T / L, taken to be at least 2 k. The weight is the one of least
-    squares inside the training data, less by the same factor; 1 without ``Settings.shrink_forecasts``.
+    squares inside the training data, less by the same factor; 1 with ``Settings(forecasts="model")``.
     """
     own, at_trim = trials(fitted, record), trials(fitted, record, fitted.scaling.input_trim)
     free = np.count_nonzero(np.diag(fitted.model.prior.theta_precision) < KINEMATIC)
     lengths = np.arange(1, len(own.mse) + 1)[:, None]
     numbers = np.maximum(record.outputs.size / lengths, 2 * free)
     left = 1 - free / numbers
-    weight = _weight(own) * left if fitted.settings.shrink_forecasts else np.ones_like(own.mse)
+    weight = _weight(own) * left if fitted.settings.forecasts != "model" else np.ones_like(own.mse)
     variance = record.outputs.var(axis=0)
     with np.errstate(over="ignore", invalid="ignore"):
         weighted_mse = Trials(own.measured, weight * own.predicted).mse / left

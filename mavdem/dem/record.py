@@ -88,6 +88,15 @@ class Record:
     output_units: tuple[str, ...] = ()
     begins: tuple[float, ...] = ()
 
+    def __post_init__(self) -> None:
+        if not SHORTEST_STEP <= self.dt <= 1 / SHORTEST_STEP:
+            raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {self.dt}")
+        for name, values in (("inputs", self.inputs), ("outputs", self.outputs)):
+            if not np.isfinite(values).all():
+                raise ValueError(f"{name} must be finite")
+            if np.abs(values).max(initial=0.0) > LARGEST:
+                raise ValueError(f"{name} must not be larger than {LARGEST:g}")
+
     @classmethod
     def of(cls, train: UniformRecord | Sequence[UniformRecord]) -> Record:
         """From a flight, or segments of one sampled at the same rate; ``ValueError`` names what does not fit."""
@@ -215,9 +224,10 @@ def _table(values: ArrayLike, name: str, columns: int) -> Array:
 def _setpoints(flights: Sequence[UniformRecord]) -> Array | None:
     """The setpoints of all segments, one after the other; ``None`` unless all have them, sample by sample."""
     tables = [getattr(flight, "setpoints", None) for flight in flights]
-    if any(table is None or len(table) != len(flight.outputs) for table, flight in zip(tables, flights, strict=True)):
+    known = [table for table in tables if table is not None]
+    if [len(table) for table in known] != [len(flight.outputs) for flight in flights]:
         return None
-    return np.concatenate([real_numbers(table, "setpoints") for table in tables])
+    return np.concatenate([real_numbers(table, "setpoints") for table in known])
 
 
 def _directions(flights: Sequence[UniformRecord], motors: int) -> Array | None:
@@ -241,11 +251,4 @@ def _checked(train: UniformRecord) -> tuple[Array, Array, float]:
         raise ValueError(f"inputs and outputs must be (T, r) and (T, m), not {inputs.shape} and {outputs.shape}")
     if not (inputs.shape[1] and outputs.shape[1]):
         raise ValueError(f"inputs and outputs must have at least one column, not {inputs.shape} and {outputs.shape}")
-    if not SHORTEST_STEP <= dt <= 1 / SHORTEST_STEP:
-        raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {dt}")
-    for name, values in (("inputs", inputs), ("outputs", outputs)):
-        if not np.isfinite(values).all():
-            raise ValueError(f"{name} must be finite")
-        if np.abs(values).max(initial=0.0) > LARGEST:
-            raise ValueError(f"{name} must not be larger than {LARGEST:g}")
     return inputs, outputs, dt

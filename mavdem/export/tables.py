@@ -22,7 +22,7 @@ from mavdem.alignment.signals import Attitude, Signals, axis_outputs
 from mavdem.dem import Learned
 from mavdem.flight import Flight
 from mavdem.ingest.telemetry import rows_by
-from mavdem.report.names import Labels, state_names, states_are_outputs
+from mavdem.report.numbers import Labels, state_names, states_are_outputs
 
 if TYPE_CHECKING:
     import control
@@ -46,7 +46,7 @@ def column_name(name: str, unit: str) -> str:
 
 
 def columns(flight: Flight) -> dict[str, NDArray[np.float64]]:
-    """Time, inputs, outputs, setpoints and the battery's voltage (T,) by :func:`column_name`.
+    """Time, inputs, outputs and setpoints (T,) by :func:`column_name`.
 
     Raises ``ValueError`` if two names are equal.
     """
@@ -56,7 +56,6 @@ def columns(flight: Flight) -> dict[str, NDArray[np.float64]]:
         (flight.input_names, flight.input_units, flight.inputs),
         (flight.output_names, flight.output_units, flight.outputs),
         (flight.setpoint_names, flight.setpoint_units, none if flight.setpoints is None else flight.setpoints),
-        (("battery",), ("V",), flight.voltage[:, None]) if flight.voltage is not None else ((), (), none),
     ):
         for name, unit, column in zip(names, units, values.T, strict=True):
             head = column_name(name, unit)
@@ -151,8 +150,6 @@ def to_xarray(flight: Flight) -> xarray.Dataset:
         variables[f"{kind}s"] = (("time", kind), values)
         coordinates[kind] = (kind, list(getattr(flight, f"{kind}_names")))
         coordinates[f"{kind}_unit"] = (kind, list(getattr(flight, f"{kind}_units")))
-    if flight.voltage is not None:
-        variables["voltage"] = ("time", flight.voltage, {"units": "V"})
     if flight.effect_directions is not None:
         variables["effect_directions"] = ("input", flight.effect_directions)
     return xarray.Dataset(variables, coordinates, {"dt": flight.dt, "source": str(flight.provenance.get("source", ""))})

@@ -7,13 +7,11 @@ from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import NamedTuple
 
-from mavdem.comparison.flight_figures import flights_of, vehicles_of
-from mavdem.fleet.row import FlightRow
+from mavdem.fleet.row import HEALTHS, FlightRow, flights_of, vehicles_of
 from mavdem.page.fleet_charts import FleetDrawing, vehicle_drawings
 from mavdem.page.fleet_table import NOT_USED, flight_table
 from mavdem.report.blocks import Block
-from mavdem.report.fleets.summary import (
-    SEVERITY,
+from mavdem.report.flights import (
     TROUBLE,
     fleet_blocks,
     had_trouble,
@@ -67,7 +65,7 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     told = dict(changes or {})
     # Flights that do not say whose they are may be those of several vehicles.
     vehicles = {name: flights for name, flights in vehicles_of(rows).items() if is_one_vehicle(name, flights)}
-    ranked = sorted(vehicles, key=lambda name: (SEVERITY.index(vehicle_health(vehicles[name])), name))
+    ranked = sorted(vehicles, key=lambda name: (HEALTHS.index(vehicle_health(vehicles[name])), name))
     flown_often = [name for name in ranked if len(vehicles[name]) >= MIN_FLIGHTS]
     drawn = set(flown_often[:MAX_DRAWN])
     parts = [
@@ -94,7 +92,7 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
             header=header,
             lines=lines,
             first_shown=FIRST_SHOWN,
-            severity=(*TROUBLE, NOT_USED, *SEVERITY[len(TROUBLE) :]),
+            severity=(*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
             made_by=f"mavdem {version('mavdem')}, Python {platform.python_version()}",
         )
     )

@@ -11,7 +11,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from importlib.metadata import version
-from pathlib import Path
 from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,17 +23,15 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.order.choice import OrderChoice
 from mavdem.errors import advice, downstream
 from mavdem.evaluate.comparison import Comparison
-from mavdem.files import atomic_write
 from mavdem.live import SessionStatus, Setup
 from mavdem.live.history import AHEAD, LiveHistory
 from mavdem.live.session import Display
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.comparison import comparison_report
+from mavdem.report.comparison import comparison_report, order_report
+from mavdem.report.condition import log_blocks
 from mavdem.report.details import detail_blocks
-from mavdem.report.live import event_blocks, live_report
-from mavdem.report.log_contents import log_blocks
-from mavdem.report.names import Labels, listed
-from mavdem.report.order import order_report
+from mavdem.report.flights import event_blocks, live_report
+from mavdem.report.numbers import Labels, listed
 from mavdem.report.palette import INK_ON_LIGHT
 from mavdem.report.screen import analysis_blocks, key_figures, screen
 
@@ -224,13 +221,6 @@ def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = "..
     if not details:
         subtitle = "No model could be learned from this flight; what it holds nevertheless."
     return document(file, subtitle, blocks, [*chapters, *details], strip, ("Fleet", index))
-
-
-def write_flight_page(file: str, analyses: Mapping[str, LogAnalysis], path: Path) -> None:
-    """Writes :func:`flight_page`, whole or not at all; raises ``OSError`` where it cannot."""
-    with atomic_write(path) as page:
-        # The name of a file need not be Unicode.
-        page.write(flight_page(file, analyses).encode(errors="replace"))
 
 
 PICTURES = {

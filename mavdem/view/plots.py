@@ -17,8 +17,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack
 from mavdem.dem.priors import hyperparameter_groups, hyperparameter_prior
 from mavdem.report import palette
-from mavdem.report.names import Labelled, entries, left_free, place, readable, state_names, state_rate_units
-from mavdem.report.rounding import rounded
+from mavdem.report.numbers import Labelled, entries, left_free, place, readable, rounded, state_names, state_rate_units
 
 FLIGHT_TIME = "flight time"
 """Timeline of a recording, seconds since the first sample that is shown."""

@@ -8,12 +8,21 @@ from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_are
 
 from mavdem import Flight
 from mavdem.dem import physical
-from mavdem.dem.graybox.coloured import FIRST_ORDER, GUSTS, SMOOTH
 from mavdem.dem.graybox.fitting import WINDS, directed, fitted
 from mavdem.dem.graybox.identifiability import PARAMETERS, IdentifiabilityFigures, judged
 from mavdem.dem.graybox.instruments import exogenous, instrumental
-from mavdem.dem.graybox.likelihood import BLOCK, FlightWindows, Parameters, delayed, followed, steady_covariance
-from mavdem.dem.graybox.windows import cut
+from mavdem.dem.graybox.likelihood import (
+    BLOCK,
+    FIRST_ORDER,
+    GUSTS,
+    SMOOTH,
+    FlightWindows,
+    Parameters,
+    delayed,
+    followed,
+    steady_covariance,
+)
+from mavdem.dem.graybox.parameters import cut
 from mavdem.dem.record import Record
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load

@@ -96,7 +96,7 @@ def test_it_is_better_than_the_last_sample_and_the_mean_at_every_horizon():
                 baselines.hold(train).predict_every(steps, test.inputs, test.outputs),
                 baselines.var(train, 4).predict_every(steps, test.inputs, test.outputs),
             )
-            of_steps.append([evaluate.skill(train, test, each, steps).relative for each in predictions])
+            of_steps.append([evaluate.relative_mspe(train, test, each) for each in predictions])
     for steps, of_steps in errors.items():
         own, held, four_lags = np.median(of_steps, axis=0)
         assert own < 1.02 * min(held, 1.0), steps

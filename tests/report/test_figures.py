@@ -15,12 +15,11 @@ import pytest
 import mavdem
 from mavdem.evaluate import held_out_test, held_out_windows
 from mavdem.report import palette
-from mavdem.report.axis_command import AxisCommand
 from mavdem.report.figures import Plots
 from mavdem.report.figures.series import correlation, forecast, typical_windows
 from mavdem.report.figures.style import svg
 from mavdem.report.figures.systems import model_systems, physical_systems, uncertain_poles
-from mavdem.report.names import Labels
+from mavdem.report.numbers import AxisCommand, Labels
 
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 SETTINGS = mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0, horizon=None)

@@ -27,8 +27,7 @@ from mavdem.dem.graybox.identifiability import (
 )
 from mavdem.dem.graybox.instruments import LOOP, Instrumental, exogenous, instrumental
 from mavdem.dem.graybox.likelihood import DAMPING, LAG, REFINEMENTS, FlightWindows, Parameters, lagged
-from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable
-from mavdem.dem.graybox.windows import Cut, cut
+from mavdem.dem.graybox.parameters import Cut, Physical, WindComponent, WindowTable, cut
 from mavdem.dem.record import Record, UniformRecord
 
 EFFECT_ERROR, MOTOR_ERROR = 0.025, 0.015

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.learned import Learned
-from mavdem.dem.learning import FEWEST_SAMPLES, learn
+from mavdem.dem.learning import FEWEST_SAMPLES, choices, learn, leaves_open
 from mavdem.dem.online.ahead import PredictionsAhead
 from mavdem.dem.online.bands import ErrorBands
 from mavdem.dem.online.estimate import Estimate
@@ -25,7 +25,6 @@ from mavdem.dem.online.surprise import Marks, Surprise
 from mavdem.dem.online.tracker import Tracker
 from mavdem.dem.online.wind import OnlineWind
 from mavdem.dem.record import LARGEST, SHORTEST_STEP
-from mavdem.dem.selection import choices, leaves_open
 from mavdem.dem.settings import CompleteSettings, Settings
 from mavdem.dem.validation import is_number, is_whole, real_numbers
 

@@ -66,21 +66,21 @@ def error_growth(comparison: Comparison) -> Figure:
     Args:
         comparison: of the methods; of several flights, their geometric mean is drawn.
     """
-    steps = [at.steps for at in comparison.summaries(comparison.flights[0])[0].horizons]
+    steps = [at["steps"] for at in comparison.summaries(comparison.flights[0])[0]["horizons"]]
     first = comparison.methods[0]
     drawn: set[str] = set()
     with picture() as figure:
         axes = figure.subplots()
         axes.axhline(1, **HAIRLINE)
         for summary in comparison.over_flights():
-            method, family = summary.method, summary.method.split("(")[0]
+            method, family = summary["method"], summary["method"].split("(")[0]
             if family in drawn or family in LEFT_OUT:
                 continue
             drawn.add(family)
             peer = PEERS[len(drawn - {first, HELD}) % len(PEERS)]
             axes.plot(
-                steps[: len(summary.horizons) - 1] + steps[-1:],
-                summary.horizons,
+                steps[: len(summary["horizons"]) - 1] + steps[-1:],
+                summary["horizons"],
                 "--" if method == HELD else "-",
                 color=PREDICTED if method == first else BASELINE if method == HELD else peer,
                 linewidth=2.6 if method == first else 1.3,

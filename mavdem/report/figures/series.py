@@ -21,7 +21,6 @@ from mavdem.dem.engine.model import pack, unpack
 from mavdem.evaluate.held_out import CONSTANT_MEAN, FORECAST, HeldOut, held_out_test, held_out_windows
 from mavdem.flight import Flight
 from mavdem.live.history import LiveHistory
-from mavdem.report.axis_command import AxisCommand
 from mavdem.report.figures.style import (
     HAIRLINE,
     THIN,
@@ -35,7 +34,7 @@ from mavdem.report.figures.style import (
     with_gaps,
 )
 from mavdem.report.figures.systems import Truth, bode, poles, step
-from mavdem.report.names import Labelled, Labels, left_free, readable
+from mavdem.report.numbers import AxisCommand, Labelled, Labels, left_free, readable
 from mavdem.report.palette import (
     BAND,
     BASELINE,

@@ -22,9 +22,8 @@ from mavdem.confidence import LEVEL, half_width
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack, unpack
-from mavdem.report.axis_command import AxisCommand
 from mavdem.report.figures.style import HAIRLINE, band, legend_above, not_blown_up, note, per, picture
-from mavdem.report.names import Labels, readable
+from mavdem.report.numbers import AxisCommand, Labels, readable
 from mavdem.report.palette import BAD, BAND, BAND_OPACITY, HELD_OUT_OPACITY, PHYSICAL, PREDICTED, TRUTH
 
 Complex = NDArray[np.complex128]

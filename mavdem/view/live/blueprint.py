@@ -12,8 +12,7 @@ from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.surprise import FALSE_MARK_SECONDS
 from mavdem.live import SessionStatus
 from mavdem.live.history import sentence
-from mavdem.report.names import named, readable
-from mavdem.report.rounding import plus_minus, with_unit
+from mavdem.report.numbers import named, plus_minus, readable, with_unit
 from mavdem.view.live.content import Channels, ViewRow
 from mavdem.view.plots import BOOT_CLOCK, blueprint
 

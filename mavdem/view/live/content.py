@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from mavdem.dem import Estimate, Learned, LinearModel
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack
-from mavdem.dem.graybox.gusts import LEVEL_SECONDS, gusts
+from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts
 from mavdem.dem.record import Record
-from mavdem.report.names import place, readable
+from mavdem.report.numbers import place, readable
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
 from mavdem.view.plots import BOOT_CLOCK, Lines, faint, free_parameters, free_precisions
 
