@@ -14,6 +14,7 @@ from importlib.metadata import version
 from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from jinja2 import ChoiceLoader, Environment, PackageLoader
 from markupsafe import Markup, escape
 
@@ -23,6 +24,7 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.order.choice import OrderChoice
 from mavdem.errors import advice, downstream
 from mavdem.evaluate.comparison import Comparison
+from mavdem.flight import Flight
 from mavdem.live import SessionStatus, Setup
 from mavdem.live.history import AHEAD, LiveHistory
 from mavdem.live.session import Display
@@ -31,9 +33,9 @@ from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import log_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import event_blocks, live_report
-from mavdem.report.numbers import Labels, listed
+from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
-from mavdem.report.screen import analysis_blocks, key_figures, screen
+from mavdem.report.screen import analysis_blocks, key_figures, screen, title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -406,3 +408,33 @@ class SessionHistory:
         """Takes a sentence when it is said."""
         self.of.note(monotonic() - self._began, text)
         self._say(text)
+
+
+def notebook_html(blocks: Sequence[Block]) -> str:
+    """Returns paragraphs and tables as HTML by themselves, all text escaped."""
+    shown = environment().get_template("blocks.html").module.shown(blocks)  # type: ignore[attr-defined]
+    return f"<div><style>.words {{ text-align: left; }}</style>{shown}</div>"
+
+
+def flight_html(flight: Flight) -> str:
+    """Returns, for notebooks, which flight it is, and a row a channel; in degrees."""
+    rows = []
+    channels = (
+        ("input", flight.input_names, flight.input_units, flight.inputs),
+        ("output", flight.output_names, flight.output_units, flight.outputs),
+        ("setpoint", flight.setpoint_names, flight.setpoint_units, flight.setpoints),
+    )
+    for kind, names, units, values in channels:
+        for name, unit, column in zip(names, map(readable, units), () if values is None else values.T, strict=True):
+            finite = unit.scale * column[np.isfinite(column)]
+            figures = (finite.mean(), finite.std(), finite.min(), finite.max()) if len(finite) else ()
+            rows.append([named(name, unit.name), kind, *(rounded(figure, 3) for figure in figures)])
+    header = ["channel", "is", "mean", "sd", "lowest", "highest"]
+    return notebook_html([title([flight]), Table(header, [row + ["-"] * (len(header) - len(row)) for row in rows])])
+
+
+def learned_html(learned: Learned) -> str:
+    """Returns, for notebooks, the screen's report of what the model alone knows."""
+    record = learned.record
+    what = f"{len(learned.model.A)} states, from {len(record) * record.dt:.0f} s at {1 / record.dt:.0f} Hz."
+    return notebook_html([Sentence(what, "Learned model:"), *screen(learned)])
