@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mavdem import baselines, evaluate
-    from mavdem.alignment import HoverFigures, hover, hover_figures, read_flight, read_segments
+    from mavdem.alignment import read_flight, read_segments
     from mavdem.analysis import VehicleFigures, vehicle
+    from mavdem.condition import HoverFigures, hover, hover_figures
     from mavdem.dem import Learned, OnlineLearner, Settings, learn, learn_many
     from mavdem.errors import NotLearnable, Unreadable
     from mavdem.flight import Flight
@@ -38,7 +39,7 @@ __all__ = [
 _HOMES = {
     "Flight": "flight",
     "Forecaster": "forecaster",
-    "HoverFigures": "alignment",
+    "HoverFigures": "condition",
     "Learned": "dem",
     "NotLearnable": "errors",
     "OnlineLearner": "dem",
@@ -46,8 +47,8 @@ _HOMES = {
     "Telemetry": "ingest",
     "Unreadable": "errors",
     "VehicleFigures": "analysis",
-    "hover": "alignment",
-    "hover_figures": "alignment",
+    "hover": "condition",
+    "hover_figures": "condition",
     "learn": "dem",
     "learn_many": "dem",
     "read_flight": "alignment",

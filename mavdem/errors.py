@@ -1,6 +1,10 @@
-"""The two errors whose cause is the data, not the caller."""
+"""Errors whose cause is the data or a missing package, and what is imported only when it is called for."""
 
 from __future__ import annotations
+
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
 
 
 class Unreadable(ValueError):
@@ -19,3 +23,102 @@ class NotLearnable(ValueError):
         super().__init__(f"{reason} {remedy}".strip())
         self.reason = reason
         self.remedy = remedy
+
+
+EXTRAS = {
+    "control": ("control",),
+    "dask": ("distributed",),
+    "fleet": ("aiohttp", "fsspec", "pyarrow"),
+    "pandas": ("pandas",),
+    "paper": ("matplotlib", "rerun"),
+    "parquet": ("pyarrow",),
+    "plot": ("matplotlib",),
+    "ros2": ("mcap_ros2",),
+    "view": ("rerun",),
+    "xarray": ("xarray",),
+}
+"""Modules by the name of the extra in pyproject.toml."""
+
+
+class MissingExtra(ImportError):
+    """A package of an extra is not installed; the message is one sentence with the command that installs it."""
+
+
+def missing(extra: str) -> tuple[str, ...]:
+    """The modules of an extra that are not installed; nothing is imported."""
+    return tuple(name for name in EXTRAS[extra] if find_spec(name) is None)
+
+
+def advice(purpose: str, extra: str) -> str:
+    """One sentence, such as "The dashboard needs rerun: pip install 'mavdem[view]'."; empty if nothing is missing."""
+    names = missing(extra)
+    return f"{purpose} needs {' and '.join(names)}: pip install 'mavdem[{extra}]'." if names else ""
+
+
+def require(purpose: str, extra: str) -> None:
+    """Raises ``MissingExtra`` with :func:`advice` if a package of the extra is missing."""
+    if sentence := advice(purpose, extra):
+        raise MissingExtra(sentence)
+
+
+def downstream(module: str, name: str) -> Any:
+    """What ``mavdem.<module>`` calls ``name``."""
+    return getattr(import_module(f"mavdem.{module}"), name)
+
+
+class FlightDownstream:
+    """What becomes of a :class:`mavdem.Flight`."""
+
+    def to_pandas(self) -> Any:
+        """A ``pandas.DataFrame``: a row a sample, by time in s; columns named with their units as in ``flight.csv``.
+
+        Raises:
+            ImportError: pandas is not installed.
+        """
+        require("Flight.to_pandas()", "pandas")
+        return downstream("export.frames", "to_pandas")(self)
+
+    def to_xarray(self) -> Any:
+        """An ``xarray.Dataset``: inputs and outputs by time in s and name, their units beside them.
+
+        Raises:
+            ImportError: xarray is not installed.
+        """
+        require("Flight.to_xarray()", "xarray")
+        return downstream("export.frames", "to_xarray")(self)
+
+    def _repr_html_(self) -> str:
+        return str(downstream("report.html", "flight_html")(self))
+
+
+class LearnedDownstream:
+    """What becomes of a :class:`mavdem.Learned`."""
+
+    @property
+    def plot(self) -> Any:
+        """Its pictures: ``plot.bode()`` and others return a ``matplotlib.figure.Figure``; see ``mavdem.plot.Plots``.
+
+        Raises:
+            ImportError: matplotlib is not installed.
+        """
+        require("Learned.plot", "plot")
+        return downstream("plot", "Plots")(self)
+
+    def summary(self) -> str:
+        """What the vehicle does in wind, on one screen; without windows that the model has not seen.
+
+        ``mavdem.evaluate.held_out_windows`` forecasts such windows.
+        """
+        return str(downstream("report.screen", "summary")(self))
+
+    def to_control(self) -> Any:
+        """The model as a ``control.StateSpace``, about its trim; states, inputs and outputs have their names.
+
+        Raises:
+            ImportError: control is not installed.
+        """
+        require("Learned.to_control()", "control")
+        return downstream("export.control_systems", "to_control")(self)
+
+    def _repr_html_(self) -> str:
+        return str(downstream("report.html", "learned_html")(self))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from mavdem.downstream import FlightDownstream
+from mavdem.errors import FlightDownstream
 
 MAX_VALUE = 1e100
 """Of any number of a flight: differences and squares of larger ones overflow."""

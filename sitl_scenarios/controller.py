@@ -11,9 +11,9 @@ from math import atan, cos, exp, fsum, hypot, pi, radians, sin
 from typing import NamedTuple
 
 from sitl_scenarios.dynamics import Four, Three, euler, frame, mix, pulse
-from sitl_scenarios.plan import Wanted
+from sitl_scenarios.plan import Reference
 from sitl_scenarios.scenario import VehicleSpec
-from sitl_scenarios.sensors import Known
+from sitl_scenarios.sensors import StateEstimate
 from sitl_scenarios.vehicles import GRAVITY, airframe
 
 FASTEST = 25.0  # rad/s: bandwidth of the rate loop that is not exceeded, for the noise that it would put on the motors
@@ -24,7 +24,7 @@ MAX_PUSH = 7.0
 """m/s²: most that is held against the wind for good, about what ``MAX_TILT`` gives; a storm must not wind it up."""
 
 
-class Asked(NamedTuple):
+class ControlOutput(NamedTuple):
     """By the autopilot in one cycle."""
 
     outputs: Four  # motor commands, 1000 to 2000 µs
@@ -64,13 +64,13 @@ class Controller:
         self._push, self._smooth, self._trim, self._slow = ([0.0, 0.0, 0.0] for _ in range(4))
         self._heading = 0.0
 
-    def asked(self, known: Known, wanted: Wanted, flying: bool) -> Asked:
+    def control(self, estimate: StateEstimate, reference: Reference, flying: bool) -> ControlOutput:
         """What one cycle asks for; nothing is learnt unless ``flying``."""
-        (vn, ve, vd), (pn, pe, pd) = known.velocity, known.position
+        (vn, ve, vd), (pn, pe, pd) = estimate.velocity, estimate.position
         along, fast = self._position, self._velocity
-        wn, we = -along * pn, along * (wanted.aside - pe)
+        wn, we = -along * pn, along * (reference.aside - pe)
         limit = MAX_SPEED / max(MAX_SPEED, hypot(wn, we))
-        wd = -wanted.climb + min(max(along * (-wanted.height - pd), -MAX_SPEED), MAX_SPEED)
+        wd = -reference.climb + min(max(along * (-reference.height - pd), -MAX_SPEED), MAX_SPEED)
         error = (wn * limit - vn, we * limit - ve, wd - vd)
         push, smooth = self._push, self._smooth
         # A fifth of the loop's bandwidth for the integral: wind is found in about two seconds.
@@ -82,10 +82,10 @@ class Controller:
             smooth[i] += self._smooths * (fast * error[i] - smooth[i])
         an, ae, ad = smooth[0] + push[0], smooth[1] + push[1], smooth[2] + push[2]
 
-        roll, pitch, yaw = euler(known.attitude)
+        roll, pitch, yaw = euler(estimate.attitude)
         forward, right = an * cos(yaw) + ae * sin(yaw), ae * cos(yaw) - an * sin(yaw)
         lift = max(GRAVITY - ad, 0.2 * GRAVITY)
-        more_roll, more_pitch, yaw_rate = wanted.demand
+        more_roll, more_pitch, yaw_rate = reference.demand
         wanted_pitch = min(max(atan(-forward / lift), -MAX_TILT), MAX_TILT)
         wanted_roll = min(max(atan(right / lift * cos(wanted_pitch)), -MAX_TILT), MAX_TILT) + more_roll
         wanted_pitch += more_pitch
@@ -101,7 +101,7 @@ class Controller:
             _limited(stiff * (wanted_pitch - pitch)),
             _limited(stiff / 4 * _wrapped(self._heading - yaw) + yaw_rate),
         )
-        p, q, r = known.rates
+        p, q, r = estimate.rates
         per_roll, per_pitch, per_yaw = self._per_unit
         # The thrust curve undone, as both autopilots do.
         command = self._body.command_for(self._body.speed_for(thrust / 4)) / self._body.full
@@ -113,7 +113,7 @@ class Controller:
         )
         a, b, c, d = mix(self._frame, demands)
         outputs = pulse(a), pulse(b), pulse(c), pulse(d)
-        return Asked(outputs, demands, (wanted_roll, wanted_pitch, self._heading), rates)
+        return ControlOutput(outputs, demands, (wanted_roll, wanted_pitch, self._heading), rates)
 
     def _steered(self, axis: int, wanted: float, rate: float, flying: bool) -> float:
         """The angular acceleration to ask for about an axis, rad/s², for a rate that is ``wanted``, rad/s."""

@@ -96,7 +96,7 @@ Three = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 
 
-class Air(NamedTuple):
+class AirState(NamedTuple):
     """The air about the vehicle, and what else pushes it."""
 
     north: float = 0.0  # with east, down: m/s, where it moves to
@@ -109,7 +109,7 @@ class Air(NamedTuple):
     yaw: float = 0.0
 
 
-class Wear(NamedTuple):
+class Damage(NamedTuple):
     """Damage of a vehicle: shares that are left of what its four rotors do, and where its centre of mass is."""
 
     speed: Four = (1.0,) * 4  # of each rotor, at the same command
@@ -118,20 +118,20 @@ class Wear(NamedTuple):
     centre: tuple[float, float] = (0.0, 0.0)  # of mass: how far forward and right of the published one, m
 
 
-SOUND = Wear()
+UNDAMAGED = Damage()
 
 
-def damages(scenario: Scenario) -> list[tuple[float, Wear]]:
+def damages(scenario: Scenario) -> list[tuple[float, Damage]]:
     """Seconds after the first arming, and the condition from then on, of all damage in order; none of a sound one."""
     vehicle, propeller, load = scenario.vehicle, scenario.propeller, scenario.load
     begins = [vehicle.weak_from] * bool(vehicle.weak_motor) + [propeller.start] * bool(propeller.motor)
     begins += [load.start] * bool(load.forward or load.right)
 
-    def at(time: float) -> Wear:
+    def at(time: float) -> Damage:
         weak = vehicle.weak_motor if time >= vehicle.weak_from else 0
         chipped = propeller.motor if time >= propeller.start else 0
         shifted = time >= load.start
-        return Wear(
+        return Damage(
             # Thrust goes with the square of the speed.
             speed=_all_but(weak, sqrt(vehicle.weak_thrust)),
             thrust=_all_but(chipped, propeller.thrust),
@@ -151,11 +151,11 @@ def _all_but(motor: int, share: float) -> Four:
 Change = tuple[float, float, float, float, float, float, float, float, float, float, float, float]
 """Acceleration NED (m/s²), angular acceleration in body axes (rad/s²), and of that the disturbance: force NED (N) and
 moment in body axes (N m) of everything but weight and the rotors' thrust and torque in still air."""
-Dynamics = Callable[[Quaternion, Three, Three, Four, Air], Change]
+Dynamics = Callable[[Quaternion, Three, Three, Four, AirState], Change]
 """Of attitude (body to NED), velocity (NED, m/s), body rates (rad/s), rotor speeds (rad/s) and the air."""
 
 
-def dynamics(vehicle: VehicleSpec, condition: Wear = SOUND) -> Dynamics:
+def dynamics(vehicle: VehicleSpec, condition: Damage = UNDAMAGED) -> Dynamics:
     """Accelerations of a vehicle in the air as a function of its state; flown, and linearised, by this one function."""
     body = airframe(vehicle)
     places = frame(vehicle.frame, body.arm)
@@ -172,7 +172,7 @@ def dynamics(vehicle: VehicleSpec, condition: Wear = SOUND) -> Dynamics:
     along = body.rotor_drag if vehicle.rotor_drag else 0.0
     through = body.inflow if vehicle.rotor_drag else 0.0
 
-    def change(attitude: Quaternion, velocity: Three, rates: Three, rotors: Four, air: Air) -> Change:
+    def change(attitude: Quaternion, velocity: Three, rates: Three, rotors: Four, air: AirState) -> Change:
         # Unrolled into floats: numpy's calls on arrays of three would take ten times as long.
         w, x, y, z = attitude
         vn, ve, vd = velocity
@@ -287,7 +287,7 @@ class Body:
         up, down = airframe(vehicle).lag
         self._keeps = tuple(exp(-step / tau) if tau else 0.0 for tau in (up / 0.5, up, down / 0.5, down))
 
-    def damage(self, condition: Wear) -> None:
+    def damage(self, condition: Damage) -> None:
         """From now on it is what is left of the vehicle."""
         self._change = dynamics(self._vehicle, condition)
 
@@ -297,7 +297,7 @@ class Body:
             _, rotors = self._lagged(rotors, targets)
         return rotors
 
-    def moved(self, state: State, targets: Four, air: Air, steps: int) -> State:
+    def moved(self, state: State, targets: Four, air: AirState, steps: int) -> State:
         """The state after some steps in the air; ``targets``: what the rotors' commands settle at, rad/s."""
         change, h, half = self._change, self._step, self._step / 2
         (x, y, z), (u, v, w), attitude, (p, q, r), rotors, last = state

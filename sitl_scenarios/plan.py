@@ -25,7 +25,7 @@ _AXES = ("roll", "pitch", "yaw")
 _NO_DEMAND: Three = (0.0, 0.0, 0.0)
 
 
-class Wanted(NamedTuple):
+class Reference(NamedTuple):
     """At one instant of the flight."""
 
     landed_state: int  # MAV_LANDED_STATE: 1 on the ground, 2 in the air, 3 taking off, 4 landing
@@ -79,21 +79,21 @@ class Plan:
             samples = round((self._times.landing - self._times.hover) / cycle)
             self._table = _sticks(scenario, scenario.excitation, cycle, samples)
 
-    def at(self, time: float) -> Wanted:
-        """What is wanted ``time`` seconds after arming."""
+    def at(self, time: float) -> Reference:
+        """Returns the reference ``time`` seconds after arming."""
         climb, descent, hover, landing = self._times
         if time < SPIN_UP_SECONDS:
-            return Wanted(1, 0.0, 0.0, 0.0)
+            return Reference(1, 0.0, 0.0, 0.0)
         if time < hover:
             done, rate = _smooth((time - SPIN_UP_SECONDS) / climb)
-            return Wanted(3, self._height * done, self._height * rate / climb, 0.0)
+            return Reference(3, self._height * done, self._height * rate / climb, 0.0)
         if time < landing:
             excited = hover + SETTLE_SECONDS <= time < landing - SETTLE_SECONDS
             aside, demand = self._excited(time - hover - SETTLE_SECONDS) if excited else (0.0, _NO_DEMAND)
-            return Wanted(2, self._height, 0.0, aside, demand, excited and isinstance(self._excitation, Sticks))
+            return Reference(2, self._height, 0.0, aside, demand, excited and isinstance(self._excitation, Sticks))
         done, rate = _smooth(min((time - landing) / descent, 1.0))
         way = self._height + 0.2  # aims below the ground, so as to touch it
-        return Wanted(4, self._height - way * done, -way * rate / descent, 0.0)
+        return Reference(4, self._height - way * done, -way * rate / descent, 0.0)
 
     def _excited(self, time: float) -> tuple[float, Three]:
         """Aside (m) and demand, ``time`` seconds after the excitation began."""
@@ -119,17 +119,17 @@ def _about(axis: str, value: float) -> Three:
     return roll, pitch, yaw
 
 
-def _sticks(scenario: Scenario, wanted: Sticks, cycle: float, samples: int) -> list[Three]:
+def _sticks(scenario: Scenario, sticks: Sticks, cycle: float, samples: int) -> list[Three]:
     """Demands at each of so many cycles; a stick stops at its end."""
     demands = np.zeros((samples, 3))
     for number, (name, full) in enumerate(zip(_AXES, FULL_STICK, strict=True)):
-        if wanted.axis in (name, "all"):
-            moved = gaussian_noise(wanted.s, cycle, samples, scenario.random(STICKS, number))
-            demands[:, number] = np.clip(radians(wanted.sd) * moved, -full, full)
+        if sticks.axis in (name, "all"):
+            moved = gaussian_noise(sticks.s, cycle, samples, scenario.random(STICKS, number))
+            demands[:, number] = np.clip(radians(sticks.sd) * moved, -full, full)
     return [(roll, pitch, yaw) for roll, pitch, yaw in demands.tolist()]
 
 
-def _multisine(wanted: Multisine, cycle: float) -> list[Three]:
+def _multisine(multisine: Multisine, cycle: float) -> list[Three]:
     """Demands at each cycle of one period.
 
     Sines of equal power at the harmonics of the period, with the phases that keep the peak low: −πk(k − 1)/N for the
@@ -137,14 +137,14 @@ def _multisine(wanted: Multisine, cycle: float) -> list[Three]:
     each has every third of them, so that the demands are orthogonal (E. Morelli, "Multiple input design for real-time
     parameter estimation in the frequency domain", IFAC Symposium on System Identification, 2003).
     """
-    first, last = max(1, round(wanted.lowest * wanted.period)), round(wanted.highest * wanted.period)
+    first, last = max(1, round(multisine.lowest * multisine.period)), round(multisine.highest * multisine.period)
     lines = range(first, max(last, first) + 1)
-    samples = round(wanted.period / cycle)
+    samples = round(multisine.period / cycle)
     demands = np.zeros((samples, 3))
     for number, name in enumerate(_AXES):
-        if wanted.axis in (name, "all"):
-            own = lines[number::3] if wanted.axis == "all" else lines
-            demands[:, number] = _sines(own, samples, radians(wanted.sd))
+        if multisine.axis in (name, "all"):
+            harmonics = lines[number::3] if multisine.axis == "all" else lines
+            demands[:, number] = _sines(harmonics, samples, radians(multisine.sd))
     return [(roll, pitch, yaw) for roll, pitch, yaw in demands.tolist()]
 
 

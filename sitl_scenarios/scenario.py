@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AliasChoices, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 _COUNTED = {"wind": "wind", "moments": "moment"}  # Sections that there may be several of, and what one is called
 _ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth")
@@ -325,7 +325,7 @@ class Sensors(Section):
 class StreamSpec(Section):
     """What the autopilot sends."""
 
-    speaks: Literal["px4", "ardupilot"] = "px4"
+    autopilot: Literal["px4", "ardupilot"] = Field(default="px4", validation_alias=AliasChoices("autopilot", "speaks"))
     """Whose messages, units and parameters."""
     rate: Annotated[float, Field(ge=0.1, le=400)] = 100.0
     """Hz of attitude and of motor outputs; other messages that come often come at a quarter of it."""

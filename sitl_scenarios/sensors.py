@@ -66,7 +66,7 @@ def vibration(scenario: Scenario, motion: Motion) -> NDArray[np.float64]:
     return felt
 
 
-class Known(NamedTuple):
+class StateEstimate(NamedTuple):
     """The autopilot's estimates; units as in ``State``."""
 
     position: Three
@@ -89,7 +89,7 @@ class Sensing:
         sds = (sensors.position_sd, sensors.velocity_sd, sensors.attitude_sd / 2, sensors.rate_sd)
         self._noise = _rows(np.repeat(sds, 3), noise)
 
-    def known(self, state: State, shaken: Three = (0.0, 0.0, 0.0)) -> Known:
+    def estimate(self, state: State, shaken: Three = (0.0, 0.0, 0.0)) -> StateEstimate:
         """What is known once the vehicle is in ``state``, its gyro ``shaken``, rad/s; one call each cycle."""
         self._seen.append(state)
         last = len(self._seen) - 1
@@ -101,7 +101,7 @@ class Sensing:
         a, b, c, d = k * a + m * a0, k * b + m * b0, k * c + m * c0, k * d + m * d0
         a, b, c, d = turned((a, b, c, d), (ea, eb, ec))
         size = 1.0 / sqrt(a * a + b * b + c * c + d * d)
-        return Known(
+        return StateEstimate(
             (k * x + m * x0 + nx, k * y + m * y0 + ny, k * z + m * z0 + nz),
             (k * u + m * u0 + nu, k * v + m * v0 + nv, k * w + m * w0 + nw),
             (a * size, b * size, c * size, d * size),

@@ -8,18 +8,18 @@ from math import ceil, fsum, hypot, sqrt
 
 import numpy as np
 
-from sitl_scenarios.controller import Asked, Controller
+from sitl_scenarios.controller import Controller, ControlOutput
 from sitl_scenarios.dynamics import (
     DISARMED_PULSE,
     IDLE_COMMAND,
     MAX_PULSE,
     MIN_PULSE,
-    SOUND,
-    Air,
+    UNDAMAGED,
+    AirState,
     Body,
+    Damage,
     Four,
     State,
-    Wear,
     damages,
     dynamics,
     pulse,
@@ -52,7 +52,7 @@ class Simulation:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
-        self.cycle = CYCLES[scenario.stream.speaks]
+        self.cycle = CYCLES[scenario.stream.autopilot]
         self._steps = ceil(self.cycle / MAX_STEP_SECONDS - 1e-9)
         self._body = Body(scenario.vehicle, self.cycle / self._steps)
         self._dynamics = dynamics(scenario.vehicle)
@@ -71,7 +71,7 @@ class Simulation:
         self._more = scenario.flights - 1
         spec = scenario.vehicle
         self._per_watt = spec.battery_load / (4 * self._airframe.power_at(self._airframe.hover_speed))
-        self._condition = SOUND
+        self._condition = UNDAMAGED
         # Of the first arming, whatever the number of flights.
         self._damage = [(self._boot + round(begin / self.cycle), left) for begin, left in damages(scenario)]
         self._unbalance = Unbalance(spec, scenario.propeller, self.cycle)
@@ -133,15 +133,15 @@ class Simulation:
         if self._per_watt:
             battery -= self._per_watt * fsum(self._airframe.power_at(speed) for speed in state.rotors)
         shaken = self._unbalance.at(state.rotors, self._condition.thrust)
-        known = self._sensing.known(state, shaken)
-        wanted = self._plan.at(flown * self.cycle)
-        landed = 1 if self._grounded and not (self.armed and wanted.landed_state == 3) else wanted.landed_state
+        estimate = self._sensing.estimate(state, shaken)
+        reference = self._plan.at(flown * self.cycle)
+        landed = 1 if self._grounded and not (self.armed and reference.landed_state == 3) else reference.landed_state
         if not self.armed:
-            asked = Asked((DISARMED_PULSE[self.scenario.stream.speaks],) * 4, (0.0,) * 4)
-        elif wanted.landed_state == 1 or self._down:
-            asked = Asked((pulse(IDLE_COMMAND),) * 4, (0.0, 0.0, 0.0, IDLE_COMMAND))
+            control = ControlOutput((DISARMED_PULSE[self.scenario.stream.autopilot],) * 4, (0.0,) * 4)
+        elif reference.landed_state == 1 or self._down:
+            control = ControlOutput((pulse(IDLE_COMMAND),) * 4, (0.0, 0.0, 0.0, IDLE_COMMAND))
         else:
-            asked = self._controller.asked(known, wanted, not self._grounded)
+            control = self._controller.control(estimate, reference, not self._grounded)
         acting = (0.0,) * 12
         if not self._grounded:
             acting = self._dynamics(state.attitude, state.velocity, state.rates, state.rotors, air)
@@ -151,15 +151,15 @@ class Simulation:
             *state.velocity,
             *state.attitude,
             *state.rates,
-            *known.attitude,
-            *known.rates,
-            *known.position,
-            *known.velocity,
-            *asked.outputs,
-            *asked.demands,
-            *asked.attitude,
-            *asked.rates,
-            *(wanted.demand if wanted.by_stick and self.armed else (0.0,) * 3),
+            *estimate.attitude,
+            *estimate.rates,
+            *estimate.position,
+            *estimate.velocity,
+            *control.outputs,
+            *control.demands,
+            *control.attitude,
+            *control.rates,
+            *(reference.demand if reference.by_stick and self.armed else (0.0,) * 3),
             *state.rotors,
             battery,
             *air[:3],
@@ -167,11 +167,11 @@ class Simulation:
             float(self.armed),
             float(landed),
         )
-        self._move(self._targets(asked.outputs, battery), air, wanted.landed_state)
+        self._move(self._targets(control.outputs, battery), air, reference.landed_state)
         self._now += 1
         return row
 
-    def _break(self, condition: Wear) -> None:
+    def _break(self, condition: Damage) -> None:
         self._condition = condition
         self._body.damage(condition)
         self._dynamics = dynamics(self.scenario.vehicle, condition)
@@ -191,7 +191,7 @@ class Simulation:
         a, b, c, d = ((slope * (us - MIN_PULSE) + offset) * left for us, left in zip(outputs, shares, strict=True))
         return a, b, c, d
 
-    def _move(self, targets: Four, air: Air, phase: int) -> None:
+    def _move(self, targets: Four, air: AirState, phase: int) -> None:
         """Through a cycle, off the ground and onto it."""
         state = self._state
         if self._grounded:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from mavdem.files import atomic_write
-from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, PAPER_ORDER, SOUND, Air, Wear, damages, dynamics
+from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE, PAPER_ORDER, UNDAMAGED, AirState, Damage, damages, dynamics
 from sitl_scenarios.motion import IN_AIR, Array, Motion
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import Axis, Scenario, VehicleSpec
@@ -93,13 +93,13 @@ def axis(vehicle: VehicleSpec, axis: Axis = "roll", lag: bool = True) -> Linear:
     return Linear((*names, f"{axis} drive"), A, B)
 
 
-def rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: Wear = SOUND) -> Array:
+def rotor_effects(vehicle: VehicleSpec, rotors: Array, air: Array, condition: Damage = UNDAMAGED) -> Array:
     """(3, 4) roll, pitch and yaw acceleration, rad/s², by the speed of each rotor, rad/s, at ``rotors`` (4,), rad/s.
 
     In steady flight through ``air`` (3,), m/s: its motion relative to the body, in the body's axes.
     """
     change = dynamics(vehicle, condition)
-    level, still, about = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), Air(*air.tolist())
+    level, still, about = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), AirState(*air.tolist())
 
     def acceleration(speeds: Array) -> Array:
         o1, o2, o3, o4 = speeds.tolist()
@@ -136,7 +136,7 @@ def _derivative(vehicle: VehicleSpec) -> Callable[[Array], Array]:
         w, x, y, z = Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat(scalar_first=True).tolist()
         vn, ve, vd = state[3:6].tolist()
         o1, o2, o3, o4 = state[12:].tolist()
-        acting = change((w, x, y, z), (vn, ve, vd), (float(p), float(q), float(r)), (o1, o2, o3, o4), Air())
+        acting = change((w, x, y, z), (vn, ve, vd), (float(p), float(q), float(r)), (o1, o2, o3, o4), AirState())
         turning = q * sin(roll) + r * cos(roll)
         angles = (p + turning * tan(pitch), q * cos(roll) - r * sin(roll), turning / cos(pitch))
         targets = [body.rotor_speed(command) for command in commands.tolist()]
@@ -179,7 +179,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     arrays["scenario"] = np.array(scenario.model_dump_json())
     arrays["trim"] = np.full(4, 1000 + 1000 * body.hover_command / body.full)
     arrays |= _effects(scenario, motion) | _damage(scenario, motion) | {"vibration": vibration(scenario, motion)}
-    arrays["delay"] = np.array(scenario.sensors.delay + CYCLES[scenario.stream.speaks] / 2)
+    arrays["delay"] = np.array(scenario.sensors.delay + CYCLES[scenario.stream.autopilot] / 2)
     arrays["voltage"] = CHARGED * motion.battery
     arrays["lag"] = np.array([(up + down) / 2, up, down])
     for number, name in enumerate(AXES):
@@ -195,7 +195,7 @@ def truth(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
 def _damage(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     """``weak``, what is left of every motor, and the centre of mass."""
     begins = [(BOOT_SECONDS + begin, condition) for begin, condition in damages(scenario)]
-    left = [SOUND, *(condition for _, condition in begins)]
+    left = [UNDAMAGED, *(condition for _, condition in begins)]
     number = np.searchsorted([begin for begin, _ in begins], motion.time, side="right")
     parts = {f"{name}_left": np.array([getattr(one, name) for one in left]) for name in ("speed", "thrust", "torque")}
     parts["centre"] = np.array([one.centre for one in left])
@@ -207,12 +207,12 @@ def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
     """``roll_effect`` and its likes."""
     spec, body, found = scenario.vehicle, airframe(scenario.vehicle), dict[str, Array]()
     hover, begins = motion.landed_state == IN_AIR, damages(scenario)
-    parts = {"": (hover, SOUND)}
+    parts = {"": (hover, UNDAMAGED)}
     if begins:
         (first, _), (last, condition) = begins[0], begins[-1]
         before, after = hover & (motion.time < BOOT_SECONDS + first), hover & (motion.time >= BOOT_SECONDS + last)
         # Where it is broken in all of the hover, there is one part of it.
-        parts = {"": (before, SOUND), "_weak": (after, condition)} if before.any() else {"": (after, condition)}
+        parts = {"": (before, UNDAMAGED), "_weak": (after, condition)} if before.any() else {"": (after, condition)}
     for suffix, (rows, condition) in parts.items():
         if not rows.any():
             continue

@@ -24,7 +24,7 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import fftconvolve, lfilter
 from scipy.special import gamma, gammainc, kv
 
-from sitl_scenarios.dynamics import Air, Three, frame
+from sitl_scenarios.dynamics import AirState, Three, frame
 from sitl_scenarios.motion import Array
 from sitl_scenarios.scenario import (
     MOMENT,
@@ -249,7 +249,7 @@ class Weather:
 
     def __init__(self, scenario: Scenario, dt: float, time: Array) -> None:
         samples = len(time)
-        # Columns as in Air.
+        # Columns as in AirState.
         air = np.zeros((samples, 8))
         self._jets: list[JetWind] = []
         for number, wind in enumerate(scenario.wind):
@@ -268,13 +268,13 @@ class Weather:
                     air[:, :5] += _turbulent(wind, scenario, dt, samples, noise)
         for number, moment in enumerate(scenario.moments):
             noise = scenario.random(MOMENT, number)
-            air[:, Air._fields.index(moment.axis)] += moment.sd * gaussian_noise(moment.s, dt, samples, noise)
+            air[:, AirState._fields.index(moment.axis)] += moment.sd * gaussian_noise(moment.s, dt, samples, noise)
         self._air = air
 
-    def at(self, cycle: int, position: Three) -> Air:
+    def at(self, cycle: int, position: Three) -> AirState:
         """The air at ``position`` (NED, m) in a cycle, counted from 0; before the first and after the last, theirs."""
         cycle = min(max(cycle, 0), len(self._air) - 1)
-        air = Air(*self._air[cycle].tolist())
+        air = AirState(*self._air[cycle].tolist())
         for jet in self._jets:
             north, east, down = jet.at(cycle, position)
             air = air._replace(north=air.north + north, east=air.east + east, down=air.down + down)

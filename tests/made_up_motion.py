@@ -14,9 +14,9 @@ ROLL = 0.2
 """rad, how far the roll swings, at 0.7 Hz."""
 
 
-def made_up_motion(seconds: float = 20.0, begin: float = 0.0, speaks: str = "px4") -> Motion:
+def made_up_motion(seconds: float = 20.0, begin: float = 0.0, autopilot: str = "px4") -> Motion:
     """A flight of so many seconds, on the ground at its ends; its boot clock begins at ``begin``."""
-    cycle = CYCLES[speaks]
+    cycle = CYCLES[autopilot]
     count = round(seconds / cycle)
     since = np.arange(count) * cycle
     time = begin + since
@@ -36,7 +36,9 @@ def made_up_motion(seconds: float = 20.0, begin: float = 0.0, speaks: str = "px4
     velocity = np.column_stack([np.cos(angle), -np.sin(angle), 0 * angle])
     swing = 60 * flying * np.sin(angle + 1.0)
     signs = np.array([-1, 1, 1, -1])
-    outputs = np.round(np.where(armed, 1100 + 400 * flying, DISARMED_PULSE[speaks])[:, None] + swing[:, None] * signs)
+    outputs = np.round(
+        np.where(armed, 1100 + 400 * flying, DISARMED_PULSE[autopilot])[:, None] + swing[:, None] * signs
+    )
     return Motion(
         time=time,
         position=position,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-import mavdem.comparison
+import mavdem.evaluate
 from mavdem.cli.commands import imported_command
 from sitl_scenarios.files import names as scenarios
 
@@ -28,7 +28,7 @@ def test_the_comparison_s_examples_run(monkeypatch, capsys):
     examples = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "comparison.md").read_text(), re.DOTALL)
     monkeypatch.chdir(ROOT)
     # All of them are in tests/cli/test_compare.py.
-    monkeypatch.setattr(mavdem.comparison, "METHODS", mavdem.comparison.METHODS[-3:])
+    monkeypatch.setattr(mavdem.evaluate, "METHODS", mavdem.evaluate.METHODS[-3:])
     for code in examples:
         exec(code, {"__name__": "__main__"})
     assert len(examples) == 2

@@ -13,7 +13,7 @@ import pytest
 
 from mavdem.cli.commands import main
 from mavdem.cli.live import Dashboard
-from mavdem.extras import EXTRAS, MissingExtra, advice, require
+from mavdem.errors import EXTRAS, MissingExtra, advice, require
 
 ROOT = Path(__file__).parents[1]
 LOG = ROOT / "logs" / "ardupilot_wind5_steps.tlog"

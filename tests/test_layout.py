@@ -17,7 +17,7 @@ MAX_LINES = 500
 """Of one file: a chapter, not a book."""
 
 FLOORS = (
-    {"errors", "extras", "files", "forecaster"},
+    {"confidence", "errors", "extras", "files", "forecaster"},
     {"downstream"},
     {"flight"},
     {"ingest"},
@@ -64,8 +64,8 @@ ROOMS_OF_LIBRARIES = {
 
 ARRAYS = sys.stdlib_module_names | {"numpy", "scipy", "threadpoolctl", "pydantic"}
 USED_BY = {
-    "mavdem.dem": {"mavdem.dem", "mavdem.downstream"},
-    "mavdem.health": {"mavdem.health", "mavdem.alignment", "mavdem.dem", "mavdem.condition"},
+    "mavdem.dem": {"mavdem.dem", "mavdem.confidence", "mavdem.errors"},
+    "mavdem.health": {"mavdem.health", "mavdem.confidence", "mavdem.alignment", "mavdem.dem", "mavdem.condition"},
     "sitl_scenarios": {"sitl_scenarios", "mavdem.errors", "mavdem.files", "mavdem.ingest.mavlink"},
 }
 """Rooms that know arrays only, and what of ours they may use: no file, link or viewer."""

@@ -1,20 +1,121 @@
-"""Alignment: attitude and inputs of a segment on one uniform clock, as a Flight."""
+"""Alignment: segments of settled flight without gaps, and their attitude and inputs on one uniform clock: a Flight."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 from scipy.signal import butter, sosfiltfilt
 
-from mavdem.alignment.columns import Signal
-from mavdem.alignment.segments import STAMP_SECONDS, Segment, is_sampled, within
-from mavdem.alignment.setpoints import Setpoint, held
-from mavdem.alignment.signals import Signals, axis_outputs
+from mavdem.alignment import phases
+from mavdem.alignment.drive import Motors, Signal
+from mavdem.alignment.phases import Intervals, both, unbroken
+from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals, axis_outputs, held
 from mavdem.flight import Flight
+
+MEDIAN_STEPS = 41
+"""Steps, about 1 s at ``MINIMUM_RATE``, whose median is a stream's usual step. A median follows a change of rate to the
+very step, and is not moved by the loss of a fifth of the messages."""
+STEP_TOLERANCE = 1.1
+"""How much longer than 1/``MINIMUM_RATE`` usual steps may be, so that jitter of the stamps does not split a stream. The
+verdict decides whether the mean rate of a segment is enough."""
+MAX_GAP_SECONDS = 0.1  # Longest silence that is bridged: half a period of 5 Hz, a frequency at which roll still moves
+STAMP_SECONDS = 1e-3  # Resolution of ``time_boot_ms``: two stamps no further apart may belong to the same moment
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Settled flight from ``start`` to ``end``, seconds on one boot's clock, with attitude and inputs throughout."""
+
+    boot: int
+    start: float
+    end: float
+
+    @property
+    def duration(self) -> float:
+        """Seconds from start to end."""
+        return self.end - self.start
+
+
+def settled_segments(signals: Signals) -> tuple[Segment, ...]:
+    """Segments of one boot each: armed, airborne, settled, upright, fast and without gaps; the longest first.
+
+    A step longer than ``MAX_GAP_SECONDS``, or messages that usually come slower than ``MINIMUM_RATE``, end a segment:
+    ground stations change the rates in flight. Only where that leaves no segment at all is any rate allowed, and steps
+    of three intervals; the verdict then decides.
+    """
+    attitude, drive = signals.attitude, signals.drive
+    if attitude is None or drive is None:
+        return ()
+    found: list[Segment] = []
+    for unbroken_runs in (_fast, _at_any_rate):
+        for boot in np.intersect1d(attitude.boot, drive.boot):
+            runs = [unbroken_runs(stream.time[stream.boot == boot]) for stream in (attitude, drive)]
+            for start, end in both(both(*runs), phases.settled(signals, boot)):
+                segment = Segment(int(boot), start, end)
+                if segment.duration >= 1.0 and is_sampled(attitude, drive, segment):
+                    found.append(segment)
+        if found:
+            break
+    return tuple(sorted(found, key=lambda segment: -segment.duration))
+
+
+def longest_recorded(signals: Signals) -> Segment | None:
+    """The longest part, flown or not, in which attitude and inputs come without gaps, at any rate; None without any."""
+    attitude, drive = signals.attitude, signals.drive
+    if attitude is None or drive is None:
+        return None
+    found = (
+        Segment(int(boot), start, end)
+        for boot in np.intersect1d(attitude.boot, drive.boot)
+        for start, end in both(*(_at_any_rate(stream.time[stream.boot == boot]) for stream in (attitude, drive)))
+    )
+    sampled = (segment for segment in found if is_sampled(attitude, drive, segment))
+    return max(sampled, key=lambda segment: segment.duration, default=None)
+
+
+def within(stream: Attitude | Motors | Signal, *segments: Segment) -> NDArray[np.bool_]:
+    """Returns which samples (N,) belong to the segments, those up to ``STAMP_SECONDS`` beyond an end included."""
+    inside = np.zeros(len(stream.time), dtype=np.bool_)
+    for part in segments:
+        near = (stream.time >= part.start - STAMP_SECONDS) & (stream.time <= part.end + STAMP_SECONDS)
+        inside |= near & (stream.boot == part.boot)
+    return inside
+
+
+def is_sampled(attitude: Attitude, motors: Motors, segment: Segment) -> bool:
+    """Whether both streams have the two samples in the segment that a rate takes, and a time in common."""
+    near, driven = attitude.time[within(attitude, segment)], motors.time[within(motors, segment)]
+    return len(near) > 1 < len(driven) and bool(max(near[0], driven[0]) <= min(near[-1], driven[-1]))
+
+
+def _fast(time: NDArray[np.float64]) -> Intervals:
+    """Where the stamps (N,) of one boot come at ``MINIMUM_RATE`` or faster and without gaps."""
+    if len(time) < 2:
+        return []
+    steps = np.diff(time)
+    return unbroken(time, _usually_slow(steps) | (steps > MAX_GAP_SECONDS))
+
+
+def slow_runs(time: NDArray[np.float64]) -> Intervals:
+    """Where the stamps (N,) of one boot usually come slower than ``MINIMUM_RATE``; outages are not slow."""
+    return unbroken(time, ~_usually_slow(np.diff(time))) if len(time) > 1 else []
+
+
+def _usually_slow(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
+    return np.asarray(median_filter(steps, size=MEDIAN_STEPS, mode="mirror") > STEP_TOLERANCE / MINIMUM_RATE)
+
+
+def _at_any_rate(time: NDArray[np.float64]) -> Intervals:
+    """Where the stamps (N,) of one boot come without gaps, by the measure of their own usual step."""
+    if len(time) < 2:
+        return []
+    steps = np.diff(time)
+    return unbroken(time, steps > max(MAX_GAP_SECONDS, 3 * float(np.median(steps))))
+
 
 LOW_PASS_RATIO = 1.5
 """A stream that comes so many times as fast as the grid is low-passed first. Below that the filter would reach into the
@@ -59,7 +160,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
     time = grid_of(attitude.time[near], motors.time[drive], dt)
     outputs, attitude_way = sample(time, dt, attitude.time[near], motion[near])
     inputs, motors_way = sample(time, dt, motors.time[drive], motors.outputs[drive])
-    layout, scale = motors.layout, motors.scale
+    layout, scale, asked = motors.layout, motors.scale, signals.setpoints
     return Flight(
         time=time,
         inputs=inputs,
@@ -90,24 +191,15 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
                 "spins": list(layout.spins),
             },
             "scale": asdict(scale),
-            "setpoints": {one.name: telemetry.called(one.message) for one in signals.setpoints},
+            "setpoints": {one.name: telemetry.called(one.message) for one in asked},
             "repairs": list(telemetry.repairs),
         },
         effect_directions=None if layout.positions_assumed else layout.effect(axis),
-        **_asked(signals.setpoints, segment.boot, time),
+        setpoints=np.column_stack([held(one, segment.boot, time) for one in asked]) if asked else None,
+        setpoint_names=tuple(one.name for one in asked) or None,
+        setpoint_units=tuple(one.unit for one in asked) or None,
         voltage=None if signals.voltage is None else _voltage_at(signals.voltage, segment.boot, time),
     )
-
-
-def _asked(setpoints: Sequence[Setpoint], boot: int, time: NDArray[np.float64]) -> dict[str, Any]:
-    """The arguments of a flight that are its setpoints at ``time`` (T,)."""
-    if not setpoints:
-        return {}
-    return {
-        "setpoints": np.column_stack([held(one, boot, time) for one in setpoints]),
-        "setpoint_names": tuple(one.name for one in setpoints),
-        "setpoint_units": tuple(one.unit for one in setpoints),
-    }
 
 
 def _voltage_at(signal: Signal, boot: int, time: NDArray[np.float64]) -> NDArray[np.float64] | None:

@@ -1,16 +1,82 @@
-"""What drives the vehicle: motor outputs or the controller's demand, from a vehicle's Telemetry."""
+"""What drives the vehicle: motor outputs or the controller's demand, from columns of a vehicle's Telemetry."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.alignment.columns import by_preference, floats, in_order, message_counts
 from mavdem.ingest.motors import MotorGeometry, OutputScale, demand_geometry, motor_geometry, output_scale
 from mavdem.ingest.telemetry import Columns, Telemetry
+
+FREQUENT_ENOUGH = 0.9
+"""A preferred message gives way to another only when it comes less often than this share of the other's count."""
+
+MAX_ANGLE = 2 * np.pi  # rad: no Euler angle lies beyond, whatever the convention
+MAX_BODY_RATE = np.radians(4000.0)
+"""rad/s: beyond the range of the gyroscopes that autopilots carry, 2000 °/s and at most 4000."""
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """One quantity: ``values`` (N,) or (N, k) at ``time`` (N,) s of ``boot`` (N,), of ``sent`` messages.
+
+    ``left_out`` counts those not used: not finite, or with the stamp of another. Exact copies do not count.
+    """
+
+    time: NDArray[np.float64]
+    boot: NDArray[np.int64]
+    values: NDArray[np.float64]
+    sent: int = 0
+    left_out: int = 0
+
+
+def floats(columns: Columns, field: str) -> NDArray[np.float64]:
+    """Returns a field of a message as floats; what is no number becomes NaN."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray(columns[field], dtype=np.float64)
+
+
+def series(columns: Columns, values: NDArray[np.float64], rows: NDArray[np.bool_] | None = None) -> Signal:
+    """Returns ``values`` (N,) or (N, k) of a message in time order, each stamp once, without those not finite.
+
+    Of all messages, or of ``rows`` (N,).
+    """
+    time, boot = columns["time"], columns["boot"]
+    if rows is not None:
+        time, boot, values = time[rows], boot[rows], values[rows]
+    sent, table = len(time), values if values.ndim == 2 else values[:, None]
+    finite = np.isfinite(table).all(axis=1) & np.isfinite(time)
+    order = np.flatnonzero(finite)[np.lexsort((time[finite], boot[finite]))]
+    time, boot, table = time[order], boot[order], table[order]
+    new, other = np.ones(len(time), dtype=bool), np.zeros(len(time), dtype=bool)
+    new[1:] = (np.diff(time) > 0) | (np.diff(boot) > 0)
+    other[1:] = (np.diff(table, axis=0) != 0).any(axis=1)
+    left_out = int(np.count_nonzero(~finite)) + int(np.count_nonzero(other & ~new))
+    return Signal(time[new], boot[new], values[order[new]], sent, left_out)
+
+
+def message_counts(telemetry: Telemetry, names: tuple[str, ...]) -> dict[str, int]:
+    """How many of each message there are, of those that there are."""
+    return {name: len(telemetry.messages[name]["time"]) for name in names if name in telemetry.messages}
+
+
+def preferred_message(counts: Mapping[str, int]) -> str | None:
+    """The first of the messages in ``counts``, the preferred first, that came about as often as the most frequent."""
+    most = max(counts.values(), default=0)
+    return next((name for name, count in counts.items() if count and count >= FREQUENT_ENOUGH * most), None)
+
+
+def by_preference(counts: Mapping[str, int]) -> Iterator[str]:
+    """The :func:`preferred_message` of ``counts``, then that of the others, and so on."""
+    left = dict(counts)
+    while (name := preferred_message(left)) is not None:
+        yield name
+        del left[name]
+
 
 TILT_AXES = ("roll", "pitch")  # The axes of a model with angle and rate; yaw has its rate only
 AXES = (*TILT_AXES, "yaw")
@@ -43,22 +109,16 @@ class Motors:
 
 
 def motors(telemetry: Telemetry) -> Motors | None:
-    """Motor outputs; None when no message holds those of all motors, or none of them ever moved.
-
-    From SERVO_OUTPUT_RAW, ACTUATOR_OUTPUT_STATUS or HIL_ACTUATOR_CONTROLS, in that order of preference.
-    """
-    found = _motors_or_obstacle(telemetry)
+    """Returns the motor outputs; None where there are none."""
+    found = motors_or_obstacle(telemetry)
     return None if isinstance(found, tuple) else found
 
 
-def without_motors(telemetry: Telemetry) -> Obstacle:
-    """Why there are no motor outputs, where there are none."""
-    found = _motors_or_obstacle(telemetry)
-    return found if isinstance(found, tuple) else ("", "")
+def motors_or_obstacle(telemetry: Telemetry) -> Motors | Obstacle:
+    """Returns the motor outputs of the most preferred message that has them; else why the most preferred has none.
 
-
-def _motors_or_obstacle(telemetry: Telemetry) -> Motors | Obstacle:
-    """The motors of the most preferred message that has them; else why the most preferred message has none."""
+    There are none where no message holds those of all motors, or none of them ever moved.
+    """
     obstacles: list[Obstacle] = []
     for message in by_preference(message_counts(telemetry, MOTOR_MESSAGES)):
         found = _motors_in(telemetry, message)
@@ -72,10 +132,9 @@ def _motors_or_obstacle(telemetry: Telemetry) -> Motors | Obstacle:
 def _motors_in(telemetry: Telemetry, message: str) -> Motors | Obstacle:
     name = telemetry.called(message)
     banks = _banks(message, telemetry.messages[message])
-    moving = [bank.first + i for bank in banks for i in range(bank.values.shape[1]) if _moves(bank.values[:, i])]
-    plan = motor_geometry(
-        telemetry.vehicle, telemetry.autopilot, telemetry.parameters, moving, banks[0].values.shape[1]
-    )
+    width = banks[0].signal.values.shape[1]
+    moving = [bank.first + i for bank in banks for i in range(width) if _moves(bank.signal.values[:, i])]
+    plan = motor_geometry(telemetry.vehicle, telemetry.autopilot, telemetry.parameters, moving, width)
     if plan is None or not moving:
         return f"The motors did not run: no output in {name} ever changes.", FLY
     there = {channel for bank in banks for channel in bank.among(plan.channels)}
@@ -87,88 +146,79 @@ def _motors_in(telemetry: Telemetry, message: str) -> Motors | Obstacle:
         return f"{of_motors}, which never change in {name}; {_numbers(moving)} do.", FLY
     # One row a message of the bank that holds most motors; the other bank's rows come a moment before or after.
     main = max(banks, key=lambda bank: len(bank.among(plan.channels)))
-    outputs = np.full((len(main.time), len(plan.channels)), np.nan)
+    signal = main.signal
+    outputs = np.full((len(signal.time), len(plan.channels)), np.nan)
     sent = []
     for bank in banks:
         for channel in bank.among(plan.channels):
-            values = bank.values[:, channel - bank.first]
+            values = bank.signal.values[:, channel - bank.first]
             sent.append(values)
-            outputs[:, plan.channels.index(channel)] = values if bank is main else _interpolated(main, bank, values)
-    time, boot, outputs, lost = in_order(main.time, main.boot, outputs)
+            at = plan.channels.index(channel)
+            outputs[:, at] = values if bank is main else _interpolated(signal, bank.signal, values)
+    whole = series({"time": signal.time, "boot": signal.boot}, outputs)
+    if not len(whole.time):
+        return f"{name} has no message with finite outputs of all motors.", "Check what wrote the log."
     # Of the values as sent: interpolated ones fall between the steps of the stream.
     scale = output_scale(np.concatenate(sent), telemetry.parameters)
-    if not len(time):
-        return f"{name} has no message with finite outputs of all motors.", "Check what wrote the log."
-    return Motors(message, time, boot, outputs, plan, scale, main.sent, main.left_out + lost)
+    left_out = signal.left_out + whole.left_out
+    return Motors(message, whole.time, whole.boot, whole.values, plan, scale, signal.sent, left_out)
 
 
 def demand(telemetry: Telemetry, axis: str) -> Motors | None:
-    """The controller's command for the axis, −1 to 1, from ACTUATOR_CONTROL_TARGET; None when it never moved."""
-    bank = _control(telemetry, AXES.index(axis))
-    if bank is None or not _moves(bank.values[:, 0]):
+    """Returns the controller's command for the axis, −1 to 1; None when it never moved."""
+    signal = _control(telemetry, AXES.index(axis))
+    if signal is None or not _moves(signal.values):
         return None
-    scale = OutputScale("demand", "", -1.0, 1.0, float(np.diff(np.unique(bank.values)).min()))
-    return Motors(
-        DEMAND_MESSAGE, bank.time, bank.boot, bank.values, demand_geometry(axis), scale, bank.sent, bank.left_out
-    )
+    scale = OutputScale("demand", "", -1.0, 1.0, float(np.diff(np.unique(signal.values)).min()))
+    outputs, counts = signal.values[:, None], (signal.sent, signal.left_out)
+    return Motors(DEMAND_MESSAGE, signal.time, signal.boot, outputs, demand_geometry(axis), scale, *counts)
 
 
-def thrust_demand(telemetry: Telemetry) -> _Bank | None:
-    """The controller's thrust command, 0 to 1, as one column; None when it was not recorded."""
-    bank = _control(telemetry, THRUST_COLUMN)
-    return bank if bank is not None and len(bank.time) else None
+def thrust_demand(telemetry: Telemetry) -> Signal | None:
+    """Returns the controller's thrust command, 0 to 1; None when it was not recorded."""
+    signal = _control(telemetry, THRUST_COLUMN)
+    return signal if signal is not None and len(signal.time) else None
 
 
-def _control(telemetry: Telemetry, column: int) -> _Bank | None:
+def _control(telemetry: Telemetry, column: int) -> Signal | None:
     columns = telemetry.messages.get(DEMAND_MESSAGE)
     if columns is None:
         return None
     # Group 0 is flight control: roll, pitch, yaw and thrust.
-    group_0 = np.asarray(columns["group_mlx"]) == 0 if "group_mlx" in columns else np.ones(len(columns["time"]), bool)
-    return _bank(columns, floats(columns, "controls")[:, [column]], 1, group_0)
+    group_0 = np.asarray(columns["group_mlx"]) == 0 if "group_mlx" in columns else None
+    return series(columns, floats(columns, "controls")[:, column], group_0)
 
 
-@dataclass(frozen=True, eq=False)
-class _Bank:
-    """Output channels ``first``, ``first`` + 1, … as one stream sends them: values (N, width); see ``Motors``."""
+class _Bank(NamedTuple):
+    """Output channels ``first``, ``first`` + 1, … as one stream sends them: values (N, width)."""
 
-    time: NDArray[np.float64]
-    boot: NDArray[np.int64]
-    values: NDArray[np.float64]
     first: int
-    sent: int
-    left_out: int
+    signal: Signal
 
     def among(self, channels: tuple[int, ...]) -> list[int]:
-        return [channel for channel in channels if self.first <= channel < self.first + self.values.shape[1]]
+        return [channel for channel in channels if 0 <= channel - self.first < self.signal.values.shape[1]]
 
 
 def _banks(message: str, columns: Columns) -> list[_Bank]:
     if message != "SERVO_OUTPUT_RAW":
         field = "actuator" if message == "ACTUATOR_OUTPUT_STATUS" else "controls"
-        values = np.atleast_2d(floats(columns, field))
-        return [_outputs(columns, values, 1, np.ones(len(columns["time"]), dtype=bool))]
+        return [_bank(columns, np.atleast_2d(floats(columns, field)), 1, np.ones(len(columns["time"]), dtype=bool))]
     fields = [f"servo{n}_raw" for n in range(1, 17) if f"servo{n}_raw" in columns]
     values = np.column_stack([floats(columns, field) for field in fields])
     values[values == UNUSED_CHANNEL] = 0.0
     port = floats(columns, "port") if "port" in columns else np.zeros(len(values))
     wide = values.shape[1] == WIDE_PORT_CHANNELS and np.any(values[:, PORT_CHANNELS:])
     width = WIDE_PORT_CHANNELS if wide else PORT_CHANNELS
-    return [_outputs(columns, values[:, :width], 1 + width * int(p), port == p) for p in np.unique(port)]
+    return [_bank(columns, values[:, :width], 1 + width * int(p), port == p) for p in np.unique(port)]
 
 
-def _outputs(columns: Columns, values: NDArray[np.float64], first: int, rows: NDArray[np.bool_]) -> _Bank:
+def _bank(columns: Columns, values: NDArray[np.float64], first: int, rows: NDArray[np.bool_]) -> _Bank:
     """A bank of outputs; a channel that never has a number has none."""
-    return _bank(columns, np.where(np.isfinite(values[rows]).any(axis=0), values, 0.0), first, rows)
+    return _Bank(first, series(columns, np.where(np.isfinite(values[rows]).any(axis=0), values, 0.0), rows))
 
 
 def _numbers(channels: Iterable[int]) -> str:
     return ", ".join(str(channel) for channel in sorted(channels))
-
-
-def _bank(columns: Columns, values: NDArray[np.float64], first: int, rows: NDArray[np.bool_]) -> _Bank:
-    time, boot, kept, left_out = in_order(columns["time"][rows], columns["boot"][rows], values[rows])
-    return _Bank(time, boot, kept, first, int(np.count_nonzero(rows)), left_out)
 
 
 def _moves(values: NDArray[np.float64]) -> bool:
@@ -177,7 +227,7 @@ def _moves(values: NDArray[np.float64]) -> bool:
     return len(running) > 0 and float(np.ptp(running)) > 0
 
 
-def _interpolated(main: _Bank, bank: _Bank, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _interpolated(main: Signal, bank: Signal, values: NDArray[np.float64]) -> NDArray[np.float64]:
     """Values of one bank at the stamps of another."""
     moved = np.full(len(main.time), np.nan)
     for boot in np.unique(main.boot):

@@ -1,17 +1,22 @@
-"""Flight phases: which parts of a boot are settled flight, between climb-out and landing."""
+"""Flight phases: which parts of a boot are settled flight, between climb-out and landing, as sets of time intervals.
+
+A set of intervals is a list of (start, end) pairs in seconds of one boot, sorted and disjoint; an end may be infinite.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import isinf
+from math import inf, isinf
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.alignment.columns import Signal
-from mavdem.alignment.intervals import ALWAYS, Interval, Intervals, both, either, outside, unbroken, where
-from mavdem.alignment.signals import Attitude, Signals
+from mavdem.alignment.drive import Signal
+from mavdem.alignment.signals import Signals
 from mavdem.ingest.vocabulary import IN_AIR, OFF_GROUND
+
+Interval = tuple[float, float]
+Intervals = list[Interval]
 
 IDLE_COLLECTIVE, ABOVE_IDLE = 0.15, 0.05
 """Highest share of the motors' range at which autopilots idle on the ground, ArduPilot's default for MOT_SPIN_MIN, and
@@ -30,46 +35,100 @@ AVERAGING_SECONDS = 2.0
 """Seconds over which vertical speed and collective are averaged, so that a gust does not end a climb."""
 
 
+def where(time: NDArray[np.float64], true: NDArray[np.bool_]) -> Intervals:
+    """Returns from the first to the last stamp of each run of ``true`` (N,) at ``time`` (N,).
+
+    A run that holds at the first or last stamp is taken to hold before or after it too, so only the changes that were
+    seen bound an interval.
+    """
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], true, [False]]).astype(np.int8)))
+    return [
+        (-inf if first == 0 else float(time[first]), inf if after == len(time) else float(time[after - 1]))
+        for first, after in zip(edges[::2], edges[1::2], strict=True)
+    ]
+
+
+def unbroken(time: NDArray[np.float64], broken: NDArray[np.bool_]) -> Intervals:
+    """Returns the runs of ``time`` (N,) between the steps (N - 1,) that are ``broken``."""
+    if not len(time):
+        return []
+    breaks = np.flatnonzero(broken)
+    starts, ends = np.concatenate([[0], breaks + 1]), np.concatenate([breaks, [len(time) - 1]])
+    return [(float(time[a]), float(time[b])) for a, b in zip(starts, ends, strict=True)]
+
+
+def both(a: Intervals, b: Intervals) -> Intervals:
+    """Returns where ``a`` and ``b`` overlap."""
+    overlaps, i, j = [], 0, 0
+    while i < len(a) and j < len(b):
+        start, end = max(a[i][0], b[j][0]), min(a[i][1], b[j][1])
+        if start < end:
+            overlaps.append((start, end))
+        if a[i][1] < b[j][1]:
+            i += 1
+        else:
+            j += 1
+    return overlaps
+
+
+def either(a: Intervals, b: Intervals) -> Intervals:
+    """Returns where ``a`` or ``b`` is; intervals that touch are joined."""
+    return outside(both(outside(a), outside(b)))
+
+
+def outside(intervals: Intervals) -> Intervals:
+    """Returns everywhere else."""
+    edges = [-inf, *(edge for interval in intervals for edge in interval), inf]
+    return [(start, end) for start, end in zip(edges[::2], edges[1::2], strict=True) if start < end]
+
+
+def total(intervals: Intervals) -> float:
+    """Returns the seconds in all of them."""
+    return sum(end - start for start, end in intervals)
+
+
 def airborne_collective(parameters: Mapping[str, float]) -> float:
-    """Least share of the motors' range, 0 to 1, that holds a multirotor up, by the autopilot's ``parameters``."""
+    """Returns the least share of the motors' range, 0 to 1, that holds a multirotor up."""
     return parameters.get("MOT_SPIN_MIN", IDLE_COLLECTIVE) + ABOVE_IDLE
 
 
 def settled(signals: Signals, boot: int) -> Intervals:
-    """Intervals of ``boot`` in settled flight, as the autopilot reports it and otherwise as the motors show it.
+    """Returns the intervals of ``boot`` in settled flight, as the autopilot reports it or else as the motors show it.
 
     Neither take-off nor landing, where it reports them; both axes must stay upright.
     """
-    climb = _of(signals.climb_rate, boot)
+    climb = _of_boot(signals.climb_rate, boot)
     flights = both(armed(signals, boot), _in_states(signals, boot, (IN_AIR,)))
     level = [between for flight in flights if (between := _between_transients(flight, climb)) is not None]
     for tilt in signals.tilts:
-        level = both(level, _upright(tilt, boot))
+        here = tilt.boot == boot
+        level = both(level, where(tilt.time[here], np.abs(tilt.angle[here]) < MAX_TILT))
     return level if signals.tilts else []
 
 
 def flying(signals: Signals, boot: int) -> Intervals:
-    """Intervals of ``boot`` when armed and off the ground."""
+    """Returns the intervals of ``boot`` when armed and off the ground."""
     return both(armed(signals, boot), airborne(signals, boot))
 
 
 def armed(signals: Signals, boot: int) -> Intervals:
-    """Intervals of ``boot`` when armed; always, where no heartbeat came."""
-    return _true(_of(signals.armed, boot))
+    """Returns the intervals of ``boot`` when armed; always, where no heartbeat came."""
+    state = _of_boot(signals.armed, boot)
+    return [(-inf, inf)] if state is None else where(state.time, state.values > 0)
 
 
 def airborne(signals: Signals, boot: int) -> Intervals:
-    """Intervals of ``boot`` off the ground, by EXTENDED_SYS_STATE while it comes, otherwise by the motors' thrust."""
+    """Returns when the vehicle was off the ground: by EXTENDED_SYS_STATE while it comes, else by the motors' thrust."""
     return _in_states(signals, boot, OFF_GROUND)
 
 
 def highest_collective(signals: Signals) -> float:
-    """The highest share of their range at which the motors worked together while armed, averaged as in flight."""
+    """Returns the highest share of their range at which the motors worked together while armed, averaged."""
     highest, collective = 0.0, signals.collective
     for boot in np.unique(collective.boot) if collective is not None else ():
-        here = _of(collective, boot)
+        here = _of_boot(collective, boot)
         assert here is not None
-        mean = _average(here.time, here.values)
+        mean = _average(here)
         for start, end in armed(signals, boot):
             highest = max(highest, float(mean[(here.time >= start) & (here.time <= end)].max(initial=0.0)))
     return highest
@@ -80,11 +139,10 @@ def _in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Interval
 
     A report counts for the time up to the next, not for what came before all reports, nor across a long gap.
     """
-    reported, collective = _of(signals.landed_state, boot), _of(signals.collective, boot)
+    reported, collective = _of_boot(signals.landed_state, boot), _of_boot(signals.collective, boot)
     carried: Intervals = []
     if collective is not None:
-        least = airborne_collective(signals.telemetry.parameters)
-        carried = where(collective.time, _average(collective.time, collective.values) > least)
+        carried = where(collective.time, _average(collective) > airborne_collective(signals.telemetry.parameters))
     if reported is None:
         return carried
     undefined = reported.values == 0
@@ -100,26 +158,21 @@ def _between_transients(flight: Interval, climb: Signal | None) -> Interval | No
     start, end = flight
     after, before = start + TRANSIENT_SECONDS, end - TRANSIENT_SECONDS
     if climb is not None:
-        speed = _average(climb.time, climb.values)
+        speed = _average(climb)
         inside = (climb.time >= after) & (climb.time <= before)
-        if not (isinf(start) or isinf(end) or np.any(speed[inside] > -CLIMB_OUT_SPEED)):
-            inside = np.zeros_like(inside)  # No whole flight only sinks: the estimate has run away
-    if climb is not None and inside.any():
-        if not isinf(start):
-            level = climb.time[inside & (speed < CLIMB_OUT_SPEED)]
-            after = float(level[0]) if len(level) else before
-        if not isinf(end):
-            level = climb.time[inside & (speed > -CLIMB_OUT_SPEED)]
-            before = float(level[-1]) if len(level) else after
+        # No whole flight only sinks: then the estimate has run away.
+        if isinf(start) or isinf(end) or np.any(speed[inside] > -CLIMB_OUT_SPEED):
+            rising, sinking = (
+                climb.time[inside & slow] for slow in (speed < CLIMB_OUT_SPEED, speed > -CLIMB_OUT_SPEED)
+            )
+            if inside.any() and not isinf(start):
+                after = float(rising[0]) if len(rising) else before
+            if inside.any() and not isinf(end):
+                before = float(sinking[-1]) if len(sinking) else after
     return (after, before) if after < before else None
 
 
-def _upright(attitude: Attitude, boot: int) -> Intervals:
-    here = attitude.boot == boot
-    return where(attitude.time[here], np.abs(attitude.angle[here]) < MAX_TILT)
-
-
-def _of(signal: Signal | None, boot: int) -> Signal | None:
+def _of_boot(signal: Signal | None, boot: int) -> Signal | None:
     """The part of a signal in one boot; None when it has none there."""
     if signal is None or not np.any(signal.boot == boot):
         return None
@@ -127,14 +180,10 @@ def _of(signal: Signal | None, boot: int) -> Signal | None:
     return Signal(signal.time[here], signal.boot[here], signal.values[here])
 
 
-def _true(signal: Signal | None) -> Intervals:
-    return ALWAYS if signal is None else where(signal.time, signal.values > 0)
-
-
-def _average(time: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _average(signal: Signal) -> NDArray[np.float64]:
     """Centred mean of the samples within half of ``AVERAGING_SECONDS`` on either side."""
-    total = np.concatenate([[0.0], np.cumsum(values)])
-    first = np.searchsorted(time, time - AVERAGING_SECONDS / 2, side="left")
-    after = np.searchsorted(time, time + AVERAGING_SECONDS / 2, side="right")
+    total = np.concatenate([[0.0], np.cumsum(signal.values)])
+    first = np.searchsorted(signal.time, signal.time - AVERAGING_SECONDS / 2, side="left")
+    after = np.searchsorted(signal.time, signal.time + AVERAGING_SECONDS / 2, side="right")
     mean: NDArray[np.float64] = (total[after] - total[first]) / (after - first)
     return mean

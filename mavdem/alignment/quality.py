@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +10,9 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.signal import welch
 
 from mavdem.alignment import phases
-from mavdem.alignment.align import mean_rate, sample
+from mavdem.alignment.align import Segment, mean_rate, sample, slow_runs, within
 from mavdem.alignment.drive import Motors
-from mavdem.alignment.intervals import Interval, Intervals, both, total
-from mavdem.alignment.segments import Segment, slow_runs, within
+from mavdem.alignment.phases import Intervals, both, total
 from mavdem.alignment.signals import Attitude, Signals, usual_rate
 from mavdem.flight import Flight
 
@@ -84,31 +82,18 @@ def of_log(signals: Signals, segments: int) -> QualityFigures:
     )
 
 
-class SlowInAir(NamedTuple):
-    """Where a stream came too slowly in the air."""
-
-    seconds: float  # in all
-    rate: float  # messages a second in them
-    boot: int  # with start: where it began, s
-    start: float
-
-
-def slow_in_air(signals: Signals, stream: Attitude | Motors) -> SlowInAir | None:
-    """Where a stream usually came slower than ``MINIMUM_RATE`` in the air; None where it nowhere did."""
+def slow_in_air(signals: Signals, stream: Attitude | Motors) -> tuple[tuple[Segment, ...], float]:
+    """Returns where a stream usually came slower than ``MINIMUM_RATE`` in the air, and at how many Hz there."""
     assert signals.drive is not None
-    found: list[tuple[int, Interval]] = []
+    slow: list[Segment] = []
     messages = 0
     for boot in np.intersect1d(stream.boot, signals.drive.boot):
         time = stream.time[stream.boot == boot]
         flown = both(_recorded(signals.drive, boot), phases.flying(signals, boot))
         for start, end in both(slow_runs(time), flown):
-            found.append((int(boot), (start, end)))
+            slow.append(Segment(int(boot), start, end))
             messages += int(np.count_nonzero((time > start) & (time <= end)))
-    if not found:
-        return None
-    seconds = total([interval for _, interval in found])
-    boot, (start, _) = found[0]
-    return SlowInAir(seconds, messages / seconds, boot, start)
+    return tuple(slow), messages / max(sum(part.duration for part in slow), 1e-9)
 
 
 def _recorded(drive: Motors, boot: int) -> Intervals:

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
 
-from mavdem.alignment.columns import message_counts
-from mavdem.alignment.segments import Segment
+from mavdem.alignment.align import Segment
+from mavdem.alignment.drive import message_counts
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE, SLOW_MOTION_RATE, Signals
-from mavdem.alignment.verdict import MINIMUM_DURATION, Verdict, judge, judge_segments
+from mavdem.alignment.verdict import MINIMUM_DURATION, Verdict, segment_verdicts, verdict_of
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
 from mavdem.ingest import Component, Log, read_log
@@ -72,11 +72,11 @@ def learnable_flight(
 ) -> tuple[Flight, Verdict]:
     """The longest usable segment of a log, as :func:`read_flight` gives it, and the verdict on it."""
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
-    verdict = judge(signals, log.components)
+    verdict = verdict_of(signals, log.components)
     if verdict.learnable or tier == "a":
         return _with_cautions(verdict), verdict
     doubt = (f"No full {axis} model can be learnt from it: {verdict.reason}",)
-    slow = judge(signals, log.components, SLOW_MOTION_RATE)
+    slow = verdict_of(signals, log.components, SLOW_MOTION_RATE)
     if slow.learnable or tier == "b" or verdict.flight is None:
         return _with_cautions(slow, doubt), verdict
     provenance = {**verdict.flight.provenance, "cautions": list(doubt)}
@@ -87,17 +87,17 @@ def learnable_segments(
     log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
 ) -> tuple[tuple[Flight, ...], Verdict]:
     """All usable segments of a log, as :func:`read_segments` gives them, and the verdict on the longest."""
-    flights, verdict = judged_segments(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)
+    flights, verdict = usable_segments(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)
     if not flights:
         raise NotLearnable(verdict.reason, verdict.remedy)
     return flights, verdict
 
 
-def judged_segments(
+def usable_segments(
     signals: Signals, speakers: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
 ) -> tuple[tuple[Flight, ...], Verdict]:
     """As :func:`learnable_segments`, of ``signals`` that need no more than ``least_rate``, Hz; none where it is no."""
-    verdicts = judge_segments(signals, speakers, least_rate)
+    verdicts = segment_verdicts(signals, speakers, least_rate)
     usable = [verdict for verdict in verdicts if verdict.learnable]
     left_out = _left_out(verdicts[0].segments, [verdict.segment for verdict in usable])
     flights = [_with_cautions(verdict, left_out) for verdict in usable]

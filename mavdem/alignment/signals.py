@@ -1,34 +1,51 @@
 """Signals: which message means what, worked out once for a vehicle and an axis.
 
-Message and field names occur only here, in ``drive`` and in ``setpoints``. Every signal is on the vehicle's boot clock,
+Message and field names occur only here, and in ``drive``. Every signal is on the vehicle's boot clock,
 in time order, each stamp once, per boot; a signal that was not recorded is None.
+
+A setpoint is a command: it holds until the next one. So a sample has the last setpoint with a stamp at or before its
+own, never one from the future, and none where that is older than ``HOLD_SECONDS``. On average it is half an interval
+late.
+
+All stamps are on the boot clock, with the resolution of their messages (1 ms in MAVLink, 1 µs in most logs). ArduPilot
+stamps ATTITUDE_TARGET and RC_CHANNELS when it sends them, with the values of then. PX4 stamps ATTITUDE_TARGET with the
+time of its attitude setpoint and sends the body rates of its last step until it sends: those may be some of its steps
+of 4 ms newer than their stamp (the test of a flight recorded both ways has the figures), as those in its ATTITUDE.
+MANUAL_CONTROL has no stamp in MAVLink, and gets the time of the message before it.
+
+A rate setpoint is not the same everywhere: in ArduPilot's ATTITUDE_TARGET it is the rate of the attitude setpoint; in
+DataFlash's RATE and from PX4 it corrects the error of the attitude as well.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.alignment.columns import (
+from mavdem.alignment.drive import (
+    AXES,
+    INPUTS,
     MAX_ANGLE,
     MAX_BODY_RATE,
+    TILT_AXES,
+    Motors,
     Signal,
     by_preference,
+    demand,
     floats,
-    in_order,
     message_counts,
+    motors,
     preferred_message,
+    series,
+    thrust_demand,
 )
-from mavdem.alignment.drive import AXES, INPUTS, TILT_AXES, Motors, demand, motors, thrust_demand
-from mavdem.alignment.setpoints import Setpoint, setpoints
 from mavdem.ingest.mavlink.definitions import enum_name
-from mavdem.ingest.mavlink.euler import euler_angles
 from mavdem.ingest.telemetry import Columns, Telemetry, rate_without_gaps
-from mavdem.ingest.vocabulary import ARMED
+from mavdem.ingest.vocabulary import ARMED, euler_angles
 
 ATTITUDE_MESSAGES = ("ATTITUDE", "ATTITUDE_QUATERNION")  # Messages with the attitude, the preferred first
 CLIMB_FIELDS = {"LOCAL_POSITION_NED": ("vz", -1.0), "GLOBAL_POSITION_INT": ("vz", -0.01), "VFR_HUD": ("climb", 1.0)}
@@ -43,13 +60,100 @@ MINIMUM_RATE = 40.0
 """Hz, of attitude and of motors. Ten times the roughly 4 Hz at which a multirotor's roll loop crosses over, and what is
 left of a 50 Hz stream on a link that loses a fifth. On recorded flights motors add nothing to a forecast at 1-10 Hz and
 do at 50."""
-
 SLOW_MOTION_RATE = 8.0
 """Hz, of both, from which a model may predict the slow motion: of flights decimated to 10 Hz and recorded at 10 Hz,
 nine in ten were predicted better than without a model. Motors' effect, damping and lag show at higher frequencies."""
-
-
 Inputs = TypeVar("Inputs")
+
+TARGET_MESSAGE = "ATTITUDE_TARGET"
+RATE_FIELDS = {"roll": "body_roll_rate", "pitch": "body_pitch_rate", "yaw": "body_yaw_rate"}
+IGNORED_RATES = {"roll": 1, "pitch": 2, "yaw": 4}
+IGNORED_ATTITUDE = 128
+"""Bits of ATTITUDE_TARGET.type_mask (ATTITUDE_TARGET_TYPEMASK): a field with its bit set is no setpoint."""
+MANUAL_MESSAGE = "MANUAL_CONTROL"
+MANUAL_FIELDS, MANUAL_RANGE = {"roll": "y", "pitch": "x", "yaw": "r"}, 1000.0
+"""Fields of MANUAL_CONTROL, and full deflection; 32767 stands for none."""
+RADIO_MESSAGES = ("RC_CHANNELS", "RC_CHANNELS_RAW")  # With the receiver's channels, the preferred first
+RADIO_CHANNELS = {"roll": 1, "pitch": 2, "yaw": 4}  # ArduPilot's default; PX4 has none
+MIN_PULSE, MAX_PULSE = 500.0, 2500.0  # µs; 0 and 65535 stand for no channel
+ROUNDING = 1e-6  # s: stamps have no more digits, and the sum of steps that a grid point is may fall just before one
+HOLD_SECONDS = 2.0
+"""Age beyond which a setpoint is unknown: ground stations ask for the sticks at 1 Hz and more, and in flight modes that
+have no such setpoint its messages end."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setpoint:
+    """One setpoint of one axis: ``signal`` from ``message``, called ``name``, in ``unit``."""
+
+    name: str
+    unit: str
+    message: str
+    signal: Signal
+
+
+def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
+    """The setpoints of ``axis`` that were recorded, of at most three.
+
+    "roll rate setpoint" (rad/s) and, not of yaw, "roll setpoint" (rad), from ATTITUDE_TARGET; "roll stick" from
+    MANUAL_CONTROL (-1 to 1) or else the receiver's channel (µs).
+    """
+    targets = telemetry.messages.get(TARGET_MESSAGE)
+    manual = telemetry.messages.get(MANUAL_MESSAGE)
+    radio = preferred_message(message_counts(telemetry, RADIO_MESSAGES))
+    found: list[tuple[str, str, str, Columns, NDArray[np.float64]]] = []
+    if targets is not None:
+        ignored = np.asarray(targets.get("type_mask", np.zeros(len(targets["time"])))).astype(np.int64)
+        rates = np.where(ignored & IGNORED_RATES[axis], np.nan, floats(targets, RATE_FIELDS[axis]))
+        rates[np.abs(rates) > MAX_BODY_RATE] = np.nan
+        found.append((f"{axis} rate setpoint", "rad/s", TARGET_MESSAGE, targets, rates))
+        if axis != "yaw":
+            angles = np.where(ignored & IGNORED_ATTITUDE, np.nan, _angles(targets, axis))
+            found.append((f"{axis} setpoint", "rad", TARGET_MESSAGE, targets, angles))
+    if manual is not None:
+        deflection = floats(manual, MANUAL_FIELDS[axis]) / MANUAL_RANGE
+        deflection[np.abs(deflection) > 1] = np.nan
+        found.append((f"{axis} stick", "", MANUAL_MESSAGE, manual, deflection))
+    elif radio is not None and (pulses := _pulses(telemetry, radio, axis)) is not None:
+        found.append((f"{axis} stick", "µs", radio, telemetry.messages[radio], pulses))
+    made = (Setpoint(name, unit, message, series(columns, values)) for name, unit, message, columns, values in found)
+    return tuple(setpoint for setpoint in made if len(setpoint.signal.time))
+
+
+def held(setpoint: Setpoint, boot: int, time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The setpoint at ``time`` (T,) s of ``boot``: the last one until then; NaN where none came in ``HOLD_SECONDS``."""
+    here = setpoint.signal.boot == boot
+    stamps, values = setpoint.signal.time[here], setpoint.signal.values[here]
+    if not len(stamps):
+        return np.full(len(time), np.nan)
+    last = np.searchsorted(stamps, time + ROUNDING, side="right") - 1
+    known = (last >= 0) & (time - stamps[np.maximum(last, 0)] <= HOLD_SECONDS + ROUNDING)
+    return np.where(known, values[np.maximum(last, 0)], np.nan)
+
+
+def _angles(targets: Columns, axis: str) -> NDArray[np.float64]:
+    """(N,) rad; NaN where the quaternion is none."""
+    attitude = np.atleast_2d(floats(targets, "q"))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        roll, pitch, _ = euler_angles(attitude / np.linalg.norm(attitude, axis=1, keepdims=True))
+    return roll if axis == "roll" else pitch
+
+
+def _pulses(telemetry: Telemetry, message: str, axis: str) -> NDArray[np.float64] | None:
+    """(N,) µs of the receiver's channel for ``axis``; None where no channel is known for it."""
+    columns, parameters = telemetry.messages[message], telemetry.parameters
+    if telemetry.autopilot == "PX4":
+        channel = int(parameters.get(f"RC_MAP_{axis.upper()}", 0))
+    else:
+        channel = int(parameters.get(f"RCMAP_{axis.upper()}", RADIO_CHANNELS[axis]))
+    field = f"chan{channel}_raw"
+    if field not in columns:
+        return None
+    pulses = floats(columns, field)
+    unusable = ~((pulses >= MIN_PULSE) & (pulses <= MAX_PULSE))
+    if message == "RC_CHANNELS_RAW" and "port" in columns:
+        unusable |= np.asarray(columns["port"]) != 0
+    return np.where(unusable, np.nan, pulses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +189,14 @@ class Signals:
             raise ValueError(f"axis must be one of {', '.join(AXES)}, not {self.axis!r}")
         if self.inputs not in (None, *INPUTS):
             raise ValueError(f"inputs must be one of {', '.join(INPUTS)}, not {self.inputs!r}")
+
+    def about(self, axis: str, inputs: str | None = None) -> Signals:
+        """Returns the signals for another ``axis`` or other ``inputs``; what depends on neither is not read again."""
+        other = replace(self, axis=axis, inputs=inputs)
+        shared = ("tilts", "motors", "voltage", "armed", "landed_state", "climb_rate")
+        own = ("attitude", "demand", "setpoints") if axis == self.axis else ()
+        other.__dict__.update({name: self.__dict__[name] for name in (*shared, *own) if name in self.__dict__})
+        return other
 
     @cached_property
     def attitude(self) -> Attitude | None:
@@ -152,8 +264,7 @@ class Signals:
         columns = self.telemetry.messages.get("EXTENDED_SYS_STATE")
         if columns is None:
             return None
-        time, boot, table, _ = in_order(columns["time"], columns["boot"], floats(columns, "landed_state")[:, None])
-        return Signal(time, boot, table[:, 0])
+        return series(columns, floats(columns, "landed_state"))
 
     @cached_property
     def climb_rate(self) -> Signal | None:
@@ -161,9 +272,7 @@ class Signals:
         for message, (field, factor) in CLIMB_FIELDS.items():
             columns = self.telemetry.messages.get(message)
             if columns is not None and len(columns["time"]) > 1:
-                climb = factor * floats(columns, field)[:, None]
-                time, boot, table, _ = in_order(columns["time"], columns["boot"], climb)
-                return Signal(time, boot, table[:, 0])
+                return series(columns, factor * floats(columns, field))
         return None
 
     @cached_property
@@ -172,8 +281,7 @@ class Signals:
         working = self.motors
         if working is not None:
             return Signal(working.time, working.boot, working.scale.fraction(working.outputs).mean(axis=1))
-        thrust = thrust_demand(self.telemetry)
-        return None if thrust is None else Signal(thrust.time, thrust.boot, thrust.values[:, 0])
+        return thrust_demand(self.telemetry)
 
 
 def motors_or_demand(
@@ -219,11 +327,12 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
         else:
             table = np.column_stack([yaw, r, turning / np.cos(pitch)])
     table[impossible] = np.nan
-    time, boot, kept, left_out = in_order(columns["time"], columns["boot"], table)
-    angle, rate, slope = kept.T
+    kept = series(columns, table)
+    angle, rate, slope = kept.values.T
     if axis == "yaw":
         angle = np.unwrap(angle)
-    return Attitude(message, time, boot, angle, rate, slope, len(table), left_out, int(np.count_nonzero(impossible)))
+    counts = kept.sent, kept.left_out, int(np.count_nonzero(impossible))
+    return Attitude(message, kept.time, kept.boot, angle, rate, slope, *counts)
 
 
 def axis_outputs(axis: str) -> tuple[tuple[str, str], ...]:
@@ -241,10 +350,9 @@ def voltage(telemetry: Telemetry) -> Signal | None:
         columns = telemetry.messages[message]
         volts = _of_cells(columns) if message == "BATTERY_STATUS" else floats(columns, "voltage_battery")
         volts = np.where(volts == NO_CELL, np.nan, volts) / 1000
-        there = (volts >= LEAST_VOLTAGE) & (volts <= MOST_VOLTAGE)
-        time, boot, table, _ = in_order(columns["time"][there], columns["boot"][there], volts[there, None])
-        if len(time):
-            return Signal(time, boot, table[:, 0])
+        measured = series(columns, volts, (volts >= LEAST_VOLTAGE) & (volts <= MOST_VOLTAGE))
+        if len(measured.time):
+            return measured
     return None
 
 

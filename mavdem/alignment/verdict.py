@@ -1,4 +1,4 @@
-"""The verdict: can a model of one axis be learnt from a log, and if not, why and what to change."""
+"""The verdict: can a model of one axis be learnt from a log; if not, why and what to change; if so, its cautions."""
 
 from __future__ import annotations
 
@@ -7,16 +7,83 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from mavdem.alignment import phases, quality
-from mavdem.alignment.align import align
-from mavdem.alignment.cautions import IMPOSSIBLE, below, cautions_of, losses, measured, steps
-from mavdem.alignment.drive import DEMAND_MESSAGE, FLY, TILT_AXES, Motors, Obstacle, without_motors
+from mavdem.alignment.align import Segment, align, settled_segments
+from mavdem.alignment.drive import DEMAND_MESSAGE, FLY, MAX_BODY_RATE, TILT_AXES, Motors, Obstacle, motors_or_obstacle
 from mavdem.alignment.quality import CONSISTENCY_SPAN, QualityFigures
 from mavdem.alignment.rate_advice import ask_for_rate
-from mavdem.alignment.segments import Segment, settled_segments
 from mavdem.alignment.signals import MINIMUM_RATE, Attitude, Signals, usual_rate
 from mavdem.flight import Flight
 from mavdem.ingest import Component
 from mavdem.ingest.motors import MULTIROTORS
+
+DOUBTFUL_SNR = 20.0
+"""Variance of the outputs' changes over that of their rounding. Rounding what something is learnt from can shrink what
+is learnt to SNR/(1 + SNR) of the truth: by 5 % at 20."""
+DOUBTFUL_CONSISTENCY = 0.8
+"""Share of the angle's changes over 0.2 s that the integrated rates explain. Both measure one motion; where they
+disagree, some of the rate is an alias, or noise."""
+DOUBTFUL_LOSS = 0.05  # Share of a stream's messages left out as damaged: the rest may be too
+IMPOSSIBLE = f"an angle beyond 2π or a rate beyond {MAX_BODY_RATE:.0f} rad/s"
+
+
+def measured(axis: str, between: str) -> str:
+    """What a flight of ``axis`` has, in words: "roll angle or rate"."""
+    return f"{axis} angle {between} rate" if axis in TILT_AXES else f"{axis} rate"
+
+
+def steps(axis: str, figures: QualityFigures) -> str:
+    """The quantisation steps of that."""
+    angle = f"{figures.angle_step:.2g} rad and " if axis in TILT_AXES else ""
+    return f"{angle}{figures.rate_step:.2g} rad/s"
+
+
+def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
+    """Returns sentences on messages of attitude and inputs that were left out, and on a segment of ``figures``."""
+    axis, attitude, drive, called, cautions = (
+        signals.axis,
+        signals.attitude,
+        signals.drive,
+        signals.telemetry.called,
+        [],
+    )
+    assert attitude is not None and drive is not None
+    if attitude.impossible:
+        what = f"{attitude.impossible} of {attitude.sent} {called(attitude.message)} messages"
+        cautions.append(f"{what} were left out, for {IMPOSSIBLE}.")
+    for stream in (attitude, drive):
+        if stream.left_out > DOUBTFUL_LOSS * stream.sent:
+            cautions.append(
+                f"{stream.left_out} of {stream.sent} {called(stream.message)} messages were left out: their time "
+                "stamps are far off or those of others, or their numbers make no sense."
+            )
+    layout = drive.layout
+    if drive.message == DEMAND_MESSAGE:
+        rate = 0.0 if signals.motors is None else usual_rate(signals.motors)
+        slowly = f"come too slowly ({below(rate, MINIMUM_RATE)} Hz)" if rate else "are missing"
+        lead = "The" if rate >= MINIMUM_RATE else f"Motor outputs {slowly}, so the"
+        cautions.append(
+            f"{lead} input is the controller's {axis} demand, and the model includes the mixer, the motors' limits "
+            "and the battery."
+        )
+    if signals.telemetry.vehicle == "UNKNOWN":
+        cautions.append("No heartbeat says what the vehicle is: a multirotor was assumed.")
+    if layout.channels_assumed or layout.positions_assumed:
+        cautions.append(f"Which motor is which was assumed: {layout.basis}.")
+    if figures.output_snr is not None and figures.output_snr < DOUBTFUL_SNR:
+        cautions.append(
+            f"The {measured(axis, 'or')} is near the resolution of the stream (steps of {steps(axis, figures)}): "
+            "rounding can shrink what is learnt of the dynamics by "
+            f"{min(1.0, 1 / (1 + figures.output_snr)):.0%}."
+        )
+    if figures.consistency is not None and figures.consistency < DOUBTFUL_CONSISTENCY:
+        cautions.append(f"The rate explains only {figures.consistency:.2f} of the angle's changes: noise, or an alias.")
+    return tuple(cautions)
+
+
+def below(value: float, limit: float) -> str:
+    """The value with as many decimals, at least one, as show that it is below the limit."""
+    return next((text for digits in range(1, 6) if float(text := f"{value:.{digits}f}") < limit), f"{value:.6g}")
+
 
 MINIMUM_DURATION = 5.0
 """Seconds: a few swings of an axis that moves at 1 Hz, and a few hundred samples for a few tens of parameters."""
@@ -31,8 +98,9 @@ REFUSED_IMPOSSIBLE = 0.01
 NO_ATTITUDE = {
     "": "There is no ATTITUDE or ATTITUDE_QUATERNION message.",
     "DataFlash": "There is no ATT or ANG message with the angles, or no RATE or IMU with the body rates.",
-    "ULog": "There is no vehicle_attitude, or no vehicle_angular_velocity with the body rates.",
-    "uXRCE-DDS": "There is no vehicle_attitude, or no vehicle_angular_velocity with the body rates.",
+    **dict.fromkeys(
+        ("ULog", "uXRCE-DDS"), "There is no vehicle_attitude, or no vehicle_angular_velocity with the body rates."
+    ),
     "MAVROS": "There is no imu/data.",
 }
 """A sentence on attitude that was not recorded, by ``Telemetry.translated_from``."""
@@ -61,7 +129,7 @@ class Verdict:
         return {name: value for name, value in values.items() if name not in ("flight", "segments")}
 
 
-def judge(signals: Signals, speakers: Sequence[Component] = (), least_rate: float = MINIMUM_RATE) -> Verdict:
+def verdict_of(signals: Signals, speakers: Sequence[Component] = (), least_rate: float = MINIMUM_RATE) -> Verdict:
     """The verdict: yes on the longest settled segment that can be learnt from, or no on the longest.
 
     The ``speakers`` are the components in the log, among them whoever asks the vehicle for other rates; ``least_rate``,
@@ -118,14 +186,14 @@ def judge(signals: Signals, speakers: Sequence[Component] = (), least_rate: floa
     return refusals[0]
 
 
-def judge_segments(
+def segment_verdicts(
     signals: Signals, speakers: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
 ) -> tuple[Verdict, ...]:
-    """The verdict of :func:`judge` and, if that is yes, one on each other segment of ``MINIMUM_DURATION`` or more.
+    """The verdict of :func:`verdict_of` and, if that is yes, one on each other segment of ``MINIMUM_DURATION`` or more.
 
     All flights have the sampling step of the first; a segment too slow for that (``MAX_STEP_RATIO``) is refused.
     """
-    first = judge(signals, speakers, least_rate)
+    first = verdict_of(signals, speakers, least_rate)
     if not first.learnable:
         return (first,)
     assert first.flight is not None and signals.attitude is not None and signals.drive is not None
@@ -150,7 +218,7 @@ def _of_segment(log: _Evidence, segment: Segment, found: tuple[Segment, ...], dt
     if objection is not None:
         return Verdict(signals.axis, False, *objection, (), segment, figures, flight, found)
     reason = _praise(log.name(log.attitude), log.drive, segment, figures)
-    cautions = losses(signals) + cautions_of(signals, figures)
+    cautions = cautions_of(signals, figures)
     return Verdict(signals.axis, True, reason, "", cautions, segment, figures, flight, found)
 
 
@@ -226,7 +294,8 @@ def _without_drive(signals: Signals) -> Obstacle:
             f"{'' if telemetry.translated_from else other}.",
             remedy,
         )
-    reason, remedy = without_motors(telemetry)
+    found = motors_or_obstacle(telemetry)
+    reason, remedy = found if isinstance(found, tuple) else ("", "")
     return reason, remedy or ask_for_rate(telemetry)
 
 
@@ -240,19 +309,19 @@ def _slowed_down(log: _Evidence) -> Obstacle | None:
     """Whether a stream that comes fast elsewhere comes too slowly in most of the air: somebody asked for less."""
     if log.least_rate < MINIMUM_RATE:
         return None
-    found = {
-        log.name(stream): slow
-        for stream in (log.attitude, log.drive)
-        if (slow := quality.slow_in_air(log.signals, stream)) is not None and slow.seconds > log.figures.airborne / 2
-    }
+    found = {}
+    # Attitude before motors: rates that hardly differ would choose by chance.
+    for stream in (log.attitude, log.drive):
+        slow, rate = quality.slow_in_air(log.signals, stream)
+        if (seconds := sum(part.duration for part in slow)) > log.figures.airborne / 2:
+            found[log.name(stream)] = slow[0], rate, seconds
     if not found:
         return None
-    # Attitude before motors: rates that hardly differ would choose by chance.
-    first, slow = next(iter(found.items()))
-    boot = f" of boot {slow.boot + 1}" if slow.boot else " after boot"
+    name, (start, rate, seconds) = next(iter(found.items()))
     reason = (
-        f"In the air {first} comes at {below(slow.rate, MINIMUM_RATE)} Hz from {slow.start:.1f} s{boot} on, for "
-        f"{slow.seconds:.0f} of {log.figures.airborne:.0f} s, though faster elsewhere; {_needed(log.signals.axis)}."
+        f"In the air {name} comes at {below(rate, MINIMUM_RATE)} Hz from {start.start:.1f} s"
+        f"{f' of boot {start.boot + 1}' if start.boot else ' after boot'} on, for {seconds:.0f} of "
+        f"{log.figures.airborne:.0f} s, though faster elsewhere; {_needed(log.signals.axis)}."
     )
     return reason, _for_faster(log, log.name(log.attitude) not in found)
 

@@ -1,10 +1,7 @@
-"""LogAnalysis: what a log says of one vehicle and axis: its verdict, the model, how good that is, and the vehicle.
+"""Analysis: from a log to all that it says of one vehicle and axis.
 
-Training data: which part of the settled flight a model is learnt from, and which part it is tested on.
-
-Slow motion: whether a model of it, at 8 to 40 Hz, predicts better than no model.
-
-Motor alarms of a recorded flight: the test that watches motors while a vehicle flies, over its log.
+The verdict and the tier say what the log allows. The model is learnt from the settled flight, judged by windows that no
+model saw, and graded by findings; a model of the slow motion is kept only where it predicts better than none.
 """
 
 from __future__ import annotations
@@ -19,12 +16,12 @@ import numpy as np
 
 from mavdem.alignment.drive import AXES
 from mavdem.alignment.phases import settled
-from mavdem.alignment.read import choose_vehicle, judged_segments
+from mavdem.alignment.read import choose_vehicle, usable_segments
 from mavdem.alignment.signals import SLOW_MOTION_RATE, Signals
-from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, vehicle_of_log
-from mavdem.analysis.findings import Finding, findings, limited_by
+from mavdem.analysis.figures import ALL, AxisFigures, LogAnalysis, VehicleFigures, axis_figures
+from mavdem.analysis.findings import GOOD, LIMITED, PURPOSES, Finding, findings
 from mavdem.condition import condition_of, identity_of
-from mavdem.condition.tier import tier_of
+from mavdem.condition.inventory import tier_of
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
@@ -35,6 +32,13 @@ from mavdem.evaluate.windows import TEST_SECONDS, Length, fewer_samples, samples
 from mavdem.flight import Flight
 from mavdem.health.motor_watch import MotorAlarm, MotorWatch
 from mavdem.ingest import Log
+
+MAX_SLOW_RATIO = 0.9
+"""Squared error over that of a forecast without a model, up to which a model of the slow motion is worth having: an
+RMSE 5 % lower."""
+SLOW_CAUTION = (
+    "The model is of the slow motion only: what shows at several Hz, such as the control effectiveness, is not in it."
+)
 
 
 class TooFewSamples(NotLearnable):
@@ -49,112 +53,6 @@ class TooFewSamples(NotLearnable):
         self.lengths = lengths
 
 
-def of_one_boot(segments: Sequence[Flight]) -> tuple[Flight, ...]:
-    """Those of the longest segment's boot: times of another cannot be compared."""
-    boot = max(segments, key=len).provenance["segment"]["boot"]
-    return tuple(flight for flight in segments if flight.provenance["segment"]["boot"] == boot)
-
-
-def flown_after(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:
-    """What is flown ``start`` seconds after the first sample and later; raises TooFewSamples where little is left."""
-    late = [
-        (flight, round(np.clip(flights[0].time[0] + start - flight.time[0], 0, len(flight) * flight.dt) / flight.dt))
-        for flight in flights
-    ]
-    left = tuple(flight[first:] for flight, first in late if len(flight) - first >= FEWEST_SAMPLES)
-    if not left:
-        raise TooFewSamples(
-            f"Less than {FEWEST_SAMPLES} samples of settled flight are left after {start:g} s.",
-            "Start earlier, with a smaller --start.",
-        )
-    return left
-
-
-def judged(
-    flights: Sequence[Flight], settings: Settings, test: Length | None, done: Callable[[float], None]
-) -> HeldOut:
-    """Held-out windows of ``test``, of 1.5 s unless given; ``done`` is called with the share of the work that is done.
-
-    Raises TooFewSamples: no window fits into a part of the flights.
-    """
-    dt = flights[0].dt
-    steps = test.samples(dt) if test else samples_in(TEST_SECONDS, dt)
-    try:
-        return held_out_windows(flights, settings, steps, done)
-    except ValueError as error:
-        samples = sum(map(len, flights))
-        fewer = max(1, samples // (FOLDS + 1))
-        shorter = fewer < steps and samples >= 2 * samples_in(TEST_SECONDS, dt)
-        raise TooFewSamples(
-            f"The settled flight has {samples} samples ({samples * dt:.1f} s), too few for test windows of {steps}.",
-            "" if shorter else "Fly longer, or give a smaller --start.",
-            ("--test", str(fewer)) if shorter else (),
-        ) from error
-
-
-def cut(flight: Flight, start: float, train: Length, test: Length | None) -> tuple[Flight, Flight]:
-    """The training data from ``start`` on, and the test after it; raises TooFewSamples where they do not fit."""
-    first = round(min(start / flight.dt, len(flight)))
-    left = len(flight) - first
-    length = train.samples(flight.dt)
-    ahead = test.samples(flight.dt) if test else samples_in(TEST_SECONDS, flight.dt)
-    if left >= length + ahead:
-        end = first + length
-        return flight[first:end], flight[end : end + ahead]
-    fewer_train, fewer_test = fewer_samples(left, length, ahead)
-    fits = fewer_train >= FEWEST_SAMPLES
-    raise TooFewSamples(
-        f"The settled flight has {len(flight)} samples ({flight.duration:.1f} s), {left} of them from {start:g} s on, "
-        f"but {length} training and {ahead} test samples were asked for.",
-        "" if fits else "Start earlier, with a smaller --start.",
-        ("--train", str(fewer_train), "--test", str(fewer_test)) if fits else (),
-    )
-
-
-MOST_OF_BASELINE = 0.9
-"""Squared error over that of a forecast without a model, up to which a model is worth having: an RMSE 5 % lower."""
-CAUTION = "The model is of the slow motion only: what shows at several Hz, such as the motors' effect, is not in it."
-
-
-def objection(held_out: HeldOut) -> str:
-    """Why a model is none of the slow motion: a baseline that it does not beat beyond chance; empty if it beats all."""
-    for name in BASELINES:
-        ratio = held_out.error_ratio() / held_out.error_ratio(name)
-        test = paired(held_out.error_ratios(baseline=name), np.ones(len(held_out)))
-        of = (
-            f"A model of the slow motion has {ratio:.2g} times the squared error of “{name}” in {len(held_out)} windows"
-        )
-        if not ratio <= MOST_OF_BASELINE:
-            return f"{of} that it has not seen: at most {MOST_OF_BASELINE:g} times would make it worth having."
-        if test.verdict != "lower":
-            return f"{of} that it has not seen, which may be luck (p = {test.p_value:.2g}, needed {SIGNIFICANCE:g})."
-    return ""
-
-
-def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
-    """What a live session would have said of a vehicle's motors, boot by boot.
-
-    Live, the end of the climb-out is known half a second late and a landing when it has happened, so that times differ
-    by as much. Logs with fewer than 6 samples of the motors a second show nothing.
-    """
-    motors = signals.motors
-    if motors is None:
-        return ()
-    layout, found = motors.layout, list[MotorAlarm]()
-    for boot in np.unique(motors.boot):
-        place = layout.names, layout.motors, layout.positions, layout.spins
-        watch = MotorWatch(*place, layout.positions_assumed, int(boot))
-        rows = motors.boot == boot
-        time, commands = motors.time[rows], motors.scale.fraction(motors.outputs[rows])
-        flying = np.zeros(len(time), dtype=bool)
-        for begin, end in settled(signals, int(boot)):
-            flying |= (time >= begin) & (time <= end)
-        for at in np.flatnonzero(flying):
-            watch.take(float(time[at]), commands[at], True)
-        found += watch.alarms
-    return tuple(found)
-
-
 class StepProgress(Protocol):
     """Shows a step of the work by its ``title``; what it yields is called with the share done, if that is measured."""
 
@@ -163,7 +61,7 @@ class StepProgress(Protocol):
 
 
 def silent(title: str, measured: bool = True) -> AbstractContextManager[Callable[[float], None]]:
-    """Shows nothing."""
+    """Shows nothing of a step, whatever its ``title`` and whether it is ``measured``."""
     return nullcontext(lambda share: None)
 
 
@@ -179,12 +77,14 @@ def analyse(
     test: Length | None = None,
     truth: str | PathLike[str] | None = None,
     progress: StepProgress = silent,
+    signals: Signals | None = None,
+    other_axis: LogAnalysis | None = None,
 ) -> LogAnalysis:
-    """All that a log says of one vehicle and axis.
+    """Returns all that a log says of one vehicle and axis.
 
     The model is learnt from the whole settled flight of the longest segment's boot and judged by held-out windows. With
     ``train`` it is learnt from so much of the longest segment, and tested once on what follows. In tier "b" it is kept
-    only if it predicts better than no model (``mavdem.analysis.analysis``).
+    only if it predicts better than no model.
 
     Args:
         log: of ``mavdem.ingest.read_log``.
@@ -195,23 +95,35 @@ def analyse(
         train, test: lengths of the training data and of a test window.
         truth: the truth file of a simulated flight.
         progress: shows the steps of the work.
+        signals: of the vehicle, where they are known already; their axis and inputs do not matter.
+        other_axis: the analysis of another axis of the vehicle, whose condition, identity and alarms are this one's.
 
     Raises:
         NotLearnable: no such vehicle, or the ``start``, ``train`` or ``test`` that was asked for does not fit.
         Unreadable: ``truth`` is not the truth of this flight.
         ValueError: an axis or inputs that are none.
     """
-    signals = Signals(choose_vehicle(log.vehicles, vehicle), AXES[0] if axis == ALL else axis, inputs)
-    segments, verdict = judged_segments(signals, log.components)
-    condition, identity = condition_of(signals), identity_of(signals, log.receive_time[0])
-    tier, figures = tier_of(verdict, condition), vehicle_of_log(log, (), vehicle, inputs)
-    found = LogAnalysis(verdict, tier, condition, identity, figures, tier.reason, tier.remedy)
-    found = replace(found, alarms=motor_alarms(signals))
+    if signals is None:
+        signals = Signals(choose_vehicle(log.vehicles, vehicle), AXES[0] if axis == ALL else axis, inputs)
+    else:
+        signals = signals.about(AXES[0] if axis == ALL else axis, inputs)
+    segments, verdict = usable_segments(signals, log.components)
+    if other_axis is None:
+        condition, identity = condition_of(signals), identity_of(signals, log.receive_time[0])
+        alarms = motor_alarms(signals)
+    else:
+        condition, identity, alarms = other_axis.condition, other_axis.identity, other_axis.alarms
+    tier, known = tier_of(verdict, condition), VehicleFigures({}, condition.hover)
+    found = LogAnalysis(verdict, tier, condition, identity, known, tier.reason, tier.remedy, alarms=alarms)
+
+    def without_model(reason: str) -> LogAnalysis:
+        return replace(found, reason=tier.reason if reason == tier.reason else f"{tier.reason} {reason}")
+
     slow = tier.name == "b"
     if slow:
-        segments, of_slow = judged_segments(signals, log.components, SLOW_MOTION_RATE)
+        segments, of_slow = usable_segments(signals, log.components, SLOW_MOTION_RATE)
         if not segments:
-            return replace(found, reason=_joined(tier.reason, of_slow.reason))
+            return without_model(of_slow.reason)
     if not segments:
         return found
     try:
@@ -219,41 +131,69 @@ def analyse(
     except NotLearnable as error:
         if isinstance(error, TooFewSamples) and (start or train or test):
             raise
-        if slow:
-            return replace(found, reason=_joined(tier.reason, error.reason))
-        return replace(found, reason=error.reason, remedy=error.remedy)
-    if slow and (refused := objection(held_out)):
-        return replace(found, reason=_joined(tier.reason, refused))
-    known = None if truth is None else truth_of(flights, truth)
-    cautions = (*([CAUTION] if slow else []), *flights[0].provenance["cautions"], *learned.cautions)
+        return without_model(error.reason) if slow else replace(found, reason=error.reason, remedy=error.remedy)
+    if slow and (refusal := slow_motion_refusal(held_out)):
+        return without_model(refusal)
+    compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
+    cautions = (*([SLOW_CAUTION] if slow else []), *flights[0].provenance["cautions"], *learned.cautions)
     learned = replace(learned, cautions=cautions)
     if axis == ALL:
+        axes = {AXES[0]: AxisFigures(flights, learned.physical, learned.wind, learned.physical_reason)}
         with progress("Estimating the physical parameters") as done:
-            others = vehicle_of_log(log, AXES[1:], vehicle, inputs, done)
-        own = AxisFigures(flights, learned.physical, learned.wind, learned.physical_reason)
-        figures = others._replace(axes={AXES[0]: own, **others.axes})
+            for other in AXES[1:]:
+                axes[other] = axis_figures(signals.about(other, inputs), log.components)
+                done(len(axes) / len(AXES))
+        found = replace(found, vehicle=VehicleFigures(axes, condition.hover))
     return replace(
         found,
-        vehicle=figures,
         reason=tier.reason if slow else "",
         flights=flights,
         learned=learned,
         held_out=held_out,
-        findings=_findings(flights, learned, held_out, found.alarms),
-        truth=None if known is None else compare_with_truth(learned, flights, known),
+        findings=_limited(findings(learned, held_out), flights, alarms),
+        truth=compared,
     )
 
 
-def _findings(
-    flights: Sequence[Flight], learned: Learned, held_out: HeldOut, alarms: Sequence[MotorAlarm]
+def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
+    """Returns what a live session would have said of the motors of ``signals``, boot by boot.
+
+    Live, the end of the climb-out is known half a second late and a landing when it has happened, so that times differ
+    by as much. Logs with fewer than 6 samples of the motors a second show nothing.
+    """
+    motors = signals.motors
+    if motors is None:
+        return ()
+    layout, alarms = motors.layout, list[MotorAlarm]()
+    for boot in np.unique(motors.boot):
+        geometry = layout.names, layout.motors, layout.positions, layout.spins
+        watch = MotorWatch(*geometry, layout.positions_assumed, int(boot))
+        rows = motors.boot == boot
+        time, commands = motors.time[rows], motors.scale.fraction(motors.outputs[rows])
+        flying = np.zeros(len(time), dtype=bool)
+        for begin, end in settled(signals, int(boot)):
+            flying |= (time >= begin) & (time <= end)
+        for row in np.flatnonzero(flying):
+            watch.take(float(time[row]), commands[row], True)
+        alarms += watch.alarms
+    return tuple(alarms)
+
+
+def _limited(
+    found: tuple[Finding, ...], flights: Sequence[Flight], alarms: Sequence[MotorAlarm]
 ) -> tuple[Finding, ...]:
-    """What the model is good for: less, where a motor changed in what it was learnt from."""
-    found = findings(learned, held_out)
+    """The findings; of vehicle and wind at most LIMITED where a motor changed in what the model was learnt from."""
     for alarm in alarms:
         if alarm.motor is not None and flights[0].time[0] < alarm.since < flights[-1].time[-1]:
-            name = alarm.name.capitalize()
-            reason = f"{name} changed at {alarm.since:.0f} s; this takes the flight before and after together."
-            return limited_by(found, reason)
+            reason = (
+                f"{alarm.name.capitalize()} changed at {alarm.since:.0f} s; this takes the flight before and after "
+                "together."
+            )
+            return tuple(
+                Finding(purpose, LIMITED, reason) if purpose in PURPOSES[:3] and grade == GOOD else one
+                for one in found
+                for purpose, grade in [one[:2]]
+            )
     return found
 
 
@@ -268,24 +208,96 @@ def _model(
     """What was learnt from, the model, and forecasts of windows that no model saw."""
     if train is not None:
         training, following = cut(max(segments, key=len), start, train, test)
-        learned = _learn((training,), settings, progress)
-        return (training,), learned, held_out_test(training, following, learned)
-    flights = flown_after(of_one_boot(segments), start)
-    with progress("Judging by held-out windows") as done:
-        held_out = judged(flights, settings, test, done)
-    return flights, _learn(flights, settings, progress), held_out
-
-
-def _learn(flights: tuple[Flight, ...], settings: Settings, progress: StepProgress) -> Learned:
+        flights: tuple[Flight, ...] = (training,)
+    else:
+        # Times of another boot than the longest segment's cannot be compared.
+        boot = max(segments, key=len).provenance["segment"]["boot"]
+        flights = flown_after([one for one in segments if one.provenance["segment"]["boot"] == boot], start)
     try:
         with progress("Learning", measured=False):
-            return learn(flights, settings)
+            learned = learn(flights, settings)
     except ValueError as error:
-        raise NotLearnable(
-            f"No model could be learnt: {error}.",
-            "Choose another part of the flight with --start, or a longer --train.",
-        ) from error
+        remedy = "Choose another part of the flight with --start, or a longer --train."
+        raise NotLearnable(f"No model could be learnt: {error}.", remedy) from error
+    if train is not None:
+        return flights, learned, held_out_test(training, following, learned)
+    steps = _test_samples(flights[0], test)
+    try:
+        with progress("Judging by held-out windows") as done:
+            return flights, learned, held_out_windows(flights, settings, steps, done, learned)
+    except ValueError as error:
+        raise _too_few(flights, steps) from error
 
 
-def _joined(first: str, second: str) -> str:
-    return first if second == first else f"{first} {second}"
+def slow_motion_refusal(held_out: HeldOut) -> str:
+    """Returns why a model of the slow motion is not worth having; empty where it is.
+
+    It must beat each baseline in the ``held_out`` windows by a margin, and beyond chance.
+    """
+    for name in BASELINES:
+        ratio = held_out.error_ratio() / held_out.error_ratio(name)
+        test = paired(held_out.error_ratios(baseline=name), np.ones(len(held_out)))
+        error = f"A model of the slow motion has {ratio:.2g} times the squared error of “{name}” in {len(held_out)}"
+        if not ratio <= MAX_SLOW_RATIO:
+            return f"{error} windows that it has not seen: at most {MAX_SLOW_RATIO:g} times would make it worth having."
+        if test.verdict != "lower":
+            return (
+                f"{error} windows that it has not seen, which may be luck (p = {test.p_value:.2g}, needed "
+                f"{SIGNIFICANCE:g})."
+            )
+    return ""
+
+
+def flown_after(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:
+    """Returns what of ``flights`` is flown ``start`` seconds after the first sample and later.
+
+    Raises:
+        TooFewSamples: too little is left to learn from.
+    """
+    begin = flights[0].time[0] + start
+    first = [round(float(np.clip(begin - one.time[0], 0, len(one) * one.dt)) / one.dt) for one in flights]
+    left = tuple(one[skip:] for one, skip in zip(flights, first, strict=True) if len(one) - skip >= FEWEST_SAMPLES)
+    if not left:
+        raise TooFewSamples(
+            f"Less than {FEWEST_SAMPLES} samples of settled flight are left after {start:g} s.",
+            "Start earlier, with a smaller --start.",
+        )
+    return left
+
+
+def _test_samples(flight: Flight, test: Length | None) -> int:
+    return test.samples(flight.dt) if test else samples_in(TEST_SECONDS, flight.dt)
+
+
+def _too_few(flights: Sequence[Flight], steps: int) -> TooFewSamples:
+    """Why no held-out window of ``steps`` fits into a part of the flights, and which would."""
+    dt, samples = flights[0].dt, sum(map(len, flights))
+    fewer = max(1, samples // (FOLDS + 1))
+    shorter = fewer < steps and samples >= 2 * samples_in(TEST_SECONDS, dt)
+    return TooFewSamples(
+        f"The settled flight has {samples} samples ({samples * dt:.1f} s), too few for test windows of {steps}.",
+        "" if shorter else "Fly longer, or give a smaller --start.",
+        ("--test", str(fewer)) if shorter else (),
+    )
+
+
+def cut(flight: Flight, start: float, train: Length, test: Length | None) -> tuple[Flight, Flight]:
+    """Returns the training data of length ``train`` from ``start`` s of the ``flight`` on, and the ``test`` after it.
+
+    Raises:
+        TooFewSamples: they do not fit.
+    """
+    first = round(min(start / flight.dt, len(flight)))
+    left = len(flight) - first
+    length, ahead = train.samples(flight.dt), _test_samples(flight, test)
+    if left >= length + ahead:
+        end = first + length
+        return flight[first:end], flight[end : end + ahead]
+    fewer_train, fewer_test = fewer_samples(left, length, ahead)
+    fits = fewer_train >= FEWEST_SAMPLES
+    raise TooFewSamples(
+        f"The settled flight has {len(flight)} samples ({flight.duration:.1f} s), {left} of them from {start:g} s on, "
+        f"but {length} training and {ahead} test samples were asked for.",
+        "" if fits else "Start earlier, with a smaller --start.",
+        ("--train", str(fewer_train), "--test", str(fewer_test)) if fits else (),
+    )

@@ -6,37 +6,37 @@ is, that pages and fleets read, and that scripts hold. ``vehicle`` has the physi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from math import isnan
 from os import PathLike
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from mavdem.alignment.drive import AXES
-from mavdem.alignment.read import learnable_segments
-from mavdem.alignment.trim import HoverFigures, hover_of_log
+from mavdem.alignment.read import choose_vehicle, usable_segments
+from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import Verdict
 from mavdem.analysis.findings import Finding
 from mavdem.condition import Condition, Identity
-from mavdem.condition.tier import Tier
+from mavdem.condition.hover import HoverFigures, hover_of
+from mavdem.condition.inventory import Tier
+from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque, physical
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
-from mavdem.dem.validation import LEVEL
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LAST, PREDICTION, HeldOut
-from mavdem.evaluate.squared_error import error_over, mspe
+from mavdem.evaluate.scores import error_over, mspe
 from mavdem.evaluate.truth import TruthComparison
 from mavdem.flight import Flight
 from mavdem.health.motor_watch import MotorAlarm, alarm_figures
-from mavdem.ingest import Log, read_log
+from mavdem.ingest import Component, read_log
 
+ALL = "all"  # of an axis: roll, pitch and yaw
 DEM = "DEM"  # the name of the model's own forecasts, beside the baselines
-HALF = 0.5  # of an output's variance: up to the horizon at which the expected squared error reaches it
+EXPLAINED_SHARE = 0.5  # of an output's variance: up to the horizon at which the expected squared error reaches it
 
 
 class AxisFigures(NamedTuple):
@@ -67,10 +67,10 @@ class VehicleFigures(NamedTuple):
     hover: HoverFigures | None
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values."""
+        """Returns plain JSON values."""
         axes = {
-            name: {"physical": physical_values(own.physical), "wind": wind_values(own.wind), "reason": own.reason}
-            for name, own in self.axes.items()
+            name: {"physical": physical_values(one.physical), "wind": wind_values(one.wind), "reason": one.reason}
+            for name, one in self.axes.items()
         }
         return {"axes": axes, "hover": None if self.hover is None else self.hover.as_dict()}
 
@@ -115,7 +115,7 @@ class LogAnalysis:
 
 
 def figures(analysis: LogAnalysis) -> dict[str, Any]:
-    """Returns all figures of one vehicle and axis as plain JSON values: what ``report.json`` has.
+    """Returns all figures of an ``analysis`` as plain JSON values: what ``report.json`` has.
 
     Angles in rad, rates in rad/s, time in s. Without a model its figures are missing.
     """
@@ -143,24 +143,24 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
     ``learned`` is the model of the training data ``flights``; ``held_out`` are windows that its like, or it itself, has
     forecast without having seen them.
     """
-    first, measured = flights[0], learned.record.outputs
+    first, measured, fit = flights[0], learned.record.outputs, learned.simulation_fit
     after_first = np.setdiff1d(np.arange(len(measured)), learned.record.starts)
-    before = after_first - 1
     one_step = {
         DEM: learned.one_step()[after_first],
-        HOLD_LAST: measured[before],
+        HOLD_LAST: measured[after_first - 1],
         CONSTANT_MEAN: np.broadcast_to(measured.mean(axis=0), measured[after_first].shape),
     }
-    variance = measured.var(axis=0)
-    model, sd, half_width = learned.model, learned.model_sd, learned.model_interval(LEVEL)
-    expected = float((held_out.expected / held_out.variance).mean())
-    names = {FORECAST: DEM, **{name: name for name in BASELINES}}
-    forecast_errors = _ranked(
-        {names[name]: held_out.squared_errors(name).mean(axis=0) for name in names}, held_out.variance
-    )
+    one_step_errors = {name: mspe(measured[after_first], values).per_output for name, values in one_step.items()}
+    forecast_errors = {
+        DEM if name == FORECAST else name: held_out.squared_errors(name).mean(axis=0) for name in (FORECAST, *BASELINES)
+    }
+    ranked = _ranked(forecast_errors, held_out.variance)
+    model, energy = learned.model, learned.free_energy
+    sd, half_width = learned.model_sd, learned.model_interval(LEVEL)
+    turning = None if fit is None or fit.layout is None else fit.layout.turning
     return {
         "flight": dict(first.provenance),
-        "segments": [{"start": float(one.time[0]), "samples": len(one)} for one in flights],
+        "segments": [{"start": float(flight.time[0]), "samples": len(flight)} for flight in flights],
         "inputs": list(first.input_names),
         "outputs": list(first.output_names),
         "dt": first.dt,
@@ -174,24 +174,31 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
         "undetermined": len(learned.undetermined),
         "spectral_abscissa": model.spectral_abscissa,
         "free_energy": {
-            "start": float(learned.free_energy[0]),
-            "end": float(learned.free_energy[-1]),
-            "gained": learned.free_energy.gained,
-            "terms": {name: float(term[-1]) for name, term in learned.free_energy.terms.items()},
+            "start": float(energy[0]),
+            "end": float(energy[-1]),
+            "gained": energy.gained,
+            "terms": {name: float(term[-1]) for name, term in energy.terms.items()},
         },
         "held_out": held_out.as_dict(),
-        "one_step_mspe": _ranked(
-            {name: mspe(measured[after_first], predicted).per_output for name, predicted in one_step.items()}, variance
-        ),
-        "forecast_mspe": forecast_errors,
-        "forecast_over_constant_mean": forecast_errors[DEM]["relative"],
-        "expected_error": expected,
+        "one_step_mspe": _ranked(one_step_errors, measured.var(axis=0)),
+        "forecast_mspe": ranked,
+        "forecast_over_constant_mean": ranked[DEM]["relative"],
+        "expected_error": float((held_out.expected / held_out.variance).mean()),
         "inside_90_percent_band": held_out.coverage,
         "prediction": {
-            "half_explained_seconds": (learned.prediction.useful_steps(HALF) * first.dt).tolist(),
+            "half_explained_seconds": (learned.prediction.useful_steps(EXPLAINED_SHARE) * first.dt).tolist(),
             "error_ratio": held_out.error_ratio(PREDICTION),
         },
-        "simulation_fit": _simulation_fit(learned.simulation_fit),
+        "simulation_fit": None
+        if fit is None
+        else {
+            "samples": fit.horizon,
+            "converged": fit.settled,
+            "numbers": fit.numbers,
+            "parameters": len(fit.places),
+            "turning": None if turning is None else turning.tolist(),
+            "terms": {name: float(term[-1]) for name, term in fit.terms.items()},
+        },
         "physical": physical_values(learned.physical),
         "wind": wind_values(learned.wind),
         "closed_loop": None,
@@ -200,47 +207,43 @@ def model_figures(flights: Sequence[Flight], learned: Learned, held_out: HeldOut
     }
 
 
-def physical_values(read: Physical | None) -> dict[str, Any] | None:
-    """Effect, damping and lag with status and reason; no interval of what is not identifiable."""
-    if read is None:
-        return None
-    effect, *others = read.interval(LEVEL)
-    halves = {
-        name: None if isnan(half) else half for name, half in zip(("damping", "lag", "delay"), others, strict=True)
+def _ranked(errors: dict[str, Array], variance: Array) -> dict[str, Any]:
+    """Mean squared errors (m,) by name, with the ratio to the constant mean's, the lowest first."""
+    relative = {name: float((error / variance).sum()) for name, error in errors.items()}
+    mean = relative[CONSTANT_MEAN]
+    values = {
+        name: {"per_output": error.tolist(), "total": float(error.sum()), "relative": float(error_over(size, mean))}
+        for (name, error), size in zip(errors.items(), relative.values(), strict=True)
     }
+    return dict(sorted(values.items(), key=lambda named: named[1]["relative"]))
+
+
+def physical_values(physical: Physical | None) -> dict[str, Any] | None:
+    """Returns ``physical`` parameters with status and reason; no interval of what is not identifiable."""
+    if physical is None:
+        return None
+    effect, *halves = physical.interval(LEVEL)
+    interval = {name: _or_none(half) for name, half in zip(("damping", "lag", "delay"), halves, strict=True)}
+    kept = ("damping", "lag", "delay", "status", "reasons", "bias", "wind", "wind_share", "refinements")
     return {
-        "effect": read.effect.tolist(),
-        "damping": read.damping,
-        "lag": read.lag,
-        "delay": read.delay,
-        "interval_90_percent": {"effect": None if np.isnan(effect).any() else effect.tolist(), **halves},
-        "status": read.status,
-        "reasons": read.reasons,
-        "bias": read.bias,
-        "wind": read.wind,
-        "wind_share": read.wind_share,
-        "refinements": read.refinements,
-        "windows": {name: column.tolist() for name, column in read.windows._asdict().items()},
+        "effect": physical.effect.tolist(),
+        **{name: getattr(physical, name) for name in kept},
+        "interval_90_percent": {"effect": None if np.isnan(effect).any() else effect.tolist(), **interval},
+        "windows": {name: column.tolist() for name, column in physical.windows._asdict().items()},
     }
 
 
-def wind_values(found: WindTorque | None) -> dict[str, Any] | None:
-    """The wind's torque as numbers, rad/s²; ``None`` for shares that are not known."""
-    if found is None:
+def wind_values(wind: WindTorque | None) -> dict[str, Any] | None:
+    """Returns the ``wind`` torque as numbers, rad/s²; ``None`` for shares that are not known."""
+    if wind is None:
         return None
+    kept = ("mean", "mean_band", "sd", "scale_error", "resolved", "reason", "gust_threshold", "false_gusts_per_minute")
     return {
-        "mean": found.mean,
-        "mean_band": found.mean_band,
-        "sd": found.sd,
-        "scale_error": found.scale_error,
-        "resolved": found.resolved,
-        "reason": found.reason,
-        "answered": _or_none(found.answered),
-        "answered_below_1_hz": _or_none(found.answered_slow),
-        "gusts": [gust._asdict() for gust in found.gusts],
-        "gust_threshold": found.gust_threshold,
-        "false_gusts_per_minute": found.false_gusts_per_minute,
-        "spectrum": {name: values.tolist() for name, values in found.spectrum._asdict().items()},
+        **{name: getattr(wind, name) for name in kept},
+        "answered": _or_none(wind.answered),
+        "answered_below_1_hz": _or_none(wind.answered_slow),
+        "gusts": [gust._asdict() for gust in wind.gusts],
+        "spectrum": {name: values.tolist() for name, values in wind.spectrum._asdict().items()},
     }
 
 
@@ -248,40 +251,8 @@ def _or_none(value: float) -> float | None:
     return value if np.isfinite(value) else None
 
 
-def _simulation_fit(fit: SimulationFit | None) -> dict[str, Any] | None:
-    """The simulation-error fit: its horizon, effective sample size, mixer geometry and terms."""
-    if fit is None:
-        return None
-    turning = None if fit.layout is None else fit.layout.turning
-    return {
-        "samples": fit.horizon,
-        "converged": fit.settled,
-        "numbers": fit.numbers,
-        "parameters": len(fit.places),
-        "turning": None if turning is None else turning.tolist(),
-        "terms": {name: float(term[-1]) for name, term in fit.terms.items()},
-    }
-
-
-def _ranked(errors: dict[str, Array], variance: Array) -> dict[str, Any]:
-    """Mean squared errors (m,) by name, with the ratio to the constant mean's, the lowest first."""
-    sizes = {name: float((each / variance).sum()) for name, each in errors.items()}
-    found = {
-        name: {
-            "per_output": each.tolist(),
-            "total": float(each.sum()),
-            "relative": float(error_over(sizes[name], sizes[CONSTANT_MEAN])),
-        }
-        for name, each in errors.items()
-    }
-    return dict(sorted(found.items(), key=lambda named: named[1]["relative"]))
-
-
-ALL = "all"
-
-
 def vehicle(path: str | bytes | PathLike[str], axis: str = ALL, vehicle: str | None = None) -> VehicleFigures:
-    """Roll, pitch and yaw of a log in one call, or one of them; yaw by its rate only.
+    """Returns the physical parameters of roll, pitch and yaw of a log, or of one of them; yaw by its rate only.
 
     Args:
         path: a log that ``mavdem.ingest.read_log`` reads.
@@ -295,39 +266,28 @@ def vehicle(path: str | bytes | PathLike[str], axis: str = ALL, vehicle: str | N
     """
     if axis not in (*AXES, ALL):
         raise ValueError(f"axis must be one of {', '.join((*AXES, ALL))}, not {axis!r}")
-    return vehicle_of_log(read_log(path), AXES if axis == ALL else (axis,), vehicle)
-
-
-def vehicle_of_log(
-    log: Log,
-    names: Sequence[str],
-    vehicle: str | None = None,
-    inputs: str | None = None,
-    progress: Callable[[float], None] = lambda _: None,
-) -> VehicleFigures:
-    """As :func:`vehicle`, of these axes of a log that is read; ``progress`` is called with the share of them done."""
-    axes = {}
-    for done, name in enumerate(names, start=1):
-        axes[name] = _axis(log, name, vehicle, inputs)
-        progress(done / len(names))
+    log = read_log(path)
+    signals = Signals(choose_vehicle(log.vehicles, vehicle))
+    names = AXES if axis == ALL else (axis,)
+    axes = {name: axis_figures(signals.about(name), log.components) for name in names}
     try:
-        figures = hover_of_log(log, vehicle)
+        hover = hover_of(signals.about("roll", "motors"), log.components)
     except NotLearnable:
-        figures = None
-    return VehicleFigures(axes, figures)
+        hover = None
+    return VehicleFigures(axes, hover)
 
 
-def _axis(log: Log, axis: str, vehicle: str | None, inputs: str | None) -> AxisFigures:
-    try:
-        flights, _ = learnable_segments(log, axis, vehicle, inputs)
-    except NotLearnable as error:
-        return AxisFigures((), None, None, str(error))
+def axis_figures(signals: Signals, components: Sequence[Component] = ()) -> AxisFigures:
+    """Returns the physical parameters of the axis of ``signals``; ``components`` are those in the log."""
+    flights, verdict = usable_segments(signals, components)
+    if not flights:
+        return AxisFigures((), None, None, str(NotLearnable(verdict.reason, verdict.remedy)))
     record = Record.of(flights)
     try:
-        found = physical(record)
+        parameters = physical(record)
     except ValueError as error:
         return AxisFigures(flights, None, None, f"{str(error)[:1].upper()}{str(error)[1:]}.")
     try:
-        return AxisFigures(flights, found, wind(found, record), "")
+        return AxisFigures(flights, parameters, wind(parameters, record), "")
     except ValueError:  # LinAlgError is one
-        return AxisFigures(flights, found, None, "")
+        return AxisFigures(flights, parameters, None, "")

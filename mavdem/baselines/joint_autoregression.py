@@ -6,17 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
 from numpy.typing import ArrayLike
-from scipy.stats import norm
 
 from mavdem.baselines.identified import required_order
+from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.closed_loop.autoregression import RIDGE
 from mavdem.dem.closed_loop.joint_model import JointModel
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.engine.model import STABILITY_TOLERANCE
 from mavdem.dem.record import Record, UniformRecord, required_steps
-from mavdem.dem.validation import LEVEL, is_number, require_probability
+from mavdem.dem.validation import is_number
 
 
 def var(train: UniformRecord | Sequence[UniformRecord], order: int = 10, ridge: float = RIDGE) -> JointAutoregression:
@@ -115,7 +114,7 @@ class JointAutoregression:
             ValueError: no positive whole number of steps, or a level that is no probability between 0 and 1.
         """
         require_probability(level)
-        return _half_width(self.joint.predicted(required_steps(steps)).variance, level)
+        return half_width(self.joint.predicted(required_steps(steps)).variance, level)
 
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
         """(H, m): the outputs after the training data given the recorded ``inputs`` (H, r), as measurements.
@@ -141,7 +140,7 @@ class JointAutoregression:
             ValueError: inputs of another width or not finite, or a level that is no probability between 0 and 1.
         """
         require_probability(level)
-        return _half_width(self.forecast_variance(inputs), level)
+        return half_width(self.forecast_variance(inputs), level)
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """(H, m): the samples after the training data, by a new forecast from every ``steps``-th of them on.
@@ -163,7 +162,3 @@ class JointAutoregression:
             f"{self.method} takes the inputs for the autopilot's answer to the motion, and has no plant to command: "
             "use Learned.simulate"
         )
-
-
-def _half_width(variance: Array, level: float) -> Array:
-    return np.asarray(norm.ppf(0.5 + level / 2) * np.sqrt(variance))

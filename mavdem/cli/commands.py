@@ -14,8 +14,7 @@ from click.shell_completion import shell_complete
 
 from mavdem.cli.output import complain, prepare_streams, say_aside
 from mavdem.cli.signals import INTERRUPTED, ending_at_once
-from mavdem.errors import NotLearnable, Unreadable
-from mavdem.extras import MissingExtra
+from mavdem.errors import MissingExtra, NotLearnable, Unreadable
 
 DONE, UNSUPPORTED, UNUSABLE, PIPE_CLOSED = 0, 1, 2, 141
 """Exit codes: done; the data cannot support the request; bad usage, unreadable input or output that fails; and as a

@@ -15,9 +15,9 @@ from mavdem.cli.options import motion_options, window_options
 from mavdem.cli.output import json_text, print_blocks, print_json, printable, progress
 from mavdem.cli.output_files import check_folder, files_in, folder_named, page_bytes
 from mavdem.cli.sources import end_report, names_of, nothing_left, of_each
-from mavdem.comparison import METHODS, Comparison, outcomes
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
+from mavdem.evaluate.comparison import METHODS, Comparison, outcomes
 from mavdem.evaluate.windows import (
     TEST_SECONDS,
     TRAIN_SECONDS,

@@ -20,9 +20,8 @@ from mavdem.cli.output import print_json, printable, progress, say, say_aside
 from mavdem.cli.output_files import check_file, writing
 from mavdem.cli.signals import ending_at_once
 from mavdem.cli.words.scenario import in_toml, in_words
-from mavdem.errors import Unreadable
+from mavdem.errors import Unreadable, require
 from mavdem.export.conversion import STREAMS
-from mavdem.extras import require
 from mavdem.files import atomic_writes, replaceable
 from sitl_scenarios.dynamics import frame
 from sitl_scenarios.files import load, names, scenario_of
@@ -169,7 +168,7 @@ def _chosen(named: str, seed: int | None, duration: float | None) -> Scenario:
     except ValueError as error:
         raise click.BadParameter(f"{error}.", param_hint="--seed or --duration") from error
     try:
-        AUTOPILOTS[chosen.stream.speaks].rates(chosen.stream.rate, chosen.stream.rates)
+        AUTOPILOTS[chosen.stream.autopilot].rates(chosen.stream.rate, chosen.stream.rates)
     except ValueError as error:
         # Not after a long flight.
         raise click.BadParameter(f"{Path(named).name}: {error}.", param_hint="SCENARIO") from error

@@ -20,9 +20,8 @@ from mavdem.cli.output import complain, print_blocks, print_json, printable, pro
 from mavdem.cli.output_files import RECORDING, check_folder, folder_named, result_files, write_figures, write_results
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
-from mavdem.errors import NotLearnable
+from mavdem.errors import NotLearnable, advice
 from mavdem.evaluate.windows import Length
-from mavdem.extras import advice
 from mavdem.page.condition_page import condition_page
 from mavdem.page.learned_page import learned_page
 from mavdem.report.blocks import Sentence
@@ -141,7 +140,8 @@ def learn_command(
         "seconds": round(perf_counter() - began, 3),
         "files": {name: str(folder / name) for name in names},
     }
-    held = inventory(log, analysis.verdict.axis, vehicle, inputs)
+    known = analysis.verdict, analysis.condition, analysis.identity
+    held = inventory(log, analysis.verdict.axis, vehicle, inputs, known)
     if learned is None or held_out is None:
         _without_model(analysis, report, folder, source, held, as_json)
         raise click.exceptions.Exit(UNSUPPORTED)

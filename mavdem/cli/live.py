@@ -18,9 +18,8 @@ from mavdem.cli.output import print_json, printable, say_aside
 from mavdem.cli.output_files import check_file, write_page, writing
 from mavdem.cli.signals import asked_to_end, ending_at_once
 from mavdem.dem import Learned
-from mavdem.errors import Unreadable
+from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
-from mavdem.extras import MissingExtra, advice
 from mavdem.files import atomic_write
 from mavdem.health.motor_watch import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup

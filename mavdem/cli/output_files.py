@@ -14,10 +14,9 @@ from mavdem.cli.options import no_option
 from mavdem.cli.output import json_text
 from mavdem.cli.signals import ending_at_once
 from mavdem.dem import Learned
-from mavdem.errors import Unreadable
+from mavdem.errors import Unreadable, missing
 from mavdem.evaluate import HeldOut
 from mavdem.export.channels import write_channels
-from mavdem.extras import missing
 from mavdem.files import atomic_write, atomic_writes, replaceable
 from mavdem.flight import Flight
 

@@ -16,7 +16,7 @@ from mavdem.cli.output import STDERR, json_text, print_json, print_table, say
 from mavdem.cli.output_files import check_folder, writing
 from mavdem.cli.signals import ending_at_once
 from mavdem.dem.parallel import pool, spare_cores
-from mavdem.extras import require
+from mavdem.errors import require
 from mavdem.paper.claims import CLAIMS
 
 if TYPE_CHECKING:

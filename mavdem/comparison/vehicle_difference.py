@@ -23,13 +23,13 @@ from mavdem.comparison.vehicle_estimates import (
     DAMPING,
     EFFECT,
     LAG,
-    LEVEL,
     MEAN_EFFECT,
     SHARE,
     FlightEstimate,
     Quantity,
     estimates_of,
 )
+from mavdem.confidence import LEVEL, quantile
 from mavdem.health.reference import SCATTER
 
 FAMILY_ERROR = 0.05
@@ -250,7 +250,7 @@ def _merged(parts: Sequence[_Raw]) -> _Raw:
 def _judged(quantity: Quantity, raw: _Raw) -> QuantityChange:
     """The difference in the unit people read, with its interval and p-value; not yet tested beside the others."""
     sd = hypot(sqrt(raw.variance), raw.allowance)
-    half = float(student.ppf(0.5 + LEVEL / 2, raw.freedom)) * sd
+    half = quantile(LEVEL, raw.freedom) * sd
     p = float(2 * student.sf(abs(raw.difference) / sd, raw.freedom))
     before: float | None = raw.before
     after: float | None = raw.after

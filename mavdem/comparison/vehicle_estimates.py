@@ -7,13 +7,11 @@ from math import isfinite, log
 from statistics import fmean, median
 from typing import NamedTuple
 
-from scipy.stats import norm
-
 from mavdem.comparison.flight_figures import FlightFigures
+from mavdem.confidence import quantile
 
-LEVEL = 0.9  # of the intervals of flights
 MAX_UNCERTAINTY = 0.5  # of an effect, as a share of it: with a wider interval its logarithm is not nearly normal
-_Z = float(norm.ppf(0.5 + LEVEL / 2))
+_Z = quantile()
 
 SHARE, EFFECT, MEAN_EFFECT, DAMPING, LAG = "share", "effect", "mean effect", "damping", "lag"
 FEWEST_MOTORS = 3  # of which one is compared with the others

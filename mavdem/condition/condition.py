@@ -1,4 +1,14 @@
-"""Condition: what a log says of a vehicle at any rate: balance, limits, lean, vibration and battery."""
+"""Condition: what a log says of a vehicle at any rate: balance, limits, lean, vibration and battery.
+
+Each mean comes with an interval that allows for the correlation of neighbouring samples. The error of a mean over T
+seconds is decided by the slowest part of the series, below about 1/T. That part is estimated from the first cosines:
+each of q projections of the series on √2 cos(π j t/T) has the mean's own variance, if the spectrum is flat up to
+q/(2T). Their mean square is then its estimate, with q degrees of freedom.
+
+References:
+    E. Lazarus, D. J. Lewis, J. H. Stock and M. W. Watson, "HAR Inference: Recommendations for Practice", Journal of
+    Business & Economic Statistics 36 (2018): the equal-weighted cosine estimator, and Student's t.
+"""
 
 from __future__ import annotations
 
@@ -9,15 +19,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment import phases
-from mavdem.alignment.drive import AXES, TILT_AXES
-from mavdem.alignment.intervals import both, total
+from mavdem.alignment.align import Segment, settled_segments, within
+from mavdem.alignment.drive import AXES, TILT_AXES, Signal, floats, series
+from mavdem.alignment.phases import both, total
 from mavdem.alignment.signals import Signals
-from mavdem.alignment.trim import HoverFigures, hover_of
-from mavdem.condition.battery import BatteryFigures, battery_of
-from mavdem.condition.mean_interval import mean_interval
-from mavdem.condition.periods import Periods, during, log_span, seconds_of, settled_flight
-from mavdem.condition.vibration import VibrationFigures, vibration_of
+from mavdem.condition.hover import HoverFigures, hover_of
+from mavdem.confidence import LEVEL, half_width
 from mavdem.errors import NotLearnable
+from mavdem.ingest.motors import MULTIROTORS
+
+FASTEST = 0.05
+"""Hz, of the fastest cosine: slower than gusts and the position loop, whose seconds are no mean of a flight."""
+FEWEST, MOST = 4, 32  # Cosines; fewer than 4 make intervals that are mostly chance, more than 32 hardly change them
+END_SECONDS = 2.0  # The battery's voltage at either end is the median over so long
+MIN_BATTERY_SAMPLES = 10  # From which a resistance is estimated
+LEVELS, CLIPS = ("vibration_x", "vibration_y", "vibration_z"), ("clipping_0", "clipping_1", "clipping_2")
+
+Segments = tuple[Segment, ...]
 
 
 @dataclass(frozen=True)
@@ -33,6 +51,43 @@ class Steady:
     mean: float
     interval: float | None
     sd: float
+
+
+@dataclass(frozen=True)
+class VibrationFigures:
+    """Of the first IMU.
+
+    Attributes:
+        level: mean level of the acceleration, m/s²: x, y and z from ArduPilot, one for all axes from PX4. The levels of
+            the two are not alike: compare flights of one autopilot.
+        clips: how often an accelerometer was beyond its range.
+    """
+
+    level: tuple[float, ...]
+    clips: int
+
+
+@dataclass(frozen=True)
+class BatteryFigures:
+    """The first battery over some time; V, A and Ω. None where it was not measured.
+
+    Attributes:
+        voltage_start, voltage_end: medians of the first and the last 2 s.
+        voltage_mean, voltage_min: of all samples.
+        current_mean, current_max: of all samples.
+        resistance: how far the voltage falls with each ampere, apart from the steady discharge; None where the current
+            hardly changed, so that the interval contains 0.
+        resistance_interval: half width of its 90 % interval.
+    """
+
+    voltage_start: float
+    voltage_end: float
+    voltage_mean: float
+    voltage_min: float
+    current_mean: float | None = None
+    current_max: float | None = None
+    resistance: float | None = None
+    resistance_interval: float | None = None
 
 
 @dataclass(frozen=True)
@@ -76,31 +131,27 @@ class Condition:
         return None if self.hover is None else float(np.mean(self.hover.trim_of_range))
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values; angles in rad, but for those of ``hover``."""
-        return {
-            **asdict(self),
-            "hover": None if self.hover is None else self.hover.as_dict(),
-            "share_interval": list(self.share_interval),
-            "vibration": None if self.vibration is None else self.vibration._asdict(),
-            "collective": self.collective,
-        }
+        """Returns plain JSON values; angles in rad, but for those of ``hover``."""
+        hover = None if self.hover is None else self.hover.as_dict()
+        intervals = list(self.share_interval)
+        return {**asdict(self), "hover": hover, "share_interval": intervals, "collective": self.collective}
 
 
 def condition_of(signals: Signals) -> Condition:
-    """The condition of the vehicle of ``signals``, whatever they are for: it takes the motors' own messages."""
+    """Returns the condition of the vehicle of ``signals``, whatever they are for: it takes the motors' own messages."""
     signals = Signals(signals.telemetry, inputs="motors") if signals.inputs != "motors" else signals
-    span, settled = log_span(signals), settled_flight(signals)
+    span, settled = recorded_parts(signals), settled_parts(signals)
     try:
         hover = hover_of(signals)
     except NotLearnable:
         hover = None
     intervals, command = ((), {}) if hover is None else _balance(signals, settled)
-    armed = sum(total(both(recorded, phases.armed(signals, boot))) for boot, recorded in span.items())
+    armed = sum(total(both([(part.start, part.end)], phases.armed(signals, part.boot))) for part in span)
     lean, tilt = _leaning(signals, settled)
     return Condition(
-        duration=seconds_of(span),
+        duration=_seconds(span),
         armed=None if signals.armed is None else float(armed),
-        settled=seconds_of(settled),
+        settled=_seconds(settled),
         hover=hover,
         share_interval=intervals,
         command=command,
@@ -108,45 +159,144 @@ def condition_of(signals: Signals) -> Condition:
         tilt_mean=float(tilt.mean()) if len(tilt) else None,
         tilt_sd=float(tilt.std()) if len(tilt) else None,
         tilt_max=float(tilt.max()) if len(tilt) else None,
-        vibration=vibration_of(signals, settled),
-        battery=battery_of(signals, settled or span),
+        vibration=_vibration(signals, settled),
+        battery=_battery(signals, settled or span),
     )
 
 
-def _balance(signals: Signals, settled: Periods) -> tuple[tuple[float | None, ...], dict[str, Steady]]:
+def settled_parts(signals: Signals) -> Segments:
+    """Returns settled flight with attitude and motor outputs or, where there are no motor outputs, with attitude."""
+    if signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
+        return ()
+    if signals.motors is not None:
+        return tuple(sorted(settled_segments(signals), key=lambda segment: (segment.boot, segment.start)))
+    return tuple(
+        Segment(part.boot, start, end)
+        for part in recorded_parts(signals)
+        for start, end in both([(part.start, part.end)], phases.settled(signals, part.boot))
+    )
+
+
+def recorded_parts(signals: Signals) -> Segments:
+    """Returns each boot from its first message to its last."""
+    ends: dict[int, tuple[float, float]] = {}
+    for columns in signals.telemetry.messages.values():
+        for boot in np.unique(columns["boot"]):
+            time = columns["time"][columns["boot"] == boot]
+            first, last = ends.get(int(boot), (np.inf, -np.inf))
+            ends[int(boot)] = min(first, float(time.min())), max(last, float(time.max()))
+    return tuple(Segment(boot, *span) for boot, span in sorted(ends.items()))
+
+
+def mean_interval(values: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
+    """Returns the half widths (k,) of the 90 % intervals of the means of ``values`` (N, k), infinite where too short.
+
+    The samples are uniform over so many ``seconds``.
+    """
+    length = len(values)
+    cosines = int(np.clip(round(2 * FASTEST * seconds), FEWEST, MOST))
+    if length <= 2 * cosines:
+        return np.full(values.shape[1], np.inf)
+    phase = np.pi * (np.arange(length) + 0.5) / length
+    basis = np.sqrt(2.0) * np.cos(np.arange(1, cosines + 1)[:, None] * phase) / length
+    variance = np.square(basis @ (values - values.mean(axis=0))).mean(axis=0)
+    return half_width(variance, LEVEL, cosines)
+
+
+def _seconds(parts: Segments) -> float:
+    return float(sum(part.duration for part in parts))
+
+
+def _balance(signals: Signals, settled: Segments) -> tuple[tuple[float | None, ...], dict[str, Steady]]:
     """Half widths of the motors' shares, and the steady command of each axis."""
-    motors, seconds = signals.motors, seconds_of(settled)
+    motors, seconds = signals.motors, _seconds(settled)
     assert motors is not None
-    shares = motors.scale.fraction(motors.outputs[during(settled, motors.time, motors.boot)])
+    shares = motors.scale.fraction(motors.outputs[within(motors, *settled)])
     level = shares.mean(axis=1, keepdims=True)
     # A ratio of means: its error is the mean of these.
     balance = (shares - level * (shares.mean(axis=0) / level.mean())) / level.mean()
-    intervals = mean_interval(balance, seconds).half_width
     weights = {axis: effect for axis in AXES if (effect := motors.layout.effect(axis)) is not None}
     return (
-        tuple(_known(half) for half in intervals),
+        tuple(_known(half) for half in mean_interval(balance, seconds)),
         {axis: _steady(shares @ effect, seconds) for axis, effect in weights.items()},
     )
 
 
-def _leaning(signals: Signals, settled: Periods) -> tuple[dict[str, Steady], NDArray[np.float64]]:
+def _leaning(signals: Signals, settled: Segments) -> tuple[dict[str, Steady], NDArray[np.float64]]:
     """Roll and pitch, and the angle from level (N,), rad."""
-    if len(signals.tilts) < len(TILT_AXES):
+    angles = [tilt.angle[within(tilt, *settled)] for tilt in signals.tilts]
+    if len(angles) < len(TILT_AXES) or not all(map(len, angles)):
         return {}, np.zeros(0)
-    angles = [tilt.angle[during(settled, tilt.time, tilt.boot)] for tilt in signals.tilts]
-    if not all(map(len, angles)):
-        return {}, np.zeros(0)
-    seconds = seconds_of(settled)
-    lean = {axis: _steady(angle, seconds) for axis, angle in zip(TILT_AXES, angles, strict=True)}
+    lean = {axis: _steady(angle, _seconds(settled)) for axis, angle in zip(TILT_AXES, angles, strict=True)}
     # Both come with the same messages, so they differ in length only where a row of one was left out.
     roll, pitch = (angle[: min(map(len, angles))] for angle in angles)
     return lean, np.arccos(np.clip(np.cos(roll) * np.cos(pitch), -1, 1))
 
 
 def _steady(values: NDArray[np.float64], seconds: float) -> Steady:
-    found = mean_interval(values[:, None], seconds)
-    return Steady(float(found.mean[0]), _known(found.half_width[0]), float(values.std()))
+    return Steady(float(values.mean()), _known(mean_interval(values[:, None], seconds)[0]), float(values.std()))
 
 
 def _known(half_width: float) -> float | None:
     return float(half_width) if np.isfinite(half_width) else None
+
+
+def _measured(signals: Signals, message: str, fields: tuple[str, ...]) -> Signal | None:
+    """Fields of a message as columns (N, k); None where one is missing."""
+    columns = signals.telemetry.messages.get(message)
+    if columns is None or not all(name in columns for name in fields):
+        return None
+    return series(columns, np.column_stack([floats(columns, name) for name in fields]))
+
+
+def _vibration(signals: Signals, settled: Segments) -> VibrationFigures | None:
+    """The vibration in settled flight; None where it was not measured then.
+
+    PX4's VIBRATION (``streams/VIBRATION.hpp``) has angular levels in x and y, and that of the acceleration in z.
+    """
+    names = LEVELS[-1:] if signals.telemetry.autopilot == "PX4" else LEVELS
+    measured = _measured(signals, "VIBRATION", (*names, *CLIPS))
+    if measured is None:
+        return None
+    here = within(measured, *settled)
+    levels, clips = measured.values[here, : len(names)], measured.values[:, len(names) :]
+    if not levels.any():  # also where a firmware sends zeros
+        return None
+    # The counts are of the boot so far.
+    rises = np.clip(np.diff(clips, axis=0, prepend=clips[:1]), 0, None).sum(axis=1)
+    return VibrationFigures(tuple(levels.mean(axis=0).tolist()), int(rises[here].sum()))
+
+
+def _battery(signals: Signals, parts: Segments) -> BatteryFigures | None:
+    """The battery during these parts; None where no voltage was measured then."""
+    voltage = signals.voltage
+    if voltage is None or not (here := within(voltage, *parts)).any():
+        return None
+    time, boot, volts = voltage.time[here], voltage.boot[here], voltage.values[here]
+    first = volts[(boot == boot[0]) & (time <= time[0] + END_SECONDS)]
+    last = volts[(boot == boot[-1]) & (time >= time[-1] - END_SECONDS)]
+    figures = float(np.median(first)), float(np.median(last)), float(volts.mean()), float(volts.min())
+    load = _measured(signals, "SYS_STATUS", ("voltage_battery", "current_battery"))
+    here = within(load, *parts) if load is not None else np.zeros(0, dtype=np.bool_)
+    # A negative current stands for none, and a sensor that is not there, or not calibrated, reads 0 at times.
+    if load is None or not here.any() or load.values[here, 1].min() <= 0:
+        return BatteryFigures(*figures)
+    volts, amperes = load.values[here, 0] / 1e3, load.values[here, 1] / 1e2
+    return BatteryFigures(
+        *figures, float(amperes.mean()), float(amperes.max()), *_resistance(load.time[here], volts, amperes)
+    )
+
+
+def _resistance(
+    time: NDArray[np.float64], volts: NDArray[np.float64], amperes: NDArray[np.float64]
+) -> tuple[float | None, float | None]:
+    """Resistance and half width: regression on the current, both without their straight line over time."""
+    line = np.column_stack([np.ones_like(time), time - time.mean()])
+    fallen, load = (column - line @ np.linalg.lstsq(line, column, rcond=None)[0] for column in (-volts, amperes))
+    power = float(load @ load)
+    if len(time) < MIN_BATTERY_SAMPLES or power <= 0:
+        return None, None
+    resistance = float(load @ fallen) / power
+    scores = load * (fallen - resistance * load) * len(load) / power
+    half = float(mean_interval(scores[:, None], float(np.ptp(time)))[0])
+    return (resistance, half) if 0 < half < resistance else (None, None)

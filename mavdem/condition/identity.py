@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from mavdem.alignment.segments import settled_segments
+from mavdem.alignment.align import settled_segments
 from mavdem.alignment.signals import Signals
-from mavdem.ingest import board_number
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.vocabulary import version_text
+from mavdem.ingest.vocabulary import board_number_in_bytes, board_number_in_texts, version_text
 
 CALIBRATIONS = {
     "accelerometer": (
@@ -73,7 +72,7 @@ def identity_of(signals: Signals, received: float = float("nan")) -> Identity:
 
 
 def _name(telemetry: Telemetry) -> tuple[str, str]:
-    if number := telemetry.board or board_number.in_texts(_texts(telemetry)) or _sent_number(telemetry):
+    if number := telemetry.board or board_number_in_texts(_texts(telemetry)) or _sent_number(telemetry):
         return number, "board"
     for sensor, families in CALIBRATIONS.items():
         for names in families:
@@ -97,7 +96,7 @@ def _sent_number(telemetry: Telemetry) -> str:
         return ""
     rows = np.atleast_2d(np.asarray(columns["uid2"], dtype=np.uint8))
     words = telemetry.autopilot == "ARDUPILOTMEGA"
-    return next((number for row in rows[::-1] if (number := board_number.in_bytes(row.tobytes(), words))), "")
+    return next((number for row in rows[::-1] if (number := board_number_in_bytes(row.tobytes(), words))), "")
 
 
 def _texts(telemetry: Telemetry) -> list[str]:

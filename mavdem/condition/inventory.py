@@ -1,24 +1,99 @@
-"""Inventory of a log: senders, messages and rates, damage, and of each vehicle verdict, tier and condition."""
+"""Inventory of a log: senders, rates, damage, and of each vehicle verdict, condition, and the tier its rates allow."""
 
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.stats import trim_mean
 
 from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.signals import Signals
-from mavdem.alignment.verdict import judge
-from mavdem.condition.condition import condition_of
-from mavdem.condition.identity import identity_of
-from mavdem.condition.tier import tier_of
+from mavdem.alignment.signals import MINIMUM_RATE, SLOW_MOTION_RATE, Signals
+from mavdem.alignment.verdict import Verdict, verdict_of
+from mavdem.condition.condition import Condition, condition_of
+from mavdem.condition.identity import Identity, identity_of
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Columns, Telemetry, selected
 
+SLOWEST_RATE = 1.0  # Hz, of attitude and motor outputs, down to which their means, spreads and limits are known
+ALLOWS = {
+    "a": "everything: the model, the vehicle's physical parameters, the wind, and the vehicle's condition",
+    "b": "the slow motion, if a model predicts it better than none does, and the vehicle's condition: balance, limits, "
+    "lean and steady disturbance; not motors' effect, damping, lag, the wind's torque and poles, which show at several "
+    "Hz",
+    "c": "the vehicle's condition: balance, headroom, saturation, lean, vibration and battery; no model",
+}
+"""What each tier allows."""
+NEEDS = {
+    "a": f"{MINIMUM_RATE:.0f} Hz of attitude and of motor outputs or demand, better 100",
+    "b": f"{SLOW_MOTION_RATE:.0f} Hz of attitude and of motor outputs or demand",
+    "c": "settled flight of a multirotor, with attitude",
+}
+"""What each tier needs."""
 
-def inventory(log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None) -> dict[str, Any]:
+
+class Tier(NamedTuple):
+    """What a log allows.
+
+    Attributes:
+        name: "a", "b" or "c"; None where there is no settled flight.
+        reason: one sentence with the figures that decided; of all but "a", why it is no better.
+        next_tier: the next better one; None for "a".
+        next_needs: what that needs; empty for "a".
+        remedy: what to change, by the log's own parameters and firmware; empty for "a".
+    """
+
+    name: str | None
+    reason: str
+    next_tier: str | None
+    next_needs: str
+    remedy: str
+
+    @property
+    def allows(self) -> str:
+        """What it allows, in words; empty where there is none."""
+        return ALLOWS.get(self.name or "", "")
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values: ``tier``, ``tier_reason`` and ``next_tier``."""
+        following = {"tier": self.next_tier, "needs": self.next_needs, "remedy": self.remedy}
+        return {
+            "tier": self.name,
+            "tier_reason": self.reason,
+            "allows": self.allows,
+            "next_tier": None if self.next_tier is None else following,
+        }
+
+
+def tier_of(verdict: Verdict, condition: Condition) -> Tier:
+    """The tier of a vehicle with a ``verdict`` on one axis and the ``condition`` of its settled flight.
+
+    It goes by the rates. In the second tier a model may still be refused, such as for rates and angles that contradict
+    each other; :func:`mavdem.analysis.analyse` says.
+    """
+    figures = verdict.figures
+    slower = min(figures.attitude_rate or 0.0, figures.motor_rate or 0.0)
+    if verdict.learnable:
+        return Tier("a", verdict.reason, None, "", "")
+    if not condition.settled or not condition.lean:
+        name, following = None, "c"
+    elif slower >= SLOW_MOTION_RATE:
+        name, following = "b", "a"
+    elif 0 < slower < SLOWEST_RATE:
+        name, following = None, "c"
+    else:
+        name, following = "c", "b"
+    return Tier(name, verdict.reason, following, NEEDS[following], verdict.remedy)
+
+
+def inventory(
+    log: Log,
+    axis: str = "roll",
+    vehicle: str | None = None,
+    inputs: str | None = None,
+    known: tuple[Verdict, Condition, Identity] | None = None,
+) -> dict[str, Any]:
     """Everything there is to report of a log before learning, as plain JSON values; times in s, rates in Hz.
 
     Of each component ``lost_share`` is the share of its sequence numbers that do not occur, and of a vehicle
@@ -26,11 +101,13 @@ def inventory(log: Log, axis: str = "roll", vehicle: str | None = None, inputs: 
     streams; None where there are none. A link loses messages of all kinds alike: where ``missing_share`` is near 0, the
     sequence numbers that do not occur are of kinds that the log leaves out. A change of rates raises ``missing_share``
     but not ``lost_share``; only both together mean a loss. The arguments are as for :func:`mavdem.read_flight`; a
-    ``vehicle`` leaves the others out. Raises NotLearnable: no such vehicle; ValueError: unknown axis or inputs.
+    ``vehicle`` leaves the others out, and what is ``known`` of the one that was analysed is not worked out again.
+    Raises NotLearnable: no such vehicle; ValueError: unknown axis or inputs.
     """
     vehicles = log.vehicles if vehicle is None else (choose_vehicle(log.vehicles, vehicle),)
     missing = {(one.system, one.component): _missing_share(one) for one in log.vehicles}
-    described = [_vehicle(telemetry, axis, inputs, log) for telemetry in vehicles]
+    analysed = None if known is None else choose_vehicle(log.vehicles, vehicle)
+    described = [_vehicle(one, axis, inputs, log, known if one is analysed else None) for one in vehicles]
     return {
         "source": log.source,
         "frames": log.frames,
@@ -54,9 +131,13 @@ def inventory(log: Log, axis: str = "roll", vehicle: str | None = None, inputs: 
     }
 
 
-def _vehicle(telemetry: Telemetry, axis: str, inputs: str | None, log: Log) -> dict[str, Any]:
-    signals = Signals(telemetry, axis, inputs)
-    verdict, condition = judge(signals, log.components), condition_of(signals)
+def _vehicle(
+    telemetry: Telemetry, axis: str, inputs: str | None, log: Log, known: tuple[Verdict, Condition, Identity] | None
+) -> dict[str, Any]:
+    if known is None:
+        signals = Signals(telemetry, axis, inputs)
+        known = verdict_of(signals, log.components), condition_of(signals), identity_of(signals, log.receive_time[0])
+    verdict, condition, identity = known
     return {
         "system": telemetry.system,
         "component": telemetry.component,
@@ -74,7 +155,7 @@ def _vehicle(telemetry: Telemetry, axis: str, inputs: str | None, log: Log) -> d
         "repairs": list(telemetry.repairs),
         "verdict": verdict.as_dict(),
         **tier_of(verdict, condition).as_dict(),
-        "identity": identity_of(signals, log.receive_time[0]).as_dict(),
+        "identity": identity.as_dict(),
         "condition": condition.as_dict(),
     }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStati
 from mavdem.dem.engine.linalg import Array, raise_on_overflow
 from mavdem.dem.engine.model import discretize, pack, unpack
 from mavdem.dem.engine.state_space import StateSpace, filter_gain
+from mavdem.dem.forecast.mixer import MixerPrior
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.priors import (
     KINEMATIC,
@@ -55,9 +57,25 @@ class Fit:
         return self.ascent.converged if self.simulation_fit is None else self.simulation_fit.settled
 
 
+class Start(NamedTuple):
+    """Where a fit starts: at the estimates of an earlier one.
+
+    Attributes:
+        theta: (k,) of DEM, physical, the constant input's column of B included.
+        lambda_: (g,).
+        simulated_theta: (k,) of the simulation-error fit, likewise; ``None`` where there was none.
+        mixer: the mixer geometry of that fit's prior.
+    """
+
+    theta: Array
+    lambda_: Array
+    simulated_theta: Array | None
+    mixer: MixerPrior | None
+
+
 @raise_on_overflow()
-def fit(record: Record, settings: CompleteSettings) -> Fit:
-    """Fits a record with complete settings.
+def fit(record: Record, settings: CompleteSettings, start: Start | None = None) -> Fit:
+    """Fits a record with complete settings, from ``start`` or the priors' means.
 
     Raises:
         ValueError: the record or the settings do not fit the rest.
@@ -68,7 +86,8 @@ def fit(record: Record, settings: CompleteSettings) -> Fit:
     segments = generalized(settings, scaling, record)
     samples = SufficientStatistics.of(*segments)
     rates = Rates(settings.state_rate, settings.parameter_rate, settings.hyperparameter_rate, segments, record.dt)
-    ascent = ascend(model, samples, settings.iterations, rates)
+    begin = None if start is None else (start.theta / scaling.parameter_scale(model.n), start.lambda_)
+    ascent = ascend(model, samples, settings.iterations, rates, begin)
     smoothness = smoothness_of(settings, record.dt)
     gain = gain_of(model, ascent.belief, smoothness, record.dt)
     predictor = predictor_of(ascent.belief.theta, model.sizes, gain, record.dt)

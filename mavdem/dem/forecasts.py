@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
 
+from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.fitting import Fit
@@ -134,7 +134,7 @@ class Forecasts:
 
     def quantile(self, level: float) -> float:
         """Half the width of the band of probability ``level``, in standard deviations."""
-        return float(norm.ppf(0.5 + level / 2)) if self.simulation_fit is None else self.simulation_fit.quantile(level)
+        return float(quantile(level)) if self.simulation_fit is None else self.simulation_fit.quantile(level)
 
     def every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
         """Of ``steps`` samples each, through the samples ``inputs`` (H, r) and ``outputs`` (H, m)."""

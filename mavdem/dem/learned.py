@@ -9,8 +9,8 @@ from warnings import warn
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm
 
+from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.closed_loop.mixture import ClosedLoop
 from mavdem.dem.closed_loop.prediction import Prediction
 from mavdem.dem.document import parts_of, values_of
@@ -29,8 +29,8 @@ from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
 from mavdem.dem.smoothness import SmoothnessEstimate
 from mavdem.dem.uncertainty import Direction, SandwichCovariance
-from mavdem.dem.validation import LEVEL, json_values, require_probability
-from mavdem.downstream import LearnedDownstream
+from mavdem.dem.validation import json_values
+from mavdem.errors import LearnedDownstream
 
 may_overflow = np.errstate(over="ignore", invalid="ignore")
 """Forecasts of an unstable model, or with huge inputs, overflow to infinity or NaN without a warning."""
@@ -324,7 +324,7 @@ class Learned(LearnedDownstream):
         if read.caution is not None:
             raise ValueError(f"there is no band of this simulation: {read.caution}")
         variance = simulated(read, self.record, self.record.following_inputs(inputs)).variance
-        return np.asarray(norm.ppf(0.5 + level / 2) * np.sqrt(variance))
+        return half_width(variance, level)
 
     def _physical_or_error(self) -> Physical:
         """The physical parameters, or the ``ValueError`` that says why there are none."""

@@ -14,12 +14,13 @@ from mavdem.dem.engine.free_energy import free_energy
 from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import Array, one_thread, raise_on_overflow
 from mavdem.dem.engine.resumable import run_to_end
-from mavdem.dem.fitting import Fit, fit, generalized, predictor_of
+from mavdem.dem.fitting import Fit, Start, fit, generalized, of_vehicle, predictor_of
 from mavdem.dem.forecast.noise_model import lags_of, resumable_noise_model
 from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, horizon_of, resumable_simulation_fit
 from mavdem.dem.forecasts import TrainingForecasts, training_forecasts
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
+from mavdem.dem.priors import hyperparameter_groups
 from mavdem.dem.record import Record, UniformRecord
 from mavdem.dem.result import learned_of
 from mavdem.dem.scaling import known_inputs
@@ -28,13 +29,18 @@ from mavdem.dem.settings import CompleteSettings, Settings
 from mavdem.dem.smoothness import SmoothnessEstimate, estimate_smoothness
 from mavdem.dem.uncertainty import ParameterUncertainty, uncertainty_of
 
-Job = tuple[UniformRecord | Sequence[UniformRecord], Settings | None]
-"""What ``learn`` takes: a flight, and settings or ``None`` for the default ones."""
+Job = (
+    tuple[UniformRecord | Sequence[UniformRecord], Settings | None]
+    | tuple[UniformRecord | Sequence[UniformRecord], Settings | None, Learned | None]
+)
+"""What ``learn`` takes: a flight, settings or ``None`` for the default ones, perhaps an earlier result to start at."""
 
 FEWEST_SAMPLES = 50  # that a model is fitted to
 
 
-def learn(train: UniformRecord | Sequence[UniformRecord], settings: Settings | None = None) -> Learned:
+def learn(
+    train: UniformRecord | Sequence[UniformRecord], settings: Settings | None = None, start: Learned | None = None
+) -> Learned:
     """Learns a linear model of a flight by Dynamic Expectation Maximization.
 
     Args:
@@ -42,13 +48,15 @@ def learn(train: UniformRecord | Sequence[UniformRecord], settings: Settings | N
             them, segments with gaps between: nothing is differentiated or forecast across a gap, and forecasts begin
             at the end of the last. Three inputs or more are taken for a multirotor's motors, unless a prior is given.
         settings: what decides the fit; ``Settings()``, for real flights, unless given.
+        start: an earlier result for similar data, of which the fit begins at the estimates: it then takes a fraction of
+            the time. Its settings do not count.
 
     Returns:
         the model, its posterior, the free energy and the forecasts, in physical units.
 
     Raises:
-        ValueError: too few samples, values that are not finite, or channels that do not vary, with their names; or
-            data that no model can forecast.
+        ValueError: too few samples, values that are not finite, or channels that do not vary, with their names; a
+            ``start`` of other numbers of states, inputs, outputs or noises; or data that no model can forecast.
     """
     if not (settings is None or isinstance(settings, Settings)):
         raise ValueError(f"settings must be a Settings, or None for the default ones, not {settings!r}")
@@ -57,10 +65,10 @@ def learn(train: UniformRecord | Sequence[UniformRecord], settings: Settings | N
     if len(record) < FEWEST_SAMPLES:
         raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(record)}")
     with one_thread():
-        return _learn(record, settings)
+        return _learn(record, settings, start)
 
 
-def _learn(record: Record, settings: Settings) -> Learned:
+def _learn(record: Record, settings: Settings, start: Learned | None) -> Learned:
     _require_moving(record, settings)
     smoothness = None
     if settings.smoothness == "learn":
@@ -68,7 +76,7 @@ def _learn(record: Record, settings: Settings) -> Learned:
         settings = replace(settings, smoothness=smoothness.smoothness)
     attempts = []
     for choice in choices(settings, record):
-        attempt = _attempt(record, choice)
+        attempt = _attempt(record, choice, start)
         if attempt is not None:
             attempts.append(attempt)
             if attempt.refined:
@@ -104,15 +112,16 @@ class _Attempt:
         return float(np.mean(self.forecasts.mse / record.outputs.var(axis=0)))
 
 
-def _attempt(record: Record, settings: CompleteSettings) -> _Attempt | None:
+def _attempt(record: Record, settings: CompleteSettings, before: Learned | None) -> _Attempt | None:
     """A fit, with the simulation-error fit where there can be one; ``None`` where it breaks down or cannot forecast."""
+    start = None if before is None else _start(record, settings, before)
     try:
-        fitted = fit(record, settings)
+        fitted = fit(record, settings, start)
     except np.linalg.LinAlgError:
-        return None
+        return None if before is None else _attempt(record, settings, None)
     segments = generalized(settings, fitted.scaling, record)
     uncertainty = uncertainty_of(fitted.model, segments, fitted.ascent)
-    for finished in (_with_simulation_fit(fitted, record, SufficientStatistics.of(*segments)), fitted):
+    for finished in (_with_simulation_fit(fitted, record, SufficientStatistics.of(*segments), start), fitted):
         forecasts = training_forecasts(finished, record)
         if np.isfinite(forecasts.mse).all():
             if finished.simulation_fit is not None:
@@ -120,6 +129,28 @@ def _attempt(record: Record, settings: CompleteSettings) -> _Attempt | None:
                 finished = replace(finished, simulation_fit=replace(finished.simulation_fit, mse=scaled))
             return _Attempt(finished, segments, uncertainty, forecasts)
     return None
+
+
+def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start:
+    """The estimates of an earlier result; ``ValueError`` where these settings and this record have others."""
+    sizes, groups = (
+        (settings.order, record.inputs.shape[1], record.outputs.shape[1]),
+        1 + max(of.max() for of in hyperparameter_groups(settings, settings.order, record.outputs.shape[1])),
+    )
+    of_before = (*before.model.B.shape, len(before.model.C))
+    lambda_ = before.learning.lambda_[-1]
+    same = before.scaling.constant == (settings.scaling == "channel")
+    if not (same and of_before == sizes and len(lambda_) == groups):
+        raise ValueError(
+            f"start must have the states, inputs, outputs, noises and scaling of this fit: {(*sizes, groups)}, not "
+            f"{(*of_before, len(lambda_))}"
+        )
+    last = before.theta * before.scaling.parameter_scale(settings.order)
+    theta = last.copy()
+    theta[of_vehicle(*sizes, before.scaling.constant)] = before.learning.theta[-1]
+    if before.simulation_fit is None:
+        return Start(theta, lambda_, None, None)
+    return Start(theta, lambda_, last, before.simulation_fit.layout)
 
 
 def _require_moving(record: Record, settings: Settings) -> None:
@@ -137,13 +168,16 @@ def _require_moving(record: Record, settings: Settings) -> None:
                 )
 
 
-def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics) -> Fit:
+def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics, start: Start | None) -> Fit:
     """The fit with θ of a simulation-error fit, where the settings ask for one and it succeeds; else as it was."""
     model, ascent, settings, scaling = fitted.model, fitted.ascent, fitted.settings, fitted.scaling
+    theta, mixer = ascent.belief.theta, None
+    if start is not None and start.simulated_theta is not None:
+        theta, mixer = start.simulated_theta / scaling.parameter_scale(model.n), start.mixer
     try:
         with raise_on_overflow():
             refined = run_to_end(
-                resumable_simulation_fit(model, settings, scaling, ascent.belief.theta, fitted.gain, record)
+                resumable_simulation_fit(model, settings, scaling, theta, fitted.gain, record, geometry=mixer)
             )
             if refined is None:
                 return fitted
@@ -220,8 +254,8 @@ def learn_many(jobs: Iterable[Job], executor: Executor | None = None) -> Generat
                 ...
 
     Args:
-        jobs: pairs of what ``learn`` takes: a flight or its segments, and settings or ``None``. For an executor of
-            other processes they must pickle, as ``Flight`` and ``Settings`` do.
+        jobs: tuples of what ``learn`` takes: a flight or its segments, settings or ``None``, and, if you like, a start.
+            For an executor of other processes they must pickle, as ``Flight`` and ``Settings`` do.
         executor: does the work; any ``concurrent.futures.Executor``. Threads of a process take turns.
 
     Yields:
@@ -231,21 +265,19 @@ def learn_many(jobs: Iterable[Job], executor: Executor | None = None) -> Generat
         concurrent.futures.BrokenExecutor: a worker died, such as for want of memory.
         Exception: anything but a ``ValueError`` that ``learn`` raised, and what ``jobs`` raised.
     """
-    return parallel_map(_learn_or_error, _pairs(jobs), executor)
+    return parallel_map(_learn_or_error, _checked(jobs), executor)
 
 
-def _pairs(jobs: Iterable[Job]) -> Iterator[Job]:
+def _checked(jobs: Iterable[Job]) -> Iterator[Job]:
     for job in jobs:
-        if not (isinstance(job, tuple | list) and len(job) == 2):
-            raise ValueError(f"jobs must be pairs of a flight and its settings, not {job!r}")
-        train, settings = job
-        yield train, settings
+        if not (isinstance(job, tuple | list) and len(job) in (2, 3)):
+            raise ValueError(f"jobs must be pairs of a flight and its settings, and maybe a start, not {job!r}")
+        yield job
 
 
 def _learn_or_error(job: Job) -> Learned | ValueError:
-    train, settings = job
     try:
-        return learn(train, settings)
+        return learn(*job)
     except ValueError as error:
         # A traceback would keep the fit's arrays, and would not come through from another process.
         return error.with_traceback(None)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
-from scipy.stats import norm
 
+from mavdem.confidence import LEVEL, quantile, require_probability
 from mavdem.dem.engine.ascent import ascend
 from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import Array, raise_on_overflow
@@ -16,7 +16,6 @@ from mavdem.dem.fitting import generalized, generative_model, with_smoothness
 from mavdem.dem.record import Record, UniformRecord
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
-from mavdem.dem.validation import LEVEL, require_probability
 
 MIN_STEPS = 0.25  # steps: noise of a smoothness below this is white to the samples, whatever it is between them
 
@@ -47,7 +46,7 @@ class SmoothnessEstimate(NamedTuple):
     def interval(self, level: float = LEVEL) -> tuple[float, float]:
         """The interval of s with probability ``level``, seconds."""
         require_probability(level)
-        span = float(np.exp(norm.ppf(0.5 + level / 2) * self.log_sd))
+        span = float(np.exp(quantile(level) * self.log_sd))
         return self.smoothness / span, self.smoothness * span
 
 

@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
-from scipy.stats import t as student
 
+from mavdem.confidence import half_width
 from mavdem.dem.engine.ascent import Ascent
 from mavdem.dem.engine.free_energy import Belief, expected_weights
 from mavdem.dem.engine.generative import GenerativeModel, SufficientStatistics
@@ -39,7 +39,7 @@ class SandwichCovariance(NamedTuple):
 
     def half_width(self, level: float) -> Array:
         """(k,) of the interval about the estimate that holds the parameter with probability ``level``."""
-        return np.asarray(student.ppf(0.5 + level / 2, self.freedom) * np.sqrt(self.covariance.diagonal()))
+        return half_width(self.covariance.diagonal(), level, self.freedom)
 
 
 class ParameterUncertainty(NamedTuple):

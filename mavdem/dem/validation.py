@@ -82,12 +82,3 @@ def is_number(value: object) -> TypeGuard[float]:
 def is_whole(value: object) -> TypeGuard[int]:
     """Whether it is one whole number of 64 bits, of Python's or numpy's; ``True`` is not."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool) and abs(int(value)) < 2**63
-
-
-LEVEL = 0.9  # probability of the intervals and bands, unless another level is asked for
-
-
-def require_probability(level: float) -> None:
-    """``ValueError`` unless ``level``, the probability of an interval, lies between 0 and 1."""
-    if not (is_number(level) and 0 < level < 1):
-        raise ValueError(f"level must be a probability between 0 and 1, not {level!r}")

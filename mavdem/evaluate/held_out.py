@@ -19,10 +19,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.validation import LEVEL
-from mavdem.evaluate.squared_error import error_over
+from mavdem.evaluate.scores import error_over
 from mavdem.evaluate.windows import TEST_SECONDS, samples_in
 from mavdem.flight import Flight
 
@@ -142,6 +142,7 @@ def held_out_windows(
     settings: Settings | None = None,
     steps: int | None = None,
     progress: Callable[[float], None] = lambda _: None,
+    start: Learned | None = None,
 ) -> HeldOut:
     """Forecasts of all of some flights, by five models that are each trained on four fifths of the samples.
 
@@ -153,6 +154,7 @@ def held_out_windows(
         settings: of the fits; ``Settings()`` unless given.
         steps: samples of a window; those of 1.5 s unless given.
         progress: called with the share of the work that is done.
+        start: a model of all the flights, at whose estimates the five fits begin: they take half the time.
 
     Raises:
         ValueError: too little flight for a window in any part.
@@ -161,7 +163,7 @@ def held_out_windows(
     found: list[HeldOut] = []
     for fold in range(FOLDS):
         inside, outside = _split(flights, fold)
-        found += _of_fold(inside, outside, settings, steps)
+        found += _of_fold(inside, outside, settings, steps, start)
         progress((fold + 1) / FOLDS)
     if not found:
         raise ValueError(f"no held-out window of {steps} samples fits into a part of these flights")
@@ -194,13 +196,15 @@ def _split(flights: Sequence[Flight], fold: int) -> tuple[list[Piece], list[Piec
     ]
 
 
-def _of_fold(inside: list[Piece], outside: list[Piece], settings: Settings | None, steps: int) -> Iterator[HeldOut]:
+def _of_fold(
+    inside: list[Piece], outside: list[Piece], settings: Settings | None, steps: int, begin: Learned | None
+) -> Iterator[HeldOut]:
     """The windows of each piece inside a fold, by a model of those outside."""
     training = [piece.flight[piece.start : piece.stop] for piece in outside]
     learned: Learned | None = None
     failure: tuple[str, ...] = ()
     try:
-        learned = learn(training, settings)
+        learned = learn(training, settings, begin)
     except ValueError as error:
         failure = (str(error),)
     for flight, start, stop in inside:

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment.drive import AXES
+from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.identifiability import Status
-from mavdem.dem.validation import LEVEL
 from mavdem.errors import Unreadable
 from mavdem.flight import Flight
 

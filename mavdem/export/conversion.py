@@ -10,14 +10,12 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from mavdem.alignment.align import LOW_PASS_RATIO, align
+from mavdem.alignment.align import LOW_PASS_RATIO, align, longest_recorded
 from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.segments import longest_recorded
 from mavdem.alignment.signals import Signals
-from mavdem.alignment.verdict import judge
-from mavdem.errors import NotLearnable, Unreadable
+from mavdem.alignment.verdict import verdict_of
+from mavdem.errors import NotLearnable, Unreadable, require
 from mavdem.export.tables import TIME, columns, own_columns, write_csv, write_parquet
-from mavdem.extras import require
 from mavdem.files import atomic_write
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
@@ -94,7 +92,7 @@ def _convert_to_table(
 ) -> dict[str, Any]:
     log = read_log(source, progress)
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
-    verdict = judge(signals, log.components)
+    verdict = verdict_of(signals, log.components)
     segment = None if verdict.flight else longest_recorded(signals)
     flight = align(signals, segment) if segment else verdict.flight
     cautions = list(verdict.cautions)

@@ -17,8 +17,7 @@ from itertools import count
 from pathlib import Path
 from typing import BinaryIO
 
-from mavdem.errors import Unreadable
-from mavdem.extras import require
+from mavdem.errors import Unreadable, require
 from mavdem.files import atomic_write
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, row_schema
 

@@ -6,8 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mavdem.errors import Unreadable
-from mavdem.extras import require
+from mavdem.errors import Unreadable, require
 from mavdem.fleet.compaction import SecondPass, compact
 from mavdem.fleet.dataset import check_free, group_of, groups_in, is_fleet, read_rows, set_old_aside, write_group
 from mavdem.fleet.journal import Journal, has_lines

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.alignment.segments import Segment, settled_segments, within
+from mavdem.alignment.align import Segment, settled_segments, within
 from mavdem.alignment.signals import Signals
 from mavdem.health.motor_signature import MotorSignatures, motor_signatures
 

@@ -45,6 +45,12 @@ def mapped_bytes(path: str | os.PathLike[str]) -> bytes | mmap.mmap:
     return _content(path, mapped=True)
 
 
+def is_dataflash_text(content: bytes) -> bool:
+    """Whether ``content``, the beginning of a log or all of it, is a DataFlash log as text."""
+    # Ground stations write the firmware and the date before the first FMT.
+    return b"\nFMT," in b"\n" + content[:4096]
+
+
 def require_whole(data: NDArray[np.uint8], source: str) -> None:
     """Makes sure that ``data``, over ``mapped_bytes`` of the file ``source``, can still be read.
 

@@ -6,11 +6,10 @@ import os
 from pathlib import Path
 
 from mavdem.errors import Unreadable
-from mavdem.ingest.contents import READABLE_FORMATS, file_beginning
-from mavdem.ingest.dataflash.text import is_text as is_dataflash_text
-from mavdem.ingest.log import Log
+from mavdem.ingest.contents import READABLE_FORMATS, file_beginning, is_dataflash_text
 from mavdem.ingest.mavlink.framing import MARKER_1, MARKER_2, Progress
-from mavdem.ingest.mavlink.stream import FrameStream
+from mavdem.ingest.mavlink.vehicles import FrameStream
+from mavdem.ingest.telemetry import Log
 from mavdem.ingest.tlog import STAMP_BYTES, read_tlog, tlog_stream
 
 ULOG, DATAFLASH, MCAP, TLOG = "PX4 ULog", "DataFlash", "MCAP recording", "telemetry log"
@@ -41,7 +40,7 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = N
     name, kind = _name_and_format(path)
     # A library that only one format needs is imported when a file of that format is read.
     if kind == ULOG:
-        from mavdem.ingest.ulog.log import read_ulog
+        from mavdem.ingest.ulog import read_ulog
 
         return read_ulog(name, progress)
     if kind == DATAFLASH:

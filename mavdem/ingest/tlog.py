@@ -17,14 +17,11 @@ from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
 from mavdem.ingest.contents import READABLE_FORMATS, mapped_bytes, require_whole
-from mavdem.ingest.log import Log
-from mavdem.ingest.mavlink.checksum import Bytes, rows_of
+from mavdem.ingest.mavlink.clocks import Places, Times, far_off
 from mavdem.ingest.mavlink.definitions import seeds
-from mavdem.ingest.mavlink.frame_index import FrameIndex
-from mavdem.ingest.mavlink.framing import GOOD, Frames, Progress, concatenated, find_frames
-from mavdem.ingest.mavlink.outlier_stamps import Places, Times, far_off
-from mavdem.ingest.mavlink.stream import FrameStream
-from mavdem.ingest.mavlink.vehicles import assemble
+from mavdem.ingest.mavlink.framing import GOOD, Bytes, Frames, Progress, concatenated, find_frames, rows_of
+from mavdem.ingest.mavlink.vehicles import FrameIndex, FrameStream, assemble
+from mavdem.ingest.telemetry import Log
 
 STAMP_BYTES = 8  # Bytes of the receive stamp before each frame
 MAX_STAMP_JUMP = 3600.0  # Seconds from its neighbours beyond which a receive stamp is wrong

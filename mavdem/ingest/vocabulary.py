@@ -1,4 +1,4 @@
-"""MAVLink's numbers for a vehicle and its state, and HEARTBEAT, which carries most of them.
+"""MAVLink's numbers for a vehicle, its board, its state and its attitude, and HEARTBEAT, which carries most of them.
 
 Source: MAV_MODE_FLAG, MAV_AUTOPILOT, MAV_COMPONENT, MAV_STATE and MAV_LANDED_STATE of ``minimal.xml`` and
 ``common.xml``; modes of ArduCopter's ``mode.h`` and PX4's ``px4_custom_mode.h``.
@@ -6,6 +6,8 @@ Source: MAV_MODE_FLAG, MAV_AUTOPILOT, MAV_COMPONENT, MAV_STATE and MAV_LANDED_ST
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -43,3 +45,51 @@ def heartbeat_fields(vehicle_type: int, autopilot: int, base_mode: NDArray[Any])
     constant = {"type": vehicle_type, "autopilot": autopilot}
     columns = {name: np.full(len(base_mode), number, dtype=np.uint8) for name, number in constant.items()}
     return columns | {"base_mode": base_mode.astype(np.uint8)}
+
+
+ARDUPILOT_TEXT = re.compile(r"^\S+ ([0-9A-F]{8}) ([0-9A-F]{8}) ([0-9A-F]{8})$")
+"""What ArduPilot says at boot: the board's name, and the processor's number as three words of four bytes."""
+SIMULATED_TEXT = re.compile(r"^.[0-9a-f]{31}$")
+"""What its simulator says instead: the machine's number, with the vehicle's added to the first letter."""
+SIMULATED_LETTERS = 17  # Letters of it that AUTOPILOT_VERSION has room for
+WORD = 4  # Bytes of such a word, the last byte first
+LEAST_BYTES = 6
+"""Bytes of a number that are not zero: simulators number their vehicles in one or two."""
+
+
+def board_number_in_texts(texts: Iterable[str]) -> str:
+    """The number in what ArduPilot says at boot ("CUAVv5Nano 001A002F 30395113 33333539"); empty where it does not."""
+    for text in texts:
+        if found := ARDUPILOT_TEXT.match(text.strip()):
+            return "".join(found.groups()).lower()
+        if SIMULATED_TEXT.match(text.strip()):
+            return text[:SIMULATED_LETTERS].encode().hex()
+    return ""
+
+
+def board_number_in_bytes(uid2: bytes, words: bool) -> str:
+    """The number in AUTOPILOT_VERSION.uid2; with ``words``, as ArduPilot's text has it. Empty where there is none."""
+    if sum(byte > 0 for byte in uid2) < LEAST_BYTES:
+        return ""
+    number = uid2.rstrip(b"\0")
+    if not words or len(number) > 3 * WORD:
+        return (number[:SIMULATED_LETTERS] if words else uid2).hex()
+    number = uid2[: 3 * WORD]
+    return b"".join(number[at : at + WORD][::-1] for at in range(0, len(number), WORD)).hex()
+
+
+Array = NDArray[np.float64]
+
+
+def euler_angles(attitude: Array) -> tuple[Array, Array, Array]:
+    """Roll, pitch and yaw (N,), rad, of unit quaternions (N, 4): w, x, y, z, body to north-east-down, Z-Y-X."""
+    w, x, y, z = attitude.T
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
+    return roll, pitch, np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
+    """Unit quaternions (N, 4), w, x, y, z, of Euler angles (N,), rad: the inverse of :func:`euler_angles`."""
+    (a, b), (c, d), (e, f) = ((np.cos(angle / 2), np.sin(angle / 2)) for angle in (roll, pitch, yaw))
+    return np.column_stack([a * c * e + b * d * f, b * c * e - a * d * f, a * d * e + b * c * f, a * c * f - b * d * e])

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from mavdem.alignment.align import (
     FILTER_EDGE_STEPS,
+    STAMP_SECONDS,
     grid_of,
     impulse_response,
     is_low_passed,
@@ -28,7 +29,6 @@ from mavdem.alignment.align import (
     mean_rate,
     step,
 )
-from mavdem.alignment.segments import STAMP_SECONDS
 from mavdem.alignment.signals import MINIMUM_RATE
 from mavdem.ingest.motors import MotorGeometry, OutputScale
 from mavdem.live.messages import Values

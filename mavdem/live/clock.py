@@ -14,8 +14,7 @@ from statistics import median
 from typing import NamedTuple
 
 from mavdem.alignment.signals import ATTITUDE_MESSAGES
-from mavdem.ingest.mavlink.clocks import OTHER_EPOCH, STEP_BACK, WRAP_GAP
-from mavdem.ingest.mavlink.outlier_stamps import MAX_OFFSET, MIN_RESET_STAMPS
+from mavdem.ingest.mavlink.clocks import MAX_OFFSET, MIN_RESET_STAMPS, OTHER_EPOCH, STEP_BACK, WRAP_GAP
 from mavdem.live.messages import LiveMessage
 
 MAX_HELD = 40 * MIN_RESET_STAMPS  # Messages held back; beyond it the oldest are dropped

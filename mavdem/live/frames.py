@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.ingest.mavlink.checksum import frame_checksum
 from mavdem.ingest.mavlink.definitions import definitions, seeds
 from mavdem.ingest.mavlink.framing import (
     FAILED,
@@ -29,6 +28,7 @@ from mavdem.ingest.mavlink.framing import (
     UNKNOWN,
     announced_length,
     candidates,
+    frame_checksum,
 )
 
 LONGEST_CHAIN = 32

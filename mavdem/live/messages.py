@@ -15,8 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from mavdem.alignment.columns import MAX_ANGLE, MAX_BODY_RATE
-from mavdem.alignment.drive import DEMAND_MESSAGE, UNUSED_CHANNEL
+from mavdem.alignment.drive import DEMAND_MESSAGE, MAX_ANGLE, MAX_BODY_RATE, UNUSED_CHANNEL
 from mavdem.alignment.signals import CLIMB_FIELDS
 from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions, parameter_values
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS

@@ -8,7 +8,6 @@ from math import inf
 
 import numpy as np
 
-from mavdem.alignment.columns import by_preference
 from mavdem.alignment.drive import (
     DEMAND_MESSAGE,
     INPUTS,
@@ -17,6 +16,7 @@ from mavdem.alignment.drive import (
     THRUST_COLUMN,
     TILT_AXES,
     WIDE_PORT_CHANNELS,
+    by_preference,
 )
 from mavdem.alignment.signals import motors_or_demand
 from mavdem.ingest.motors import MotorGeometry, OutputScale, demand_geometry, motor_geometry, output_scale

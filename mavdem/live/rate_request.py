@@ -12,9 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mavdem.ingest.mavlink.compose import FrameSender, composed_frames
-from mavdem.ingest.mavlink.definitions import definitions
-from mavdem.ingest.mavlink.json_messages import definition_named
+from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames, definition_named, definitions
 from mavdem.live.messages import LiveMessage
 
 GROUND_STATION = FrameSender(255, 190)  # The usual ids of ground stations; 190 is MAV_COMP_ID_MISSIONPLANNER

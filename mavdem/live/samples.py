@@ -8,8 +8,7 @@ from math import inf, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.alignment.align import mean_rate
-from mavdem.alignment.segments import MAX_GAP_SECONDS, MEDIAN_STEPS
+from mavdem.alignment.align import MAX_GAP_SECONDS, MEDIAN_STEPS, mean_rate
 from mavdem.live.messages import Values
 
 KEPT_SECONDS = 2.5  # Enough to decide rates and steps

@@ -13,9 +13,8 @@ import numpy as np
 
 from mavdem.alignment.signals import ATTITUDE_MESSAGES
 from mavdem.ingest.mavlink.definitions import definitions
-from mavdem.ingest.mavlink.frame_index import missing_between
 from mavdem.ingest.mavlink.framing import GOOD
-from mavdem.ingest.mavlink.vehicles import identity
+from mavdem.ingest.mavlink.vehicles import identity, missing_between
 from mavdem.ingest.motors import MULTIROTORS
 from mavdem.ingest.vocabulary import RADIO, RADIO_MESSAGES, UNNAMED
 from mavdem.live.frames import LiveFrame

@@ -9,15 +9,13 @@ from math import inf, isnan
 
 import numpy as np
 
-from mavdem.alignment.columns import preferred_message
-from mavdem.alignment.drive import DEMAND_MESSAGE, MOTOR_MESSAGES, TILT_AXES
+from mavdem.alignment.align import STEP_TOLERANCE
+from mavdem.alignment.drive import DEMAND_MESSAGE, MOTOR_MESSAGES, TILT_AXES, preferred_message
 from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT, airborne_collective
-from mavdem.alignment.segments import STEP_TOLERANCE
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RATE
 from mavdem.alignment.verdict import NO_ATTITUDE, too_slow
 from mavdem.health.motor_watch import MotorAlarm, MotorWatch
-from mavdem.ingest.mavlink.compose import FrameSender
-from mavdem.ingest.mavlink.definitions import enum_name
+from mavdem.ingest.mavlink.definitions import FrameSender, enum_name
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
 from mavdem.ingest.motors import MULTIROTORS, MotorGeometry, OutputScale

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from mavdem.comparison import Comparison
 from mavdem.dem.order.choice import OrderChoice
+from mavdem.evaluate.comparison import Comparison
 from mavdem.page.document import Chapter, render_page
 from mavdem.page.pictures import PicturePlan, picture_chapter
 from mavdem.report.blocks import Table

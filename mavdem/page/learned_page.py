@@ -7,7 +7,7 @@ from dataclasses import asdict
 from functools import partial
 from typing import Any
 
-from mavdem.alignment.trim import HoverFigures
+from mavdem.condition.hover import HoverFigures
 from mavdem.dem import Learned, Settings
 from mavdem.evaluate.held_out import HeldOut
 from mavdem.page.document import Chapter, render_page

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
-from mavdem.extras import advice
+from mavdem.errors import advice
 from mavdem.page.document import Chapter, Drawing
 from mavdem.page.inline_svg import COLUMN_WIDTH, inline_svg
 from mavdem.report.blocks import Sentence

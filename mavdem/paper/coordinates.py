@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mavdem.comparison import Outcome
 from mavdem.evaluate import paired
+from mavdem.evaluate.scores import Outcome
 from mavdem.evaluate.windows import Window
 from mavdem.paper.checks import Check
 from mavdem.paper.claims import COORDINATES, MSPE_WITH_COORDINATES, MSPE_WITHOUT_COORDINATES

@@ -12,9 +12,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from mavdem import baselines
-from mavdem.comparison import Method, dem
-from mavdem.comparison.comparison import judge_job
-from mavdem.comparison.methods import PAPER_SETTINGS_WITHOUT
+from mavdem.evaluate.comparison import PAPER_SETTINGS_WITHOUT, dem, judge_job
+from mavdem.evaluate.scores import Method
 from mavdem.evaluate.windows import Window
 from mavdem.flight import Flight
 from mavdem.paper.checks import Check

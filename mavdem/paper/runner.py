@@ -10,12 +10,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from mavdem import comparison
-from mavdem.comparison import Comparison, Outcome, dem
-from mavdem.comparison.comparison import judge_job
-from mavdem.comparison.methods import PAPER_SETTINGS_WITHOUT
 from mavdem.dem import Settings
 from mavdem.dem.parallel import parallel_map
+from mavdem.evaluate import comparison
+from mavdem.evaluate.comparison import PAPER_SETTINGS_WITHOUT, Comparison, dem, judge_job
+from mavdem.evaluate.scores import Outcome
 from mavdem.evaluate.windows import Window, windows
 from mavdem.flight import Flight
 from mavdem.paper.flights import (

@@ -11,10 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse
 from numpy.typing import NDArray
 from scipy.stats import f as fisher
-from scipy.stats import t as student
 
+from mavdem.confidence import LEVEL, half_width
 from mavdem.dem import Learned, Physical
-from mavdem.dem.validation import LEVEL
 from mavdem.plot.drawn import drawn_models
 from mavdem.plot.style import HAIRLINE, legend_above, note, picture
 from mavdem.report.palette import BAD, BAND, BAND_OPACITY, HELD_OUT_OPACITY, PHYSICAL, PREDICTED, TRUTH
@@ -117,7 +116,7 @@ def _region(axes: Axes, pole: Pole, values: Complex) -> None:
     others = np.abs(values - pole.value)
     nearest = float(others[others > 0].min(initial=np.inf))
     if not pole.value.imag:
-        half = float(student.ppf(0.5 + LEVEL / 2, pole.freedom) * np.sqrt(pole.covariance[0, 0]))
+        half = float(half_width(pole.covariance[0, 0], LEVEL, pole.freedom))
         if half < nearest:
             ends = [pole.value.real - half, pole.value.real + half]
             axes.fill_between(ends, *(BAR * np.array(axes.get_ylim())), **style)

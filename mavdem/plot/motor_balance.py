@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mavdem.alignment.trim import HoverFigures
+from mavdem.condition.hover import HoverFigures
+from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
-from mavdem.dem.validation import LEVEL
 from mavdem.plot.style import HAIRLINE, note, per, picture
 from mavdem.report.names import Labels, readable
 from mavdem.report.palette import COMMAND, INK_ON_LIGHT, PREDICTED

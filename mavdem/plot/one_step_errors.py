@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from scipy.stats import norm
 
+from mavdem.confidence import quantile
 from mavdem.dem import Learned
 from mavdem.plot.style import HAIRLINE, note, picture, sample_times, with_gaps
 from mavdem.report.axis_command import AxisCommand
@@ -41,7 +41,7 @@ def residuals(learned: Learned, output: int = -1) -> Figure:
     lags = round(LAG_SECONDS / learned.dt)
     own, of_command = correlation(centred, centred, lags), correlation(driven, driven, lags)
     across = correlation(driven, centred, lags)
-    width = float(norm.ppf(0.5 + BOUND_LEVEL / 2)) / np.sqrt(known.sum())
+    width = quantile(BOUND_LEVEL) / np.sqrt(known.sum())
     time = np.arange(lags + 1.0) * learned.dt
     with picture(3.8) as figure:
         axes = figure.subplot_mosaic([["time", "time"], ["own", "across"]], height_ratios=[1, 1.25])

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from mavdem.alignment.trim import HoverFigures
+from mavdem.condition.hover import HoverFigures
 from mavdem.dem import Learned
 from mavdem.evaluate.held_out import HeldOut, held_out_test, held_out_windows
 from mavdem.flight import Flight

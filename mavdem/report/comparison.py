@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from math import sqrt
 
-from mavdem.analysis.findings import LEAST_COVERAGE
-from mavdem.comparison.comparison import Comparison
-from mavdem.comparison.methods import GENERALIZED_COORDINATES
-from mavdem.comparison.summaries import Loss, MethodSummary, OverFlights, over
+from mavdem.analysis.findings import PREDICTION_LIMITS
 from mavdem.evaluate import HORIZONS, Paired
+from mavdem.evaluate.comparison import GENERALIZED_COORDINATES, Comparison, Loss, MethodSummary, OverFlights, over
 from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.names import listed, named, readable
@@ -74,7 +72,7 @@ def _failed_bands(comparison: Comparison, what: str) -> list[Sentence]:
     reference, found = comparison.methods[0], []
     for flight in comparison.flights:
         share = next(one for one in comparison.summaries(flight) if one.method == reference).horizons[-1].inside
-        if share is not None and share < LEAST_COVERAGE:
+        if share is not None and share < PREDICTION_LIMITS.coverage:
             where = f" on {flight}" if len(comparison.flights) > 1 else ""
             text = f"the 90 % band of {reference}'s {what} holds {share:.0%} of the samples{where}: it is too narrow."
             found.append(Sentence(text, "Caution:"))

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import unpack
-from mavdem.dem.validation import LEVEL
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.names import (
     THREE_STATES,

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mavdem.alignment.trim import HoverFigures
 from mavdem.analysis import LogAnalysis
 from mavdem.analysis.findings import Finding, findings, known_wind, next_step, warnings_of
+from mavdem.condition.hover import HoverFigures
+from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical
-from mavdem.dem.validation import LEVEL
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table, text_of

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import isfinite
 
-from mavdem.alignment.trim import HoverFigures
 from mavdem.analysis.figures import AxisFigures, VehicleFigures
-from mavdem.analysis.findings import WIND_ERROR, known_wind
+from mavdem.analysis.findings import HALF_WIDTH, known_wind
+from mavdem.condition.hover import HoverFigures
+from mavdem.confidence import LEVEL
 from mavdem.dem import Physical, WindTorque
 from mavdem.dem.graybox.identifiability import CHANGED
-from mavdem.dem.validation import LEVEL
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.names import listed, readable, short
 from mavdem.report.rounding import plus_minus, rounded
@@ -148,7 +148,7 @@ def wind_blocks(found: WindTorque | None, read: Physical | None) -> list[Block]:
         f"{plus_minus(unit.scale * found.mean, unit.scale * found.mean_band)} {unit.name}, if motors are equal and the "
         "load is centred."
     )
-    if found.scale_error > WIND_ERROR:
+    if found.scale_error > HALF_WIDTH["wind"]:
         text += f" Both are uncertain by {100 * found.scale_error:.0f} %, as the motor effect is."
     count = len(found.gusts)
     text += (

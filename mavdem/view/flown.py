@@ -13,8 +13,8 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from mavdem.files import atomic_write
-from mavdem.ingest.mavlink.euler import euler_angles
 from mavdem.ingest.motors import place_name
+from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
 from mavdem.view.time_plot import FLIGHT_TIME, Plot, PlotLine, collapsed_panels, range_of, utf8
 

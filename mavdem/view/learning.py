@@ -8,18 +8,17 @@ import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
-from scipy.stats import norm
 
+from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned
 from mavdem.dem.engine.model import pack
 from mavdem.dem.priors import hyperparameter_groups, hyperparameter_prior
-from mavdem.dem.validation import LEVEL
 from mavdem.report.names import Labelled, Labels, entries, left_free, place, readable, state_names, state_rate_units
 from mavdem.report.palette import MEASURED, distinct
 from mavdem.report.rounding import plus_minus
 from mavdem.view.chart import IterationCurve, iteration_chart
 
-SIGMAS = float(norm.ppf(0.5 + LEVEL / 2))  # half width of a Gaussian's interval, in standard deviations
+SIGMAS = quantile()  # half width of a Gaussian's interval, in standard deviations
 
 
 def learning_view(recording: rr.RecordingStream, learned: Learned) -> rrb.Container:

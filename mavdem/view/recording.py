@@ -12,8 +12,8 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from mavdem.analysis.findings import findings, known_wind
+from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
-from mavdem.dem.validation import LEVEL
 from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.files import atomic_write
 from mavdem.flight import Flight

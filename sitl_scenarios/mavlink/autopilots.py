@@ -115,4 +115,4 @@ ARDUPILOT = Autopilot(
     bitwise=False,
 )
 
-AUTOPILOTS: Mapping[str, Autopilot] = {"px4": PX4, "ardupilot": ARDUPILOT}  # By ``scenario.stream.speaks``
+AUTOPILOTS: Mapping[str, Autopilot] = {"px4": PX4, "ardupilot": ARDUPILOT}  # By ``scenario.stream.autopilot``

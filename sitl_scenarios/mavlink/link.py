@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.mavlink.checksum import Bytes
-from mavdem.ingest.mavlink.framing import Frames, concatenated
+from mavdem.ingest.mavlink.framing import Bytes, Frames, concatenated
 from sitl_scenarios.plan import BOOT_SECONDS
 from sitl_scenarios.scenario import Faults
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.ingest.mavlink.compose import FrameSender, composed_frames
-from mavdem.ingest.mavlink.stream import FrameStream
+from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames
+from mavdem.ingest.mavlink.vehicles import FrameStream
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, DISARMED, INFO
 from sitl_scenarios.mavlink.link import Batch, LossyLink, joined
 from sitl_scenarios.mavlink.messages import MessageWriter, Parameter, Payloads, named, parameters, payload
@@ -90,7 +90,7 @@ class Transmitter:
 
         Raises ValueError: the scenario names rates of a message that is not sent.
         """
-        self.autopilot = AUTOPILOTS[scenario.stream.speaks]
+        self.autopilot = AUTOPILOTS[scenario.stream.autopilot]
         self.system = scenario.stream.system
         self._rates = self.autopilot.rates(scenario.stream.rate, scenario.stream.rates)
         if scenario.stream.only_when_asked:

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from hover import X_QUAD, Hover, changed, columns
 
-from mavdem.alignment.align import align, sample
+from mavdem.alignment.align import MAX_GAP_SECONDS, Segment, align, sample, settled_segments
 from mavdem.alignment.phases import TRANSIENT_SECONDS
-from mavdem.alignment.segments import MAX_GAP_SECONDS, Segment, settled_segments
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
-from mavdem.alignment.verdict import judge
+from mavdem.alignment.verdict import verdict_of
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
 
@@ -247,7 +246,7 @@ def with_roll_demand(motor_rate, demand_rate):
 @pytest.mark.parametrize(("motor_rate", "demand_rate", "taken"), [(100.0, 100.0, "motors"), (10.0, 100.0, "demand")])
 def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, demand_rate, taken):
     demanded = with_roll_demand(motor_rate, demand_rate)
-    verdict = judge(Signals(demanded))
+    verdict = verdict_of(Signals(demanded))
     assert verdict.learnable
     flight = align(Signals(demanded), verdict.segment)
     said = any("(10.0 Hz), so the input is the controller's roll demand" in caution for caution in verdict.cautions)
@@ -261,23 +260,23 @@ def test_the_demand_is_taken_only_where_motors_come_too_slowly(motor_rate, deman
 
 def test_the_inputs_that_are_asked_for_are_taken():
     both = with_roll_demand(100.0, 50.0)
-    verdict = judge(Signals(both, inputs="demand"))
+    verdict = verdict_of(Signals(both, inputs="demand"))
     assert verdict.learnable and any(
         caution.startswith("The input is the controller's roll demand, and the model includes the mixer")
         for caution in verdict.cautions
     )
     flight = align(Signals(both, inputs="demand"), verdict.segment)
     assert flight.input_names == ("roll demand",) and flight.dt == pytest.approx(0.02)
-    slow_motors = judge(Signals(with_roll_demand(10.0, 100.0), inputs="motors"))
+    slow_motors = verdict_of(Signals(with_roll_demand(10.0, 100.0), inputs="motors"))
     assert not slow_motors.learnable and slow_motors.reason.startswith("SERVO_OUTPUT_RAW comes at 10.0 Hz")
     assert slow_motors.remedy.startswith("Leave out `--inputs motors`: the roll demand comes at 100.0 Hz")
-    neither = judge(Signals(with_roll_demand(10.0, 10.0), inputs="motors"))
+    neither = verdict_of(Signals(with_roll_demand(10.0, 10.0), inputs="motors"))
     assert "--inputs" not in neither.remedy and "RC_CHAN" in neither.remedy
-    without = judge(Signals(Hover().telemetry(), inputs="demand"))
+    without = verdict_of(Signals(Hover().telemetry(), inputs="demand"))
     assert not without.learnable and "demand is not in it" in without.reason and "motors" in without.remedy
     assert "ACTUATOR_CONTROL_TARGET" in without.reason and "ATTITUDE_TARGET" in without.reason
     with pytest.raises(ValueError, match="'torque'"):
-        judge(Signals(both, inputs="torque"))
+        verdict_of(Signals(both, inputs="torque"))
 
 
 def test_a_demand_as_slow_as_the_motors_does_not_replace_them():
@@ -285,7 +284,7 @@ def test_a_demand_as_slow_as_the_motors_does_not_replace_them():
     time = np.arange(0.0, telemetry.messages["ATTITUDE"]["time"][-1], 0.1)
     controls = np.tile(np.sin(time)[:, None], (1, 8))
     slow = changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=0 * time))
-    verdict = judge(Signals(slow))
+    verdict = verdict_of(Signals(slow))
     assert not verdict.learnable and "SERVO_OUTPUT_RAW" in verdict.reason
 
 
@@ -318,7 +317,7 @@ def yawing(size: float = 0.3, correction: float = 0.0) -> Telemetry:
 
 def test_a_flight_of_yaw_has_the_rate_only():
     telemetry = yawing()
-    verdict = judge(Signals(telemetry, "yaw"))
+    verdict = verdict_of(Signals(telemetry, "yaw"))
     assert verdict.learnable and verdict.cautions == ()
     flight = verdict.flight
     assert (flight.output_names, flight.output_units) == (("yaw rate",), ("rad/s",))
@@ -327,15 +326,15 @@ def test_a_flight_of_yaw_has_the_rate_only():
     assert verdict.figures.input_sd == pytest.approx(30 / np.sqrt(2), rel=0.02)
     assert verdict.figures.consistency == pytest.approx(1, abs=1e-3)
     assert flight.provenance["motors"]["spins"] == [1, 1, -1, -1]
-    roll = judge(Signals(telemetry, "roll")).flight
+    roll = verdict_of(Signals(telemetry, "roll")).flight
     np.testing.assert_array_equal(flight.time, roll.time)
     np.testing.assert_array_equal(flight.inputs, roll.inputs)
 
 
 def test_yaw_that_never_turns_is_refused_in_the_words_of_yaw():
-    still = judge(Signals(yawing(size=0.0), "yaw"))
+    still = verdict_of(Signals(yawing(size=0.0), "yaw"))
     assert not still.learnable and still.reason.startswith("The yaw rate never changes")
-    corrected = judge(Signals(yawing(size=0.001, correction=0.01), "yaw"))
+    corrected = verdict_of(Signals(yawing(size=0.001, correction=0.01), "yaw"))
     assert not corrected.learnable and "heading contradict" in corrected.reason and "stick" in corrected.remedy
 
 
@@ -345,7 +344,7 @@ def test_the_demand_of_yaw_is_the_input_where_motors_come_too_slowly():
     controls = np.zeros((len(time), 8))
     controls[:, 2], controls[:, 3] = 0.1 * np.cos(2 * time), 0.5
     demanded = changed(telemetry, "ACTUATOR_CONTROL_TARGET", **columns(time, controls=controls, group_mlx=0 * time))
-    flight = judge(Signals(demanded, "yaw", inputs="demand")).flight
+    flight = verdict_of(Signals(demanded, "yaw", inputs="demand")).flight
     assert flight.input_names == ("yaw demand",) and flight.effect_directions.tolist() == [1.0]
     np.testing.assert_allclose(flight.inputs[:, 0], 0.1 * np.cos(2 * flight.time), atol=1e-9)
 
@@ -354,6 +353,6 @@ def test_the_demand_of_yaw_is_the_input_where_motors_come_too_slowly():
 def test_the_motors_that_should_turn_the_nose_do(name):
     """By the sign of the correlation of their yaw combination with the angular acceleration."""
     (telemetry,) = recorded(f"samples/{name}.tlog").vehicles
-    flight = judge(Signals(telemetry, "yaw")).flight
+    flight = verdict_of(Signals(telemetry, "yaw")).flight
     acceleration = np.gradient(flight.outputs[:, 0]) / flight.dt
     assert np.corrcoef(flight.inputs @ flight.effect_directions, acceleration)[0, 1] > 0.2

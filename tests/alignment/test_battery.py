@@ -9,8 +9,7 @@ import pytest
 from hover import Hover, changed, columns
 
 from mavdem import Flight
-from mavdem.alignment.align import VOLTAGE_SECONDS, align
-from mavdem.alignment.segments import settled_segments
+from mavdem.alignment.align import VOLTAGE_SECONDS, align, settled_segments
 from mavdem.alignment.signals import Signals, voltage
 from mavdem.export.tables import columns as table
 from mavdem.ingest.telemetry import Telemetry

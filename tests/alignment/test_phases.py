@@ -13,7 +13,7 @@ from hover import Hover, changed, columns
 from mavdem.alignment import phases
 from mavdem.alignment.phases import REPORT_SECONDS, TRANSIENT_SECONDS
 from mavdem.alignment.signals import Signals
-from mavdem.alignment.verdict import judge
+from mavdem.alignment.verdict import verdict_of
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live.phase import LivePhase
@@ -38,7 +38,7 @@ def test_reports_that_come_late_leave_the_flight_before_them_to_the_motors() -> 
     telemetry = reporting(time, np.where(time < LANDED, 4, 1))
     (flight,) = phases.airborne(Signals(telemetry), 0)
     assert flight == pytest.approx((LIFTED, LANDED), abs=1.1)
-    verdict = judge(Signals(telemetry))
+    verdict = verdict_of(Signals(telemetry))
     assert verdict.learnable and verdict.segment is not None
     assert verdict.segment.end == pytest.approx(HOVER.sinking - TRANSIENT_SECONDS, abs=1.1)
 
@@ -87,7 +87,7 @@ def test_a_recorded_flight_whose_reports_come_at_its_end() -> None:
     assert flight == pytest.approx((45, 131), abs=1)  # by the reports it landed at 131.4 s
     ((start, end),) = phases.settled(signals, 0)
     assert start < 55 and end == pytest.approx(106, abs=2)
-    assert "never left the ground" not in judge(signals).reason
+    assert "never left the ground" not in verdict_of(signals).reason
 
 
 def live(telemetry: Telemetry) -> dict[float, tuple[bool, bool]]:

@@ -12,7 +12,7 @@ from hover import Hover, changed, columns
 
 from mavdem.alignment.drive import DEMAND_MESSAGE
 from mavdem.alignment.signals import Signals
-from mavdem.alignment.verdict import judge
+from mavdem.alignment.verdict import verdict_of
 from mavdem.ingest import read_log
 
 DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
@@ -24,7 +24,7 @@ def remedy_for(translated_from: str, without_demand: bool = False, **fields: obj
     if not without_demand:
         stamps = Hover().stamps(4.0)
         telemetry = changed(telemetry, DEMAND_MESSAGE, **columns(stamps, controls=np.zeros((len(stamps), 8))))
-    return judge(Signals(dataclasses.replace(telemetry, translated_from=translated_from, **fields))).remedy
+    return verdict_of(Signals(dataclasses.replace(telemetry, translated_from=translated_from, **fields))).remedy
 
 
 def test_no_remedy_is_in_force_already_in_a_dataflash_log():
@@ -77,5 +77,5 @@ def test_of_an_old_copter_with_fast_attitude_the_firmware_is_named():
     path = DATA / "real/logs/ardupilot31_bitmask_already_set.BIN"
     if not path.exists():
         pytest.skip(f"needs {path}")
-    verdict = judge(Signals(read_log(path).vehicles[0]))
+    verdict = verdict_of(Signals(read_log(path).vehicles[0]))
     assert "V3.3-dev (a5a72a84) did not log the controller's demand" in verdict.remedy

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from hover import Hover, changed
 
+from mavdem.alignment.align import Segment
 from mavdem.alignment.read import choose_vehicle, learnable_flight, learnable_segments, read_flight, read_segments
-from mavdem.alignment.segments import Segment
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
 from mavdem.ingest import Log

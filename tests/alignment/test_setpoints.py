@@ -14,15 +14,13 @@ from hover import Hover, changed, columns
 from pyulog import ULog
 
 from mavdem import Flight
-from mavdem.alignment.align import align
+from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.read import read_segments
-from mavdem.alignment.segments import settled_segments
-from mavdem.alignment.setpoints import HOLD_SECONDS, held, setpoints
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.signals import HOLD_SECONDS, Signals, held, setpoints
 from mavdem.export.tables import columns as table
 from mavdem.ingest import read_log
-from mavdem.ingest.mavlink.euler import quaternion
 from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.vocabulary import quaternion
 
 HOVER = Hover()
 DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))

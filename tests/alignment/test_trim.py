@@ -12,7 +12,7 @@ from hover import Hover, changed
 
 from mavdem import Flight, hover, hover_figures, read_segments
 from mavdem.alignment.read import learnable_segments
-from mavdem.alignment.trim import hover_of_log
+from mavdem.condition.hover import hover_of_log
 from mavdem.errors import NotLearnable
 from mavdem.ingest import Log
 from mavdem.ingest.motors import OutputScale

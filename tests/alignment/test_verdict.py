@@ -12,10 +12,9 @@ from hover import X_QUAD, Hover, changed, columns
 
 from mavdem.alignment import align as aligning
 from mavdem.alignment import quality
-from mavdem.alignment.align import align
-from mavdem.alignment.segments import Segment, settled_segments
+from mavdem.alignment.align import Segment, align, settled_segments
 from mavdem.alignment.signals import Signals
-from mavdem.alignment.verdict import judge, too_slow
+from mavdem.alignment.verdict import too_slow, verdict_of
 from mavdem.cli.commands import mavdem
 from mavdem.ingest import Component
 from mavdem.ingest.telemetry import Telemetry
@@ -25,7 +24,7 @@ HOVER = Hover()
 
 
 def test_a_hover_at_100_hz_is_learnable():
-    verdict = judge(Signals(HOVER.telemetry()))
+    verdict = verdict_of(Signals(HOVER.telemetry()))
     assert verdict.learnable and verdict.remedy == ""
     assert "100.0 Hz" in verdict.reason
     figures = verdict.figures
@@ -38,7 +37,7 @@ def test_a_hover_at_100_hz_is_learnable():
 
 def test_a_verdict_is_plain_json():
     for telemetry in (HOVER.telemetry(), HOVER.telemetry(4.0, 4.0), HOVER.telemetry(vehicle="GROUND_ROVER")):
-        verdict = judge(Signals(telemetry))
+        verdict = verdict_of(Signals(telemetry))
         assert json.loads(json.dumps(verdict.as_dict(), allow_nan=False))["reason"] == verdict.reason
 
 
@@ -47,7 +46,7 @@ def test_a_verdict_is_plain_json():
     [(4.0, 4.0, "4.0 Hz"), (100.0, 10.0, "SERVO_OUTPUT_RAW"), (15.0, 100.0, "ATTITUDE")],
 )
 def test_slow_telemetry_is_refused_with_its_rate_and_the_command(attitude, motors, named):
-    verdict = judge(Signals(HOVER.telemetry(attitude, motors)))
+    verdict = verdict_of(Signals(HOVER.telemetry(attitude, motors)))
     assert not verdict.learnable
     assert named in verdict.reason and "need 40 Hz" in verdict.reason and "better 100" in verdict.reason
     assert "EXTRA1" in verdict.remedy and "RC_CHAN" in verdict.remedy
@@ -65,7 +64,7 @@ def test_slow_telemetry_is_refused_with_its_rate_and_the_command(attitude, motor
     ],
 )
 def test_the_remedy_names_the_autopilots_parameters(autopilot, named):
-    remedy = judge(Signals(HOVER.telemetry(4.0, 4.0, autopilot=autopilot))).remedy
+    remedy = verdict_of(Signals(HOVER.telemetry(4.0, 4.0, autopilot=autopilot))).remedy
     assert all(words in remedy for words in named)
 
 
@@ -93,14 +92,14 @@ def test_why_there_are_no_motors_is_what_the_outputs_show(parameters, outputs, r
         count = len(telemetry.messages["SERVO_OUTPUT_RAW"]["time"])
         still = {f"servo{n}_raw": np.full(count, outputs) for n in range(1, 9)}
         telemetry = changed(telemetry, "SERVO_OUTPUT_RAW", **still)
-    assert judge(Signals(telemetry)).reason == reason
+    assert verdict_of(Signals(telemetry)).reason == reason
 
 
 def test_sentences_call_messages_by_their_names_in_the_log():
     hover = Hover().telemetry(4.0, 4.0)
     names = {"ATTITUDE": "ATT", "SERVO_OUTPUT_RAW": "RCOU", "ACTUATOR_CONTROL_TARGET": "RATE"}
     logged = dataclasses.replace(hover, translated_from="DataFlash", names=names)
-    assert judge(Signals(logged)).reason.startswith("ATT comes at 4.0 Hz and RCOU at 4.0 Hz;")
+    assert verdict_of(Signals(logged)).reason.startswith("ATT comes at 4.0 Hz and RCOU at 4.0 Hz;")
     silent = dataclasses.replace(logged, messages={"HEARTBEAT": hover.messages["HEARTBEAT"]})
     without_motors = {name: table for name, table in hover.messages.items() if name != "SERVO_OUTPUT_RAW"}
     for telemetry, inputs in (
@@ -108,21 +107,23 @@ def test_sentences_call_messages_by_their_names_in_the_log():
         (logged, "demand"),
         (dataclasses.replace(logged, messages=without_motors), None),
     ):
-        verdict = judge(Signals(telemetry, inputs=inputs))
+        verdict = verdict_of(Signals(telemetry, inputs=inputs))
         said = f"{verdict.reason} {verdict.remedy}"
         assert not any(name in said for name in ("ATTITUDE", *names)), said
 
 
 def test_a_remedy_names_no_command_that_is_not_there():
     for autopilot in ("PX4", "ARDUPILOTMEGA", "INVALID"):
-        remedy = judge(Signals(HOVER.telemetry(4.0, 4.0, autopilot=autopilot))).remedy
+        remedy = verdict_of(Signals(HOVER.telemetry(4.0, 4.0, autopilot=autopilot))).remedy
         assert remedy and set(re.findall(r"`mavdem (\w+)", remedy)) <= set(mavdem.commands)
 
 
 def test_fifty_hz_with_a_tenth_lost_is_enough():
     lossy = np.sort(np.random.default_rng(1).permutation(HOVER.stamps(50.0))[: round(HOVER.end * 45)])
-    assert judge(Signals(HOVER.telemetry(lossy, HOVER.stamps(50.0)))).figures.attitude_rate == pytest.approx(45, abs=2)
-    assert judge(Signals(HOVER.telemetry(lossy, HOVER.stamps(50.0)))).learnable
+    assert verdict_of(Signals(HOVER.telemetry(lossy, HOVER.stamps(50.0)))).figures.attitude_rate == pytest.approx(
+        45, abs=2
+    )
+    assert verdict_of(Signals(HOVER.telemetry(lossy, HOVER.stamps(50.0)))).learnable
 
 
 LONG = Hover(hovering=150.0)
@@ -136,7 +137,7 @@ def slow_then_fast(change: float, fast_from: float, fast_until: float = LONG.end
 
 @pytest.mark.parametrize("fast_from", [100.0, 100.5], ids=["at once", "after a gap"])
 def test_the_fast_part_of_a_flight_is_learnt_from_and_the_slow_part_is_not(fast_from):
-    verdict = judge(Signals(slow_then_fast(100.0, fast_from)))
+    verdict = verdict_of(Signals(slow_then_fast(100.0, fast_from)))
     assert verdict.learnable
     assert verdict.segment.start == pytest.approx(fast_from, abs=0.1)
     assert verdict.figures.attitude_rate == pytest.approx(100, rel=1e-3)
@@ -170,7 +171,7 @@ STATION = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60, "REQUEST_DATA_
 
 @pytest.mark.parametrize("change", [8.0, 15.0])
 def test_rates_that_drop_in_the_air_are_no_link_that_drops_out(change):
-    verdict = judge(Signals(slowed(change)), speakers=(STATION,))
+    verdict = verdict_of(Signals(slowed(change)), speakers=(STATION,))
     assert not verdict.learnable
     assert re.search(
         rf"In the air ATTITUDE comes at [34]\.\d Hz from {change:.0f}\.\d s after boot on",
@@ -184,10 +185,10 @@ def test_rates_that_drop_in_the_air_are_no_link_that_drops_out(change):
 def test_who_asks_for_rates_is_named_only_where_somebody_does():
     telemetry = slowed(15.0)
     own = Component(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {"REQUEST_DATA_STREAM": 1}, 0)
-    unasked = judge(Signals(telemetry), speakers=(own,)).remedy
+    unasked = verdict_of(Signals(telemetry), speakers=(own,)).remedy
     assert unasked.startswith("Set the telemetry port's") and unasked.count("streamrate -1") == 1
     answered = changed(telemetry, "COMMAND_ACK", **columns(np.array([14.0]), command=np.array([511])))
-    assert "SET_MESSAGE_INTERVAL, which the vehicle acknowledged" in judge(Signals(answered)).remedy
+    assert "SET_MESSAGE_INTERVAL, which the vehicle acknowledged" in verdict_of(Signals(answered)).remedy
 
 
 def test_a_link_that_drops_out_is_still_reported_as_that():
@@ -210,10 +211,10 @@ def with_contradiction(telemetry: Telemetry, start: float, end: float) -> Teleme
 def test_the_longest_segment_that_can_be_learnt_from_is_taken_or_the_longest_explains():
     telemetry = with_contradiction(LONG.telemetry(), 0.0, 100.0)
     longest, second = settled_segments(Signals(telemetry))
-    verdict = judge(Signals(telemetry))
+    verdict = verdict_of(Signals(telemetry))
     assert verdict.learnable and verdict.segment == second
     assert verdict.figures.duration == pytest.approx(second.duration, abs=0.1)
-    refused = judge(Signals(with_contradiction(telemetry, 0.0, LONG.end)))
+    refused = verdict_of(Signals(with_contradiction(telemetry, 0.0, LONG.end)))
     assert not refused.learnable and refused.segment == longest
     assert "contradict" in refused.reason
 
@@ -223,7 +224,7 @@ def test_an_alias_that_only_the_grid_makes_is_seen(monkeypatch):
     telemetry = HOVER.telemetry(400.0, 50.0)
     time, rate = (telemetry.messages["ATTITUDE"][name] for name in ("time", "rollspeed"))
     shaken = changed(telemetry, "ATTITUDE", rollspeed=rate + 0.5 * np.sin(2 * np.pi * 49 * time))
-    assert judge(Signals(shaken)).figures.consistency > 0.99
+    assert verdict_of(Signals(shaken)).figures.consistency > 0.99
     monkeypatch.setattr(aligning, "LOW_PASS_RATIO", np.inf)
     assert "contradict" in refused_for(shaken)
 
@@ -240,7 +241,7 @@ def test_figures_are_of_the_samples_of_the_flight():
 
 
 def refused_for(telemetry: Telemetry) -> str:
-    verdict = judge(Signals(telemetry))
+    verdict = verdict_of(Signals(telemetry))
     assert not verdict.learnable and verdict.remedy
     return verdict.reason
 
@@ -276,7 +277,7 @@ def test_a_hover_on_little_of_the_motors_range_is_a_flight_where_the_autopilot_i
     strong = changed(telemetry, "SERVO_OUTPUT_RAW", **low)
     assert "flight takes 20%" in refused_for(strong)
     strong = dataclasses.replace(strong, parameters={**strong.parameters, "MOT_SPIN_MIN": 0.06})
-    assert judge(Signals(strong)).learnable
+    assert verdict_of(Signals(strong)).learnable
     phase = LivePhase()
     for least, flies in ((0.2, False), (0.11, True)):
         phase.least_collective = least
@@ -294,7 +295,7 @@ def test_a_missing_message_is_refused(missing):
 def test_a_short_flight_is_refused():
     short = Hover(hovering=4.0)
     assert "of the 5 s needed" in refused_for(short.telemetry())
-    assert judge(Signals(Hover(hovering=15.0).telemetry())).learnable
+    assert verdict_of(Signals(Hover(hovering=15.0).telemetry())).learnable
 
 
 def test_a_vehicle_never_armed_is_refused_for_that_and_not_for_motors_that_stand_still():
@@ -303,15 +304,15 @@ def test_a_vehicle_never_armed_is_refused_for_that_and_not_for_motors_that_stand
     disarmed = changed(
         changed(telemetry, "SERVO_OUTPUT_RAW", **still), "HEARTBEAT", base_mode=np.zeros(len(Hover().stamps(1.0)), int)
     )
-    verdict = judge(Signals(disarmed))
+    verdict = verdict_of(Signals(disarmed))
     assert verdict.reason == "The vehicle was never armed." and verdict.remedy.startswith("Record a flight")
 
 
 def test_what_drops_out_is_a_logger_or_a_link():
     short = Hover(hovering=2.0).telemetry()
-    assert "with a link that does not drop out" in judge(Signals(short)).remedy
+    assert "with a link that does not drop out" in verdict_of(Signals(short)).remedy
     logged = dataclasses.replace(short, translated_from="DataFlash")
-    assert "with a logger that does not drop out" in judge(Signals(logged)).remedy
+    assert "with a logger that does not drop out" in verdict_of(Signals(logged)).remedy
 
 
 @pytest.mark.parametrize("vehicle", ["GROUND_ROVER", "SUBMARINE", "FIXED_WING"])
@@ -337,7 +338,7 @@ def rounded(hover: Hover) -> Telemetry:
 
 
 def test_a_command_at_the_floor_of_the_stream_is_refused():
-    near = judge(Signals(rounded(Hover(command=0.5))))
+    near = verdict_of(Signals(rounded(Hover(command=0.5))))
     assert near.learnable
     truth = (0.5**2 / 2) / (1 / 12 * np.sum(X_QUAD**2) / 16)
     assert near.figures.input_snr == pytest.approx(truth, rel=0.3)
@@ -346,10 +347,10 @@ def test_a_command_at_the_floor_of_the_stream_is_refused():
 
 def test_assumptions_are_cautions_and_limits_figures():
     telemetry = HOVER.telemetry()
-    assert any("assumed" in caution for caution in judge(Signals(telemetry)).cautions)
+    assert any("assumed" in caution for caution in verdict_of(Signals(telemetry)).cautions)
     table = telemetry.messages["SERVO_OUTPUT_RAW"]
     full = {"servo1_raw": np.where(np.sin(table["time"]) > 0, 2000.0, table["servo1_raw"])}
-    verdict = judge(Signals(changed(telemetry, "SERVO_OUTPUT_RAW", **full)))
+    verdict = verdict_of(Signals(changed(telemetry, "SERVO_OUTPUT_RAW", **full)))
     assert verdict.figures.saturation == pytest.approx(0.5, abs=0.1)
 
 
@@ -367,7 +368,7 @@ def test_mutilated_telemetry_is_judged_and_its_segments_align(seed):
             columns[hit][: rows // 20] = random.choice([np.nan, np.inf, 0.0, -1e6])
             columns["boot"] = np.int64(np.nan_to_num(columns["time"]) > random.uniform(0, 60))
         telemetry = changed(telemetry, message, **columns)
-    verdict = judge(Signals(telemetry))
+    verdict = verdict_of(Signals(telemetry))
     assert verdict.learnable == (verdict.remedy == "")
     for segment in settled_segments(Signals(telemetry)):
         assert len(align(Signals(telemetry), segment)) >= 1
@@ -394,7 +395,7 @@ def test_streams_of_any_pace_are_judged_and_their_segments_align():
         hover = Hover(hovering=random.uniform(0, 20))
         telemetry = hover.telemetry(random_stamps(random, hover.end), random_stamps(random, hover.end))
         telemetry = changed(telemetry, "HEARTBEAT", base_mode=np.full(len(hover.stamps(1.0)), 129))
-        judge(Signals(telemetry))
+        verdict_of(Signals(telemetry))
         for segment in settled_segments(Signals(telemetry)):
             assert len(align(Signals(telemetry), segment)) >= 1
             aligned += 1
@@ -407,4 +408,4 @@ def test_streams_of_any_pace_are_judged_and_their_segments_align():
 )
 def test_the_remedy_is_for_what_recorded_the_log(translated_from, advice):
     slow = dataclasses.replace(Hover().telemetry(4.0, 4.0), translated_from=translated_from)
-    assert advice in judge(Signals(slow)).remedy
+    assert advice in verdict_of(Signals(slow)).remedy

@@ -11,14 +11,14 @@ from hover import Hover, changed
 from mavdem.alignment import quality
 from mavdem.alignment.align import align
 from mavdem.alignment.signals import Signals
-from mavdem.alignment.verdict import _too_short, judge
+from mavdem.alignment.verdict import _too_short, verdict_of
 from mavdem.ingest.telemetry import Telemetry
 
 HOVER = Hover()
 
 
 def refused_for(telemetry: Telemetry) -> str:
-    verdict = judge(Signals(telemetry))
+    verdict = verdict_of(Signals(telemetry))
     assert not verdict.learnable and verdict.remedy
     return verdict.reason
 
@@ -57,9 +57,9 @@ def test_held_values_are_seen_through_losses_and_a_rate_that_does_not_divide():
 
 
 def test_half_of_the_values_repeated_is_enough_when_the_new_ones_come_fast():
-    figures = judge(Signals(held(HOVER.telemetry(), "ATTITUDE", 2))).figures
+    figures = verdict_of(Signals(held(HOVER.telemetry(), "ATTITUDE", 2))).figures
     assert figures.attitude_fresh == pytest.approx(50, abs=0.5) and figures.motor_fresh == pytest.approx(100)
-    assert judge(Signals(held(HOVER.telemetry(), "ATTITUDE", 2))).learnable
+    assert verdict_of(Signals(held(HOVER.telemetry(), "ATTITUDE", 2))).learnable
 
 
 def test_motors_that_stand_still_because_they_are_rounded_are_not_held():
@@ -67,7 +67,7 @@ def test_motors_that_stand_still_because_they_are_rounded_are_not_held():
     whole = rounded(Hover(command=2.0).telemetry())
     rows = np.column_stack([whole.messages["SERVO_OUTPUT_RAW"][f"servo{n}_raw"] for n in (1, 2, 3, 4)])
     assert np.mean((np.diff(rows, axis=0) == 0).all(axis=1)) > 0.8
-    verdict = judge(Signals(whole))
+    verdict = verdict_of(Signals(whole))
     assert verdict.learnable and verdict.figures.motor_fresh == pytest.approx(100)
 
 
@@ -79,7 +79,7 @@ def with_steps(step: float, telemetry: Telemetry) -> Telemetry:
 
 
 def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
-    doubted = judge(Signals(with_steps(0.05, HOVER.telemetry())))
+    doubted = verdict_of(Signals(with_steps(0.05, HOVER.telemetry())))
     assert doubted.learnable
     assert any("angle or rate is near the resolution" in caution for caution in doubted.cautions)
     assert doubted.figures.angle_step == pytest.approx(0.05) and doubted.figures.rate_step == pytest.approx(0.05)
@@ -88,10 +88,10 @@ def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
     assert doubted.figures.output_snr == pytest.approx(change.var() / (0.05**2 / 6), rel=0.3)
     time = HOVER.stamps(100.0)
     slow = changed(HOVER.telemetry(), "ATTITUDE", roll=0.3 * np.sin(0.3 * time), rollspeed=0.09 * np.cos(0.3 * time))
-    assert judge(Signals(slow)).learnable
+    assert verdict_of(Signals(slow)).learnable
     assert "rounding to steps of 0.05 rad" in refused_for(with_steps(0.05, slow))
     assert not any(
-        "angle or rate" in caution for caution in judge(Signals(with_steps(0.001, HOVER.telemetry()))).cautions
+        "angle or rate" in caution for caution in verdict_of(Signals(with_steps(0.001, HOVER.telemetry()))).cautions
     )
 
 
@@ -109,7 +109,7 @@ def test_a_message_that_cannot_be_is_left_out_and_reported(field, wrong):
     telemetry = HOVER.telemetry()
     values = telemetry.messages["ATTITUDE"][field].copy()
     values[3000] = wrong
-    verdict = judge(Signals(changed(telemetry, "ATTITUDE", **{field: values})))
+    verdict = verdict_of(Signals(changed(telemetry, "ATTITUDE", **{field: values})))
     assert verdict.learnable
     assert any(f"1 of {len(values)} ATTITUDE messages were left out, for" in caution for caution in verdict.cautions)
     flight = align(Signals(changed(telemetry, "ATTITUDE", **{field: values})), verdict.segment)
@@ -120,7 +120,7 @@ def test_one_wild_rate_does_not_speak_for_the_whole():
     telemetry = Hover(sway=0.01).telemetry()
     rate = telemetry.messages["ATTITUDE"]["rollspeed"].copy()
     rate[3000] = 30.0
-    assert judge(Signals(changed(telemetry, "ATTITUDE", rollspeed=rate))).figures.consistency > 0.99
+    assert verdict_of(Signals(changed(telemetry, "ATTITUDE", rollspeed=rate))).figures.consistency > 0.99
 
 
 def test_degrees_are_reported_as_such():
@@ -133,11 +133,11 @@ def test_many_messages_left_out_are_a_caution():
     telemetry = HOVER.telemetry()
     rate = telemetry.messages["ATTITUDE"]["rollspeed"].copy()
     rate[::10] = np.nan
-    cautions = judge(Signals(changed(telemetry, "ATTITUDE", rollspeed=rate))).cautions
+    cautions = verdict_of(Signals(changed(telemetry, "ATTITUDE", rollspeed=rate))).cautions
     assert any(f"{len(rate[::10])} of {len(rate)} ATTITUDE messages were left out" in caution for caution in cautions)
     twice = {name: np.repeat(column, 2) for name, column in telemetry.messages["ATTITUDE"].items()}
     assert not any(
-        "left out" in caution for caution in judge(Signals(changed(telemetry, "ATTITUDE", **twice))).cautions
+        "left out" in caution for caution in verdict_of(Signals(changed(telemetry, "ATTITUDE", **twice))).cautions
     )
 
 

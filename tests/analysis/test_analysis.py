@@ -12,7 +12,7 @@ from hover import Hover
 
 from mavdem import read_flight
 from mavdem.analysis import LogAnalysis, analyse
-from mavdem.analysis.analysis import MOST_OF_BASELINE, objection
+from mavdem.analysis.analysis import MAX_SLOW_RATIO, slow_motion_refusal
 from mavdem.analysis.findings import Finding
 from mavdem.errors import NotLearnable
 from mavdem.evaluate import HeldOut
@@ -50,7 +50,7 @@ def slow() -> LogAnalysis:
 
 def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_is_told(slow):
     assert slow.tier.name == "b" and slow.learned is not None and slow.held_out is not None
-    assert slow.held_out.error_ratio() < MOST_OF_BASELINE and slow.held_out.coverage > 0.75
+    assert slow.held_out.error_ratio() < MAX_SLOW_RATIO and slow.held_out.coverage > 0.75
     assert (slow.learned.physical, slow.learned.wind) == (None, None)
     assert "40 samples a second" in slow.learned.physical_reason
     assert "slow motion" in slow.learned.cautions[0]
@@ -102,7 +102,7 @@ def held_out(ratio: float, windows: int, spread: float) -> HeldOut:
     ],
 )
 def test_a_model_must_beat_the_baselines_by_a_margin_that_is_not_luck(ratio, windows, spread, kept):
-    assert (objection(held_out(ratio, windows, spread)) == "") == kept
+    assert (slow_motion_refusal(held_out(ratio, windows, spread)) == "") == kept
 
 
 def test_an_alias_is_no_slow_motion_however_well_it_is_predicted():

@@ -19,7 +19,7 @@ from mavdem import read_flight
 from mavdem.cli.commands import main
 from mavdem.export import conversion
 from mavdem.export.tables import column_name, write_csv
-from mavdem.ingest.log import log_of_vehicles
+from mavdem.ingest.telemetry import log_of_vehicles
 
 LOGS = Path(__file__).parents[2] / "logs"
 FLIGHT = LOGS / "ardupilot_wind5_steps.tlog"

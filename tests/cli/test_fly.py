@@ -77,11 +77,11 @@ def test_the_same_command_writes_the_same_bytes(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("speaks", "frame"), [("px4", "x"), ("ardupilot", "plus")])
-def test_it_can_be_learnt_from_and_motors_are_where_they_are(speaks, frame, tmp_path, capsys):
+@pytest.mark.parametrize(("autopilot", "frame"), [("px4", "x"), ("ardupilot", "plus")])
+def test_it_can_be_learnt_from_and_motors_are_where_they_are(autopilot, frame, tmp_path, capsys):
     mine = tmp_path / "mine.toml"
     scenario = load("iris_multisine").model_dump(mode="json", exclude_none=True)
-    scenario["stream"]["speaks"], scenario["vehicle"]["frame"], scenario["duration"] = speaks, frame, 30.0
+    scenario["stream"]["autopilot"], scenario["vehicle"]["frame"], scenario["duration"] = autopilot, frame, 30.0
     mine.write_text(in_toml(scenario_of(scenario)))
     fly(capsys, mine, "--out", tmp_path / "f.tlog")
     assert main(["info", str(tmp_path / "f.tlog")]) == 0

@@ -15,7 +15,7 @@ from mavdem import learn as learn_model
 from mavdem.alignment.quality import QualityFigures
 from mavdem.alignment.read import read_flight
 from mavdem.alignment.verdict import Verdict
-from mavdem.analysis.figures import AxisFigures, model_figures, vehicle_of_log
+from mavdem.analysis.figures import AxisFigures, model_figures
 from mavdem.analysis.findings import PURPOSES
 from mavdem.cli import output_files
 from mavdem.cli.commands import main
@@ -152,7 +152,7 @@ def test_segments_of_one_boot_are_learnt_from_together(without_pictures, tmp_pat
     boots = {"segment": {"boot": 0}, "cautions": []}, {"segment": {"boot": 1}, "cautions": []}
     parts = [replace(whole[a:b], provenance=boots[boot]) for a, b, boot in ((0, 500, 0), (600, 1100, 0), (0, 400, 1))]
     judged = Verdict("roll", True, "Two boots.", "", (), None, QualityFigures())
-    monkeypatch.setattr("mavdem.analysis.analysis.judged_segments", lambda *_: (tuple(parts), judged))
+    monkeypatch.setattr("mavdem.analysis.analysis.usable_segments", lambda *_: (tuple(parts), judged))
     assert main(["learn", FLIGHT, "--out", str(tmp_path), "--json", "--preset", "paper"]) == 0
     report = json.loads(capsys.readouterr().out)
     assert [one["samples"] for one in report["segments"]] == [500, 500]
@@ -253,12 +253,11 @@ def test_yaw_has_no_model_and_is_judged_only(tmp_path, capsys):
 
 @pytest.mark.slow
 def test_all_axes_are_reported_beside_the_model_of_roll(without_pictures, tmp_path, monkeypatch, capsys):
-    def without_fits(log, names, *others):
+    def without_fits(signals, components):
         """The physical parameters of the other axes are those of the library's test, and take seconds."""
-        axes = {name: AxisFigures((), None, None, f"No {name}.") for name in names}
-        return vehicle_of_log(log, (), *others)._replace(axes=axes)
+        return AxisFigures((), None, None, f"No {signals.axis}.")
 
-    monkeypatch.setattr("mavdem.analysis.analysis.vehicle_of_log", without_fits)
+    monkeypatch.setattr("mavdem.analysis.analysis.axis_figures", without_fits)
     words = ["learn", FLIGHT, "--out", str(tmp_path), "--axis", "all", "--train", "100", "--test", "20"]
     assert main([*words, "--json"]) == 0
     report = strict_json(capsys.readouterr().out)

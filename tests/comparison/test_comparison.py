@@ -12,8 +12,9 @@ import pytest
 from simulated import simulated
 
 from mavdem import Flight, baselines
-from mavdem.comparison import METHODS, Comparison, Method, Outcome, compare, judge, outcomes
 from mavdem.evaluate import HORIZONS, Paired, mspe, relative_mspe
+from mavdem.evaluate.comparison import METHODS, Comparison, compare, outcomes
+from mavdem.evaluate.scores import Method, Outcome, judge
 from mavdem.evaluate.windows import windows
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.comparison import comparison_report

@@ -7,8 +7,7 @@ import pytest
 from hover import Hover, changed
 
 from mavdem.condition.inventory import inventory
-from mavdem.ingest.log import Component, Log
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Component, Log, Telemetry
 
 HOVER = Hover(hovering=100.0)
 

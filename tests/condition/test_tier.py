@@ -9,10 +9,9 @@ from hover import Hover, changed
 import mavdem
 from mavdem.alignment import read
 from mavdem.alignment.signals import Signals
-from mavdem.alignment.verdict import judge
+from mavdem.alignment.verdict import verdict_of
 from mavdem.condition import condition_of
-from mavdem.condition.inventory import inventory
-from mavdem.condition.tier import Tier, tier_of
+from mavdem.condition.inventory import Tier, inventory, tier_of
 from mavdem.errors import NotLearnable
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Telemetry
@@ -22,7 +21,7 @@ HOVER = Hover(hovering=60.0)
 
 def tier(telemetry: Telemetry) -> Tier:
     signals = Signals(telemetry)
-    return tier_of(judge(signals), condition_of(signals))
+    return tier_of(verdict_of(signals), condition_of(signals))
 
 
 @pytest.mark.parametrize(

@@ -471,3 +471,19 @@ def test_learned_is_a_forecaster_that_says_whether_it_is_stable():
     assert learned.stable and learned.spectral_radius == pytest.approx(
         np.abs(np.linalg.eigvals(learned.predictor.A[:n, :n])).max()
     )
+
+
+def test_a_fit_that_starts_at_an_earlier_one_arrives_at_the_same_model_sooner():
+    flight = simulated(samples=2000, wind=0.5)
+    whole, cold = learn(flight), learn(flight[:1600])
+    warm = learn(flight[:1600], start=Learned.from_json(whole.to_json()))
+    assert len(warm.free_energy) < len(cold.free_energy)
+    assert warm.free_energy[-1] == pytest.approx(cold.free_energy[-1], abs=1.0)
+    ahead = flight.inputs[1600:1700]
+    np.testing.assert_allclose(warm.forecast(ahead), cold.forecast(ahead), atol=0.02 * flight.outputs.std())
+
+
+def test_a_start_of_other_sizes_is_refused():
+    flight = simulated()[:700]
+    with pytest.raises(ValueError, match="start must have the states, inputs, outputs"):
+        learn(flight, Settings(order=4), start=learn(flight))

@@ -37,9 +37,9 @@ def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
     forecasts: list[set[float]] = []
     learn, forecast = module.learn, module._forecast
 
-    def watched(segments, settings):
+    def watched(segments, settings, begin):
         trained.append({float(time) for segment in segments for time in segment.time})
-        return learn(segments, settings)
+        return learn(segments, settings, begin)
 
     def seen(learned, part, steps, lead, before):
         forecasts.append({float(time) for time in part.time[lead:]})
@@ -117,14 +117,14 @@ def test_segments_are_held_out_together_and_filters_begin_anew_in_each():
 
 @pytest.mark.slow
 def test_a_model_that_cannot_be_learnt_errs_infinitely_and_says_why(held_out, monkeypatch):
-    def refused(segments, settings):
+    def refused(segments, settings, begin):
         raise ValueError("the outputs must vary")
 
     learn, calls = module.learn, []
 
-    def refused_once(segments, settings):
+    def refused_once(segments, settings, begin):
         calls.append(segments)
-        return refused(segments, settings) if len(calls) == 1 else learn(segments, settings)
+        return refused(segments, settings, begin) if len(calls) == 1 else learn(segments, settings, begin)
 
     monkeypatch.setattr(module, "learn", refused)
     none = held_out_windows([FLIGHT], QUICK, STEPS)

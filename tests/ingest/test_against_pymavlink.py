@@ -13,9 +13,8 @@ from mavlink_streams import SAMPLES, beginning, frames_in, real_logs
 from numpy.typing import NDArray
 from pymavlink import mavutil
 
-from mavdem.ingest.mavlink.checksum import Bytes
 from mavdem.ingest.mavlink.definitions import columns, definitions
-from mavdem.ingest.mavlink.framing import GOOD, Frames
+from mavdem.ingest.mavlink.framing import GOOD, Bytes, Frames
 from mavdem.ingest.tlog import STAMP_BYTES, ReceiveStamps, _without_carriage_returns
 
 

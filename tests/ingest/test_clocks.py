@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from mavdem.ingest.mavlink import clocks
-from mavdem.ingest.mavlink.clocks import Sent, boot_clock
-from mavdem.ingest.mavlink.outlier_stamps import far_off
+from mavdem.ingest.mavlink.clocks import Sent, boot_clock, far_off
 
 WRAP_US = 2.0**32 / 1e6
 WRAP_MS = 2.0**32 / 1e3

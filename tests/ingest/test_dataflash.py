@@ -18,14 +18,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink import DFReader
 
-from mavdem.alignment import drive, setpoints, signals
+from mavdem.alignment import drive, signals
 from mavdem.alignment.read import read_flight
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.signals import Signals, setpoints
 from mavdem.condition.inventory import inventory
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.ingest import Log, read_log
-from mavdem.ingest.dataflash.binary import read_binary
-from mavdem.ingest.dataflash.definitions import FIELD_TYPES, MAX_DEFINITIONS, DataflashRecording
+from mavdem.ingest.dataflash.binary import FIELD_TYPES, MAX_DEFINITIONS, DataflashRecording, read_binary
 from mavdem.ingest.dataflash.log import read_dataflash
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import IN_AIR
@@ -400,7 +399,7 @@ def test_setpoints_of_rate_and_att_keep_their_own_stamps(tmp_path: Path) -> None
         pieces[at] += made.message("RCIN", stamp + 6000, 1500 + row, 1400, 1000, 1300)
     vehicle = vehicle_of(made.formats() + made.told() + b"".join(pieces), tmp_path)
     for axis, degrees in (("roll", (10, 1)), ("pitch", (-20, -2))):
-        rate, angle, stick = setpoints.setpoints(vehicle, axis)
+        rate, angle, stick = setpoints(vehicle, axis)
         for one, each, late in ((rate, degrees[0], 0.003), (angle, degrees[1], 0.008)):
             at = 20.5 + 0.1 * np.arange(4) + late
             rows = np.searchsorted(one.signal.time, at - 1e-4)
@@ -408,7 +407,7 @@ def test_setpoints_of_rate_and_att_keep_their_own_stamps(tmp_path: Path) -> None
             np.testing.assert_allclose(one.signal.values[rows], np.radians(each) * np.arange(4), atol=1e-9)
         expected = [1500, 1501, 1502, 1503] if axis == "roll" else [1400] * 4
         assert stick.unit == "µs" and stick.signal.values.tolist() == expected
-    assert [one.name for one in setpoints.setpoints(vehicle, "yaw")] == ["yaw rate setpoint", "yaw stick"]
+    assert [one.name for one in setpoints(vehicle, "yaw")] == ["yaw rate setpoint", "yaw stick"]
     assert vehicle.called("ATTITUDE_TARGET") == "RATE and ATT" and vehicle.called("RC_CHANNELS") == "RCIN"
 
 
@@ -422,7 +421,7 @@ def test_sticks_alone_are_no_flight(tmp_path: Path) -> None:
 def test_angle_setpoints_are_those_of_the_telemetry_of_the_same_flight(axis: str) -> None:
     (logged,) = read_dataflash(shared(STEPS)).vehicles
     (sent,) = read_log(shared(STEPS.with_suffix(".tlog"))).vehicles
-    ours, theirs = (next(s for s in setpoints.setpoints(v, axis) if s.unit == "rad").signal for v in (logged, sent))
+    ours, theirs = (next(s for s in setpoints(v, axis) if s.unit == "rad").signal for v in (logged, sent))
     inside = (theirs.time > 60) & (theirs.time < 140)
     # What ATTITUDE_TARGET had when it was sent is what ANG logs in the same controller step of 2.5 ms.
     error = np.interp(theirs.time[inside], ours.time, ours.values) - theirs.values[inside]

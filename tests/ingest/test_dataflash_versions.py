@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mavdem.alignment.setpoints import setpoints
-from mavdem.alignment.signals import Signals, voltage
+from mavdem.alignment.signals import Signals, setpoints, voltage
 from mavdem.errors import Unreadable
 from mavdem.ingest.dataflash.log import read_dataflash
 from mavdem.ingest.telemetry import Telemetry

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 from pymavlink.generator.mavcrc import x25crc
 
-from mavdem.ingest.mavlink import checksum
-from mavdem.ingest.mavlink.checksum import Bytes
+from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import columns, definitions
-from mavdem.ingest.mavlink.framing import FAILED, GOOD, UNKNOWN
+from mavdem.ingest.mavlink.framing import FAILED, GOOD, UNKNOWN, Bytes
 
 IDS = sorted(dialect.mavlink_map)
 
@@ -124,14 +123,14 @@ def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood: bytes) -> None:
 def test_the_work_for_overlapping_candidates_does_not_grow_with_their_overlap(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each place of a flood of FE begins a candidate of 262 bytes: their checksums must cost no 131 steps each."""
     steps = 0
-    by_words = checksum._by_words
+    by_words = framing._by_words
 
     def counted(data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64]) -> NDArray[np.uint16]:
         nonlocal steps
         steps += int(count.sum()) // 2
         return by_words(data, start, count)
 
-    monkeypatch.setattr(checksum, "_by_words", counted)
+    monkeypatch.setattr(framing, "_by_words", counted)
     size = 400_000
     frames_in(b"\xfe" * size)
     assert steps < size
@@ -139,12 +138,12 @@ def test_the_work_for_overlapping_candidates_does_not_grow_with_their_overlap(mo
 
 @given(st.binary(min_size=300, max_size=2000), st.data())
 def test_checksums_are_pymavlinks_however_they_are_made(content: bytes, data: st.DataObject) -> None:
-    behind = np.frombuffer(content + bytes(checksum.MAX_CHECKSUM_BYTES), dtype=np.uint8)
+    behind = np.frombuffer(content + bytes(framing.MAX_CHECKSUM_BYTES), dtype=np.uint8)
     count = np.array(data.draw(st.lists(st.integers(5, 264), min_size=1, max_size=40)))
     start = np.array(data.draw(st.lists(st.integers(0, len(content) - 1), min_size=len(count), max_size=len(count))))
     theirs = [x25crc(behind[a : a + b].tolist()).crc for a, b in zip(start, count, strict=True)]
-    assert checksum._by_words(behind, start, count).tolist() == theirs
-    assert checksum._by_doubling(behind, start, count).tolist() == theirs
+    assert framing._by_words(behind, start, count).tolist() == theirs
+    assert framing._by_doubling(behind, start, count).tolist() == theirs
 
 
 def test_nothing_in_nothing_out() -> None:

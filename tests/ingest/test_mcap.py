@@ -22,13 +22,13 @@ from pymavlink import mavutil
 
 from mavdem.errors import Unreadable
 from mavdem.ingest import Log, read_log
-from mavdem.ingest.log import Component
-from mavdem.ingest.mavlink.compose import FrameSender
+from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.mcap import records as mcap_records
 from mavdem.ingest.mcap.json_topics import JsonTopic, JsonTopics
 from mavdem.ingest.mcap.log import mcap_stream, read_mcap
 from mavdem.ingest.mcap.records import MAGIC, Channel, McapMessage, McapRecording
 from mavdem.ingest.mcap.writer import MAX_STAMP, write_series
+from mavdem.ingest.telemetry import Component
 from mavdem.ingest.tlog import read_tlog, tlog_stream, write_tlog
 
 TIMES = [20 + 0.01 * row for row in range(300)]

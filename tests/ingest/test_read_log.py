@@ -17,7 +17,7 @@ from mavdem.alignment.signals import attitude
 from mavdem.errors import Unreadable
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.ingest.log import Component
+from mavdem.ingest.telemetry import Component
 
 TIMES = [20 + 0.01 * row for row in range(300)]
 

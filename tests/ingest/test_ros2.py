@@ -39,12 +39,10 @@ from ulog_files import shared
 
 import mavdem
 from mavdem.alignment import signals
-from mavdem.alignment.setpoints import setpoints
-from mavdem.alignment.signals import Signals, voltage
-from mavdem.alignment.verdict import judge
-from mavdem.errors import NotLearnable, Unreadable
+from mavdem.alignment.signals import Signals, setpoints, voltage
+from mavdem.alignment.verdict import verdict_of
+from mavdem.errors import MissingExtra, NotLearnable, Unreadable
 from mavdem.export.conversion import convert
-from mavdem.extras import MissingExtra
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mcap.log import mcap_stream
@@ -393,8 +391,8 @@ def test_what_to_do_when_topics_are_missing(tmp_path: Path) -> None:
         for at in (UNIX + TIMES).tolist():
             recorder.imu(at, (0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
 
-    assert "dds_topics.yaml" in judge(Signals(vehicle_of(tmp_path, by_default))).remedy
-    assert "set_message_interval" in judge(Signals(vehicle_of(tmp_path, without_motors))).remedy
+    assert "dds_topics.yaml" in verdict_of(Signals(vehicle_of(tmp_path, by_default))).remedy
+    assert "set_message_interval" in verdict_of(Signals(vehicle_of(tmp_path, without_motors))).remedy
 
 
 # Clocks
@@ -764,7 +762,7 @@ def test_numbers_that_are_none_make_no_error(value: float, tmp_path: Path) -> No
     log = read_log(written(tmp_path, write))
     assert len(log.vehicles) == 2
     for vehicle in log.vehicles:
-        judge(Signals(vehicle))
+        verdict_of(Signals(vehicle))
 
 
 def test_what_is_read_of_px4s_topics_is_in_their_definitions() -> None:

@@ -26,8 +26,7 @@ from ulog_files import (
 
 import mavdem
 from mavdem.alignment import drive
-from mavdem.alignment.setpoints import setpoints
-from mavdem.alignment.signals import Signals, voltage
+from mavdem.alignment.signals import Signals, setpoints, voltage
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
 

@@ -35,8 +35,7 @@ from mavdem.errors import Unreadable
 from mavdem.ingest import contents as files
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.ulog.framing import whole_messages
-from mavdem.ingest.ulog.log import read_ulog
+from mavdem.ingest.ulog import WholeMessages, read_ulog
 
 WANTED = "HIL_ACTUATOR_CONTROLS"
 
@@ -302,7 +301,7 @@ def test_a_sound_ulog_of_something_else_is_said_to_be_sound_and_what_it_holds(tm
     key = b"char[11] Build Date"
     told = message("I", bytes([len(key)]) + key + b"May 25 2022")
     content = log(told, data("cpuload", 3.0, 1.0), data("cpuload", 4.0, 1.0))
-    assert whole_messages(content, None, "").damaged == 0
+    assert WholeMessages(content, None, "").damaged == 0
     path = tmp_path / "other.ulg"
     for sent, state in ((content, "is intact, but"), (content + b"\x09", "is cut off at its end,")):
         path.write_bytes(sent)

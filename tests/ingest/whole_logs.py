@@ -7,12 +7,12 @@ from typing import Any
 
 from mavdem.errors import Unreadable
 from mavdem.ingest import Log, read_log, tlog
-from mavdem.ingest.mavlink import clocks, definitions, frame_index, framing
+from mavdem.ingest.mavlink import clocks, definitions, framing, vehicles
 
 SMALL = (
     (framing, "BLOCK", 61),
     (tlog, "BLOCK", 5),
-    (frame_index, "BATCH", 7),
+    (vehicles, "BATCH", 7),
     (clocks, "BATCH", 5),
     (definitions, "BATCH", 3),
     (tlog, "BATCH", 4),

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from whole_logs import read
 
 from mavdem.alignment import signals
-from mavdem.alignment.align import FILTER_EDGE_STEPS, LOW_PASS_RATIO, align
-from mavdem.alignment.segments import STAMP_SECONDS, Segment
+from mavdem.alignment.align import FILTER_EDGE_STEPS, LOW_PASS_RATIO, STAMP_SECONDS, Segment, align
 from mavdem.alignment.signals import Signals
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.live import AlignedRow, Event, LiveStream, Setup

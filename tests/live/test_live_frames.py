@@ -11,8 +11,7 @@ from mavlink_streams import SAMPLES, flight, frame, frames_in, heartbeat, messag
 from pymavlink.generator.mavcrc import x25crc
 
 from mavdem.ingest.formats import read_stream
-from mavdem.ingest.mavlink.checksum import frame_checksum
-from mavdem.ingest.mavlink.framing import FAILED, GOOD, UNKNOWN
+from mavdem.ingest.mavlink.framing import FAILED, GOOD, UNKNOWN, frame_checksum
 from mavdem.live.frames import LONGEST_CHAIN, LiveFrame, LiveFrames
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import all as dialect
 
-from mavdem.ingest.mavlink.compose import FrameSender
+from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.live.messages import LiveMessage
 from mavdem.live.rate_request import GET_INTERVAL, PAUSE_SECONDS, SET_INTERVAL, STOPPED, Arrivals, RateRequest
 

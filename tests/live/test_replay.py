@@ -9,9 +9,9 @@ import pytest
 from live_hover import Flight, Timed, cut, differences, offline, replay
 from mavlink_streams import SAMPLES, SHARED
 
+from mavdem.alignment.align import settled_segments
 from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.segments import settled_segments
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream

@@ -13,7 +13,7 @@ from mavdem.analysis import LogAnalysis
 from mavdem.analysis.figures import VehicleFigures
 from mavdem.analysis.findings import findings
 from mavdem.condition import Condition, Identity
-from mavdem.condition.tier import Tier
+from mavdem.condition.inventory import Tier
 from mavdem.evaluate import held_out_test
 from mavdem.page.flight_page import flight_page
 

@@ -10,8 +10,8 @@ import pytest
 from simulated import simulated
 
 import mavdem
-from mavdem.alignment.trim import hover_figures
 from mavdem.analysis.findings import GOOD, LIMITED, NONE, PURPOSES, Finding, findings, next_step, warnings_of
+from mavdem.condition.hover import hover_figures
 from mavdem.dem.graybox import DetectedGust
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.evaluate import HeldOut, held_out_test
@@ -116,7 +116,7 @@ def test_the_next_step_is_that_of_the_first_purpose_that_is_not_served(grades, a
 def test_a_reason_is_given_once(learned):
     known = read(learned, effect="not identifiable", damping="not identifiable", lag="not identifiable")
     same = known._replace(reasons={**known.reasons, "damping": "Why effect. And otherwise."})
-    assert findings(with_parts(learned, same), None)[1].reason == "For the same reason as motor effectiveness."
+    assert findings(with_parts(learned, same), None)[1].reason == "For the same reason as control effectiveness."
 
 
 def test_the_wind_is_good_only_where_it_is_resolved_and_its_size_known(learned):

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from sitl_scenarios.dynamics import Air, Body, State, dynamics
+from sitl_scenarios.dynamics import AirState, Body, State, dynamics
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
 
 IRIS = AIRFRAMES["iris"]
 CYCLE = 0.004
-GUSTY = Air(north=2.0, east=-3.0, down=0.5, p=0.3, q=-0.2, roll=0.02, pitch=-0.01, yaw=0.001)
+GUSTY = AirState(north=2.0, east=-3.0, down=0.5, p=0.3, q=-0.2, roll=0.02, pitch=-0.01, yaw=0.001)
 
 
 def targets(cycle):
@@ -74,7 +74,7 @@ def test_the_error_falls_with_the_square_of_the_step():
 def test_a_hover_stays_where_it_is():
     hover = (IRIS.hover_speed,) * 4
     body, state = Body(VehicleSpec(model="iris"), 1e-3), State((0.0, 0.0, -5.0), rotors=hover)
-    state = body.moved(state, hover, Air(), 5000)
+    state = body.moved(state, hover, AirState(), 5000)
     assert np.allclose(np.concatenate(state[:4]), [0, 0, -5, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0], atol=1e-9)
 
 
@@ -84,7 +84,7 @@ def test_a_free_fall_is_a_parabola_and_keeps_energy_and_angular_momentum(monkeyp
     for steps in (4, 8):
         body = Body(VehicleSpec(model="iris", rotor_drag=False), CYCLE / steps)
         before = State((0.0, 0.0, -50.0), (3.0, -2.0, -4.0), (1.0, 0.0, 0.0, 0.0), (2.0, 3.0, -1.0))
-        after = body.moved(before, (0.0,) * 4, Air(), 250 * steps)
+        after = body.moved(before, (0.0,) * 4, AirState(), 250 * steps)
         assert np.allclose(after.velocity, [3, -2, -4 + GRAVITY], atol=1e-10)
         assert np.allclose(after.position, [3, -2, -50 - 4 + GRAVITY / 2], atol=1e-2 / steps**2)
         inertia = np.array(IRIS.inertia)
@@ -114,20 +114,20 @@ def test_wind_pushes_and_tilts_as_its_formulas_say():
     body = AIRFRAMES["ardrone2"]
     change = dynamics(VehicleSpec(model="ardrone2"))
     hover, level, still = (body.hover_speed,) * 4, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
-    from_west = change(level, still, still, hover, Air(east=5.0))
+    from_west = change(level, still, still, hover, AirState(east=5.0))
     force = 0.5 * 1.225 * body.drag_area * 25 + body.rotor_drag * 4 * body.hover_speed * 5
     assert from_west[6:] == pytest.approx((0, force, 0, body.hub_height * force, 0, 0))
     assert from_west[1] == pytest.approx(force / body.mass)
     # Air that rises lifts; air that turns to the right rolls to the right.
-    rising = change(level, still, still, hover, Air(down=-1.0))
+    rising = change(level, still, still, hover, AirState(down=-1.0))
     assert rising[8] == pytest.approx(-0.5 * 1.225 * body.drag_area - body.inflow * 4 * body.hover_speed)
-    turning = change(level, still, still, hover, Air(p=0.5))
+    turning = change(level, still, still, hover, AirState(p=0.5))
     assert turning[9] == pytest.approx(0.5 * body.inflow * body.hover_speed * 4 * body.arm[1] ** 2)
-    assert change(level, still, (0.5, 0.0, 0.0), hover, Air())[9] == pytest.approx(-turning[9])
+    assert change(level, still, (0.5, 0.0, 0.0), hover, AirState())[9] == pytest.approx(-turning[9])
 
 
 def test_without_rotor_drag_the_hull_is_all_that_wind_finds():
     level, still, hover = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (IRIS.hover_speed,) * 4
     change = dynamics(VehicleSpec(model="iris", rotor_drag=False))
-    assert change(level, still, still, hover, Air(p=1.0, q=1.0))[6:] == (0,) * 6
-    assert change(level, still, still, hover, Air(east=2.0))[7] == pytest.approx(0.5 * 1.225 * IRIS.drag_area * 4)
+    assert change(level, still, still, hover, AirState(p=1.0, q=1.0))[6:] == (0,) * 6
+    assert change(level, still, still, hover, AirState(east=2.0))[7] == pytest.approx(0.5 * 1.225 * IRIS.drag_area * 4)

@@ -22,13 +22,13 @@ GROUND = dialect.MAVLink(None, srcSystem=255, srcComponent=190)
 class Vehicle:
     """A vehicle that answers, and the part of a simulation that can be armed."""
 
-    def __init__(self, speaks: str = "px4", armable: bool = True) -> None:
-        cycle = CYCLES[speaks]
-        self.transmitter = Transmitter(Scenario(stream=StreamSpec(speaks=speaks)), cycle)
+    def __init__(self, autopilot: str = "px4", armable: bool = True) -> None:
+        cycle = CYCLES[autopilot]
+        self.transmitter = Transmitter(Scenario(stream=StreamSpec(autopilot=autopilot)), cycle)
         self.commands = CommandHandler(self.transmitter, self)
         self.asked: list[tuple[bool, bool]] = []
         self._armable = armable
-        self._motion, self._row = made_up_motion(speaks=speaks), 1
+        self._motion, self._row = made_up_motion(autopilot=autopilot), 1
         self.flown(1.0)
 
     def set_armed(self, armed: bool, force: bool = False) -> bool:
@@ -59,9 +59,9 @@ class Vehicle:
         return ack.result, said
 
 
-@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
-def test_intervals_are_set_at_once_reported_and_restored(speaks):
-    vehicle = Vehicle(speaks)
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_intervals_are_set_at_once_reported_and_restored(autopilot):
+    vehicle = Vehicle(autopilot)
     result, said = vehicle.command(511, 30, 20_000)
     assert result == 0
     assert len(said["ATTITUDE"]) == pytest.approx(50, abs=1)
@@ -74,9 +74,9 @@ def test_intervals_are_set_at_once_reported_and_restored(speaks):
     assert len(vehicle.command(511, 30, 0)[1]["ATTITUDE"]) == pytest.approx(100, abs=1)
     vehicle.command(511, 30, 1e30)
     assert vehicle.command(510, 30)[1]["MESSAGE_INTERVAL"][0].interval_us == 2**31 - 1
-    loop = {"px4": 250, "ardupilot": 400}[speaks]
+    loop = {"px4": 250, "ardupilot": 400}[autopilot]
     assert len(vehicle.command(511, 30, 1)[1]["ATTITUDE"]) == pytest.approx(loop, abs=1)
-    refused = {"px4": 4, "ardupilot": 2}[speaks]
+    refused = {"px4": 4, "ardupilot": 2}[autopilot]
     for number in (77, 999_999, 1e30):
         assert vehicle.command(511, number, 10_000)[0] == refused
     assert vehicle.command(511, float("nan"), 10_000)[0] == 2
@@ -85,17 +85,17 @@ def test_intervals_are_set_at_once_reported_and_restored(speaks):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 @pytest.mark.parametrize("interval", [1, 7, 3999, 4001])
-def test_no_interval_is_shorter_than_a_cycle(speaks, interval):
-    vehicle = Vehicle(speaks)
+def test_no_interval_is_shorter_than_a_cycle(autopilot, interval):
+    vehicle = Vehicle(autopilot)
     for name in vehicle.transmitter.schedule.usual:
         given = (named(name).message_id, interval, 0, 0, 0, 0, 0)
         vehicle.hears(dialect.MAVLink_command_long_message(1, 1, 511, 0, *given))
     vehicle.flown(0.1)
     for _ in range(60):
-        assert len(vehicle.flown(0.04)["ATTITUDE"]) <= round(0.04 / CYCLES[speaks])
-    least = max(CYCLES[speaks], interval // 1000 / 1e3 if speaks == "ardupilot" else interval / 1e6)
+        assert len(vehicle.flown(0.04)["ATTITUDE"]) <= round(0.04 / CYCLES[autopilot])
+    least = max(CYCLES[autopilot], interval // 1000 / 1e3 if autopilot == "ardupilot" else interval / 1e6)
     assert len(vehicle.flown(1.0)["ATTITUDE"]) == pytest.approx(1 / least, abs=2)
 
 
@@ -117,16 +117,16 @@ def test_messages_on_request():
     assert vehicle.command(176, 1, 4)[0] == 3
 
 
-@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
-def test_arming_is_passed_on_and_refused_in_the_air(speaks):
-    vehicle = Vehicle(speaks)
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_arming_is_passed_on_and_refused_in_the_air(autopilot):
+    vehicle = Vehicle(autopilot)
     assert vehicle.command(400, 1)[0] == 0
     assert vehicle.command(400, 0)[0] == 0
     assert vehicle.asked == [(True, False), (False, False)]
-    vehicle = Vehicle(speaks, armable=False)
+    vehicle = Vehicle(autopilot, armable=False)
     result, said = vehicle.command(400, 0)
-    assert result == {"px4": 1, "ardupilot": 4}[speaks]
-    assert (2 in [text.severity for text in said.get("STATUSTEXT", [])]) == (speaks == "px4")
+    assert result == {"px4": 1, "ardupilot": 4}[autopilot]
+    assert (2 in [text.severity for text in said.get("STATUSTEXT", [])]) == (autopilot == "px4")
     assert vehicle.command(400, 0, 21196)[0] == 0
     assert vehicle.command(400, 1)[0] == 4
     assert vehicle.command(400, 7)[0] == 2
@@ -140,16 +140,16 @@ def test_a_command_as_integers_is_the_same():
     assert vehicle.asked == [(True, False)]
 
 
-@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
-def test_parameters_are_listed_read_and_set(speaks):
-    vehicle = Vehicle(speaks)
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_parameters_are_listed_read_and_set(autopilot):
+    vehicle = Vehicle(autopilot)
     vehicle.hears(dialect.MAVLink_param_request_list_message(1, 1))
     listed = vehicle.flown(1.0)["PARAM_VALUE"]
     assert [one.param_index for one in listed] == list(range(listed[0].param_count))
     name, sent = {"px4": ("PWM_MAIN_MIN1", struct.unpack("<f", struct.pack("<i", 1100))[0])}.get(
-        speaks, ("SERVO1_MIN", 1100.0)
+        autopilot, ("SERVO1_MIN", 1100.0)
     )
-    kind = {"px4": 6, "ardupilot": 4}[speaks]
+    kind = {"px4": 6, "ardupilot": 4}[autopilot]
     vehicle.hears(dialect.MAVLink_param_set_message(1, 1, name.encode(), sent, kind))
     vehicle.hears(dialect.MAVLink_param_request_read_message(1, 1, name.encode(), -1))
     vehicle.hears(dialect.MAVLink_param_request_read_message(1, 1, b"", 3))
@@ -161,7 +161,7 @@ def test_parameters_are_listed_read_and_set(speaks):
     assert third.param_id == listed[3].param_id
     vehicle.hears(dialect.MAVLink_param_set_message(1, 1, name.encode(), float("nan"), kind))
     assert len(vehicle.flown(0.1)["PARAM_VALUE"]) == 1
-    assert vehicle.transmitter.parameters[name].value == (1100 if speaks == "ardupilot" else 0x7FC00000)
+    assert vehicle.transmitter.parameters[name].value == (1100 if autopilot == "ardupilot" else 0x7FC00000)
 
 
 def test_streams_are_asked_of_ardupilot_as_ground_stations_do():

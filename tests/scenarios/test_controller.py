@@ -38,7 +38,7 @@ def test_outputs_are_whole_microseconds():
 
 def sensed(sensors, states, seed=0):
     sensing = Sensing(sensors, CYCLE, np.random.default_rng(seed))
-    return [sensing.known(state) for state in states]
+    return [sensing.estimate(state) for state in states]
 
 
 def test_what_is_known_is_late_by_the_delay():

@@ -8,7 +8,7 @@ import pytest
 from mavdem.cli.words.scenario import in_toml, in_words
 from mavdem.ingest import read_log
 from mavdem.ingest.tlog import write_tlog
-from sitl_scenarios.dynamics import SPINS, Wear, damages, frame
+from sitl_scenarios.dynamics import SPINS, Damage, damages, frame
 from sitl_scenarios.files import load, scenario_of
 from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.scenario import Load, Propeller, Scenario, Sensors, SteadyWind, StreamSpec, VehicleSpec
@@ -51,7 +51,7 @@ def test_hover_balances_again(broken):
     _, scenario, motion = broken
     [(start, condition)] = damages(scenario)
     assert start == 18.0
-    np.testing.assert_allclose(hovering(motion, 14.0, 19.9), balanced(Wear()), atol=1.0)
+    np.testing.assert_allclose(hovering(motion, 14.0, 19.9), balanced(Damage()), atol=1.0)
     np.testing.assert_allclose(hovering(motion, 28.0, 34.0), balanced(condition), atol=1.5)
 
 
@@ -126,20 +126,20 @@ def test_wind_on_a_shifted_load_turns_it_about_the_new_centre():
 
 def sent(path, scenario, motion):
     with path.open("wb") as file:
-        write_tlog(file, recorded(scenario, motion, CYCLES[scenario.stream.speaks], lambda _: None))
+        write_tlog(file, recorded(scenario, motion, CYCLES[scenario.stream.autopilot], lambda _: None))
     return read_log(path).vehicles[0].messages
 
 
-@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
-def test_vibration_is_sent_where_it_is_asked_for(speaks, tmp_path):
-    stream = StreamSpec(speaks=speaks, rate=10.0, rates={"VIBRATION": 5.0})
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_vibration_is_sent_where_it_is_asked_for(autopilot, tmp_path):
+    stream = StreamSpec(autopilot=autopilot, rate=10.0, rates={"VIBRATION": 5.0})
     scenario = Scenario(duration=15.0, propeller=Propeller(motor=1, start=6.0), stream=stream)
     motion = fly(scenario)
     told = sent(tmp_path / "asked.tlog", scenario, motion)["VIBRATION"]
     felt = [np.interp(told["time"], motion.time, one) for one in vibration(scenario, motion).T]
     assert len(told["time"]) > 5 * 15 and told["vibration_x"][0] == 0.0 and told["vibration_x"].max() > 3
     np.testing.assert_allclose([told[f"vibration_{axis}"] for axis in "xyz"], felt, rtol=0.02, atol=0.1)
-    quiet = scenario.model_copy(update={"stream": StreamSpec(speaks=speaks, rate=10.0)})
+    quiet = scenario.model_copy(update={"stream": StreamSpec(autopilot=autopilot, rate=10.0)})
     assert "VIBRATION" not in sent(tmp_path / "quiet.tlog", quiet, motion)
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from sitl_scenarios.dynamics import Air, Body, State
+from sitl_scenarios.dynamics import AirState, Body, State
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.truth import axis, linearised, paper_system
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
@@ -57,7 +57,7 @@ def test_a_small_motion_of_the_vehicle_is_the_linear_ones(model):
     change = np.array([-1.0, 1.0, 1.0, -1.0]) * body.full / 1000
     speeds = body.hover_speed + body.speed[0] * change
     start = State((0.0, 0.0, -5.0), rotors=(body.hover_speed,) * 4)
-    moved = Body(vehicle, step).moved(start, tuple(speeds.tolist()), Air(), steps)
+    moved = Body(vehicle, step).moved(start, tuple(speeds.tolist()), AirState(), steps)
     linear = linearised(vehicle)
     augmented = np.zeros((20, 20))
     augmented[:16, :16], augmented[:16, 16:] = linear.A, linear.B

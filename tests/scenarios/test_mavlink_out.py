@@ -26,14 +26,14 @@ NO_FAULTS = Faults()
 
 def written(scenario: Scenario, motion: Motion, path=None) -> bytes:
     file = io.BytesIO()
-    write_tlog(file, recorded(scenario, motion, CYCLES[scenario.stream.speaks], lambda _: None))
+    write_tlog(file, recorded(scenario, motion, CYCLES[scenario.stream.autopilot], lambda _: None))
     if path is not None:
         path.write_bytes(file.getvalue())
     return file.getvalue()
 
 
-def scenario(speaks: str = "px4", faults: Faults = NO_FAULTS, frame: str = "x", **stream: object) -> Scenario:
-    return Scenario(stream=StreamSpec(speaks=speaks, **stream), faults=faults, vehicle=VehicleSpec(frame=frame))
+def scenario(autopilot: str = "px4", faults: Faults = NO_FAULTS, frame: str = "x", **stream: object) -> Scenario:
+    return Scenario(stream=StreamSpec(autopilot=autopilot, **stream), faults=faults, vehicle=VehicleSpec(frame=frame))
 
 
 def read(tmp_path, flown: Scenario, motion: Motion) -> Log:
@@ -42,14 +42,14 @@ def read(tmp_path, flown: Scenario, motion: Motion) -> Log:
 
 
 @pytest.mark.parametrize("version", [1, 2])
-@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
-def test_what_is_read_back_is_what_was_true(speaks, version, tmp_path):
-    motion = made_up_motion(speaks=speaks)
-    log = read(tmp_path, scenario(speaks, version=version, system=7), motion)
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_what_is_read_back_is_what_was_true(autopilot, version, tmp_path):
+    motion = made_up_motion(autopilot=autopilot)
+    log = read(tmp_path, scenario(autopilot, version=version, system=7), motion)
     assert (log.unread, log.bytes_skipped) == ((), 0)
     (vehicle,) = log.vehicles
     assert (vehicle.system, vehicle.component, vehicle.vehicle) == (7, 1, "QUADROTOR")
-    assert vehicle.autopilot == {"px4": "PX4", "ardupilot": "ARDUPILOTMEGA"}[speaks]
+    assert vehicle.autopilot == {"px4": "PX4", "ardupilot": "ARDUPILOTMEGA"}[autopilot]
     assert [speaker.lost for speaker in log.components] == [0]
     sent = vehicle.messages
     rows = {
@@ -70,15 +70,15 @@ def test_what_is_read_back_is_what_was_true(speaks, version, tmp_path):
         np.testing.assert_array_equal(place[name], motion.position[at, i].astype(np.float32))
         np.testing.assert_array_equal(place[f"v{name}"], motion.velocity[at, i].astype(np.float32))
     servos, at = sent["SERVO_OUTPUT_RAW"], rows["SERVO_OUTPUT_RAW"]
-    disarmed, unused = {"px4": (900, 900), "ardupilot": (1000, 0)}[speaks]
+    disarmed, unused = {"px4": (900, 900), "ardupilot": (1000, 0)}[autopilot]
     outputs = np.column_stack([servos[f"servo{n}_raw"] for n in range(1, 5)])
     np.testing.assert_array_equal(outputs, motion.outputs[at])
     assert not motion.armed[at].all() and (outputs[~motion.armed[at]] == disarmed).all()
     assert set(servos["servo5_raw"]) == {unused} and set(servos["servo16_raw"]) == {unused if version == 2 else 0}
     state = sent["EXTENDED_SYS_STATE"]["landed_state"]
     assert [int(one) for one in state[np.flatnonzero(np.diff(state, prepend=0))]] == [1, 3, 2, 4, 1]
-    assert ("ACTUATOR_OUTPUT_STATUS" in sent) == (speaks == "px4" and version == 2)
-    if speaks == "px4":
+    assert ("ACTUATOR_OUTPUT_STATUS" in sent) == (autopilot == "px4" and version == 2)
+    if autopilot == "px4":
         at = rows["HIL_ACTUATOR_CONTROLS"]
         controls = np.where(motion.armed[at, None], (motion.outputs[at] - 1000) / 1000, 0)
         np.testing.assert_array_equal(sent["HIL_ACTUATOR_CONTROLS"]["controls"][:, :4], controls.astype(np.float32))
@@ -93,10 +93,10 @@ def test_what_is_read_back_is_what_was_true(speaks, version, tmp_path):
         assert set(actuator[0, 4:16]) == {900} and set(actuator[0, 16:]) == {0}
 
 
-@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
-def test_the_battery_has_a_message_of_its_own_when_it_is_asked_for(speaks, tmp_path):
-    motion = made_up_motion(speaks=speaks)
-    sent = read(tmp_path, scenario(speaks, rates={"BATTERY_STATUS": 50.0}), motion).vehicles[0].messages
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_the_battery_has_a_message_of_its_own_when_it_is_asked_for(autopilot, tmp_path):
+    motion = made_up_motion(autopilot=autopilot)
+    sent = read(tmp_path, scenario(autopilot, rates={"BATTERY_STATUS": 50.0}), motion).vehicles[0].messages
     told = sent["BATTERY_STATUS"]
     assert len(told["time"]) == pytest.approx(1000, abs=2)
     np.testing.assert_allclose(
@@ -106,10 +106,10 @@ def test_the_battery_has_a_message_of_its_own_when_it_is_asked_for(speaks, tmp_p
 
 
 @pytest.mark.parametrize("version", [1, 2])
-@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
-def test_setpoints_and_sticks_come_when_they_are_asked_for(speaks, version, tmp_path):
-    motion, rates = made_up_motion(speaks=speaks), {"ATTITUDE_TARGET": 50.0, "RC_CHANNELS": 20.0}
-    sent = read(tmp_path, scenario(speaks, version=version, rates=rates), motion).vehicles[0].messages
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_setpoints_and_sticks_come_when_they_are_asked_for(autopilot, version, tmp_path):
+    motion, rates = made_up_motion(autopilot=autopilot), {"ATTITUDE_TARGET": 50.0, "RC_CHANNELS": 20.0}
+    sent = read(tmp_path, scenario(autopilot, version=version, rates=rates), motion).vehicles[0].messages
     target, sticks = sent["ATTITUDE_TARGET"], sent["RC_CHANNELS"]
     assert len(target["time"]) == pytest.approx(1000, abs=2) and len(sticks["time"]) == pytest.approx(400, abs=2)
     at = np.searchsorted(motion.time, target["time"] - 1e-3)
@@ -127,7 +127,7 @@ def test_setpoints_and_sticks_come_when_they_are_asked_for(speaks, version, tmp_
         assert np.ptp(moved) > 50
     assert set(sticks["chan3_raw"]) == {1500} and set(sticks["chan5_raw"]) == {65535}
     assert set(sticks["chancount"]) == {4}
-    plain = read(tmp_path, scenario(speaks, version=version), motion).vehicles[0].messages
+    plain = read(tmp_path, scenario(autopilot, version=version), motion).vehicles[0].messages
     assert not {"ATTITUDE_TARGET", "RC_CHANNELS"} & set(plain)
 
 
@@ -141,13 +141,13 @@ def test_the_battery_is_reported_in_millivolts_as_it_sags(tmp_path):
 
 
 @pytest.mark.parametrize("version", [1, 2])
-@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
-def test_pymavlink_reads_every_frame(speaks, version, tmp_path):
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_pymavlink_reads_every_frame(autopilot, version, tmp_path):
     path = tmp_path / "flight.tlog"
     stream = recorded(
-        scenario(speaks, version=version),
-        made_up_motion(speaks=speaks),
-        CYCLES[speaks],
+        scenario(autopilot, version=version),
+        made_up_motion(autopilot=autopilot),
+        CYCLES[autopilot],
         lambda _: None,
     )
     with path.open("wb") as file:
@@ -173,9 +173,9 @@ def test_pymavlink_reads_every_frame(speaks, version, tmp_path):
     assert seen == {name: len(columns["time"]) for name, columns in log.items()}
 
 
-@pytest.mark.parametrize(("speaks", "steps"), [("px4", {8, 12}), ("ardupilot", {10})])
-def test_the_loop_makes_the_steps_and_the_mean_is_the_rate(speaks, steps, tmp_path):
-    messages = read(tmp_path, scenario(speaks), made_up_motion(speaks=speaks)).vehicles[0].messages
+@pytest.mark.parametrize(("autopilot", "steps"), [("px4", {8, 12}), ("ardupilot", {10})])
+def test_the_loop_makes_the_steps_and_the_mean_is_the_rate(autopilot, steps, tmp_path):
+    messages = read(tmp_path, scenario(autopilot), made_up_motion(autopilot=autopilot)).vehicles[0].messages
     for name in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
         time = messages[name]["time"]
         assert set(np.round(np.diff(time) * 1e3)) == steps
@@ -195,14 +195,14 @@ def test_rates_by_name(tmp_path):
 
 
 @pytest.mark.parametrize("frame", ["x", "plus"])
-@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
-def test_the_parameters_say_where_the_motors_are(speaks, frame, tmp_path):
-    motion = made_up_motion(speaks=speaks)
-    vehicle = read(tmp_path, scenario(speaks, frame=frame), motion).vehicles[0]
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_the_parameters_say_where_the_motors_are(autopilot, frame, tmp_path):
+    motion = made_up_motion(autopilot=autopilot)
+    vehicle = read(tmp_path, scenario(autopilot, frame=frame), motion).vehicles[0]
     told = vehicle.messages["PARAM_VALUE"]
     assert len(vehicle.parameters) == len(told["time"]) == told["param_count"][0]
     assert list(told["param_index"]) == list(range(len(told["time"])))
-    if speaks == "px4":
+    if autopilot == "px4":
         assert vehicle.parameters["CA_ROTOR_COUNT"] == 4 and vehicle.parameters["PWM_MAIN_FUNC3"] == 103
         # The bits of 4, read as a float, are next to nothing.
         assert 0 < float(told["param_value"][list(told["param_id"]).index(b"CA_ROTOR_COUNT")]) < 1e-40
@@ -220,21 +220,21 @@ def test_the_parameters_say_where_the_motors_are(speaks, frame, tmp_path):
 
 
 def test_heartbeats_and_words_follow_the_flight(tmp_path):
-    for speaks, said in (
+    for autopilot, said in (
         (
             "px4",
             [b"Armed by external command\t", b"Takeoff detected\t", b"Landing detected\t", b"Disarmed by landing\t"],
         ),
         ("ardupilot", [b"Arming motors", b"Disarming motors"]),
     ):
-        messages = read(tmp_path, scenario(speaks), made_up_motion(speaks=speaks)).vehicles[0].messages
+        messages = read(tmp_path, scenario(autopilot), made_up_motion(autopilot=autopilot)).vehicles[0].messages
         assert messages["STATUSTEXT"]["text"].tolist() == [b"Simulated by mavdem, frame x", *said]
         beat = messages["HEARTBEAT"]
         armed = (beat["base_mode"] & 128) > 0
         at = np.searchsorted(messages["STATUSTEXT"]["time"][[1, -1]], beat["time"])
         assert (armed == (at == 1)).all()
-        assert set(beat["system_status"][armed]) == {"px4": {4}, "ardupilot": {3, 4}}[speaks]
-        assert beat["system_status"][0] == {"px4": 0, "ardupilot": 1}[speaks]
+        assert set(beat["system_status"][armed]) == {"px4": {4}, "ardupilot": {3, 4}}[autopilot]
+        assert beat["system_status"][0] == {"px4": 0, "ardupilot": 1}[autopilot]
 
 
 def test_the_clock_of_32_bit_microseconds_wraps(tmp_path):
@@ -296,9 +296,9 @@ def test_a_reboot_in_the_air_is_a_new_boot(tmp_path):
 
 
 def test_a_reboot_forgets_what_was_asked_for_and_nothing_but_heartbeats_comes_until_it_is_asked_for_again(tmp_path):
-    log = read(tmp_path, scenario("ardupilot", only_when_asked=True), made_up_motion(speaks="ardupilot"))
+    log = read(tmp_path, scenario("ardupilot", only_when_asked=True), made_up_motion(autopilot="ardupilot"))
     assert log.components[0].messages.keys() == {"HEARTBEAT", "STATUSTEXT"}
-    motion = made_up_motion(speaks="ardupilot")
+    motion = made_up_motion(autopilot="ardupilot")
     sending = Transmitter(scenario("ardupilot", Faults(reboot=8.0), only_when_asked=True), CYCLES["ardupilot"])
     sending.schedule.set("ATTITUDE", 0.01, 0.0)
     begun, later = sending.send(rows_of_motion(motion, slice(1))), sending.send(rows_of_motion(motion, slice(1, None)))
@@ -315,7 +315,7 @@ def test_an_outage_a_jump_of_the_clock_and_mavproxys_resets(tmp_path):
     gaps = np.diff(attitude["time"])
     assert set(attitude["boot"]) == {0}
     np.testing.assert_allclose(gaps[gaps > 0.02], [2.5, 100.0], atol=0.02)
-    flown, motion = scenario("ardupilot", Faults(mavproxy_rate=4.0)), made_up_motion(speaks="ardupilot")
+    flown, motion = scenario("ardupilot", Faults(mavproxy_rate=4.0)), made_up_motion(autopilot="ardupilot")
     (vehicle,) = read(tmp_path, flown, motion).vehicles
     gaps = {name: np.diff(vehicle.messages[name]["time"]) for name in ("ATTITUDE", "SERVO_OUTPUT_RAW", "HEARTBEAT")}
     armed = float(motion.time[motion.armed][0])
@@ -327,7 +327,7 @@ def test_an_outage_a_jump_of_the_clock_and_mavproxys_resets(tmp_path):
 
 
 def test_an_mcap_holds_the_same(tmp_path, capsys):
-    stream = recorded(scenario("ardupilot"), made_up_motion(speaks="ardupilot"), 0.0025, lambda _: None)
+    stream = recorded(scenario("ardupilot"), made_up_motion(autopilot="ardupilot"), 0.0025, lambda _: None)
     for kind, write in ((".tlog", write_tlog), (".mcap", write_mcap)):
         with (tmp_path / f"flight{kind}").open("wb") as file:
             write(file, stream)

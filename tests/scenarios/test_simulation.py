@@ -93,10 +93,10 @@ def test_on_the_ground_nothing_moves_and_nothing_acts(flight):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("speaks, disarmed", [("px4", 900), ("ardupilot", 1000)])
-def test_outputs_are_whole_microseconds_and_the_autopilots_own_when_disarmed(speaks, disarmed):
-    motion = fly(brief(stream=StreamSpec(speaks=speaks)))
-    assert np.allclose(np.diff(motion.time), CYCLES[speaks])
+@pytest.mark.parametrize("autopilot, disarmed", [("px4", 900), ("ardupilot", 1000)])
+def test_outputs_are_whole_microseconds_and_the_autopilots_own_when_disarmed(autopilot, disarmed):
+    motion = fly(brief(stream=StreamSpec(autopilot=autopilot)))
+    assert np.allclose(np.diff(motion.time), CYCLES[autopilot])
     assert np.all(motion.outputs == np.round(motion.outputs))
     assert np.all(motion.outputs[~motion.armed] == disarmed)
     armed = motion.outputs[motion.armed]
@@ -254,12 +254,12 @@ def test_a_weak_motor_is_driven_harder_and_gives_the_same_thrust():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 @pytest.mark.parametrize("axis", ["roll", "pitch"])
-def test_setpoints_have_the_doublets_and_the_vehicle_follows_them(speaks, axis):
+def test_setpoints_have_the_doublets_and_the_vehicle_follows_them(autopilot, axis):
     number = ("roll", "pitch").index(axis)
     doublets = Doublets(kind="doublets", axis=axis, amplitude=6.0, width=0.6)
-    motion = fly(brief(wind=(), excitation=doublets, stream=StreamSpec(speaks=speaks)))
+    motion = fly(brief(wind=(), excitation=doublets, stream=StreamSpec(autopilot=autopilot)))
     asked, rates = np.degrees(motion.attitude_setpoint[:, number]), motion.rates_setpoint[:, number]
     # The first begins two seconds into the hover; position control takes it back, but more slowly.
     since = motion.time - motion.time[motion.landed_state == 2][0] - 2.0

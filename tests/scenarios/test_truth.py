@@ -97,10 +97,10 @@ def test_effects_of_motors_are_those_of_the_trim_that_is_flown():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
-def test_effects_of_motors_before_and_after_one_weakens(speaks):
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_effects_of_motors_before_and_after_one_weakens(autopilot):
     vehicle = VehicleSpec(weak_motor=2, weak_from=12.0, weak_thrust=0.64)
-    scenario = Scenario(duration=25.0, vehicle=vehicle, stream=StreamSpec(speaks=speaks))
+    scenario = Scenario(duration=25.0, vehicle=vehicle, stream=StreamSpec(autopilot=autopilot))
     known = truth(scenario, fly(scenario))
     for axis in ("roll", "pitch", "yaw"):
         before, after = known[f"{axis}_effect"], known[f"{axis}_effect_weak"]

@@ -5,7 +5,7 @@ from math import exp, hypot
 import pytest
 
 from mavdem.ingest.motors import motor_geometry
-from sitl_scenarios.dynamics import PAPER_ORDER, SPINS, Air, Body, dynamics, frame
+from sitl_scenarios.dynamics import PAPER_ORDER, SPINS, AirState, Body, dynamics, frame
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, PX4
 from sitl_scenarios.mavlink.messages import parameters
 from sitl_scenarios.scenario import Scenario, VehicleSpec
@@ -91,7 +91,7 @@ def test_px4_is_told_the_turning_of_each_rotor_as_it_turns(kind):
     change = dynamics(VehicleSpec(frame=kind))
     for rotor, ratio in enumerate(ratios):
         speeds = tuple(900.0 if n == rotor else 800.0 for n in range(4))
-        yaw = change((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, speeds, Air())[5]
+        yaw = change((1.0, 0.0, 0.0, 0.0), (0.0,) * 3, (0.0,) * 3, speeds, AirState())[5]
         assert yaw * ratio > 0
 
 
@@ -145,12 +145,12 @@ def test_an_airframe_is_the_published_one_but_for_what_is_changed():
     assert airframe(VehicleSpec(lag_up=0.0, lag_down=0.04)).lag == (0.0, 0.04)
 
 
-@pytest.mark.parametrize("speaks", ["px4", "ardupilot"])
-def test_the_parameters_name_the_thrust_curve_that_the_autopilot_undoes(speaks):
-    name = {"px4": "THR_MDL_FAC", "ardupilot": "MOT_THST_EXPO"}[speaks]
+@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
+def test_the_parameters_name_the_thrust_curve_that_the_autopilot_undoes(autopilot):
+    name = {"px4": "THR_MDL_FAC", "ardupilot": "MOT_THST_EXPO"}[autopilot]
     plain, curved = (
-        parameters(Scenario(vehicle=VehicleSpec(quadratic_thrust=share)), AUTOPILOTS[speaks], 0.004)
+        parameters(Scenario(vehicle=VehicleSpec(quadratic_thrust=share)), AUTOPILOTS[autopilot], 0.004)
         for share in (None, 0.65)
     )
     assert name not in plain
-    assert curved[name].encoded(speaks == "px4") == 0.65
+    assert curved[name].encoded(autopilot == "px4") == 0.65

@@ -112,16 +112,16 @@ def test_autocorrelations_are_those_of_the_standards_spectra(tau):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", [DrydenWind, VonKarmanWind])
-@pytest.mark.parametrize("speaks", CYCLES)
-def test_the_weather_is_as_strong_as_the_standard_says(kind, speaks):
+@pytest.mark.parametrize("autopilot", CYCLES)
+def test_the_weather_is_as_strong_as_the_standard_says(kind, autopilot):
     name = "dryden" if kind is DrydenWind else "von_karman"
     wind = kind(kind=name, speed=8.0, direction=0.0, wind_at_20_feet=15.4)
-    dt, n, flights = CYCLES[speaks], 6000, 40
+    dt, n, flights = CYCLES[autopilot], 6000, 40
     time = dt * np.arange(n)
     of_wind = turbulence(wind, 5.0, 0.44)
     seen = []
     for seed in range(flights):
-        scenario = Scenario(wind=(wind,), seed=seed, stream=StreamSpec(speaks=speaks))
+        scenario = Scenario(wind=(wind,), seed=seed, stream=StreamSpec(autopilot=autopilot))
         weather = Weather(scenario, dt, time)
         seen.append([weather.at(cycle, (0.0, 0.0, -5.0))[:5] for cycle in range(0, n, 100)])
     found = np.array(seen)

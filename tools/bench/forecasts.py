@@ -91,7 +91,7 @@ def flights(rates: bool) -> Iterator[HalvedFlight]:
 def simulated(name: str, rate: int) -> mavdem.Flight:
     """A scenario flown with messages at ``rate`` Hz, as its telemetry log holds it."""
     values = load(name).model_dump(mode="json")
-    values["stream"] |= {"rate": float(rate)} | ({"speaks": "ardupilot"} if rate > PX4_LOOP else {})
+    values["stream"] |= {"rate": float(rate)} | ({"autopilot": "ardupilot"} if rate > PX4_LOOP else {})
     return logged(scenario_of(values))
 
 

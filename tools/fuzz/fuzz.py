@@ -26,7 +26,7 @@ with atheris.instrument_imports(include=["mavdem", "pyulog"]):
     import mavdem.condition.inventory
     import mavdem.ingest.dataflash.log
     import mavdem.ingest.mcap.log
-    import mavdem.ingest.ulog.log  # noqa: F401
+    import mavdem.ingest.ulog  # noqa: F401
 
 
 @click.command(help=__doc__, context_settings={"ignore_unknown_options": True})

@@ -24,7 +24,7 @@ from ulog_files import (
     subscriptions,
 )
 
-from mavdem.ingest.ulog.log import read_ulog
+from mavdem.ingest.ulog import read_ulog
 
 FILE, OWN, DEFINED, FITTED = range(4)
 SIZES = {NUMBERS[name]: struct.calcsize(layout) for name, layout in LAYOUTS.items()}

@@ -49,7 +49,7 @@ def scenario(kind: str, number: int) -> Scenario:
     table: dict[str, object] = {
         "seed": number,
         "height": round(draw.uniform(2.0, 8.0), 1),
-        "stream": {"speaks": str(draw.choice(["px4", "ardupilot"]))},
+        "stream": {"autopilot": str(draw.choice(["px4", "ardupilot"]))},
     }
     if kind == SOUND:
         table |= {"duration": 200, "flights": 3}
@@ -121,7 +121,7 @@ def flown(kind: str, number: int, folder: Path) -> Path:
         return path
     flight = scenario(kind, number)
     motion = fly(flight)
-    every = round(1 / RATE / CYCLES[flight.stream.speaks])
+    every = round(1 / RATE / CYCLES[flight.stream.autopilot])
     time, air = motion.time[::every], motion.landed_state[::every] == IN_AIR
     since = np.where(air & ~np.concatenate([[False], air[:-1]]), time, -np.inf)
     settled = air & (time >= np.maximum.accumulate(since) + SETTLES)

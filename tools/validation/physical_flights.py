@@ -100,7 +100,7 @@ def scenario(case: Case) -> Scenario:
         "vehicle": {"model": case.vehicle, **case.varied},
         "wind": winds[case.wind],
         "moments": moments.get(case.wind, []),
-        "stream": {"rate": case.rate, "speaks": case.autopilot},
+        "stream": {"rate": case.rate, "autopilot": case.autopilot},
     }
     if (steering := STEERING[case.steering]) is not None:
         values["excitation"] = steering

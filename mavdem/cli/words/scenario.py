@@ -65,7 +65,7 @@ def in_words(scenario: Scenario) -> list[str]:
         values["demand"] = DEMANDS.get(values.get("axis", ""), "")
         sentences.append(f"Excitation: {EXCITATIONS[scenario.excitation.kind].format(**values)}.")
     sentences.append(
-        f"Sends MAVLink {stream.version} as {AUTOPILOTS[stream.speaks]}, system {stream.system}: attitude and motor "
+        f"Sends MAVLink {stream.version} as {AUTOPILOTS[stream.autopilot]}, system {stream.system}: attitude and motor "
         f"outputs at {stream.rate:g} Hz"
         + "".join(f", {name} at {rate:g} Hz" for name, rate in stream.rates.items())
         + ("; all but HEARTBEAT only when asked for." if stream.only_when_asked else ".")

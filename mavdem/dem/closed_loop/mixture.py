@@ -20,8 +20,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
 
+from mavdem.confidence import half_width
 from mavdem.dem.closed_loop.joint_model import JointModel
 from mavdem.dem.closed_loop.left_out import left_out_errors
 from mavdem.dem.engine.linalg import Array
@@ -111,8 +111,7 @@ class ClosedLoop(NamedTuple):
             return np.asarray(self.plant.quantile(level) * np.sqrt(variance))
         lengths = np.arange(len(variance)) % (steps or max(1, len(variance))) + 1
         freedom = np.maximum(len(self.plant.record) / lengths, LEAST_FREEDOM)
-        quantiles = np.asarray(student.ppf(0.5 + level / 2, freedom))
-        return np.asarray(quantiles[:, None] * np.sqrt(variance))
+        return half_width(variance, level, freedom[:, None])
 
     def _mixed(self, forecasts: Sequence[Forecast], steps: int, before: Array) -> Forecast:
         """Of forecasts that each begin after one of the samples ``before`` (S, m)."""

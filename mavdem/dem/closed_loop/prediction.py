@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
+from mavdem import confidence
 from mavdem.dem.closed_loop.autoregression import Autoregression, ChannelUnits, LagStatistics, autoregression
 from mavdem.dem.closed_loop.folds import FOLDS, Block, folds, without
 from mavdem.dem.closed_loop.gaussian_path import past_of, predicted_mean
@@ -111,7 +111,7 @@ class Prediction(NamedTuple):
         """
         m = self.weight.shape[1]
         horizons = np.minimum(np.arange(steps), len(self.mse) - 1)
-        quantile = student.ppf(0.5 + level / 2, np.maximum(1.0, m * self.samples / (horizons + 1)))
+        quantile = confidence.quantile(level, np.maximum(1.0, m * self.samples / (horizons + 1)))
         return np.asarray(quantile[:, None] * self.units.scale[:m] * np.sqrt(self.mse[horizons]))
 
     def useful_steps(self, share: float) -> NDArray[np.intp]:

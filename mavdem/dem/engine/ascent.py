@@ -71,8 +71,11 @@ def ascend(
     samples: SufficientStatistics,
     iterations: int,
     rates: Rates = EXACT_RATES,
+    start: tuple[Array, Array] | None = None,
 ) -> Ascent:
-    """Maximises F̄ by at most ``iterations`` rounds of D, E and M steps.
+    """Maximises F̄ by at most ``iterations`` rounds of D, E and M steps, from ``start``, θ (k,) and λ (g,).
+
+    Unless given, the start is at the priors' means.
 
     After each round the covariances are set to their optimum, so F̄ᵒ increases monotonically. Coordinate steps converge
     slowly where X and θ are strongly coupled (small noise). After every two rounds a third therefore starts from an
@@ -83,7 +86,7 @@ def ascend(
     A flow of X that is unstable, or that would lower F̄, is replaced by its exact limit in that round. ``LinAlgError``
     where at the start a curvature is not negative definite.
     """
-    return run_to_end(resumable_ascend(model, samples, iterations, rates))
+    return run_to_end(resumable_ascend(model, samples, iterations, rates, start))
 
 
 def resumable_ascend(
@@ -91,10 +94,11 @@ def resumable_ascend(
     samples: SufficientStatistics,
     iterations: int,
     rates: Rates = EXACT_RATES,
+    start: tuple[Array, Array] | None = None,
 ) -> Resumable[Ascent]:
     """The same as :func:`ascend`, resumable."""
     ascent = CoordinateAscent(model, samples, rates)
-    iterates = [ascent.start()]
+    iterates = [ascent.start(start)]
     converged = False
     while not converged and len(iterates) <= iterations:
         before = iterates[-1].free_energy
@@ -161,10 +165,10 @@ class CoordinateAscent:
     samples: SufficientStatistics
     rates: Rates = EXACT_RATES
 
-    def start(self) -> Iterate:
-        """At the priors' means."""
+    def start(self, given: tuple[Array, Array] | None = None) -> Iterate:
+        """At ``given`` θ (k,) and λ (g,), or the priors' means."""
         prior = self.model.prior
-        theta, lambda_ = prior.theta_mean, prior.lambda_mean
+        theta, lambda_ = given or (prior.theta_mean, prior.lambda_mean)
         certain = np.zeros_like(prior.theta_precision)
         # The first D step takes the parameters for certain: a weak prior's mean-field term would erase the states.
         state_map = d_step(self.model, theta, certain, lambda_, inverse(prior.lambda_precision))

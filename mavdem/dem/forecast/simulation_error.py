@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t as student
 
+from mavdem.confidence import quantile
 from mavdem.dem.engine.gauss_newton import Damping, Quadratic, resumable_gauss_newton
 from mavdem.dem.engine.generative import GenerativeModel
 from mavdem.dem.engine.linalg import Array, inverse, logdet
@@ -176,7 +176,7 @@ class SimulationFit:
 
     def quantile(self, level: float) -> float:
         """Half width of an interval that holds its number with probability ``level``, in standard deviations."""
-        return float(student.ppf(0.5 + level / 2, self.freedom))
+        return float(quantile(level, self.freedom))
 
     @property
     def noise(self) -> Array:
@@ -369,7 +369,8 @@ def resumable_simulation_fit(
         prior = mean, precision_of(mixer)
         return resumable_fit_with_prior(theta, prior, model.sizes, gain, record.dt, segments, iterations)
 
-    first = geometry if any(geometry is each for each in geometries) else next(iter(geometries), None)
+    before = [each for each in geometries if geometry is not None and np.array_equal(each.quiet, geometry.quiet)]
+    first = next(iter([*before, *geometries]), None)
     found = yield from fitted(first)
     if found is None or not geometries:
         return found and found[0]

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
 
+from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.coloured import Coloured
 from mavdem.dem.graybox.identifiability import PARAMETERS, Status
-from mavdem.dem.validation import LEVEL, require_probability
 
 
 class WindComponent(NamedTuple):
@@ -98,9 +97,7 @@ class Physical(NamedTuple):
         require_probability(level)
         share = np.sign(self.effect) / len(self.effect)
         mean, r = float(share @ self.effect), len(self.effect)
-        half = (
-            float(norm.ppf(0.5 + level / 2) * np.sqrt(share @ self.covariance[:r, :r] @ share)) + abs(self.bias) * mean
-        )
+        half = float(half_width(share @ self.covariance[:r, :r] @ share, level)) + abs(self.bias) * mean
         return mean, half if self.identifiable else np.nan
 
     @property
@@ -120,7 +117,7 @@ class Physical(NamedTuple):
             ValueError: a level that is no probability between 0 and 1.
         """
         require_probability(level)
-        half = norm.ppf(0.5 + level / 2) * np.sqrt(self.covariance.diagonal())
+        half = half_width(self.covariance.diagonal(), level)
         half[:-3] += np.abs(self.bias * self.effect)
         effect, damping, lag = (
             np.where(self.status[name] == "not identifiable", np.nan, part)

@@ -16,8 +16,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 from scipy.signal import csd, detrend
-from scipy.stats import norm
 
+from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox.coloured import Coloured
 from mavdem.dem.graybox.gusts import DetectedGust, gusts
@@ -25,7 +25,6 @@ from mavdem.dem.graybox.plant import plant
 from mavdem.dem.graybox.smoother import SteadyFilter
 from mavdem.dem.graybox.windows import rate_column
 from mavdem.dem.record import Record
-from mavdem.dem.validation import LEVEL
 
 RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
 MAX_ERROR_SHARE = 0.5  # of the estimate's variance, that its errors may have before it is not resolved
@@ -191,7 +190,7 @@ def wind(physical: PlantParameters, record: Record) -> WindTorque:
         )
     spectra = _spectra(torques, record)
     spectrum = WindSpectrum(spectra.frequency, spectra.wind, _model_density(physical, spectra.frequency))
-    width = float(norm.ppf(0.5 + LEVEL / 2))
+    width = quantile()
     band = width * np.sqrt(variance)
     found = gusts(torques.torque, band, record)
     return WindTorque(

@@ -12,8 +12,8 @@ from concurrent.futures import CancelledError, Executor, Future
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import norm
 
+from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.estimation import physical
 from mavdem.dem.graybox.likelihood import delayed
@@ -24,7 +24,6 @@ from mavdem.dem.graybox.wind import balanced, steady, wind
 from mavdem.dem.graybox.windows import rate_column
 from mavdem.dem.online.memory import MemoryBlock, drop_since, record_of
 from mavdem.dem.record import Record
-from mavdem.dem.validation import LEVEL
 
 DELAY_SECONDS = 0.25  # of the wind's torque, behind the latest sample
 MEMORY_SECONDS = 60.0  # of the latest samples, which the physical parameters are fitted to
@@ -71,7 +70,7 @@ def wind_filter(record: Record) -> WindFilter:
     inputs, outputs = record.segments[-1]
     trim = record.inputs.mean(axis=0)
     constant = steady(outputs[:, column], (inputs - trim) @ found.effect, found.damping, record.dt)
-    width = float(norm.ppf(0.5 + LEVEL / 2))
+    width = quantile()
     known = float(np.sum(filtered.weights(round(FILTER_SECONDS / record.dt)) ** 2) - np.sum(weights**2))
     return WindFilter(
         found,

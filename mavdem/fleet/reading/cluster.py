@@ -13,8 +13,7 @@ from queue import Empty, SimpleQueue
 from typing import Any
 from urllib.parse import urlsplit
 
-from mavdem.errors import Unreadable
-from mavdem.extras import require
+from mavdem.errors import Unreadable, require
 from mavdem.fleet.reading.limited_worker import LimitedWorker
 from mavdem.fleet.reading.outcome import READ_LOG, Job, Limits, ReadOutcome, failed
 from mavdem.fleet.reading.sources import Source, is_url

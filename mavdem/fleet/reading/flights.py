@@ -13,13 +13,13 @@ from mavdem.alignment.drive import INPUTS, TILT_AXES
 from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.analysis import LogAnalysis, analyse
 from mavdem.condition import Condition, condition_of, identity_of
+from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.fleet.row import FlightRow
 from mavdem.health.balance import BalanceFigures, balance_of_signals
 from mavdem.ingest import Log, Telemetry, read_log
 
-LEVEL = 0.9  # of all intervals
 MOTORS, DEMAND = INPUTS
 
 WritePage = Callable[[str, Mapping[str, LogAnalysis], Path], None]

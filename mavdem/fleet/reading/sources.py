@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import unquote, urlsplit
 
-from mavdem.errors import Unreadable
-from mavdem.extras import require
+from mavdem.errors import Unreadable, require
 from mavdem.ingest.contents import LOG_ENDINGS
 from mavdem.ingest.formats import looks_like_log
 

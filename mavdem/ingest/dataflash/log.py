@@ -1,7 +1,9 @@
-"""DataFlash logs: what an ArduPilot autopilot writes on board, binary (.bin) or as text (.log).
+"""DataFlash logs: what an ArduPilot autopilot writes on board, binary (.bin) or as text (.log), as MAVLink's messages.
 
-Read into MAVLink's messages and units (``translation``). All messages carry one clock: TimeUS, µs since boot, or TimeMS
-before ArduPilot 3.3. A log may contain several boots, appended.
+All messages carry one clock: TimeUS, µs since boot, or TimeMS before ArduPilot 3.3. A log may contain several boots,
+appended. Ground stations write the text: one message a line, name first, values in their units, FMT lines as in the
+binary log; a line that does not match its definition is left out. pymavlink's reader of such text gives up at a line
+that is not UTF-8 or after a thousand lines that it does not know.
 """
 
 from __future__ import annotations
@@ -10,23 +12,105 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from math import isfinite
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
-from mavdem.ingest import board_number
-from mavdem.ingest.contents import file_bytes
-from mavdem.ingest.dataflash.binary import read_binary
-from mavdem.ingest.dataflash.definitions import DataflashRecording, MessageTable, numbers
-from mavdem.ingest.dataflash.housekeeping import on_boot_clock
-from mavdem.ingest.dataflash.text import is_text, read_text
-from mavdem.ingest.dataflash.translation import GYROS, NEEDED, OF_FLIGHT, translated
-from mavdem.ingest.log import Log, listed, log_of_vehicles, repair_sentences
+from mavdem.ingest.contents import file_bytes, is_dataflash_text
+from mavdem.ingest.dataflash.binary import (
+    EMPTY,
+    FORMAT,
+    MAX_DEFINITIONS,
+    TEXTS,
+    DataflashRecording,
+    FormatDefinition,
+    MessageTable,
+    defined,
+    joined_tables,
+    numbers,
+    read_binary,
+)
+from mavdem.ingest.dataflash.translation import GYROS, NEEDED, OF_FLIGHT, on_boot_clock, translated
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress
-from mavdem.ingest.telemetry import Columns, Telemetry, selected
-from mavdem.ingest.vocabulary import ARDUPILOT, AUTOPILOT_COMPONENT, UNNAMED
+from mavdem.ingest.telemetry import Columns, Log, Telemetry, listed, log_of_vehicles, repair_sentences, selected
+from mavdem.ingest.vocabulary import ARDUPILOT, AUTOPILOT_COMPONENT, UNNAMED, board_number_in_texts
+
+_BYTE = re.compile(rb"\s*\d{1,3}\s*")  # A number of one byte as text
+_Lines = list[tuple[int, bytes]]  # The lines of one definition: their numbers, and their values
+
+
+def read_text(content: bytes, progress: Progress | None = None) -> DataflashRecording:
+    """The messages in the bytes of a text log; ``progress`` is called with the fraction done."""
+    groups: dict[str, dict[FormatDefinition, _Lines]] = {}
+    holding: dict[str, FormatDefinition] = {}
+    skipped = lost = 0
+    every = max(content.count(b"\n") // 100, 1)
+    for number, line in enumerate(content.split(b"\n")):
+        if progress is not None and number % every == 0:
+            progress(min(number / (100 * every), 1.0))
+        name, _, values = line.partition(b",")
+        text = name.decode("latin-1").strip()
+        if text == FORMAT.name and (definition := _definition(values)) is not None:
+            groups.setdefault(text, {}).setdefault(FORMAT, []).append((number, values))
+            group = groups.setdefault(definition.name, {})
+            if definition in group or len(group) < MAX_DEFINITIONS:
+                group.setdefault(definition, [])
+                holding[definition.name] = definition
+            else:
+                holding.pop(definition.name, None)
+        elif text in holding and text != FORMAT.name and values.count(b",") >= len(holding[text].fields) - 1:
+            groups[text][holding[text]].append((number, values))
+        elif line.strip():
+            skipped += len(line) + 1
+            lost += 1
+    if progress is not None:
+        progress(1.0)
+    counts = {name: sum(map(len, group.values())) for name, group in groups.items()}
+    return DataflashRecording(
+        counts={name: count for name, count in counts.items() if count},
+        table=lambda name: joined_tables([_decoded(*group) for group in groups.get(name, {}).items()]),
+        bytes_skipped=skipped,
+        repairs=(f"{lost} lines that match no definition were left out.",) if lost else (),
+    )
+
+
+def _definition(values: bytes) -> FormatDefinition | None:
+    parts = values.split(b",", 4)
+    if len(parts) < 5 or not all(_BYTE.fullmatch(part) for part in parts[:2]):
+        return None
+    found = defined((int(parts[0]), int(parts[1]), parts[2], parts[3], parts[4]))
+    return found[1] if found else None
+
+
+def _decoded(definition: FormatDefinition, lines: _Lines) -> MessageTable:
+    count = len(definition.fields)
+    if definition.wire is None or not count:
+        return EMPTY
+    # A text that is the last field may hold commas.
+    rows = [(number, [value.strip() for value in values.split(b",", count - 1)]) for number, values in lines]
+    numeric = [i for i, character in enumerate(definition.characters) if character not in TEXTS + "aM"]
+    rows = [(number, row) for number, row in rows if all(_is_number(row[i]) for i in numeric)]
+    place = np.array([number for number, _ in rows], dtype=np.int64)
+    columns = {name: _column([row[i] for _, row in rows], i in numeric) for i, name in enumerate(definition.fields)}
+    return MessageTable(place, columns)
+
+
+def _is_number(value: bytes) -> bool:
+    try:
+        float(value)
+    except ValueError:
+        return False
+    return True
+
+
+def _column(values: list[bytes], numeric: bool) -> NDArray[Any]:
+    # As objects: an array of bytes would give all texts the room of the longest.
+    return np.array([float(value) for value in values]) if numeric else np.array(values, dtype=np.object_)
+
 
 CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}  # Fields with the time stamp and their units in a second
 EVENTS = ("EV", "ARM")  # Without a stamp, as before ArduCopter 3.4, they have the time of the message before them
@@ -50,7 +134,7 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
     """
     source = os.fspath(path)
     content = file_bytes(path)
-    recording = read_text(content, progress) if is_text(content) else read_binary(content, progress)
+    recording = read_text(content, progress) if is_dataflash_text(content) else read_binary(content, progress)
     logged = {message: numbers(recording.table(message)) for message in NEEDED}
     imu = logged["IMU"]  # by far the most messages: only what is used of each is kept
     gyros = {name: column for name, column in imu.columns.items() if name in (*CLOCKS, "I", *GYROS)}
@@ -78,7 +162,7 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
         firmware=next((text.strip() for text in texts if _FIRMWARE.match(text)), ""),
         dropouts=dropouts,
         names=made.names,
-        board=board_number.in_texts(texts),
+        board=board_number_in_texts(texts),
     )
     frames = sum(recording.counts.values())
     return log_of_vehicles((vehicle,), frames, recording.bytes_skipped, counts=recording.counts)

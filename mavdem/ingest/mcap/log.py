@@ -19,20 +19,16 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.errors import Unreadable
-from mavdem.extras import require
+from mavdem.errors import Unreadable, require
 from mavdem.ingest.contents import file_bytes
-from mavdem.ingest.log import Log, listed
-from mavdem.ingest.mavlink.compose import FrameSender
-from mavdem.ingest.mavlink.definitions import seeds
-from mavdem.ingest.mavlink.frame_index import FrameIndex
+from mavdem.ingest.mavlink.clocks import Places, Times, far_off
+from mavdem.ingest.mavlink.definitions import FrameSender, seeds
 from mavdem.ingest.mavlink.framing import GOOD, MARKER_1, MARKER_2, Frames, Progress, find_in_pieces
-from mavdem.ingest.mavlink.outlier_stamps import Places, Times, far_off
-from mavdem.ingest.mavlink.stream import FrameStream, RecordingPart, joined
-from mavdem.ingest.mavlink.vehicles import assemble
+from mavdem.ingest.mavlink.vehicles import FrameIndex, FrameStream, RecordingPart, assemble, joined
 from mavdem.ingest.mcap.json_topics import JsonTopic, JsonTopics
 from mavdem.ingest.mcap.records import Channel, McapMessage, McapRecording
 from mavdem.ingest.ros2.topics import flight_topics
+from mavdem.ingest.telemetry import Log, listed
 from mavdem.ingest.tlog import MAX_STAMP_JUMP, STAMP_WINDOW
 
 OWN_TOPIC = re.compile(r"/?mavlink/(\d{1,3})/(\d{1,3})/(\w+)")

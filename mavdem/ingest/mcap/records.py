@@ -17,9 +17,8 @@ import lz4.frame
 import numpy as np
 import zstandard
 
-from mavdem.ingest.log import repair_sentences
-from mavdem.ingest.mavlink.checksum import Bytes
-from mavdem.ingest.mavlink.framing import Progress
+from mavdem.ingest.mavlink.framing import Bytes, Progress
+from mavdem.ingest.telemetry import repair_sentences
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06

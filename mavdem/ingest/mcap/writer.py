@@ -19,7 +19,7 @@ from pymavlink.dialects.v20 import all as dialect
 from mavdem.ingest.contents import require_whole
 from mavdem.ingest.mavlink.definitions import MessageDefinition, columns, definitions
 from mavdem.ingest.mavlink.framing import GOOD
-from mavdem.ingest.mavlink.stream import FrameStream
+from mavdem.ingest.mavlink.vehicles import FrameStream
 
 HEADER_FIELDS = ("system_id", "component_id", "sequence", "message_id")
 CHUNK = 1 << 20  # Bytes that are compressed together by default

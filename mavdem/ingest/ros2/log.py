@@ -15,16 +15,24 @@ from numpy.typing import NDArray
 
 from mavdem.errors import Unreadable
 from mavdem.ingest import px4_topics
-from mavdem.ingest.log import Log, listed, log_of_vehicles, repair_sentences
-from mavdem.ingest.mavlink.clocks import Sent, boot_clock
+from mavdem.ingest.mavlink.clocks import Places, Sent, boot_clock
 from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress
-from mavdem.ingest.mavlink.outlier_stamps import Places
 from mavdem.ingest.mcap.records import McapRecording
-from mavdem.ingest.ros2 import mavros_topics
 from mavdem.ingest.ros2.messages import RosTopicReader, TopicColumns, decoder
-from mavdem.ingest.ros2.topics import CDR, MAVROS, PX4_BRIDGE, RosTopic, flight_topics
-from mavdem.ingest.telemetry import Columns, Telemetry, joined, selected
+from mavdem.ingest.ros2.topics import (
+    CDR,
+    MAVROS,
+    MAVROS_PERIODS,
+    MAVROS_STAMP,
+    MAVROS_TOPICS,
+    PX4_BRIDGE,
+    RosTopic,
+    flight_topics,
+    mavros_autopilot,
+    mavros_message,
+)
+from mavdem.ingest.telemetry import Columns, Log, Telemetry, joined, listed, log_of_vehicles, repair_sentences, selected
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT, PX4, UNNAMED
 
 PX4_STAMP, PX4_SAMPLE = "timestamp", "timestamp_sample"
@@ -75,8 +83,8 @@ def read_ros2(recording: McapRecording, source: str, progress: Progress | None =
 def _reader(topic: RosTopic) -> RosTopicReader:
     if topic.bridge == PX4_BRIDGE:
         return RosTopicReader((PX4_STAMP,), px4_topics.NEEDED[topic.name], ())
-    kind = mavros_topics.TOPICS[topic.name]
-    return RosTopicReader((*mavros_topics.STAMP, *kind.numbers), (), kind.texts)
+    kind = MAVROS_TOPICS[topic.name]
+    return RosTopicReader((*MAVROS_STAMP, *kind.numbers), (), kind.texts)
 
 
 def _by_vehicle(
@@ -166,24 +174,24 @@ def _px4_topic(columns: Columns, on_clock: _PlacedTopic) -> Columns:
 
 
 def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:
-    names = {name: mavros_topics.TOPICS[name].message for name in tables}
-    seconds, nanoseconds = mavros_topics.STAMP
+    names = {name: MAVROS_TOPICS[name].message for name in tables}
+    seconds, nanoseconds = MAVROS_STAMP
     placed, repairs = _on_one_clock(
         {
             names[name]: _StampedTopic(
                 table.places,
                 _nanoseconds(table.columns[seconds], SECOND) + _nanoseconds(table.columns[nanoseconds], 1),
-                mavros_topics.PERIODS.get(names[name], np.inf),
+                MAVROS_PERIODS.get(names[name], np.inf),
             )
             for name, table in tables.items()
         }
     )
-    autopilot = mavros_topics.autopilot(sum((table.texts for table in tables.values()), Counter()))
+    autopilot = mavros_autopilot(sum((table.texts for table in tables.values()), Counter()))
     messages: dict[str, Columns] = {}
     for name, table in tables.items():
         if names[name] in placed:
             on_clock = placed[names[name]]
-            made = mavros_topics.translated(names[name], selected(table.columns, on_clock.rows), autopilot)
+            made = mavros_message(names[name], selected(table.columns, on_clock.rows), autopilot)
             messages[names[name]] = {"time": on_clock.time, "boot": on_clock.boot, **made}
     if not messages:
         return None
@@ -196,7 +204,7 @@ def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetr
         source=source,
         repairs=repairs,
         translated_from=MAVROS,
-        names={topic.message: name for name, topic in mavros_topics.TOPICS.items()},
+        names={topic.message: name for name, topic in MAVROS_TOPICS.items()},
     )
 
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from math import isfinite
 
+from mavdem.confidence import LEVEL
 from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.surprise import FALSE_MARK_SECONDS
-from mavdem.dem.validation import LEVEL
 from mavdem.live import SessionStatus
 from mavdem.live.history import sentence
 from mavdem.report.names import readable

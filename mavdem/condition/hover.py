@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.alignment.align import settled_segments, within
 from mavdem.alignment.quality import FULL_THROTTLE, IDLE_THROTTLE
 from mavdem.alignment.read import choose_vehicle
-from mavdem.alignment.segments import settled_segments, within
 from mavdem.alignment.signals import Signals
-from mavdem.alignment.verdict import judge
+from mavdem.alignment.verdict import verdict_of
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
 from mavdem.ingest import Component, Log, read_log
@@ -88,13 +88,11 @@ def hover_of(signals: Signals, speakers: Sequence[Component] = ()) -> HoverFigur
     segments = settled_segments(signals)
     motors = signals.motors
     if not segments or motors is None or signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
-        verdict = judge(signals, speakers)
+        verdict = verdict_of(signals, speakers)
         raise NotLearnable(verdict.reason, verdict.remedy)
-    rows = np.any([within(motors, segment) for segment in segments], axis=0)
-    lean: dict[str, float] = {}
-    for axis, tilt in zip(("roll", "pitch"), signals.tilts, strict=True):
-        flown = np.any([within(tilt, segment) for segment in segments], axis=0)
-        lean[axis] = float(np.degrees(tilt.angle[flown].mean()))
+    rows = within(motors, *segments)
+    tilts = zip(("roll", "pitch"), signals.tilts, strict=True)
+    lean = {axis: float(np.degrees(tilt.angle[within(tilt, *segments)].mean())) for axis, tilt in tilts}
     seconds = sum(segment.duration for segment in segments)
     return _figures(motors.layout.names, motors.scale, seconds, motors.outputs[rows], lean)
 

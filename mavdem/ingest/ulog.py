@@ -1,28 +1,47 @@
-"""The whole messages of a ULog file in order, without damaged bytes.
+"""PX4's own logs (.ulg): whole messages without damaged bytes, then topics on the boot clock as MAVLink's messages.
 
 A ULog message is its size (uint16), a letter for its kind, and its content, without an end mark or a checksum, so one
 wrong size hides all that follows. But the file first defines its contents: a format (F) for each topic, and a
 subscription (A) that gives a topic its number; a data message (D) of that number has a known size. After an impossible
-message the search continues for the next place at which two possible messages follow one another. Layout:
-https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
+message the search continues for the next place at which two possible messages follow one another. pyulog decodes only
+the messages found so: given a damaged file, it prints, loses what follows, or fails. ``px4_topics`` translates them.
+Layout: https://docs.px4.io/main/en/dev_log/ulog_file_format.html.
 """
 
 from __future__ import annotations
 
+import io
+import os
 import re
 import struct
 from array import array
-from collections.abc import Container
-from dataclasses import dataclass
+from collections.abc import Container, Mapping
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pyulog import ULog
 from scipy.ndimage import median_filter
 
 from mavdem.errors import Unreadable
+from mavdem.ingest.contents import file_bytes
+from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import Progress
-from mavdem.ingest.telemetry import rows_by
+from mavdem.ingest.px4_topics import NEEDED, Px4Topic, mav_type, messages, names
+from mavdem.ingest.telemetry import (
+    Columns,
+    Log,
+    Telemetry,
+    joined,
+    listed,
+    log_of_vehicles,
+    rate_without_gaps,
+    repair_sentences,
+    rows_by,
+    selected,
+)
+from mavdem.ingest.vocabulary import PX4, UNNAMED, version_text
 
 MAGIC = b"ULog\x01\x12\x35"
 """First bytes of a ULog file; one byte of version and 8 of the time of its first message follow."""
@@ -86,50 +105,6 @@ class _UlogField(NamedTuple):
 _BASIC = {kind.encode(): UlogFormat(size, size, 1) for kind, size in SIZES.items()}
 
 
-class _UlogTopic(NamedTuple):
-    """Sizes of its messages, and the place of the time stamp in them; -1 for a topic that is not wanted."""
-
-    least: int
-    most: int
-    stamp: int
-
-
-@dataclass(frozen=True, eq=False)
-class WholeMessages:
-    """The whole messages of a ULog file."""
-
-    content: bytes  # a ULog file of the wanted topics, with their formats, subscriptions, parameters and version
-    # topic and wrong_stamp: (N,) of each data message in ``content``; far from the stamps around it is a wrong one
-    topic: NDArray[np.uint16]
-    wrong_stamp: NDArray[np.bool_]
-    dropouts: NDArray[np.uint16]  # (n,) ms in which the logger wrote nothing, each
-    messages: int  # whole messages in the file, also those that are not wanted
-    # bytes_skipped and damaged: bytes that belong to no message, and the number of places with such between messages
-    bytes_skipped: int
-    damaged: int
-    cut: int  # messages that are cut off by the end of the file, or by appended data
-    crowded: int  # subscriptions to wanted topics left out because of ``MAX_VALUES``
-
-
-def whole_messages(
-    content: bytes, wanted: Container[bytes] | None, source: str, progress: Progress | None = None
-) -> WholeMessages:
-    """The whole messages of a ULog file, from its ``MAGIC`` on, of data those of the ``wanted`` topics, None for all.
-
-    Raises Unreadable: the file's flags require a later format.
-    """
-    walk = _Walk(content, wanted, progress)
-    ends = [*_appended(content, source), len(content)]
-    for start, end in zip([FIRST_MESSAGE, *ends], ends, strict=False):
-        walk.section(start, end)
-    stamps = np.frombuffer(walk.stamps, dtype=np.uint64).astype(np.float64) / 1e6
-    topic = np.frombuffer(walk.numbers, dtype=np.uint16)
-    header = MAGIC + b"\x01" + content[8:FIRST_MESSAGE].ljust(8, b"\0")
-    clean, dropouts = b"".join((header, walk.definitions, walk.data)), np.frombuffer(walk.dropouts, dtype=np.uint16)
-    counts = (walk.messages, walk.skipped, walk.damaged, walk.cut, walk.crowded)
-    return WholeMessages(clean, topic, _wrong_stamp(stamps, topic), dropouts, *counts)
-
-
 def _appended(content: bytes, source: str) -> list[int]:
     """Where data begin that were appended after a crash; the message before each is cut off there."""
     if len(content) < FIRST_MESSAGE + 3 or content[FIRST_MESSAGE + 2] != ord("B"):
@@ -156,21 +131,45 @@ def _wrong_stamp(stamps: NDArray[np.float64], topic: NDArray[np.uint16]) -> NDAr
     return wrong_stamp
 
 
-class _Walk:
-    """One pass over the sections of a file; kept messages go into ``definitions`` and ``data``."""
+class WholeMessages:
+    """The whole messages of a ULog file, from its ``MAGIC`` on, of data those of the ``wanted`` topics, None for all.
 
-    def __init__(self, content: bytes, wanted: Container[bytes] | None, progress: Progress | None) -> None:
-        self.definitions, self.data = bytearray(), bytearray()
-        self.stamps, self.numbers, self.dropouts = array("Q"), array("H"), array("H")
-        self.messages = self.skipped = self.damaged = self.cut = self.crowded = 0
+    Attributes:
+        content: a ULog file of these, with their formats, subscriptions, parameters and version.
+        topic, wrong_stamp: (N,) of each data message in ``content``; a wrong stamp is far from those around it.
+        dropouts: (n,) ms in which the logger wrote nothing, each.
+        messages: how many whole messages the file has, also those that are not wanted.
+        bytes_skipped, damaged: bytes that belong to no message, and the number of places with such between messages.
+        cut: messages that are cut off by the end of the file, or by appended data.
+        crowded: subscriptions to wanted topics left out because of ``MAX_VALUES``.
+
+    Raises Unreadable: the file's flags require a later format.
+    """
+
+    def __init__(
+        self, content: bytes, wanted: Container[bytes] | None, source: str, progress: Progress | None = None
+    ) -> None:
+        self.messages = self.bytes_skipped = self.damaged = self.cut = self.crowded = 0
+        self._definitions, self._data = bytearray(), bytearray()
+        self._stamps, self._numbers, self._dropouts = array("Q"), array("H"), array("H")
         self._content, self._wanted, self._progress = content, wanted, progress
         self._formats = Formats()
         self._values = 0
-        self._topics: dict[int, _UlogTopic] = {}
+        # By number: the least and the greatest size of a message, and the place of its stamp; -1 where not wanted.
+        self._topics: dict[int, tuple[int, int, int]] = {}
         self._low_bytes: set[int] = set()
         self._begun = _begun(self._low_bytes)
+        ends = [*_appended(content, source), len(content)]
+        for start, end in zip([FIRST_MESSAGE, *ends], ends, strict=False):
+            self._walk(start, end)
+        header = MAGIC + b"\x01" + content[8:FIRST_MESSAGE].ljust(8, b"\0")
+        self.content = b"".join((header, self._definitions, self._data))
+        self.topic = np.frombuffer(self._numbers, dtype=np.uint16)
+        stamps = np.frombuffer(self._stamps, dtype=np.uint64).astype(np.float64) / 1e6
+        self.wrong_stamp = _wrong_stamp(stamps, self.topic)
+        self.dropouts = np.frombuffer(self._dropouts, dtype=np.uint16)
 
-    def section(self, at: int, end: int) -> None:
+    def _walk(self, at: int, end: int) -> None:
         """Walks the messages of ``content[at:end]``; a message that ``end`` cuts off is left out."""
         content, topics, reported = self._content, self._topics, at
         while at < end:
@@ -183,12 +182,12 @@ class _Walk:
                 kind = content[at + 2]
                 if kind == 0x44:  # D
                     number = _ID.unpack_from(content, at + 3)[0]
-                    topic = topics.get(number)
-                    if topic is not None and topic.stamp >= 0:
+                    least, _, stamp = topics.get(number, (0, 0, -1))
+                    if stamp >= 0:
                         # Without the padding at the end, which PX4 omits and pyulog does not expect.
-                        self.data += _HEADER.pack(topic.least, kind) + content[at + 3 : at + 3 + topic.least]
-                        self.numbers.append(number)
-                        self.stamps.append(_STAMP.unpack_from(content, at + topic.stamp)[0])
+                        self._data += _HEADER.pack(least, kind) + content[at + 3 : at + 3 + least]
+                        self._numbers.append(number)
+                        self._stamps.append(_STAMP.unpack_from(content, at + stamp)[0])
                 else:
                     self._keep(chr(kind), at, after)
                 at = after
@@ -198,7 +197,7 @@ class _Walk:
                 self.cut += 1
             else:
                 self.damaged += 1
-            self.skipped += resumed - at
+            self.bytes_skipped += resumed - at
             at = resumed
 
     def _after(self, at: int, end: int) -> int:
@@ -239,7 +238,7 @@ class _Walk:
             if size <= 2:
                 return False
             topic = self._topics.get(_ID.unpack_from(content, at + 3)[0])
-            return None if topic is None else topic.least <= size <= topic.most
+            return None if topic is None else topic[0] <= size <= topic[1]
         match chr(kind):
             case "F":
                 return FORMAT.fullmatch(content, at + 3, after) is not None
@@ -277,17 +276,17 @@ class _Walk:
         elif kind == "A":
             self._subscribe(message)
         elif (kind == "P" and not self._topics) or (kind == "I" and INFORMATION.fullmatch(message, 4, 4 + message[3])):
-            self.definitions += message
+            self._definitions += message
         elif kind == "P":
-            self.data += message
+            self._data += message
         elif kind == "O":
-            self.dropouts.append(_DROPOUT.unpack_from(message, 3)[0])
+            self._dropouts.append(_DROPOUT.unpack_from(message, 3)[0])
 
     def _add_format(self, message: bytes) -> None:
         found = FORMAT.fullmatch(message, 3)
         assert found is not None  # _sound has matched it
         if self._formats.add(found[1], found[2]):
-            self.definitions += message
+            self._definitions += message
 
     def _subscribe(self, message: bytes) -> None:
         number, name = _ID.unpack_from(message, 4)[0], message[6:]
@@ -299,13 +298,13 @@ class _Walk:
             self._values += found.values
             if self._values <= MAX_VALUES:
                 stamp = 5 + found.stamp
-                self.data += message
+                self._data += message
             else:
                 self.crowded += 1
         if number & 0xFF not in self._low_bytes:
             self._low_bytes.add(number & 0xFF)
             self._begun = _begun(self._low_bytes)
-        self._topics[number] = _UlogTopic(2 + found.unpadded, 2 + found.size, stamp)
+        self._topics[number] = (2 + found.unpadded, 2 + found.size, stamp)
 
 
 class Formats:
@@ -366,3 +365,133 @@ def _begun(low_bytes: set[int]) -> re.Pattern[bytes]:
     """Where a message may begin, at the letter of its kind, for topics whose numbers have these low bytes."""
     numbers = b"".join(b"\\x%02x" % number for number in sorted(low_bytes))
     return re.compile(_BEGUN + (b"|D(?=[%s])" % numbers if numbers else b""), re.DOTALL)
+
+
+def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
+    """Reads a ULog file; a damaged one as far as possible. It has one vehicle, PX4's.
+
+    In the ``Log``, ``frames`` counts the whole messages of the file. There are no receive times. Raises Unreadable: the
+    file cannot be opened, is no ULog, or contains none of the flight's topics.
+    """
+    source, content = os.fspath(path), file_bytes(path)
+    if not content.startswith(MAGIC):
+        raise Unreadable(f"{source} is no PX4 ULog: name a file that PX4's logger wrote (.ulg).")
+    found = WholeMessages(content, {name.encode() for name in NEEDED}, source, progress)
+    log = ULog(io.BytesIO(found.content))
+    values = [*log.initial_parameters.items(), *((name, value) for _, name, value in log.changed_parameters)]
+    # The last finite value of each.
+    parameters = {name: float(value) for name, value in values if isinstance(value, int | float) and isfinite(value)}
+    topics = _topics(log, found)
+    kind = mav_type(topics, parameters)
+    vehicle = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
+    made = messages(topics, parameters, vehicle, kind)
+    if "EXTENDED_SYS_STATE" in made:
+        made["EXTENDED_SYS_STATE"] = _each_second(made["EXTENDED_SYS_STATE"], topics)
+    if not made:
+        raise Unreadable(f"{source} is a ULog without the topics of a flight: {_instead(content, source, found)}")
+    ids = (parameters.get(name, 1.0) for name in ("MAV_SYS_ID", "MAV_COMP_ID"))
+    system, component = (int(number) if 1 <= number <= 255 else 1 for number in ids)  # 1 is PX4's default
+    telemetry = Telemetry(
+        system=system,
+        component=component,
+        vehicle=vehicle,
+        autopilot=enum_name("MAV_AUTOPILOT", PX4),
+        messages=made,
+        parameters=parameters,
+        source=source,
+        repairs=(*_damage(found), *_interpolated(topics, made)),
+        translated_from="ULog",
+        names=names(topics, made),
+        firmware=_firmware(log.msg_info_dict),
+        dropouts=len(found.dropouts),
+        board=str(log.msg_info_dict.get("sys_uuid", "")).lower(),
+    )
+    if progress is not None:
+        progress(1.0)
+    return log_of_vehicles((telemetry,), found.messages, found.bytes_skipped)
+
+
+def _instead(content: bytes, source: str, found: WholeMessages) -> str:
+    """What a ULog holds that is not a flight's."""
+    log = ULog(io.BytesIO(WholeMessages(content, None, source).content))
+    held = {topic.name for topic in log.data_list if len(topic.data["timestamp"])}
+    if not held:
+        wrong = found.damaged or found.cut or found.crowded
+        return "it is damaged or cut off at its beginning." if wrong else "nothing was logged in it."
+    state = (
+        "is damaged," if found.damaged or found.crowded else "is cut off at its end," if found.cut else "is intact, but"
+    )
+    return (
+        f"the file {state} holds neither attitude nor motor outputs (its topics: {listed(held)}); in PX4 log "
+        "vehicle_attitude, vehicle_angular_velocity and actuator_motors (the parameter SDLOG_PROFILE)."
+    )
+
+
+def _topics(log: ULog, found: WholeMessages) -> dict[str, dict[int, Px4Topic]]:
+    """Topics by name and instance, in the order of their time stamps, without wrong stamps."""
+    parts: dict[tuple[str, int], list[Columns]] = {}
+    rows = rows_by(found.topic)
+    for data in log.data_list:
+        kept = ~found.wrong_stamp[rows[data.msg_id]]
+        # A topic that was subscribed to twice continues under another number.
+        parts.setdefault((data.name, data.multi_id), []).append(selected(data.data, kept))
+    topics: dict[str, dict[int, Px4Topic]] = {}
+    for (name, instance), pieces in parts.items():
+        fields = joined(pieces)
+        fields = selected(fields, np.argsort(fields["timestamp"], kind="stable"))
+        if len(fields["timestamp"]):
+            topics.setdefault(name, {})[instance] = fields | {"time": fields["timestamp"].astype(np.float64) / 1e6}
+    return topics
+
+
+def _each_second(state: Columns, topics: dict[str, dict[int, Px4Topic]]) -> Columns:
+    """A state that old PX4 logged at its changes only, repeated at the first message of each second without it."""
+    logged = np.unique(np.concatenate([topic["time"] for group in topics.values() for topic in group.values()]))
+    _, first = np.unique(np.floor(logged), return_index=True)
+    last = np.searchsorted(state["time"], logged[first], side="right") - 1
+    missing = (last >= 0) & (logged[first] - state["time"][np.maximum(last, 0)] > 1.0)
+    rows = np.sort(np.concatenate([np.arange(len(state["time"])), last[missing]]))
+    return selected(state, rows) | {"time": np.union1d(state["time"], logged[first][missing])}
+
+
+def _firmware(information: Mapping[str, object]) -> str:
+    """PX4's version and the first digits of its commit, as far as they were logged: "PX4 v1.16.0 (94cb2012)"."""
+    version, commit = information.get("ver_sw_release"), information.get("ver_sw")
+    number = f" v{version_text(version)}" if isinstance(version, int) and 0 <= version < 1 << 32 else ""
+    return f"PX4{number} ({commit[:8]})" if isinstance(commit, str) else f"PX4{number}"
+
+
+def _damage(found: WholeMessages) -> tuple[str, ...]:
+    def times(count: int, noun: str) -> str:
+        return f"{count} {noun}{'s' * (count != 1)}"
+
+    wrong = int(np.count_nonzero(found.wrong_stamp))
+    places, subscriptions = times(found.damaged, "place"), times(found.crowded, "subscription")
+    lasted = found.dropouts / 1e3  # PX4's logger records the duration, not what is missing
+    return repair_sentences(
+        (
+            found.damaged,
+            f"The file is damaged in {places}: {found.bytes_skipped} bytes that belong to no message were skipped.",
+        ),
+        (found.cut, f"Left out: {times(found.cut, 'message')} cut off by the end of the file or of a part of it."),
+        (wrong, f"Left out: {times(wrong, 'message')} with a time stamp far from those around it."),
+        (found.crowded, f"Left out: {subscriptions} to more topics, or larger ones, than PX4 has."),
+        (
+            len(lasted),
+            f"The logger dropped out {times(len(lasted), 'time')}, for {lasted.sum():.3g} s in all and "
+            f"{lasted.max(initial=0):.3g} s at most: messages of these times are missing.",
+        ),
+    )
+
+
+def _interpolated(topics: dict[str, dict[int, Px4Topic]], messages: dict[str, Columns]) -> tuple[str, ...]:
+    """Attitude that was interpolated between samples, where the body rates were logged clearly more often."""
+    logged = [topic["time"] for topic in topics.get("vehicle_attitude", {}).values()]
+    made = messages.get("ATTITUDE_QUATERNION", {"time": np.zeros(0)})["time"]
+    if len(made) <= 1.1 * max(map(len, logged), default=0):
+        return ()
+    attitude, rates = (rate_without_gaps(np.diff(time)) for time in (max(logged, key=len), made))
+    return (
+        f"Attitude was logged at {attitude:.3g} Hz and body rates at {rates:.3g} Hz: attitude was interpolated at the "
+        "timestamps of the body rates.",
+    )

@@ -1,0 +1,44 @@
+"""Confidence: how probable intervals and bands are, and how wide they are for it; one level for all rooms."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm
+from scipy.stats import t as student
+
+LEVEL = 0.9
+"""Probability of the intervals and bands that are shown, unless another level is asked for."""
+
+
+def require_probability(level: float) -> None:
+    """Raises ``ValueError`` unless ``level``, the probability of an interval, lies between 0 and 1."""
+    number = isinstance(level, int | float | np.integer | np.floating) and not isinstance(level, bool)
+    if not (number and 0 < level < 1):
+        raise ValueError(f"level must be a probability between 0 and 1, not {level!r}")
+
+
+def quantile(level: float = LEVEL, freedom: ArrayLike = np.inf) -> Any:
+    """Returns the half width of an interval in standard deviations, a number or shaped like ``freedom``.
+
+    Args:
+        level: the probability of the interval.
+        freedom: degrees of freedom that the standard deviation was estimated with (Student's t); infinite, the normal
+            distribution, where it is known.
+    """
+    freedoms = np.asarray(freedom, np.float64)
+    quantiles = np.where(np.isinf(freedoms), norm.ppf(0.5 + level / 2), student.ppf(0.5 + level / 2, freedoms))
+    return quantiles if freedoms.ndim else float(quantiles)
+
+
+def half_width(variance: ArrayLike, level: float = LEVEL, freedom: ArrayLike = np.inf) -> NDArray[np.float64]:
+    """Returns half widths of intervals of probability ``level``.
+
+    Args:
+        variance: of the estimates, of any shape.
+        level: as for :func:`quantile`.
+        freedom: as for :func:`quantile`; it broadcasts against ``variance``.
+    """
+    return np.asarray(quantile(level, freedom) * np.sqrt(variance))
