@@ -27,9 +27,9 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import LinearModel, Transition
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.engine.trace import FreeEnergy, Learning
+from mavdem.dem.forecast.forecasts import TrainingForecasts
 from mavdem.dem.forecast.mixer import MixerPrior
 from mavdem.dem.forecast.simulation_error import SimulationFit
-from mavdem.dem.forecasts import TrainingForecasts
 from mavdem.dem.record import LABELS, LARGEST, SHORTEST_STEP, Record
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings

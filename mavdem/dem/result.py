@@ -7,7 +7,7 @@ import numpy as np
 from mavdem.dem.engine.linalg import Array, inverse
 from mavdem.dem.engine.trace import FreeEnergy, Learning
 from mavdem.dem.fitting import Fit, held_by_prior, of_vehicle
-from mavdem.dem.forecasts import TrainingForecasts
+from mavdem.dem.forecast.forecasts import TrainingForecasts
 from mavdem.dem.learned import Learned
 from mavdem.dem.record import Record
 from mavdem.dem.smoothness import SmoothnessEstimate

@@ -11,8 +11,8 @@ from operator import add
 
 import numpy as np
 
-from mavdem.dem.closed_loop.autoregression import Autoregression, ChannelUnits, LagStatistics, autoregression
 from mavdem.dem.engine.linalg import Array
+from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var
 from mavdem.dem.record import Record
 
 MOTORS = 3  # inputs, from which on they are taken for a multirotor's motors
@@ -143,17 +143,17 @@ def _changed(record: Record) -> str:
 def _difference(parts: list[LagStatistics], split: int, outputs: int) -> float:
     """Mean log error ratio of the side that is less different; a negative one means that the other side is as good."""
     before, after = reduce(add, parts[:split]), reduce(add, parts[split:])
-    models = autoregression(before, LAGS), autoregression(after, LAGS)
+    models = Var.fit(before, LAGS), Var.fit(after, LAGS)
     ratios = []
     for number, part in enumerate(parts):
         own, other = (before, models[1]) if number < split else (after, models[0])
-        left_out = autoregression(own - part, LAGS)
+        left_out = Var.fit(own - part, LAGS)
         ratios.append(float(np.mean(np.log(_errors(other, part, outputs) / _errors(left_out, part, outputs)))))
     return min(float(np.mean(ratios[:split])), float(np.mean(ratios[split:])))
 
 
-def _errors(model: Autoregression, part: LagStatistics, outputs: int) -> Array:
+def _errors(model: Var, part: LagStatistics, outputs: int) -> Array:
     """(r,) squared one-step errors of the inputs in a part."""
-    rows = np.hstack([-model.across, -model.offset[:, None], np.eye(model.channels)])[outputs:]
+    rows = np.hstack([-model.across, -model.offset[:, None], np.eye(len(model.offset))])[outputs:]
     errors: Array = np.maximum(np.einsum("ij,jk,ik->i", rows, part.gram, rows), np.finfo(float).tiny)
     return errors

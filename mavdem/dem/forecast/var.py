@@ -155,7 +155,7 @@ class Var(NamedTuple):
 
     @classmethod
     def fit(cls, statistics: LagStatistics, lags: int, ridge: float = RIDGE, units: ChannelUnits | None = None) -> Var:
-        """Fits by Bayesian linear regression of a sample on its ``lags``, exact given Σ: the posterior is matrix normal.
+        """Regresses a sample on its ``lags``, in Bayes' way and exact given Σ: the posterior is matrix normal.
 
         The prior is a random walk, A₁ = 1 and nothing else, with precision ``ridge`` · i² at lag i: the "Minnesota
         prior" (R. Litterman, "Forecasting with Bayesian vector autoregressions: five years of experience", Journal of
@@ -313,7 +313,9 @@ class Var(NamedTuple):
         answers = []
         for inputs, outputs in record.segments:
             channels = np.hstack([outputs, inputs])
-            pasts = np.array([initial_lags(channels[max(0, t - self.lags) : t], self.lags) for t in range(len(outputs))])
+            pasts = np.array(
+                [initial_lags(channels[max(0, t - self.lags) : t], self.lags) for t in range(len(outputs))]
+            )
             pasts[0] = self.units.center
             answers.append(self.infer(pasts, inputs[:, None]).mean[:, 0])
         return np.concatenate(answers)

@@ -6,7 +6,7 @@ from math import isfinite
 
 from mavdem.confidence import LEVEL
 from mavdem.dem.online.learner import TOO_FEW
-from mavdem.dem.online.surprise import FALSE_MARK_SECONDS
+from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.live import SessionStatus
 from mavdem.live.history import sentence
 from mavdem.report.names import readable
