@@ -28,7 +28,7 @@ class NotLearnable(ValueError):
 EXTRAS = {
     "control": ("control",),
     "dask": ("distributed",),
-    "fleet": ("aiohttp", "fsspec", "pyarrow"),
+    "fleet": ("aiohttp", "fsspec", "pebble", "pyarrow"),
     "pandas": ("pandas",),
     "paper": ("matplotlib", "rerun"),
     "parquet": ("pyarrow",),
@@ -76,7 +76,7 @@ class FlightDownstream:
             ImportError: pandas is not installed.
         """
         require("Flight.to_pandas()", "pandas")
-        return downstream("export.frames", "to_pandas")(self)
+        return downstream("export.tables", "to_pandas")(self)
 
     def to_xarray(self) -> Any:
         """An ``xarray.Dataset``: inputs and outputs by time in s and name, their units beside them.
@@ -85,7 +85,7 @@ class FlightDownstream:
             ImportError: xarray is not installed.
         """
         require("Flight.to_xarray()", "xarray")
-        return downstream("export.frames", "to_xarray")(self)
+        return downstream("export.tables", "to_xarray")(self)
 
     def _repr_html_(self) -> str:
         return str(downstream("report.html", "flight_html")(self))
@@ -96,13 +96,13 @@ class LearnedDownstream:
 
     @property
     def plot(self) -> Any:
-        """Its pictures: ``plot.bode()`` and others return a ``matplotlib.figure.Figure``; see ``mavdem.plot.Plots``.
+        """Its pictures: ``plot.bode()`` and others return a ``matplotlib`` figure; see ``report.figures.Plots``.
 
         Raises:
             ImportError: matplotlib is not installed.
         """
         require("Learned.plot", "plot")
-        return downstream("plot", "Plots")(self)
+        return downstream("report.figures", "Plots")(self)
 
     def summary(self) -> str:
         """What the vehicle does in wind, on one screen; without windows that the model has not seen.
@@ -118,7 +118,7 @@ class LearnedDownstream:
             ImportError: control is not installed.
         """
         require("Learned.to_control()", "control")
-        return downstream("export.control_systems", "to_control")(self)
+        return downstream("export.tables", "to_control")(self)
 
     def _repr_html_(self) -> str:
         return str(downstream("report.html", "learned_html")(self))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,15 @@ MAX_VALUE = 1e100
 class Flight(FlightDownstream):
     """Uniformly sampled inputs and outputs of one segment of flight; immutable. Slicing gives a ``Flight``.
 
+    >>> import numpy as np
+    >>> time = np.arange(300) / 100
+    >>> flight = mavdem.Flight(time, inputs=np.cos(time), outputs=np.sin(time), output_names=("roll",))
+    >>> flight
+    <Flight: 300 samples at 100 Hz, input 1 -> roll>
+    >>> train, test = flight[:200], flight[200:]
+    >>> test.time[0], test.outputs.shape, test.duration
+    (np.float64(2.0), (100, 1), 1.0)
+
     Attributes:
         time: (T,) seconds on the autopilot's boot clock, uniform.
         inputs: (T, r) motor outputs, in the unit of the stream. A (T,) array is one input.
@@ -32,10 +42,12 @@ class Flight(FlightDownstream):
         setpoints: (T, q) what was asked of the axis, by the controllers' outer loops or the pilot: at each sample the
             last value until then, NaN where there is none. None where the source has no setpoints.
         setpoint_names, setpoint_units: one string a column of ``setpoints``.
-        voltage: (T,) of the battery, V; NaN where it is not known. None where the source has none.
 
     Raises:
         ValueError: names the argument whose shape, order or values are wrong.
+
+    See Also:
+        :func:`mavdem.read_flight`: a flight from a log; :meth:`segments`: from arrays with gaps.
     """
 
     time: NDArray[np.float64]
@@ -51,7 +63,6 @@ class Flight(FlightDownstream):
     setpoints: NDArray[np.float64] | None = None
     setpoint_names: tuple[str, ...] = ()
     setpoint_units: tuple[str, ...] = ()
-    voltage: NDArray[np.float64] | None = None
 
     def __init__(
         self,
@@ -68,13 +79,16 @@ class Flight(FlightDownstream):
         setpoints: ArrayLike | None = None,
         setpoint_names: tuple[str, ...] | None = None,
         setpoint_units: tuple[str, ...] | None = None,
-        voltage: ArrayLike | None = None,
     ) -> None:
         if not (provenance is None or isinstance(provenance, Mapping)):
             raise ValueError(f"provenance must be values by name, not {provenance!r}")
         time = _column(time, "time")
         inputs = _table(inputs, "inputs", len(time))
         outputs = _table(outputs, "outputs", len(time))
+        directions = None if effect_directions is None else _frozen(effect_directions, "effect_directions")
+        if directions is not None and directions.shape != inputs.shape[1:]:
+            expected = f"{inputs.shape[1:]}, one for each input"
+            raise ValueError(f"effect_directions must have shape {expected}, not {directions.shape}")
         asked = None if setpoints is None else _table(setpoints, "setpoints", len(time), missing=True)
         none = np.empty((len(time), 0)) if asked is None else asked
         fields = {
@@ -87,11 +101,10 @@ class Flight(FlightDownstream):
             "input_units": _labels(input_units, "input_units", inputs, None),
             "output_units": _labels(output_units, "output_units", outputs, None),
             "provenance": dict(provenance or {}),
-            "effect_directions": _directions(effect_directions, inputs),
+            "effect_directions": directions,
             "setpoints": asked,
             "setpoint_names": _labels(setpoint_names, "setpoint_names", none, "setpoint"),
             "setpoint_units": _labels(setpoint_units, "setpoint_units", none, None),
-            "voltage": None if voltage is None else _series(voltage, "voltage", len(time)),
         }
         for name, value in fields.items():
             object.__setattr__(self, name, value)
@@ -104,23 +117,29 @@ class Flight(FlightDownstream):
         outputs: ArrayLike,
         dt: float | None = None,
         setpoints: ArrayLike | None = None,
-        voltage: ArrayLike | None = None,
         **labels: Any,
     ) -> tuple[Flight, ...]:
         """Cuts arrays with gaps into one ``Flight`` for each segment between them, all with the same ``dt``.
 
         ``mavdem.learn`` takes them together.
 
+        >>> import numpy as np
+        >>> time = np.concatenate([np.arange(100), np.arange(150, 300)]) / 100
+        >>> [len(flight) for flight in mavdem.Flight.segments(time, np.cos(time), np.sin(time))]
+        [100, 150]
+
         Args:
             time: (T,) seconds, increasing; a step longer than one and a half usual ones is a gap.
             inputs, outputs: (T, r), (T, m).
             dt: sampling step, s; the mean step without the gaps unless given.
             setpoints: (T, q), if there are any.
-            voltage: (T,) V, if it is known.
             labels: names, units and provenance, as for a ``Flight``.
 
         Raises:
             ValueError: as for a ``Flight``; segments of a single sample are left out.
+
+        See Also:
+            :func:`mavdem.read_segments`: the segments of a log.
         """
         stamps = _column(time, "time")
         tables = [_table(values, name, len(stamps)) for values, name in ((inputs, "inputs"), (outputs, "outputs"))]
@@ -131,16 +150,11 @@ class Flight(FlightDownstream):
         dt = float(steps[~gaps].mean()) if dt is None else dt
         cuts = np.flatnonzero(gaps) + 1
         parts = zip(*(np.split(values, cuts) for values in (stamps, *tables)), strict=True)
-        further: dict[str, list[Any]] = {}
+        asked: Any = repeat(None)
         if setpoints is not None:
-            further["setpoints"] = np.split(_table(setpoints, "setpoints", len(stamps), missing=True), cuts)
-        if voltage is not None:
-            further["voltage"] = np.split(_series(voltage, "voltage", len(stamps)), cuts)
-        return tuple(
-            cls(t, u, y, dt, **labels, **{name: values[place] for name, values in further.items()})
-            for place, (t, u, y) in enumerate(parts)
-            if len(t) > 1
-        )
+            asked = np.split(_table(setpoints, "setpoints", len(stamps), missing=True), cuts)
+        whole = zip(parts, asked, strict=False)
+        return tuple(cls(t, u, y, dt, setpoints=q, **labels) for (t, u, y), q in whole if len(t) > 1)
 
     def __len__(self) -> int:
         return len(self.time)
@@ -154,7 +168,7 @@ class Flight(FlightDownstream):
             raise ValueError(f"the slice {part.start}:{part.stop} of a flight of {len(self)} samples is empty")
         # Not validated anew: a part of what is uniform is uniform, and keeps the step of the whole.
         cut = copy(self)
-        for name in ("time", "inputs", "outputs", "setpoints", "voltage"):
+        for name in ("time", "inputs", "outputs", "setpoints"):
             if (values := getattr(self, name)) is not None:
                 object.__setattr__(cut, name, values[part])
         object.__setattr__(cut, "provenance", dict(self.provenance))
@@ -178,26 +192,10 @@ class Flight(FlightDownstream):
         return len(self) * self.dt
 
 
-def _directions(values: ArrayLike | None, inputs: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    if values is None:
-        return None
-    array = _frozen(values, "effect_directions")
-    if array.shape != inputs.shape[1:]:
-        raise ValueError(f"effect_directions must have shape {inputs.shape[1:]}, one for each input, not {array.shape}")
-    return array
-
-
 def _column(values: ArrayLike, name: str) -> NDArray[np.float64]:
     array = _frozen(values, name)
     if array.ndim != 1 or not len(array):
         raise ValueError(f"{name} must be a non-empty array of shape (T,), not {array.shape}")
-    return array
-
-
-def _series(values: ArrayLike, name: str, length: int) -> NDArray[np.float64]:
-    array = _frozen(values, name, missing=True)
-    if array.shape != (length,):
-        raise ValueError(f"{name} must have shape ({length},) to match time, not {array.shape}")
     return array
 
 

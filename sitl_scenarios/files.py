@@ -1,11 +1,12 @@
-"""Reads scenarios, by name or from TOML files, and says in a sentence what is wrong in one."""
+"""Reads scenarios, by name or from TOML files, writes them, and says in a sentence what is wrong in one."""
 
 from __future__ import annotations
 
 import json
+import re
 import stat
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
 from importlib.resources import files
 from math import isfinite
@@ -188,3 +189,82 @@ def scenario_of(table: dict[str, Any]) -> Scenario:
         raise ValueError(describe_errors(error.errors(), table)) from None
     times(scenario)
     return scenario
+
+
+BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")  # a key that TOML needs no quotes around
+LIMITS = {"minimum": "from", "exclusiveMinimum": "more than", "maximum": "to", "exclusiveMaximum": "to less than"}
+"""The JSON schema's limits, in words."""
+
+
+def in_words(scenario: Scenario) -> list[str]:
+    """Returns what a scenario sets, a line each: its description, its own values, and those of each section."""
+    plain = {key: value for key, value in scenario if isinstance(value, int | float)}
+    lines = [scenario.description] * bool(scenario.description) + [_pairs_in_words("Flight", plain)]
+    for key, value in scenario:
+        for section in value if isinstance(value, tuple) else [value]:
+            if isinstance(section, BaseModel):
+                # A section of a kind is there or not, so all its values count; of others those that are no defaults.
+                changed = section.model_dump(mode="json", exclude_defaults=key not in (*KINDS, "moments"))
+                lines += [_pairs_in_words(key.capitalize(), changed)] if changed else []
+    return lines
+
+
+def _pairs_in_words(name: str, values: Mapping[str, Any]) -> str:
+    return f"{name}: " + ", ".join(f"{key} {_toml(value).strip(chr(34))}" for key, value in values.items()) + "."
+
+
+def in_toml(scenario: Scenario) -> str:
+    """Returns a scenario file with every value, its meaning and its range; read again it is the same scenario."""
+    return "\n".join(_lines(scenario))
+
+
+def _lines(scenario: Scenario) -> Iterator[str]:
+    sections = {key: value for key, value in scenario if isinstance(value, tuple | BaseModel) or key in KINDS}
+    yield from _pairs(scenario, sections)
+    for key, value in sections.items():
+        if key in KINDS:
+            yield from ["", f"# {'[[wind]]' if key == 'wind' else f'[{key}]'}: its kind is one of"]
+            kinds = {
+                kind: [name for name in model.model_fields if name != "kind"] for kind, model in KINDS[key].items()
+            }
+            yield from (f"#   {kind}: {', '.join(names)}" for kind, names in kinds.items())
+        elif not value:
+            yield from ["", f"# [[{key}]]: {', '.join(Moment.model_fields)}"]
+        header = f"[[{key}]]" if isinstance(value, tuple) else f"[{key}]"
+        for section in value if isinstance(value, tuple) else [value] * (value is not None):
+            meaning = (type(section).__doc__ or "").splitlines()[0].removesuffix(".")
+            yield from ["", f"{header}  # {meaning}", *_pairs(section)]
+
+
+def _pairs(section: BaseModel, leaving_out: Iterable[str] = ()) -> Iterator[str]:
+    schema = type(section).model_json_schema(mode="validation")["properties"]
+    for key, value in section.model_dump(mode="json", exclude=set(leaving_out)).items():
+        notes = schema[key].get("description", "").removesuffix("."), _allowed(schema[key])
+        comment = "; ".join(filter(None, notes))
+        yield f"{_key(key)} = {_toml(value)}" + (f"  # {comment}" if comment else "")
+
+
+def _allowed(schema: Mapping[str, Any]) -> str:
+    """The values that a key may have, by its JSON schema."""
+    for inside in (*schema.get("anyOf", ())[:1], schema.get("additionalProperties")):
+        if isinstance(inside, dict):
+            return _allowed(inside)
+    if "enum" in schema:
+        return " or ".join(map(str, schema["enum"]))
+    if schema.get("type") == "boolean":
+        return "true or false"
+    return " ".join(f"{words} {schema[name]:.10g}" for name, words in LIMITS.items() if name in schema)
+
+
+def _key(key: str) -> str:
+    return key if BARE_KEY.fullmatch(key) else _toml(key)
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_key(key)} = {_toml(inside)}" for key, inside in value.items()) + "}"
+    if value is None:
+        return "inf"  # the time that never comes
+    # Of text, numbers and truth values JSON's forms are TOML's too; what a terminal obeys is escaped besides.
+    text = json.dumps(value, ensure_ascii=False)
+    return "".join(letter if letter.isprintable() else f"\\U{ord(letter):08x}" for letter in text)

@@ -130,14 +130,3 @@ def test_setpoints_may_be_missing_at_some_samples_and_are_cut_with_the_flight():
     first, second = Flight.segments(np.append(TIME[:3], TIME[3:] + 1), INPUTS, OUTPUTS, setpoints=asked)
     np.testing.assert_array_equal(second.setpoints, asked[3:])
     assert first[:2].setpoints.shape == (2, 2)
-
-
-def test_voltage_is_cut_with_the_flight_and_must_match_time():
-    volts = np.append(np.nan, np.linspace(16, 15, 5))
-    flight = Flight(TIME, INPUTS, OUTPUTS, voltage=volts)
-    np.testing.assert_array_equal(flight[1:4].voltage, volts[1:4])
-    assert Flight(TIME, INPUTS, OUTPUTS).voltage is None
-    with pytest.raises(ValueError, match=r"voltage must have shape \(6,\)"):
-        Flight(TIME, INPUTS, OUTPUTS, voltage=volts[1:])
-    first, second = Flight.segments(np.append(TIME[:3], TIME[3:] + 1), INPUTS, OUTPUTS, voltage=volts)
-    np.testing.assert_array_equal(np.append(first.voltage, second.voltage), volts)

@@ -30,7 +30,7 @@ FLOORS = (
     {"analysis"},
     {"fleet"},
     {"report"},
-    {"export", "plot", "view"},
+    {"export", "view"},
     {"page"},
     {"paper"},
     {"__init__"},
@@ -56,7 +56,7 @@ ROOMS_OF_LIBRARIES = {
     "control": {"export"},
     "click": {"cli"},
     "rich": {"cli"},
-    "matplotlib": {"page", "paper", "plot", "report"},
+    "matplotlib": {"paper", "report"},
     "jinja2": {"page", "report"},
     "sitl_scenarios": {"cli", "paper"},
 }

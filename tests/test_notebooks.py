@@ -60,7 +60,7 @@ def test_a_cell_that_fails_fails_the_run():
 def test_a_picture_is_stored_as_png():
     from matplotlib.figure import Figure
 
-    from mavdem.plot.style import picture
+    from mavdem.report.figures.style import picture
 
     with picture() as figure:
         figure.subplots().plot([1, 2])

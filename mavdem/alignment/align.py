@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
-from scipy.signal import butter, sosfiltfilt
 
 from mavdem.alignment import phases
 from mavdem.alignment.drive import Motors, Signal
@@ -122,7 +121,6 @@ LOW_PASS_RATIO = 1.5
 band in which the stream itself is already aliased."""
 CUTOFF_RATIO = 0.4
 """Cut-off of that filter in grid rates: 0.5 is the Nyquist frequency, and 0.1 (5 Hz at 50) passes unchanged."""
-VOLTAGE_SECONDS = 10.0  # How long a measured voltage is known: autopilots send it at 0.5 Hz and faster
 FILTER_EDGE_STEPS = 5
 """Grid steps after which the filter has forgotten its start to a hundredth. Its slowest pole, at a rate of 2 pi
 ``CUTOFF_RATIO`` sin(22.5°), decays by a factor e a step."""
@@ -198,20 +196,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
         setpoints=np.column_stack([held(one, segment.boot, time) for one in asked]) if asked else None,
         setpoint_names=tuple(one.name for one in asked) or None,
         setpoint_units=tuple(one.unit for one in asked) or None,
-        voltage=None if signals.voltage is None else _voltage_at(signals.voltage, segment.boot, time),
     )
-
-
-def _voltage_at(signal: Signal, boot: int, time: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The voltage (T,) at ``time`` (T,) s of ``boot``, linear between messages, NaN far from any; None if all are."""
-    here = signal.boot == boot
-    stamps, volts = signal.time[here], signal.values[here]
-    if not len(stamps):
-        return None
-    after = np.clip(np.searchsorted(stamps, time), 0, len(stamps) - 1)
-    away = np.minimum(np.abs(time - stamps[after]), np.abs(time - stamps[np.maximum(after - 1, 0)]))
-    known = away <= VOLTAGE_SECONDS
-    return np.where(known, np.interp(time, stamps, volts), np.nan) if known.any() else None
 
 
 def step(rates: Iterable[float]) -> float:
@@ -286,6 +271,8 @@ def _low_passed(
     Butterworth, because it is flat where the dynamics are; both ways, because that leaves no phase, and motors and
     attitude must keep their order in time. At the cut-off half the amplitude is left, at twice that 1/257.
     """
+    from scipy.signal import sosfiltfilt  # it takes half a second to import, and few flights need it
+
     even = np.linspace(time[0], time[-1], len(time))
     table = np.column_stack([np.interp(even, time, column) for column in values.T])
     rate = mean_rate(time)
@@ -300,6 +287,8 @@ def impulse_response(rate: float, dt: float) -> NDArray[np.float64]:
 
     It reaches ``FILTER_EDGE_STEPS`` steps ``dt`` either way; what is cut off beyond is less than a hundredth of it.
     """
+    from scipy.signal import sosfiltfilt
+
     reach = round(FILTER_EDGE_STEPS * dt * rate)
     sample = np.zeros(8 * reach + 1)
     sample[4 * reach] = 1.0
@@ -308,4 +297,6 @@ def impulse_response(rate: float, dt: float) -> NDArray[np.float64]:
 
 
 def _butterworth(rate: float, cutoff: float) -> NDArray[np.float64]:
+    from scipy.signal import butter
+
     return np.asarray(butter(4, cutoff, fs=rate, output="sos"))

@@ -25,7 +25,11 @@ def read_flight(
     inputs: str | None = None,
     tier: str = "a",
 ) -> Flight:
-    """The longest usable segment of a log; its cautions are in ``provenance["cautions"]``.
+    """Returns the longest usable segment of a log; its cautions are in ``provenance["cautions"]``.
+
+    >>> flight = mavdem.read_flight("flight.tlog", axis="roll")
+    >>> flight.output_names, flight.inputs.shape[1], flight.dt
+    (('roll', 'roll rate'), 4, 0.01)
 
     Args:
         path: a log that ``mavdem.ingest.read_log`` reads.
@@ -41,6 +45,9 @@ def read_flight(
         Unreadable: the log cannot be read.
         NotLearnable: it holds no vehicle, or several and none was chosen, or the verdict is no.
         ValueError: ``path`` is no path, or an axis, inputs or a tier that is none.
+
+    See Also:
+        :func:`mavdem.read_segments`: all usable segments; :class:`mavdem.Flight`: what it is; :func:`mavdem.learn`.
     """
     if tier not in TIERS:
         raise ValueError(f"tier must be one of {', '.join(TIERS)}, not {tier!r}")
@@ -51,7 +58,10 @@ def read_flight(
 def read_segments(
     path: str | bytes | PathLike[str], axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
 ) -> tuple[Flight, ...]:
-    """All usable segments of settled flight in a log, in the order of time; :func:`read_flight` gives the longest.
+    """Returns all usable segments of settled flight in a log, in the order of time.
+
+    >>> [flight.duration > 50 for flight in mavdem.read_segments("flight.tlog")]
+    [True]
 
     They have the same inputs and outputs and the same step, that of the longest, so that ``mavdem.learn`` takes them
     together. Each passed the checks of :func:`read_flight`; where some did not, ``provenance["cautions"]`` say how
@@ -62,6 +72,9 @@ def read_segments(
 
     Raises:
         Unreadable, NotLearnable, ValueError: as :func:`read_flight`.
+
+    See Also:
+        :func:`mavdem.read_flight`: the longest segment; :func:`mavdem.learn`, which takes them together.
     """
     flights, _ = learnable_segments(read_log(path), axis, vehicle, inputs)
     return flights

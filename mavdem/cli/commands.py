@@ -25,14 +25,9 @@ COMPLETION = "_MAVDEM_COMPLETE"
 """Environment variable by which click's shell scripts ask for completions."""
 
 
-OF_FLEETS = ("diff", "track")
-"""Commands whose modules are in ``mavdem.cli.fleets``."""
-
-
 def imported_command(name: str) -> click.Command:
     """The command of this name, from the module that is named like it."""
-    room = "mavdem.cli.fleets" if name in OF_FLEETS else "mavdem.cli"
-    command: click.Command = getattr(import_module(f"{room}.{name}"), f"{name}_command")
+    command: click.Command = getattr(import_module(f"mavdem.cli.{name}"), f"{name}_command")
     return command
 
 

@@ -18,6 +18,7 @@ from mavdem.cli.sources import end_report, names_of, nothing_left, of_each
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.comparison import METHODS, Comparison, outcomes
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN
 from mavdem.evaluate.windows import (
     TEST_SECONDS,
     TRAIN_SECONDS,
@@ -28,8 +29,8 @@ from mavdem.evaluate.windows import (
     windows,
 )
 from mavdem.flight import Flight
-from mavdem.page.comparison_page import comparison_page
 from mavdem.report.comparison import comparison_report
+from mavdem.report.page import comparison_page
 
 COMPARISON_FILES = ("comparison.json", "comparison.html", "windows.csv")
 
@@ -98,7 +99,7 @@ def compare_command(
         raise nothing_left(refused, "compared")
     compared = _compare([window for one in found.values() for window in one])
     report = {
-        **compared.to_dict(from_zero),
+        **compared.to_dict(FROM_ZERO if from_zero else KNOWN),
         "axis": axis,
         "sources": {name: source for name, source in zip(names_of(sources), sources, strict=True) if name in found},
         "refused": [one.values for one in refused],

@@ -19,14 +19,13 @@ from mavdem.cli.options import file_option, no_option
 from mavdem.cli.output import print_json, printable, progress, say, say_aside
 from mavdem.cli.output_files import check_file, writing
 from mavdem.cli.signals import ending_at_once
-from mavdem.cli.words.scenario import in_toml, in_words
 from mavdem.errors import Unreadable, require
 from mavdem.export.conversion import STREAMS
 from mavdem.files import atomic_writes, replaceable
 from sitl_scenarios.dynamics import frame
-from sitl_scenarios.files import load, names, scenario_of
+from sitl_scenarios.files import in_toml, in_words, load, names, scenario_of
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS
-from sitl_scenarios.mavlink.live import Ground, LiveOutcome, fly_live
+from sitl_scenarios.mavlink.live import Ground, fly_live
 from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.motion import Holding, Motion
 from sitl_scenarios.plan import seconds
@@ -109,18 +108,18 @@ def fly_command(
     """
     asked = {"--out": out, "--rrd": rrd, "--udp": udp, "--speed": speed}
     if as_list:
-        _refuse_beside(
-            "--list",
-            asked | {"SCENARIO": scenario, "--seed": seed, "--duration": duration, "--describe": describe or None},
-        )
-        _list(as_json)
-        return
+        others = {"SCENARIO": scenario, "--seed": seed, "--duration": duration, "--describe": describe or None}
+        _refuse_beside("--list", asked | others)
+        return _list(as_json)
     if scenario is None:
         raise click.UsageError("Missing argument 'SCENARIO': one of `mavdem fly --list`, or a .toml file.")
     if describe:
         _refuse_beside("--describe", asked)
-        _describe(scenario, _chosen(scenario, seed, duration), as_json)
-        return
+        described = _chosen(scenario, seed, duration)
+        words = [printable(line) for line in in_words(described)]
+        if as_json:
+            return print_json({"scenario": scenario, "words": words, "values": described.model_dump(mode="json")})
+        return say("\n".join([*(f"# {line}" for line in words), "", in_toml(described)]))
     if udp is not None and (out or rrd):
         raise click.UsageError("--udp flies live; --out and --rrd write files: choose one.")
     if udp is None and speed is not None:
@@ -144,13 +143,11 @@ def _refuse_beside(option: str, asked: dict[str, Any]) -> None:
 
 
 def _list(as_json: bool) -> None:
-    described = {name: load(name).description for name in names()}
+    scenarios = [{"name": name, "description": load(name).description} for name in names()]
     if as_json:
-        print_json({"scenarios": [{"name": name, "description": text} for name, text in described.items()]})
-        return
-    width = max(map(len, described))
-    for name, text in described.items():
-        say(f"{name:{width}}  {text}")
+        return print_json({"scenarios": scenarios})
+    width = max(map(len, names()))
+    say("\n".join(f"{one['name']:{width}}  {one['description']}" for one in scenarios))
 
 
 def _chosen(named: str, seed: int | None, duration: float | None) -> Scenario:
@@ -173,16 +170,6 @@ def _chosen(named: str, seed: int | None, duration: float | None) -> Scenario:
         # Not after a long flight.
         raise click.BadParameter(f"{Path(named).name}: {error}.", param_hint="SCENARIO") from error
     return chosen
-
-
-def _describe(named: str, scenario: Scenario, as_json: bool) -> None:
-    if as_json:
-        print_json({"scenario": named, "words": in_words(scenario), "values": scenario.model_dump(mode="json")})
-        return
-    for sentence in in_words(scenario):
-        say(f"# {printable(sentence)}")
-    say()
-    say(in_toml(scenario))
 
 
 def _to_files(name: str, scenario: Scenario, out: Path | None, rrd: Path | None) -> dict[str, Any]:
@@ -233,8 +220,7 @@ def _in_a_sentence() -> Iterator[None]:
 
 
 def _say_cautions(holding: Holding) -> dict[str, Any]:
-    cautions = holding.cautions()
-    for caution in cautions:
+    for caution in (cautions := holding.cautions()):
         say_aside(f"Caution: {caution}.")
     return {"cautions": cautions}
 
@@ -260,28 +246,16 @@ def _live(name: str, scenario: Scenario, udp: str, speed: float) -> dict[str, An
             outcome = fly_live(
                 scenario, Simulation(scenario), ground, speed, lambda now: done(min(now / whole, 1.0)), say_aside
             )
-    _say_outcome(outcome, speed)
-    return {
-        "udp": udp,
-        "frames": outcome.sent,
-        "commands": outcome.commands,
-        "unheard": outcome.unheard,
-        "flown": round(outcome.flown, 3),
-        "took": round(outcome.took, 3),
-        "stopped": outcome.stopped,
-        **_say_cautions(outcome.holding),
-    }
-
-
-def _say_outcome(outcome: LiveOutcome, speed: float) -> None:
     ended = "Stopped after" if outcome.stopped else "Flew"
     say_aside(f"{ended} {outcome.flown:.1f} s in {outcome.took:.1f} s: sent {outcome.sent} frames.")
     if outcome.flown < KEPT_UP * speed * outcome.took:
-        say_aside(
-            f"This machine is too slow: it ran at {outcome.flown / outcome.took:.2g} times real time, not {speed:g}."
-        )
+        ran = outcome.flown / outcome.took
+        say_aside(f"This machine is too slow: it ran at {ran:.2g} times real time, not {speed:g}.")
     if outcome.unheard:
         say_aside(f"Received more than it can process: {outcome.unheard} datagrams were dropped, at least in part.")
+    counted = {"frames": outcome.sent, "commands": outcome.commands, "unheard": outcome.unheard}
+    times = {"flown": round(outcome.flown, 3), "took": round(outcome.took, 3), "stopped": outcome.stopped}
+    return {"udp": udp, **counted, **times, **_say_cautions(outcome.holding)}
 
 
 def _address(udp: str) -> tuple[str, int]:

@@ -11,7 +11,7 @@ from mavdem.cli.output import complain, print_json, say
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
 from mavdem.report.blocks import Sentence
-from mavdem.report.log_contents import sender, stream_contents, vehicle_contents
+from mavdem.report.condition import sender, stream_contents, vehicle_contents
 
 WRAP_COLUMNS = 100  # columns to which the list of messages is wrapped
 

@@ -22,13 +22,11 @@ from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
 from mavdem.errors import NotLearnable, advice
 from mavdem.evaluate.windows import Length
-from mavdem.page.condition_page import condition_page
-from mavdem.page.learned_page import learned_page
 from mavdem.report.blocks import Sentence
 from mavdem.report.details import detail_blocks
-from mavdem.report.screen import analysis_blocks, title
-from mavdem.report.truth import truth_blocks
-from mavdem.report.vehicle import vehicle_blocks
+from mavdem.report.flights import truth_blocks
+from mavdem.report.page import log_page
+from mavdem.report.screen import analysis_blocks, title, vehicle_blocks
 
 UNSUPPORTED = 1  # the exit code of a log that holds no model
 
@@ -152,7 +150,7 @@ def learn_command(
     if analysis.truth is not None:
         blocks += truth_blocks(analysis.truth)
     details = detail_blocks(learned, report)
-    page = learned_page(heading, blocks, details, learned, held_out, figures.hover, held)
+    page = log_page(heading, blocks, held, analysis, details)
     write_results(folder, report, page, analysis.flights, learned, held_out)
     if hint := advice(f"{RECORDING} was not written, since it", "view"):
         say_aside(hint)
@@ -173,7 +171,7 @@ def _without_model(
     heading = Sentence(f"{axis}, {settled:.0f} s of settled flight, no model.", f"{printable(Path(source).name)}:")
     report["error"] = {"reason": analysis.reason, "remedy": analysis.remedy}
     blocks = analysis_blocks(analysis)
-    write_figures(folder, report, condition_page(heading, blocks, held))
+    write_figures(folder, report, log_page(heading, blocks, held, analysis))
     if as_json:
         print_json(report)
     else:

@@ -27,8 +27,7 @@ from mavdem.live.history import ACCOUNT, horizons, sentence
 from mavdem.live.link import Link
 from mavdem.live.recording import RawRecording
 from mavdem.live.session import LearningProcess, LiveSession
-from mavdem.page.live_page import live_page
-from mavdem.page.session_history import SessionHistory
+from mavdem.report.page import SessionHistory, live_page
 
 if TYPE_CHECKING:
     from mavdem.view.live import LiveView, RecordingFile, Sink

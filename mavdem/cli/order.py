@@ -17,8 +17,8 @@ from mavdem.dem.order.choice import DEFAULT_MAX_ORDER, LARGEST_ORDER, FlightOrde
 from mavdem.dem.parallel import parallel_map
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
-from mavdem.page.comparison_page import order_page
-from mavdem.report.order import order_report
+from mavdem.report.comparison import order_report
+from mavdem.report.page import order_page
 
 
 @click.command("order")

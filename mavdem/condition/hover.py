@@ -65,7 +65,11 @@ class HoverFigures:
 
 
 def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> HoverFigures:
-    """The figures of a log's settled flight, of the motors' own messages, however slowly they come.
+    """Returns the figures of a log's settled flight, of the motors' own messages, however slowly they come.
+
+    >>> figures = mavdem.hover("flight.tlog")
+    >>> figures.motors[0], figures.unit, len(figures.headroom)
+    ('motor 1 (front right)', 'µs', 4)
 
     Args:
         path: a log that ``mavdem.ingest.read_log`` reads.
@@ -74,6 +78,9 @@ def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> Hove
     Raises:
         Unreadable: the log cannot be read.
         NotLearnable: it holds no vehicle, or several and none was chosen, or no settled flight with motor outputs.
+
+    See Also:
+        :func:`mavdem.hover_figures`: the same of flights; :func:`mavdem.read_flight`.
     """
     return hover_of_log(read_log(path), vehicle)
 

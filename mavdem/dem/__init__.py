@@ -2,13 +2,13 @@
 
 from mavdem.dem.engine.model import LinearModel
 from mavdem.dem.engine.trace import FreeEnergy, Learning
+from mavdem.dem.fitting import SmoothnessEstimate, estimate_smoothness
 from mavdem.dem.graybox import Physical, WindTorque, physical
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import learn, learn_many
 from mavdem.dem.online.learner import OnlineLearner
 from mavdem.dem.online.tracker import Estimate
 from mavdem.dem.settings import Gaussian, Settings
-from mavdem.dem.smoothness import SmoothnessEstimate, estimate_smoothness
 
 __all__ = [
     "Estimate",

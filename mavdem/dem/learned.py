@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property
 from warnings import warn
 
@@ -11,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mavdem.confidence import LEVEL, half_width, require_probability
-from mavdem.dem.document import parts_of, values_of
+from mavdem.dem.document import from_text, to_text
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
@@ -25,9 +24,7 @@ from mavdem.dem.graybox.wind import WindTorque, wind
 from mavdem.dem.record import Record, required_steps
 from mavdem.dem.scaling import Scaling
 from mavdem.dem.settings import CompleteSettings
-from mavdem.dem.smoothness import SmoothnessEstimate
 from mavdem.dem.uncertainty import Direction, SandwichCovariance
-from mavdem.dem.validation import json_values
 from mavdem.errors import LearnedDownstream
 
 may_overflow = np.errstate(over="ignore", invalid="ignore")
@@ -52,9 +49,6 @@ class Learned(LearnedDownstream):
         free_energy_of_samples: (T′,) F(t) of the samples at ``places``: how well each sample agrees with the model.
         learning: parameters and hyperparameters by iteration.
         converged: whether the last fit converged; where not, its parameters may still change with more iterations.
-        dt: sampling step, s.
-        smoothness: kernel width s of the noise, s.
-        smoothness_estimate: of ``Settings(smoothness="learn")``, with its uncertainty; ``None`` for others.
         record: the training data, physical.
         training_forecasts: forecasts of the training data, and the error to expect of others.
         cautions: limits of the model, one sentence each.
@@ -74,9 +68,6 @@ class Learned(LearnedDownstream):
     free_energy_of_samples: Array
     learning: Learning
     converged: bool
-    dt: float
-    smoothness: float
-    smoothness_estimate: SmoothnessEstimate | None
     record: Record
     training_forecasts: TrainingForecasts
     cautions: tuple[str, ...]
@@ -93,6 +84,16 @@ class Learned(LearnedDownstream):
             f"F̄ {self.free_energy[-1]:,.0f}{'' if self.converged else ' (not converged)'}, "
             f"{number} caution{'' if number == 1 else 's'}>"
         )
+
+    @property
+    def dt(self) -> float:
+        """Sampling step, s."""
+        return self.record.dt
+
+    @property
+    def smoothness(self) -> float:
+        """Kernel width s of the noise, s."""
+        return self.settings.smoothness or self.dt
 
     @property
     def model_sd(self) -> LinearModel:
@@ -212,22 +213,22 @@ class Learned(LearnedDownstream):
     @cached_property
     def prediction(self) -> Forecasts:
         """What :meth:`predict` and :meth:`forecast` compute with; what takes long is learned when it is first used."""
-        shrink, fit = self.settings.shrink_forecasts, self.simulation_fit
+        shrink, fit = self.settings.forecasts != "model", self.simulation_fit
         plant = PlantForecasts(self.record, self.scaling, self.predictor, fit, self.training_forecasts, shrink)
-        return Forecasts(plant, self.model.B[-1], self.settings.closed_loop and bool(self.scaling.known.all()))
+        return Forecasts(plant, self.model.B[-1], self.settings.forecasts == "mixed" and bool(self.scaling.known.all()))
 
     @may_overflow
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
         """Outputs after the training data: row 0 is the first sample after it.
 
         ``inputs`` (H, r) are the motor outputs over the forecast, in the unit of the training inputs; the result is
-        (H, m). The motors cause motion, and answer it: with ``closed_loop`` in the settings, forecasts of the model and
-        of vector autoregressions of outputs and motors are mixed by the error each is to expect
+        (H, m). The motors cause motion, and answer it: with "mixed" ``forecasts`` in the settings, those of the model
+        and of vector autoregressions of outputs and motors are mixed by the error each is to expect
         (``mavdem.dem.forecast.forecasts``). Each sample is forecast with the motors up to it; with ``smooth`` the
         autoregressions use all of them.
 
-        The model's own forecast continues from its state at the end of training. With ``shrink_forecasts`` it is shrunk
-        towards the trim by the posterior variance of θ or, without a
+        The model's own forecast continues from its state at the end of training. It is shrunk towards the trim by the
+        posterior variance of θ or, without a
         simulation-error fit, by the weight that is best inside the training data. ``from_zero`` gives it alone, from
         state 0 at row 0 (the outputs at their trim), as the paper's figures do.
 
@@ -364,7 +365,7 @@ class Learned(LearnedDownstream):
 
     def to_json(self) -> str:
         """Everything as a JSON object, the training data included; :meth:`from_json` is its inverse."""
-        return json.dumps(values_of({field.name: getattr(self, field.name) for field in fields(self)}))
+        return to_text(self)
 
     @classmethod
     def from_json(cls, text: str) -> Learned:
@@ -373,4 +374,4 @@ class Learned(LearnedDownstream):
         Raises:
             ValueError: it is not such a document; what is missing or of another shape is named.
         """
-        return cls(**parts_of(json_values(text, "a learnt model")))
+        return from_text(cls, text)

@@ -1,4 +1,4 @@
-"""Learning a flight: the fit, the simulation-error fit that follows it, and the cautions about both."""
+"""Learning a flight: what the settings leave open, the fits, the cautions about them, and the result."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mavdem.dem.closed_loop.inputs import input_cautions
 from mavdem.dem.engine.ascent import CoordinateAscent
 from mavdem.dem.engine.free_energy import free_energy
 from mavdem.dem.engine.generative import SufficientStatistics
-from mavdem.dem.engine.linalg import Array, one_thread, raise_on_overflow
+from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overflow
 from mavdem.dem.engine.resumable import run_to_end
-from mavdem.dem.fitting import Fit, Start, fit, generalized, of_vehicle, predictor_of
+from mavdem.dem.engine.trace import FreeEnergy, Learning
+from mavdem.dem.fitting import Fit, Start, fit, generalized, held_by_prior, of_vehicle, predictor_of
 from mavdem.dem.forecast.forecasts import TrainingForecasts, training_forecasts
 from mavdem.dem.forecast.noise_model import lags_of, resumable_noise_model
 from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, horizon_of, resumable_simulation_fit
@@ -22,12 +22,15 @@ from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.priors import hyperparameter_groups
 from mavdem.dem.record import Record, UniformRecord
-from mavdem.dem.result import learned_of
 from mavdem.dem.scaling import known_inputs
-from mavdem.dem.selection import choices
 from mavdem.dem.settings import CompleteSettings, Settings
-from mavdem.dem.smoothness import SmoothnessEstimate, estimate_smoothness
-from mavdem.dem.uncertainty import ParameterUncertainty, uncertainty_of
+from mavdem.dem.uncertainty import (
+    ParameterUncertainty,
+    SandwichCovariance,
+    marginal_information,
+    uncertainty_of,
+    undetermined_directions,
+)
 
 Job = (
     tuple[UniformRecord | Sequence[UniformRecord], Settings | None]
@@ -36,12 +39,31 @@ Job = (
 """What ``learn`` takes: a flight, settings or ``None`` for the default ones, perhaps an earlier result to start at."""
 
 FEWEST_SAMPLES = 50  # that a model is fitted to
+HIDDEN_STATES = 1  # beside the outputs, unless the order is given: the lag between motor output and torque
+
+WINDOW_SECONDS = 0.09
+"""Embedding window: wide enough to average measurement noise, short beside the motion of a vehicle."""
+
+PARAMETER_PRECISIONS = (10.0, 0.01, 1.0, 100.0)
+"""Prior precisions of each free parameter under the regulated prior, in the units of ``scaling``.
+
+The first is used where a simulation-error fit follows, which only begins at that θ. Where none can follow, the one is
+used whose model forecasts the training data best."""
 
 
 def learn(
     train: UniformRecord | Sequence[UniformRecord], settings: Settings | None = None, start: Learned | None = None
 ) -> Learned:
     """Learns a linear model of a flight by Dynamic Expectation Maximization.
+
+    >>> import numpy as np, mavdem
+    >>> rng = np.random.default_rng(0)
+    >>> motors = rng.standard_normal((600, 1)).cumsum(axis=0) % 3  # of a rate that follows one motor after 0.1 s
+    >>> rate = np.convolve(motors[:, 0], 0.1 * np.exp(-np.arange(60) / 10))[:600] + 0.01 * rng.standard_normal(600)
+    >>> flight = mavdem.Flight(0.01 * np.arange(600), motors, rate)
+    >>> learned = mavdem.learn(flight[:500])
+    >>> learned.forecast(flight[500:].inputs).shape
+    (100, 1)
 
     Args:
         train: inputs (T, r), outputs (T, m), finite, and the sampling step dt in seconds: a ``Flight``; or a list of
@@ -65,32 +87,69 @@ def learn(
     if len(record) < FEWEST_SAMPLES:
         raise ValueError(f"train must have at least {FEWEST_SAMPLES} samples, not {len(record)}")
     with one_thread():
-        return _learn(record, settings, start)
+        _require_moving(record, settings)
+        attempts = []
+        for choice in choices(settings, record):
+            attempt = _attempt(record, choice, start)
+            if attempt is not None:
+                attempts.append(attempt)
+                if attempt.refined:
+                    break
+        if not attempts:
+            raise ValueError(
+                "no model of the training data, with these settings, can forecast any part of them: where a prior is "
+                "given, the states must be observable through its C"
+            )
+        return _learned(min(attempts, key=lambda attempt: (not attempt.refined, attempt.error(record))), record)
 
 
-def _learn(record: Record, settings: Settings, start: Learned | None) -> Learned:
-    _require_moving(record, settings)
-    smoothness = None
-    if settings.smoothness == "learn":
-        smoothness = estimate_smoothness(record)
-        settings = replace(settings, smoothness=smoothness.smoothness)
-    attempts = []
-    for choice in choices(settings, record):
-        attempt = _attempt(record, choice, start)
-        if attempt is not None:
-            attempts.append(attempt)
-            if attempt.refined:
-                break
-    if not attempts:
-        raise ValueError(
-            "no model of the training data, with these settings, can forecast any part of them: where a prior is "
-            "given, the states must be observable through its C"
-        )
-    best = min(attempts, key=lambda attempt: (not attempt.refined, attempt.error(record)))
-    found = _cautions(record, best.fit, best.uncertainty, smoothness)
-    data, ascent = np.concatenate(best.segments), best.fit.ascent
-    energies = free_energy(best.fit.model, data, data @ ascent.state_map.T, ascent.belief)
-    return learned_of(best.fit, record, best.uncertainty, energies, best.forecasts, smoothness, found)
+def leaves_open(settings: Settings) -> bool:
+    """Whether the training data decide a field of the settings."""
+    return None in (settings.window, settings.parameter_precision)
+
+
+def choices(settings: Settings, record: Record) -> tuple[CompleteSettings, ...]:
+    """Returns the settings with order, d, window and prior precision, once for each precision, the preferred first.
+
+    A window that is not given lasts ``WINDOW_SECONDS``, or is the shortest possible where segments are too short.
+    """
+    order = settings.order or record.outputs.shape[1] + HIDDEN_STATES
+    d = min(2, settings.p) if settings.d is None else settings.d
+    if settings.parameter_precision:
+        precisions: tuple[float, ...] = (settings.parameter_precision,)
+    else:
+        precisions = PARAMETER_PRECISIONS if settings.prior == "regulated" else (1.0,)
+    fewest = max(settings.p, d) + 1
+    windows = [settings.window] if settings.window else [_odd(WINDOW_SECONDS / record.dt, fewest), _odd(0, fewest)]
+    for window in windows:
+        # Half of the samples must have a whole window, or the derivatives come from too few of them.
+        if record.windows(window) >= len(record) // 2:
+            return tuple(settings.completed(order, d, window, precision) for precision in precisions)
+    raise ValueError(
+        f"train must be longer for windows of {windows[-1]} samples: at least {2 * windows[-1]} samples, in segments "
+        f"of more than twice the window, not {len(record)} in segments of up to {record.longest}"
+    )
+
+
+def _odd(samples: float, fewest: int) -> int:
+    """The odd window next to ``samples``, of at least ``fewest``: an odd window has a sample at its centre."""
+    window = max(round(samples), fewest)
+    return window + 1 - window % 2
+
+
+def _require_moving(record: Record, settings: Settings) -> None:
+    """Refuses channels that do not vary, in the whole record or in one half: a vehicle on the ground, say."""
+    for part, where in ((record, ""), *((half, " in both halves") for half in record.halves())):
+        inputs, outputs = part.spread
+        known = known_inputs(settings, len(inputs.mean))
+        for name, constant in (("inputs", ~inputs.moving & known), ("outputs", ~outputs.moving)):
+            still = np.flatnonzero(constant)
+            if len(still):
+                single = name == "inputs" and len(still) < np.count_nonzero(known)
+                missing = ". Leave out a motor that is missing or not recorded" if single else ""
+                raise ValueError(
+                    f"{name} column {still[0]} must vary{where}: constant samples determine no model{missing}"
+                )
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,39 +192,22 @@ def _attempt(record: Record, settings: CompleteSettings, before: Learned | None)
 
 def _start(record: Record, settings: CompleteSettings, before: Learned) -> Start:
     """The estimates of an earlier result; ``ValueError`` where these settings and this record have others."""
-    sizes, groups = (
-        (settings.order, record.inputs.shape[1], record.outputs.shape[1]),
-        1 + max(of.max() for of in hyperparameter_groups(settings, settings.order, record.outputs.shape[1])),
-    )
-    of_before = (*before.model.B.shape, len(before.model.C))
+    n, r, m = settings.order, record.inputs.shape[1], record.outputs.shape[1]
+    _, state_groups = hyperparameter_groups(settings, n, m)
     lambda_ = before.learning.lambda_[-1]
-    same = before.scaling.constant == (settings.scaling == "channel")
-    if not (same and of_before == sizes and len(lambda_) == groups):
+    sizes = n, r, m, int(state_groups.max()) + 1, settings.scaling == "channel"
+    given = *before.model.B.shape, len(before.model.C), len(lambda_), before.scaling.constant
+    if given != sizes:
         raise ValueError(
-            f"start must have the states, inputs, outputs, noises and scaling of this fit: {(*sizes, groups)}, not "
-            f"{(*of_before, len(lambda_))}"
+            "start must have the states, inputs, outputs, noise precisions and constant input of this fit, "
+            f"{sizes}, not {given}"
         )
-    last = before.theta * before.scaling.parameter_scale(settings.order)
+    last = before.theta * before.scaling.parameter_scale(n)
     theta = last.copy()
-    theta[of_vehicle(*sizes, before.scaling.constant)] = before.learning.theta[-1]
+    theta[of_vehicle(n, r, m, before.scaling.constant)] = before.learning.theta[-1]
     if before.simulation_fit is None:
         return Start(theta, lambda_, None, None)
     return Start(theta, lambda_, last, before.simulation_fit.layout)
-
-
-def _require_moving(record: Record, settings: Settings) -> None:
-    """Refuses channels that do not vary, in the whole record or in one half: a vehicle on the ground, say."""
-    for part, where in ((record, ""), *((half, " in both halves") for half in record.halves())):
-        inputs, outputs = part.spread
-        known = known_inputs(settings, len(inputs.mean))
-        for name, constant in (("inputs", ~inputs.moving & known), ("outputs", ~outputs.moving)):
-            still = np.flatnonzero(constant)
-            if len(still):
-                of_one = name == "inputs" and len(still) < np.count_nonzero(known)
-                missing = ". Leave out a motor that is missing or not recorded" if of_one else ""
-                raise ValueError(
-                    f"{name} column {still[0]} must vary{where}: constant samples determine no model{missing}"
-                )
 
 
 def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatistics, start: Start | None) -> Fit:
@@ -190,51 +232,81 @@ def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatist
     return replace(fitted, ascent=refined_ascent, predictor=predictor, simulation_fit=refined)
 
 
-def _cautions(
-    record: Record,
-    fitted: Fit,
-    uncertainty: ParameterUncertainty,
-    smoothness: SmoothnessEstimate | None,
-) -> tuple[str, ...]:
-    """The cautions of a fit, with what was found of it; ``smoothness`` where it was estimated."""
-    model = fitted.scaling.physical_model(fitted.ascent.belief.theta, fitted.model.n)
-    found = list(input_cautions(record)) if fitted.settings.prior == "regulated" else []
-    if model.spectral_abscissa > 0:
-        found.append(f"The model is unstable: it grows e-fold in {1 / model.spectral_abscissa:.3g} s.")
-    if fitted.simulation_fit is None and uncertainty.scatter is None:
-        found.append(
-            "F̄ has no maximum at these parameters: their uncertainty is not known. More iterations, or a larger "
-            "prior precision, may find one."
-        )
-    if fitted.simulation_fit is None:
-        found += _no_simulation_fit(fitted, record)
-    if smoothness is not None and not np.isfinite(smoothness.log_sd):
-        found.append(
-            f"F̄ does not determine the smoothness of the noise: {smoothness.smoothness:.2g} s, which was used, is at "
-            "an end of the range that was searched."
-        )
-    if fitted.settings.state_rate is not None and not fitted.ascent.flowed[1:].all():
-        exact = np.count_nonzero(~fitted.ascent.flowed[1:])
-        found.append(
-            f"In {exact} of {len(fitted.ascent.flowed) - 1} rounds the states' flow at state_rate was unstable or "
-            "decreased F̄, and its exact limit was used instead."
-        )
-    return tuple(found)
+def _learned(attempt: _Attempt, record: Record) -> Learned:
+    """The result, in physical units, of a fit in the engine's."""
+    fit, uncertainty = attempt.fit, attempt.uncertainty
+    order, ascent, scaling = fit.model.n, fit.ascent, fit.scaling
+    sizes = order, record.inputs.shape[1], fit.model.m
+    vehicle = of_vehicle(*sizes, scaling.constant)
+    scale = scaling.parameter_scale(order)
+    data, precision = np.concatenate(attempt.segments), fit.model.prior.theta_precision
+    prior_covariance = inverse(precision)
+    covariance, scatter = ascent.belief.theta_covariance, uncertainty.scatter
+    if fit.simulation_fit is not None:
+        covariance = fit.simulation_fit.theta_covariance(prior_covariance)
+        scatter = SandwichCovariance(covariance, fit.simulation_fit.freedom)
+
+    def physical(covariance: Array) -> Array:
+        return np.asarray((covariance * np.outer(scale, scale))[np.ix_(vehicle, vehicle)])
+
+    held = held_by_prior(np.diag(precision)[vehicle], scale[vehicle], fit.settings, record)
+    information = marginal_information(uncertainty.information, precision, vehicle)
+    return Learned(
+        settings=fit.settings,
+        model=scaling.physical_model(ascent.belief.theta, order),
+        theta_covariance=physical(covariance),
+        scatter=scatter and scatter._replace(covariance=physical(scatter.covariance)),
+        undetermined=undetermined_directions(information, precision[np.ix_(vehicle, vehicle)], ~held, sizes),
+        prior_sd=np.sqrt(np.diag(physical(prior_covariance))),
+        known=held,
+        free_energy=FreeEnergy(dict(ascent.terms)),
+        free_energy_of_samples=free_energy(fit.model, data, data @ ascent.state_map.T, ascent.belief),
+        learning=Learning(
+            (ascent.theta * scale)[:, vehicle].copy(),
+            (ascent.theta_sd * scale)[:, vehicle].copy(),
+            ascent.lambda_,
+            ascent.lambda_sd,
+        ),
+        converged=fit.converged,
+        record=record,
+        training_forecasts=attempt.forecasts,
+        cautions=tuple(_cautions(fit, record, uncertainty)),
+        scaling=scaling,
+        predictor=fit.predictor,
+        state_map=np.ascontiguousarray(ascent.state_map),
+        theta=ascent.belief.theta,
+        simulation_fit=fit.simulation_fit,
+    )
 
 
-def _no_simulation_fit(fitted: Fit, record: Record) -> list[str]:
-    """Why there is no simulation-error fit, unless the settings ask for none."""
-    horizon = horizon_of(fitted.model, fitted.settings, fitted.scaling, record)
-    if horizon is None:
-        return []
-    if horizon:
-        reason = "its simulations, or forecasts by its parameters, overflow. Learn from another part of the flight"
-    else:
-        reason = (
-            f"{len(record) * record.dt:.2g} s of samples are too few for its parameters even over {SHORTEST_HORIZON:g} "
-            "s. Learn from more, or ask for fewer states"
+def _cautions(fit: Fit, record: Record, uncertainty: ParameterUncertainty) -> Iterator[str]:
+    """Limits of a model, one sentence each."""
+    if fit.settings.prior == "regulated":
+        yield from record.input_cautions
+    abscissa = fit.scaling.physical_model(fit.ascent.belief.theta, fit.model.n).spectral_abscissa
+    if abscissa > 0:
+        yield f"The model is unstable: it grows e-fold in {1 / abscissa:.3g} s."
+    if fit.simulation_fit is None:
+        if uncertainty.scatter is None:
+            yield (
+                "F̄ has no maximum at these parameters: their uncertainty is not known. More iterations, or a larger "
+                "prior precision, may find one."
+            )
+        horizon = horizon_of(fit.model, fit.settings, fit.scaling, record)
+        if horizon is not None:
+            reason = (
+                "its simulations, or forecasts by its parameters, overflow. Learn from another part of the flight"
+                if horizon
+                else f"{len(record) * record.dt:.2g} s of samples are too few for its parameters even over "
+                f"{SHORTEST_HORIZON:g} s. Learn from more, or ask for fewer states"
+            )
+            yield f"There is no simulation-error fit: {reason}. Forecasts are worse without it."
+    flowed = fit.ascent.flowed[1:]
+    if fit.settings.learning_rates is not None and fit.settings.learning_rates[0] is not None and not flowed.all():
+        yield (
+            f"In {np.count_nonzero(~flowed)} of {len(flowed)} rounds the states' flow at their learning rate was "
+            "unstable or decreased F̄, and its exact limit was used instead."
         )
-    return [f"There is no simulation-error fit: {reason}. Forecasts are worse without it."]
 
 
 def learn_many(jobs: Iterable[Job], executor: Executor | None = None) -> Generator[Learned | ValueError, None, None]:

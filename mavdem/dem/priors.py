@@ -50,30 +50,20 @@ def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
 def hyperparameter_prior(settings: CompleteSettings, n: int, m: int) -> tuple[Array, Array]:
     """Mean (g,) and precision (g, g) of λ: those of measurement noise first, then those of process noise."""
     of_outputs, of_states = hyperparameter_groups(settings, n, m)
-    if settings.lambda_prior is not None:
-        mean, precision = settings.lambda_prior.arrays
-        if len(mean) != of_states.max() + 1:
-            raise ValueError(f"lambda_prior must be of {of_states.max() + 1} hyperparameters, not of {len(mean)}")
-        return mean, precision
     sizes = int(of_outputs.max()) + 1, int(of_states.max() - of_outputs.max())
-    means, precisions = (
-        np.concatenate([np.broadcast_to(value, size) for value, size in zip(values, sizes, strict=True)])
-        for values in (
-            (settings.lambda_z, settings.lambda_w),
-            (settings.lambda_z_precision, settings.lambda_w_precision),
-        )
+    means, logs = (
+        np.concatenate([np.broadcast_to(np.array(of_z, np.float64), sizes[0]), np.broadcast_to(of_w, sizes[1])])
+        for of_z, of_w in ((settings.lambda_z, settings.lambda_w), settings.lambda_log_precision)
     )
-    return np.asarray(means, np.float64), np.diag(precisions)
+    return means, np.diag(np.exp(logs))
 
 
 def hyperparameter_groups(settings: CompleteSettings, n: int, m: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Which entry of λ each of the m outputs and each of the n states has."""
-    groups = []
-    for name, given, size in (("output_groups", settings.output_groups, m), ("state_groups", settings.state_groups, n)):
-        if given is not None and len(given) != size:
-            raise ValueError(f"{name} must be {size} group numbers, not {given}")
-        groups.append(np.zeros(size, np.intp) if given is None else np.array(given, np.intp))
-    return groups[0], groups[0].max() + 1 + groups[1]
+    outputs, states = settings.noise_groups or ((0,) * m, (0,) * n)
+    if (len(outputs), len(states)) != (m, n):
+        raise ValueError(f"noise_groups must be {m} group numbers of outputs and {n} of states, not {outputs, states}")
+    return np.array(outputs), max(outputs) + 1 + np.array(states)
 
 
 def explicit_prior(prior: Gaussian, weak: float, places: NDArray[np.intp], scale: Array) -> tuple[Array, Array]:

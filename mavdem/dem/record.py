@@ -24,6 +24,9 @@ SAME_STEP = 1e-6  # how far the sampling steps of segments may differ, relative 
 ROUNDING = 1e-9  # relative to its size: a channel that varies by less is constant
 SMALLEST_RANGE = 1e-50  # likewise in any unit: squares and derivatives would underflow
 
+HARDLY_MOVES = 0.03  # of the median deviation of all inputs. The quietest motor of any recorded flight had 0.13
+FEWEST_MOTORS = 3  # inputs, from which on they are taken for a multirotor's motors
+
 LABELS = ("input_names", "output_names", "input_units", "output_units")
 """Of a flight and of a record: one string a column."""
 
@@ -59,7 +62,7 @@ class UniformRecord(Protocol):
     def dt(self) -> float: ...  # noqa: D102
 
     # May have as well, as a ``Flight`` has: ``effect_directions``, ``input_names``, ``setpoints``, ``setpoint_names``,
-    # ``voltage``, ``time``, ``output_names``, ``input_units``, ``output_units``.
+    # ``time``, ``output_names``, ``input_units``, ``output_units``.
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +70,9 @@ class Record:
     """Samples of segments of ``lengths``, one after the other: inputs (T, r), outputs (T, m), physical.
 
     ``effect_directions`` (r,) are the relative effect of each motor on the axis; ``None`` where the mixer's geometry is
-    not known. ``input_names`` are those of the flight, none where it has none. ``setpoints`` (T, q), of these names,
-    and ``voltage`` (T,) are NaN where they are not known, and ``None`` where any segment has none. ``output_names``,
-    ``input_units`` and ``output_units`` are the flight's as well, and ``begins`` (segments,) the times of the segments'
-    first samples on its clock, s; none where it has none.
+    not known. ``setpoints`` (T, q), of these names, are NaN where they are not known, and ``None`` where any segment
+    has none. Names and units of inputs and outputs are the flight's, and ``begins`` (segments,) the times of the
+    segments' first samples on its clock, s; none where it has none.
     """
 
     inputs: Array
@@ -81,11 +83,19 @@ class Record:
     input_names: tuple[str, ...] = ()
     setpoints: Array | None = None
     setpoint_names: tuple[str, ...] = ()
-    voltage: Array | None = None
     output_names: tuple[str, ...] = ()
     input_units: tuple[str, ...] = ()
     output_units: tuple[str, ...] = ()
     begins: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not SHORTEST_STEP <= self.dt <= 1 / SHORTEST_STEP:
+            raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {self.dt}")
+        for name, values in (("inputs", self.inputs), ("outputs", self.outputs)):
+            if not np.isfinite(values).all():
+                raise ValueError(f"{name} must be finite")
+            if np.abs(values).max(initial=0.0) > LARGEST:
+                raise ValueError(f"{name} must not be larger than {LARGEST:g}")
 
     @classmethod
     def of(cls, train: UniformRecord | Sequence[UniformRecord]) -> Record:
@@ -115,9 +125,8 @@ class Record:
             lengths,
             directions,
             labels["input_names"],
-            _further(flights, "setpoints") if len(asked) == 1 else None,
+            _setpoints(flights) if len(asked) == 1 else None,
             asked.pop() if len(asked) == 1 else (),
-            _further(flights, "voltage"),
             labels["output_names"],
             labels["input_units"],
             labels["output_units"],
@@ -174,6 +183,25 @@ class Record:
         lengths = tuple(int(length) for length in inside if length)
         return Record(self.inputs[start:stop], self.outputs[start:stop], self.dt, lengths, self.effect_directions)
 
+    @property
+    def input_cautions(self) -> tuple[str, ...]:
+        """One sentence for each thing that is wrong with the inputs; none for most flights."""
+        cautions, sizes = [], self.inputs.std(axis=0)
+        names = self.input_names or tuple(f"input {column + 1}" for column in range(len(sizes)))
+        still = np.flatnonzero(sizes < HARDLY_MOVES * np.median(sizes))
+        if len(still):
+            cautions.append(
+                f"{names[still[0]]} hardly moves beside the others: it may be no motor of this vehicle, and its effect "
+                "is not determined. Leave it out, or check which channels are the motors."
+            )
+        both = (self.inputs.min(axis=0) < 0) & (self.inputs.max(axis=0) > 0)
+        if len(sizes) >= FEWEST_MOTORS and both.any():
+            cautions.append(
+                f"{names[int(np.argmax(both))]} has both signs, as a controller's demand has, but {len(sizes)} inputs "
+                "are taken for motors. Give motor outputs as they were recorded, or the demand of this axis alone."
+            )
+        return tuple(cautions)
+
 
 def required_steps(steps: int) -> int:
     """``steps`` as an ``int``; ``ValueError`` for what is no positive whole number."""
@@ -193,15 +221,13 @@ def _table(values: ArrayLike, name: str, columns: int) -> Array:
     return table
 
 
-def _further(flights: Sequence[UniformRecord], name: str) -> Array | None:
-    """What all segments have under this name, one after the other; ``None`` unless all do, sample by sample."""
-    tables = []
-    for flight in flights:
-        table = getattr(flight, name, None)
-        if table is None or len(table) != len(flight.outputs):
-            return None
-        tables.append(real_numbers(table, name))
-    return np.concatenate(tables)
+def _setpoints(flights: Sequence[UniformRecord]) -> Array | None:
+    """The setpoints of all segments, one after the other; ``None`` unless all have them, sample by sample."""
+    tables = [getattr(flight, "setpoints", None) for flight in flights]
+    known = [table for table in tables if table is not None]
+    if [len(table) for table in known] != [len(flight.outputs) for flight in flights]:
+        return None
+    return np.concatenate([real_numbers(table, "setpoints") for table in known])
 
 
 def _directions(flights: Sequence[UniformRecord], motors: int) -> Array | None:
@@ -225,11 +251,4 @@ def _checked(train: UniformRecord) -> tuple[Array, Array, float]:
         raise ValueError(f"inputs and outputs must be (T, r) and (T, m), not {inputs.shape} and {outputs.shape}")
     if not (inputs.shape[1] and outputs.shape[1]):
         raise ValueError(f"inputs and outputs must have at least one column, not {inputs.shape} and {outputs.shape}")
-    if not SHORTEST_STEP <= dt <= 1 / SHORTEST_STEP:
-        raise ValueError(f"dt must be positive seconds, at least {SHORTEST_STEP:g}, not {dt}")
-    for name, values in (("inputs", inputs), ("outputs", outputs)):
-        if not np.isfinite(values).all():
-            raise ValueError(f"{name} must be finite")
-        if np.abs(values).max(initial=0.0) > LARGEST:
-            raise ValueError(f"{name} must not be larger than {LARGEST:g}")
     return inputs, outputs, dt

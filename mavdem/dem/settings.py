@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import wraps
 from math import e
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import AfterValidator, Field, InstanceOf
+from pydantic import AfterValidator, Field
 
 from mavdem.dem.engine.linalg import Array, require_positive_definite
-from mavdem.dem.validation import checked_fields, json_values, real_numbers
+from mavdem.dem.validation import checked_values, json_values, real_numbers
 
 LARGEST_LOG = 100.0  # of a log precision: e^±100 is beyond anything measured, and far from overflow
 SMALLEST = 1e-50  # of a positive setting; the largest is its inverse
@@ -53,7 +54,7 @@ class Gaussian:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Gaussian:
-        """From ``values`` = {"mean": …, "precision": …}; ``ValueError`` for anything else."""
+        """Returns the one of ``values`` = {"mean": …, "precision": …}; ``ValueError`` for anything else."""
         if not isinstance(values, Mapping) or set(values) != {"mean", "precision"}:
             raise ValueError(f'a Gaussian must be {{"mean": [...], "precision": ...}}, not {values!r}')
         return cls(values["mean"], values["precision"])
@@ -70,149 +71,247 @@ def _positive_definite(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float
     return rows
 
 
+Whole = Annotated[int, Field(ge=0, le=2**63 - 1)]
+Natural = Annotated[int, Field(ge=1, le=2**63 - 1)]
 Positive = Annotated[float, Field(ge=SMALLEST, le=1 / SMALLEST)]
-LogPrecision = Annotated[float, Field(ge=-LARGEST_LOG, le=LARGEST_LOG)]
-Groups = Annotated[tuple[int, ...], Field(min_length=1), AfterValidator(_numbered_from_zero)]
+Log = Annotated[float, Field(ge=-LARGEST_LOG, le=LARGEST_LOG)]
+Logs = Log | Annotated[tuple[Log, ...], Field(min_length=1)]
 Matrix = Annotated[tuple[tuple[float, ...], ...], Field(min_length=1), AfterValidator(_positive_definite)]
+Groups = Annotated[tuple[int, ...], Field(min_length=1), AfterValidator(_numbered_from_zero)]
 
+_WHOLE, _NATURAL = "a whole number of at least 0", "a whole number of at least 1"
 _POSITIVE = f"a positive number of at least {SMALLEST:g} and at most {1 / SMALLEST:g}"
-_ONE_OR_EACH = ", or one for each group"
-_LOG_PRECISION = f"a number of at most {LARGEST_LOG:g} either way{_ONE_OR_EACH}"
-_GROUPS = "group numbers that start at 0 and leave none out, or None"
+_LOG = f"a number of at most {LARGEST_LOG:g} either way"
 
-LogPrecisions = Annotated[LogPrecision | tuple[LogPrecision, ...], Field(description=_LOG_PRECISION)]
-Precisions = Annotated[Positive | tuple[Positive, ...], Field(description=_POSITIVE + _ONE_OR_EACH)]
-PositiveOrNone = Annotated[Positive | None, Field(description=f"{_POSITIVE}, or None")]
-GroupsOrNone = Annotated[Groups | None, Field(description=_GROUPS)]
-Flag = Annotated[bool, Field(description="True or False")]
+RULES: dict[str, tuple[Any, str]] = {
+    "order": (Natural | None, f"{_NATURAL}, or None for one more than outputs"),
+    "p": (Whole, _WHOLE),
+    "d": (Whole | None, f"{_WHOLE}, or None"),
+    "window": (Natural | None, f"{_NATURAL}, or None"),
+    "scaling": (Literal["channel", "paper", "none"], '"channel", "paper" or "none"'),
+    "known_inputs": (
+        bool | Annotated[tuple[bool, ...], Field(min_length=1)],
+        "True or False, or one of them for each input",
+    ),
+    "smoothness": (
+        Positive | None,
+        "a positive number or None; mavdem.dem.estimate_smoothness(flight).smoothness is an estimate",
+    ),
+    "correlation": (Literal["sampled", "continuous"], '"sampled" or "continuous"'),
+    "noise_groups": (
+        tuple[Groups, Groups] | None,
+        "two tuples of group numbers, of outputs and of states, which start at 0 and leave none out, or None",
+    ),
+    "prior": (Literal["regulated", "uniform"] | Gaussian, '"regulated", "uniform" or a Gaussian'),
+    "parameter_precision": (Positive | None, f"{_POSITIVE}, or None"),
+    "lambda_z": (Logs, f"{_LOG}, or one for each group"),
+    "lambda_w": (Logs, f"{_LOG}, or one for each group"),
+    "lambda_log_precision": (tuple[Logs, Logs], f"two, of λz and of λw: each {_LOG}, or one for each group"),
+    "input_precision": (
+        Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | Matrix,
+        "a positive number, one for each input, or a positive definite matrix",
+    ),
+    "learning_rates": (
+        tuple[Positive | None, Positive | None, Positive | None] | None,
+        "three positive numbers or Nones, or None",
+    ),
+    "iterations": (Natural, _NATURAL),
+    "seed": (Whole, _WHOLE),
+    "horizon": (Positive | None, f"{_POSITIVE}, or None"),
+    "forecasts": (Literal["mixed", "shrunk", "model"], '"mixed", "shrunk" or "model"'),
+}
+"""What each setting may be: the type that pydantic checks, and in words."""
+
+COMPLETE_RULES = RULES | {
+    "order": (Natural, _NATURAL),
+    "d": (Whole, _WHOLE),
+    "window": (Natural, _NATURAL),
+    "parameter_precision": (Positive, _POSITIVE),
+}
+
+FORMER = {
+    "lambda_prior": "lambda_z and lambda_w are the means, and lambda_log_precision has the logs of the precisions",
+    "state_rate": "learning_rates has all three rates",
+    "parameter_rate": "learning_rates has all three rates",
+    "hyperparameter_rate": "learning_rates has all three rates",
+}
+"""Settings that are no more, and what to use; those that :func:`_translated` knows keep working."""
+
+AnySettings = TypeVar("AnySettings")
 
 
-def _whole(least: int, otherwise: str = "") -> Any:
-    return Field(ge=least, le=2**63 - 1, description=f"a whole number of at least {least}{otherwise}")
+def _takes_former_names(cls: type[AnySettings]) -> type[AnySettings]:
+    """Lets a class of settings be made with names of former versions too; its signature stays."""
+    init: Callable[..., None] = cls.__init__
+
+    @wraps(init)
+    def with_former_names(self: Any, *args: Any, **values: Any) -> None:
+        init(self, *args, **_translated(values))
+
+    cls.__init__ = with_former_names  # type: ignore[method-assign]
+    return cls
 
 
+def _translated(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns settings by today's names; ``ValueError`` says what replaces one that has no counterpart."""
+    new = dict(values)
+    for name in FORMER.keys() & new.keys():
+        if new.pop(name) is not None:
+            raise ValueError(f"{name} is no setting any more: {FORMER[name]}")
+    precisions = list(new.get("lambda_log_precision", (25.0, -4.6)))
+    for place, name in enumerate(("lambda_z_precision", "lambda_w_precision")):
+        if name in new:
+            precisions[place] = _log(new.pop(name), name)
+            new["lambda_log_precision"] = tuple(precisions)
+    of_outputs, of_states = new.pop("output_groups", None), new.pop("state_groups", None)
+    if of_outputs is not None and of_states is not None:
+        new["noise_groups"] = of_outputs, of_states
+    elif of_outputs is not None or of_states is not None:
+        raise ValueError("output_groups and state_groups must be given together, as noise_groups = (outputs, states)")
+    if "last_derivative_zero" in new:
+        new["correlation"] = "continuous" if new.pop("last_derivative_zero") else "sampled"
+    shrunk, closed = new.pop("shrink_forecasts", None), new.pop("closed_loop", None)
+    if shrunk is not None or closed is not None:
+        new["forecasts"] = "model" if shrunk is False else "shrunk" if closed is False else "mixed"
+    return new
+
+
+def _log(value: ArrayLike, name: str) -> Any:
+    precision = real_numbers(value, name)
+    if not (precision > 0).all() or precision.ndim > 1:
+        raise ValueError(f"{name} must be positive, a number or one for each, not {value!r}")
+    return np.log(precision).tolist()
+
+
+@_takes_former_names
 @dataclass(frozen=True, eq=False)
 class Settings:
     """Everything that decides a fit. ``Settings()`` is for real flights, :meth:`paper` for the paper's experiments.
 
     Settings are equal where all their values are, complete (:class:`CompleteSettings`) or not.
 
+    >>> Settings(order=2).order
+    2
+    >>> Settings.from_json(Settings.paper().to_json()) == Settings.paper()
+    True
+
+    **The model**
+
     Attributes:
         order: number of states n; states beyond the outputs are hidden. ``None``: one more than outputs.
         p: embedding order of outputs and states.
         d: embedding order of the inputs; ``None``: 2, or p if that is less.
         window: samples that each generalized vector is computed from, more than p and d; ``None``: 0.09 s of them,
-            or as few as possible where segments are too short (``mavdem.dem.selection``).
-        smoothness: kernel width s of the noise, seconds; ``None``: one sampling step; "learn": the one that maximises
-            F̄ᵒ of the training data (:func:`mavdem.dem.estimate_smoothness`).
-        correlation: S, of the noise and its derivatives. "sampled": of derivatives computed from the window's samples;
-            "continuous": of the true derivatives, Eq. ``Smatrix``.
-        last_derivative_zero: whether the derivative of the highest order is taken to be zero and counted as evidence,
-            as the paper's D does, or is left out.
+            or as few as possible where segments are too short.
         scaling: "channel": every output and the inputs are centred and brought to unit variance, and a constant input
             learns the trim; "paper": outputs as they are, one mean and one range for all inputs; "none": both as they
             are.
+        known_inputs: whether the recorded inputs are η̃ᵛ; if not, it is 0, and B belongs to unrecorded inputs. Or a
+            flag for each column: a column of zeros then represents one unknown input.
+
+    **The noise**
+
+    Attributes:
+        smoothness: kernel width s of the noise, seconds; ``None``: one sampling step.
+            :func:`mavdem.dem.estimate_smoothness` estimates it.
+        correlation: S, of the noise and its derivatives. "sampled": of derivatives computed from the window's samples,
+            the highest left out; "continuous": of the true derivatives, Eq. ``Smatrix``, the highest taken to be zero
+            and counted as evidence, as the paper's D does.
+        noise_groups: for each output, and for each state, the number of its group, from 0: a group shares one λ.
+            ``None``: all outputs share one and all states another, as in the paper.
+
+    **Priors**, in the units of ``scaling``
+
+    Attributes:
         prior: "regulated": each output returns to its trim, rates are derivatives of angles, hidden states are
             actuator lags, C = [I 0]; "uniform": a mean drawn from U[−1, 1] for every parameter; or a ``Gaussian`` of
             θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] in physical units, in which a known parameter is one of high precision.
-        parameter_precision: prior precision P of each free parameter, in the units of ``scaling``; under a ``Gaussian``
-            prior, only of the trim; ``None``: 10 under the "regulated" prior, or, without a
-            simulation-error fit, the one of four that forecasts the training data best; under others 1.
-        lambda_z, lambda_w: prior means of the log precisions of measurement and process noise, in the units of
-            ``scaling``; one number, or one for each group.
-        lambda_z_precision, lambda_w_precision: precisions of these priors, likewise.
-        lambda_prior: in place of these four, a ``Gaussian`` of all λ, outputs' groups before states'.
-        output_groups, state_groups: for each output, and each state, the number of its group, from 0; a group shares
-            one λ. ``None``: all share one, as in the paper.
-        known_inputs: whether the recorded inputs are η̃ᵛ; if not, it is 0, and B belongs to unrecorded inputs. Or a
-            flag for each column: a column of zeros then represents one unknown input.
-        input_precision: P̃ᵛ, in the units of ``scaling``: the precision of inputs about η̃ᵛ and of each derivative; one
-            number, one for each input, or a matrix ((d + 1)r, (d + 1)r), order-major.
-        state_rate, parameter_rate, hyperparameter_rate: learning rates k^X, k^θ and k^λ of Eq. ``GA_basic``, in the
-            engine's units; ``None``: the exact limit, in which each step goes to its maximum.
+        parameter_precision: prior precision P of each free parameter; under a ``Gaussian`` prior, only of the trim;
+            ``None``: 10 under the "regulated" prior, or, without a simulation-error fit, the one of four that forecasts
+            the training data best; under others 1.
+        lambda_z, lambda_w: prior means of the log precisions of measurement and process noise; one number, or one for
+            each group.
+        lambda_log_precision: the log precisions of these two priors: e²⁵ fixes λᶻ, e^−4.6 leaves λʷ to the data.
+        input_precision: P̃ᵛ, of inputs about η̃ᵛ and of each of their derivatives; one number, one for each input, or a
+            matrix ((d + 1)r, (d + 1)r), order-major. 1.6e5: known to 0.25 % of a unit.
+
+    **Inference**
+
+    Attributes:
+        learning_rates: k^X, k^θ and k^λ of Eq. ``GA_basic``, in the engine's units; ``None``, each or all: the exact
+            limit, in which each step goes to its maximum.
+        iterations: the most rounds of D, E and M steps; fewer when F̄ has converged.
+        seed: of everything random (the "uniform" prior).
+
+    **Forecasts**
+
+    Attributes:
         horizon: seconds of the simulation-error fit that refines θ after DEM, where inputs are known and the prior is
             not "uniform" (``mavdem.dem.forecast.simulation_error``), less where the training data are too short;
             ``None``: no such fit.
-        shrink_forecasts: whether forecasts are shrunk towards the trim as far as the posterior of θ is uncertain; or,
-            where θ was not refined, by the weight that forecasts of the training data give.
-        closed_loop: whether forecasts take the motors for measurements of the motion as well, since the autopilot
-            answers it, and not for causes alone (``mavdem.dem.closed_loop``).
-        iterations: the most rounds of D, E and M steps; fewer when F̄ has converged.
-        seed: of everything random (the "uniform" prior).
+        forecasts: "model": by the model alone; "shrunk": these, shrunk towards the trim as far as the posterior of θ is
+            uncertain, or, where θ was not refined, by the weight that forecasts of the training data give; "mixed":
+            these, mixed with others that take the motors for measurements of the motion as well.
 
     Raises:
         ValueError: names the setting and says what it must be.
     """
 
-    order: Annotated[int | None, _whole(1, ", or None for one more than outputs")] = None
-    p: Annotated[int, _whole(0)] = 2
-    d: Annotated[int | None, _whole(0, ", or None")] = None
-    window: Annotated[int | None, _whole(1, ", or None")] = None
-    smoothness: Annotated[
-        Positive | Literal["learn"] | None, Field(description='a positive number, None or "learn"')
-    ] = None
-    correlation: Annotated[Literal["sampled", "continuous"], Field(description='"sampled" or "continuous"')] = "sampled"
-    last_derivative_zero: Flag = False
-    scaling: Annotated[Literal["channel", "paper", "none"], Field(description='"channel", "paper" or "none"')] = (
-        "channel"
-    )
-    prior: Annotated[
-        Literal["regulated", "uniform"] | InstanceOf[Gaussian],
-        Field(description='"regulated", "uniform" or a Gaussian'),
-    ] = "regulated"
-    parameter_precision: PositiveOrNone = None
-    lambda_z: LogPrecisions = 20.0
-    lambda_z_precision: Precisions = e**25
-    lambda_w: LogPrecisions = 3.0
-    lambda_w_precision: Precisions = 0.01
-    lambda_prior: Annotated[InstanceOf[Gaussian] | None, Field(description="a Gaussian or None")] = None
-    output_groups: GroupsOrNone = None
-    state_groups: GroupsOrNone = None
-    known_inputs: Annotated[
-        bool | Annotated[tuple[bool, ...], Field(min_length=1)],
-        Field(description="True or False, or one of them for each input"),
-    ] = True
-    input_precision: Annotated[
-        Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | Matrix,
-        Field(description="a positive number, one for each input, or a positive definite matrix"),
-    ] = e**12
-    state_rate: PositiveOrNone = None
-    parameter_rate: PositiveOrNone = None
-    hyperparameter_rate: PositiveOrNone = None
-    horizon: PositiveOrNone = 0.3
-    shrink_forecasts: Flag = True
-    closed_loop: Flag = True
-    iterations: Annotated[int, _whole(1)] = 200
-    seed: Annotated[int, _whole(0)] = 0
+    order: int | None = None
+    p: int = 2
+    d: int | None = None
+    window: int | None = None
+    scaling: Literal["channel", "paper", "none"] = "channel"
+    known_inputs: bool | tuple[bool, ...] = True
+
+    smoothness: float | None = None
+    correlation: Literal["sampled", "continuous"] = "sampled"
+    noise_groups: tuple[tuple[int, ...], tuple[int, ...]] | None = None
+
+    prior: Literal["regulated", "uniform"] | Gaussian = "regulated"
+    parameter_precision: float | None = None
+    lambda_z: float | tuple[float, ...] = 20.0
+    lambda_w: float | tuple[float, ...] = 3.0
+    lambda_log_precision: tuple[float | tuple[float, ...], float | tuple[float, ...]] = (25.0, -4.6)
+    input_precision: float | tuple[float, ...] | tuple[tuple[float, ...], ...] = 1.6e5
+
+    learning_rates: tuple[float | None, float | None, float | None] | None = None
+    iterations: int = 200
+    seed: int = 0
+
+    horizon: float | None = 0.3
+    forecasts: Literal["mixed", "shrunk", "model"] = "mixed"
 
     def __post_init__(self) -> None:
-        plain = {name: _plain(value) for name, value in vars(self).items()}
-        for name, value in checked_fields(type(self), plain).items():
+        rules = COMPLETE_RULES if isinstance(self, CompleteSettings) else RULES
+        for name, value in checked_values(rules, {name: _plain(value) for name, value in vars(self).items()}).items():
             object.__setattr__(self, name, value)
         self._require_consistent()
 
     def _require_consistent(self) -> None:
-        """What no field can satisfy by itself."""
+        """Raises ``ValueError`` for what no field can satisfy by itself."""
         fewest = max(self.p, self.d or 0) + 1
         _require(self.window is None or self.window >= fewest, "window", f"at least {fewest} for p and d", self.window)
-        for kind, groups in (("z", self.output_groups), ("w", self.state_groups)):
-            number = 1 if groups is None else max(groups) + 1
-            for name in (f"lambda_{kind}", f"lambda_{kind}_precision"):
-                value = getattr(self, name)
+        for kind, name in enumerate(("lambda_z", "lambda_w")):
+            number = 1 if self.noise_groups is None else max(self.noise_groups[kind]) + 1
+            for setting, value in (
+                (name, getattr(self, name)),
+                ("lambda_log_precision", self.lambda_log_precision[kind]),
+            ):
                 fits = not isinstance(value, tuple) or len(value) == number
-                _require(fits, name, f"a number for each of {number} groups", value)
-        # The highest order of the states' noise, computed from samples, would take one derivative more.
-        needed = self.correlation == "continuous" or not self.last_derivative_zero
-        _require(needed, "correlation", '"continuous" with last_derivative_zero', self.correlation)
-        # Else nothing fixes the scale of x, and F̄ is largest at C = 0.
-        needed = self.last_derivative_zero or self.prior != "uniform"
-        _require(needed, "last_derivative_zero", "True with the uniform prior, which leaves C free", False)
-        _require(self.last_derivative_zero or self.p > 0, "last_derivative_zero", "True with p = 0", False)
-        all_known = all(np.atleast_1d(self.known_inputs))
-        needed = all_known or self.smoothness != "learn"
-        _require(needed, "smoothness", "a number where inputs are unknown, whose smoothness differs", "learn")
-        needed = all_known or self.prior != "regulated"
+                _require(fits, setting, f"a number for each of {number} groups", value)
+        # With C free, nothing fixes the scale of x, and F̄ is largest at C = 0.
+        free = self.prior == "uniform" and not self.last_derivative_zero
+        _require(not free, "correlation", '"continuous" with the uniform prior, which leaves C free', self.correlation)
+        needed = self.last_derivative_zero or self.p > 0
+        _require(needed, "correlation", '"continuous" with p = 0', self.correlation)
+        needed = all(np.atleast_1d(self.known_inputs)) or self.prior != "regulated"
         _require(needed, "known_inputs", "True with the regulated prior, under which B would stay 0", False)
+
+    @property
+    def last_derivative_zero(self) -> bool:
+        """Whether the derivative of the highest order is taken to be zero and counted as evidence, or left out."""
+        return self.correlation == "continuous"
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Settings) and vars(self) == vars(other)
@@ -222,7 +321,7 @@ class Settings:
 
     @classmethod
     def paper(cls, order: int = 2, seed: int = 0) -> Self:
-        """The settings of the paper, section V.D (``alg_settings``): p = 2, d = 1, s = dt, η from U[−1, 1], P = e⁴.
+        """Returns those of the paper, section V.D (``alg_settings``): p = 2, d = 1, s = dt, η from U[−1, 1], P = e⁴.
 
         Where the paper and its authors' code leave a choice: outputs are not centred; the D step takes the exact
         limit k → ∞; D's last row is zero and counts; F̄ and its mean-field terms are exact; the first step already
@@ -234,67 +333,60 @@ class Settings:
             p=2,
             d=1,
             window=3,
-            correlation="continuous",
-            last_derivative_zero=True,
             scaling="paper",
+            correlation="continuous",
             prior="uniform",
             parameter_precision=e**4,
-            lambda_z=20.0,
-            lambda_z_precision=e**25,
-            lambda_w=3.0,
-            lambda_w_precision=e**20,
+            lambda_log_precision=(25.0, 20.0),
             input_precision=e**16,
-            horizon=None,
-            shrink_forecasts=False,
-            closed_loop=False,
             iterations=20,
             seed=seed,
+            horizon=None,
+            forecasts="model",
         )
 
     def completed(self, order: int, d: int, window: int, parameter_precision: float) -> CompleteSettings:
-        """These settings; where they leave ``order``, ``d``, ``window`` or ``parameter_precision`` open, with these."""
+        """Returns these settings; with these values where they leave one open."""
         chosen = {"order": order, "d": d, "window": window, "parameter_precision": parameter_precision}
         fixed = {name: value for name, value in vars(self).items() if value is not None}
         return CompleteSettings(**{**vars(self), **chosen, **fixed})
 
     def to_dict(self) -> dict[str, Any]:
-        """The settings as plain JSON values by name; :meth:`from_dict` is its inverse."""
+        """Returns the settings as plain JSON values by name; :meth:`from_dict` is its inverse."""
         return asdict(self)
 
     def to_json(self) -> str:
-        """The settings as a JSON object; :meth:`from_json` is its inverse."""
+        """Returns the settings as a JSON object; :meth:`from_json` is its inverse."""
         return json.dumps(self.to_dict(), indent=1)
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """Settings from the ``text`` of :meth:`to_json`; ``ValueError`` names a key that is not a setting."""
+        """Returns settings from the ``text`` of :meth:`to_json`; ``ValueError`` names a key that is not a setting."""
         return cls.from_dict(json_values(text, "settings"))
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Settings from plain values by name; ``ValueError`` names a key that is not a setting."""
+        """Returns settings from plain values by name; ``ValueError`` names a key that is not a setting."""
         if not isinstance(values, dict):
             raise ValueError(f"settings must be an object of settings by name, not {values!r}")
+        values = _translated(values)
         unknown = set(values) - {f.name for f in fields(cls)}
         if unknown:
             raise ValueError(f"not a setting: {', '.join(sorted(unknown))}")
-        gaussians = {
-            name: Gaussian.from_dict(values[name])
-            for name in ("prior", "lambda_prior")
-            if isinstance(values.get(name), dict)
-        }
-        return cls(**{**values, **gaussians})
+        if isinstance(values.get("prior"), dict):
+            values["prior"] = Gaussian.from_dict(values["prior"])
+        return cls(**values)
 
 
+@_takes_former_names
 @dataclass(frozen=True, eq=False, kw_only=True)
 class CompleteSettings(Settings):
     """Settings with a number for all that may be left to the data; the fields are those of :class:`Settings`."""
 
-    order: Annotated[int, _whole(1)]
-    d: Annotated[int, _whole(0)]
-    window: Annotated[int, _whole(1)]
-    smoothness: Annotated[Positive | None, Field(description="a positive number or None")] = None
-    parameter_precision: Annotated[Positive, Field(description=_POSITIVE)]
+    order: int
+    d: int
+    window: int
+    parameter_precision: float
 
 
 def _plain(value: Any) -> Any:

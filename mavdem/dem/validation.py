@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from functools import cache
 from reprlib import Repr
-from typing import Any, TypeGuard, get_type_hints
+from typing import Any, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,24 +18,23 @@ SHORT = Repr()
 SHORT.maxother = SHORT.maxstring = 80
 
 
-def checked_fields(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values of a dataclass' fields by name, each of the type that the class ``kind`` declares.
+def checked_values(rules: Mapping[str, tuple[Any, str]], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the values by name, each of the type that its rule has.
 
-    A type may be ``Annotated`` with pydantic's constraints, whose description says what the field must be; otherwise
-    ``ValueError``: ``<field> must be <description>, not <value>``.
+    A rule is a type, which may have pydantic's constraints, and what the value must be in words: otherwise
+    ``ValueError``: ``<name> must be <words>, not <value>``.
     """
-    model = _model(kind)
     try:
-        return dict(model.model_validate(values))
+        return dict(_model(tuple(rules.items())).model_validate(values))
     except ValidationError as error:
         name = str(error.errors(include_url=False)[0]["loc"][0])
-        raise ValueError(f"{name} must be {model.model_fields[name].description}, not {values[name]!r}") from None
+        raise ValueError(f"{name} must be {rules[name][1]}, not {values[name]!r}") from None
 
 
 @cache
-def _model(kind: type) -> type[BaseModel]:
-    fields: Any = {name: (hint, ...) for name, hint in get_type_hints(kind, include_extras=True).items()}
-    model: type[BaseModel] = create_model(kind.__name__, __config__=STRICT, **fields)
+def _model(rules: tuple[tuple[str, tuple[Any, str]], ...]) -> type[BaseModel]:
+    fields: Any = {name: (kind, ...) for name, (kind, _) in rules}
+    model: type[BaseModel] = create_model("Values", __config__=STRICT, **fields)
     return model
 
 

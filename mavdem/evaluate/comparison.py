@@ -1,8 +1,4 @@
-"""Every method on every window of every flight, the first method beside each of the others.
-
-The methods that are compared: DEM, other model classes, and forecasts without a model.
-
-Summaries of a method's outcomes over the windows of a flight, and over flights, beside the first method's.
+"""Comparison: every method on every window of every flight, the first method beside each of the others.
 
 The error ratio of a window is that of the whole test part: its error over that of the constant mean. A flight has the
 median over its windows, because a mean would show one diverged forecast only, and the worst window beside it. Over
@@ -12,36 +8,61 @@ flights it is the geometric mean of these medians, so that each flight counts on
 from __future__ import annotations
 
 import warnings
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from itertools import product
+from time import thread_time
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from mavdem import baselines
 from mavdem.dem import Settings, learn
+from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
-from mavdem.evaluate.paired_test import FEWEST_PAIRS, Paired, Span, paired
-from mavdem.evaluate.scores import Method, Outcome, Skill, judge
+from mavdem.evaluate.paired_test import FEWEST_PAIRS, Paired, paired
+from mavdem.evaluate.scores import (
+    FROM_ZERO,
+    KNOWN,
+    UNKNOWN,
+    ScoreTable,
+    by_horizon,
+    error_over,
+    horizons,
+    ratio,
+    score,
+    score_values,
+    table_type,
+)
 from mavdem.evaluate.windows import Window
+from mavdem.flight import Flight
+from mavdem.forecaster import Forecaster, ProbabilisticForecaster
+
+COUNTS = ("windows", "failed", "diverged", "unstable", "worse_than_constant")  # numbers of windows, summed over flights
+
+
+class Method(NamedTuple):
+    """A method to compare, of a unique ``name``: ``learn`` trains a model on a flight.
+
+    With ``predicts`` its model is also asked what comes next, the inputs unknown. To run in other processes ``learn``
+    must be a module's function, or a ``partial`` of one.
+    """
+
+    name: str
+    learn: Callable[[Flight], Forecaster]
+    predicts: bool = False
 
 
 def dem(name: str, settings: Settings, predicts: bool = False) -> Method:
-    """DEM with these ``settings`` of the fit, as the method of this ``name``, which ``predicts`` as well."""
+    """Returns DEM with these ``settings`` of the fit, as the method of this ``name``, which ``predicts`` as well."""
     return Method(name, partial(learn, settings=settings), predicts)
 
 
 PAPER_SETTINGS_WITHOUT = replace(Settings.paper(), p=1, d=1, window=2)
 """The paper's settings without generalized coordinates: the first derivative, which the model needs, and no
 higher one."""
-
-DEM = dem("DEM", Settings(), predicts=True)
-DEM_WITHOUT = dem("DEM p=1", replace(Settings(), p=1, d=1))
-PAPER = dem("DEM paper", Settings.paper())
-PAPER_WITHOUT = dem("DEM paper p=1", PAPER_SETTINGS_WITHOUT)
 
 PEERS = (
     *(Method(f"subspace({order})", partial(baselines.subspace, order=order)) for order in (2, 4)),
@@ -52,255 +73,134 @@ PEERS = (
 )
 """Other methods that learn a model."""
 
-TRIVIAL = (
+METHODS = (
+    dem("DEM", Settings(), predicts=True),
+    dem("DEM p=1", replace(Settings(), p=1, d=1)),
+    dem("DEM paper", Settings.paper()),
+    dem("DEM paper p=1", PAPER_SETTINGS_WITHOUT),
+    *PEERS,
     Method("constant mean", baselines.constant_mean, predicts=True),
     Method("hold last", baselines.hold, predicts=True),
     Method("zero", baselines.zero),
 )
-
-METHODS = (DEM, DEM_WITHOUT, PAPER, PAPER_WITHOUT, *PEERS, *TRIVIAL)
 """The methods of ``mavdem compare``; the first is compared with each of the others. Predictions without the inputs are
 compared of those that make them; settings of DEM do not matter to these. p = 1 is what the paper calls
 without generalized coordinates (section V.G): the first derivative only, which the model itself needs."""
 
-GENERALIZED_COORDINATES = ((DEM.name, DEM_WITHOUT.name), (PAPER.name, PAPER_WITHOUT.name))
+GENERALIZED_COORDINATES = (("DEM", "DEM p=1"), ("DEM paper", "DEM paper p=1"))
 """Pairs of names: the same method with generalized coordinates, and without."""
 
 
-COUNTS = ("windows", "failed", "diverged", "unstable", "worse_than_constant")  # numbers of windows, summed over flights
-
-
-class AtHorizon(NamedTuple):
-    """A method at one horizon; medians are over windows.
-
-    Attributes:
-        steps: of each forecast.
-        relative: median error ratio.
-        relative_per_output: likewise of each output.
-        per_output: median MSPE of each output over its training variance.
-        reference: the first method's error over this one's.
-        inside: mean share of samples up to this horizon in the 90 % band; ``None`` without one.
-    """
-
-    steps: int
-    relative: float
-    relative_per_output: tuple[float, ...]
-    per_output: tuple[float, ...]
-    reference: Paired
-    inside: float | None
-
-
-@dataclass(frozen=True)
-class MethodSummary:
-    """A method on one flight.
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """One method on one window; every error is infinite if it has no forecast.
 
     Attributes:
         method: its name.
-        windows: number of windows.
-        failed: number of windows without a forecast.
-        failure: the reason, of the first one; else empty.
-        diverged: number of windows with a forecast that is infinite or NaN.
-        unstable: number of windows whose model has a growing mode.
-        mspe: (m,) mean over windows, in the squares of the outputs' units.
-        mspe_total: their sum, as the paper reports it.
-        relative: median error ratio.
-        worst: largest error ratio.
-        worse_than_constant: number of windows with an error ratio above 1.
-        horizons: by horizon; the last is that of the whole test part.
-        seconds: processor time of the training, median.
+        flight, start: of the window.
+        failure: why there is no forecast; else empty.
+        stable: whether the model has no growing mode; ``None`` without a model.
+        cautions: of the model, and one where the error that it expects is larger than the constant mean's.
+        seconds: processor time of the training.
+        scores: a row for each question and horizon; the last of a question is that of the whole test part.
+        forecasts: (H, m) by question, each from the end of training or from state 0.
+        bands: (H, m) half widths of the 90 % bands about these, of those that have one.
+        expected: (H, m) squared error that the model expects of the forecast; ``None`` if it has no variance.
     """
 
     method: str
-    windows: int
-    failed: int
+    flight: str
+    start: int
     failure: str
-    diverged: int
-    unstable: int
-    mspe: tuple[float, ...]
-    mspe_total: float
-    relative: float
-    worst: float
-    worse_than_constant: int
-    horizons: tuple[AtHorizon, ...]
+    stable: bool | None
+    cautions: tuple[str, ...]
     seconds: float
+    scores: ScoreTable
+    forecasts: dict[str, Array]
+    bands: dict[str, Array]
+    expected: Array | None = None
 
-    def to_dict(self) -> dict[str, Any]:
-        """As plain JSON values by name."""
-        return asdict(self) | {
-            "horizons": [one._asdict() | {"reference": one.reference.to_dict()} for one in self.horizons]
+    def of(self, question: str) -> ScoreTable:
+        """Returns the scores of a ``question``, the shortest horizon first."""
+        return np.asarray(self.scores[self.scores["question"] == question])
+
+    def mspe(self, question: str = KNOWN) -> Array:
+        """Returns the MSPE (m,) over the whole test part, in the squares of the outputs' units, of a ``question``."""
+        return np.asarray(self.of(question)["squared_error"][-1])
+
+    def to_dict(self, question: str = KNOWN) -> dict[str, Any]:
+        """Returns plain JSON values by name, without the forecasts themselves; of a ``question``, and from zero."""
+
+        def errors(of: str) -> dict[str, Any]:
+            return {"per_output": self.mspe(of).tolist(), "total": float(self.mspe(of).sum())}
+
+        rows = self.of(question)
+        return {
+            "failure": self.failure,
+            "stable": self.stable,
+            "cautions": list(self.cautions),
+            "mspe": errors(question),
+            "skill": [score_values(row) for row in rows],
+            "inside_90_percent_band": [_or_none(share) for share in rows["inside"]],
+            "from_zero": {"mspe": errors(FROM_ZERO), "skill": score_values(self.of(FROM_ZERO)[-1])},
+            "seconds": round(self.seconds, 4),
         }
 
 
-class Loss(NamedTuple):
-    """A flight and horizon at which the first method's median error is larger than another's.
-
-    Attributes:
-        flight, method: the flight, and the other method.
-        steps: the horizon.
-        ratio: the first method's median over the other's.
-        paired: the comparison window by window, whose median may differ from ``ratio``.
-    """
-
-    flight: str
-    method: str
-    steps: int
-    ratio: float
-    paired: Paired
-
-
-@dataclass(frozen=True)
-class OverFlights:
-    """A method over several flights.
-
-    Attributes:
-        method: its name.
-        flights: number of flights.
-        relative: geometric mean of the flights' median error ratios.
-        horizons: likewise by horizon, for the horizons that all flights have.
-        inside: mean over flights of their shares of samples in the 90 % band, by the same horizons.
-        windows: number of windows of all flights.
-        failed, diverged, unstable, worse_than_constant: numbers of windows, as in :class:`MethodSummary`.
-        mspe_total: sum over flights of the total MSPE, as in the paper's table.
-        reference: the first method's error over this one's; each flight is one pair.
-    """
-
-    method: str
-    flights: int
-    relative: float
-    horizons: tuple[float, ...]
-    inside: tuple[float | None, ...]
-    windows: int
-    failed: int
-    diverged: int
-    unstable: int
-    worse_than_constant: int
-    mspe_total: float
-    reference: Paired
-
-    def to_dict(self) -> dict[str, Any]:
-        """As plain JSON values by name."""
-        return asdict(self) | {"reference": self.reference.to_dict()}
-
-
-def flight_summaries(
-    windows: Sequence[Window], methods: Sequence[str], outcomes: Sequence[Sequence[Outcome]], from_zero: bool
-) -> tuple[MethodSummary, ...]:
-    """Each method's summary on one flight, the lowest error first; ``methods`` are names, the reference first.
-
-    ``outcomes`` are by window, and in each by method. From state 0 (``from_zero``) there are no shorter horizons.
-    """
-    spans = [Span(window.flight, window.start, window.stop) for window in windows]
-    by_method = list(zip(*outcomes, strict=True))
-    reference = _by_horizon(by_method[0], from_zero)
-    found = [_summary(method, own, from_zero, reference, spans) for method, own in zip(methods, by_method, strict=True)]
-    return tuple(sorted(found, key=lambda summary: summary.relative))
-
-
-def _by_horizon(outcomes: Sequence[Outcome], from_zero: bool) -> list[list[Skill]]:
-    """By horizon, and at each by window."""
-    rows = [[one.skill_from_zero] if from_zero else list(one.skill) for one in outcomes]
-    return [list(column) for column in zip(*rows, strict=True)]
-
-
-def _summary(
-    method: str, outcomes: Sequence[Outcome], from_zero: bool, reference: list[list[Skill]], spans: Sequence[Span]
-) -> MethodSummary:
-    at_horizons = [
-        AtHorizon(
-            own[0].steps,
-            float(np.median([one.relative for one in own])),
-            tuple(np.median([one.relative_per_output for one in own], axis=0).tolist()),
-            tuple(np.median([one.per_output for one in own], axis=0).tolist()),
-            paired([one.relative for one in ours], [one.relative for one in own], spans),
-            None if from_zero else _mean(inside),
-        )
-        for own, ours, inside in zip(
-            _by_horizon(outcomes, from_zero),
-            reference,
-            zip(*(one.inside for one in outcomes), strict=True),
-            strict=False,
-        )
-    ]
-    relative = [(one.skill_from_zero if from_zero else one.skill[-1]).relative for one in outcomes]
-    errors = np.array([one.mspe_from_zero if from_zero else one.mspe for one in outcomes])
-    return MethodSummary(
-        method,
-        windows=len(outcomes),
-        failed=sum(bool(one.failure) for one in outcomes),
-        failure=next((one.failure for one in outcomes if one.failure), ""),
-        diverged=sum(one.diverged for one in outcomes),
-        unstable=sum(one.stable is False for one in outcomes),
-        mspe=tuple(errors.mean(axis=0).tolist()),
-        mspe_total=float(errors.mean(axis=0).sum()),
-        relative=float(np.median(relative)),
-        worst=max(relative),
-        worse_than_constant=sum(value > 1 for value in relative),
-        horizons=tuple(at_horizons),
-        seconds=float(np.median([one.seconds for one in outcomes])),
+def evaluate_window(method: Method, window: Window) -> Outcome:
+    """Trains ``method`` on the first part of ``window`` and forecasts the second; failures are in the outcome."""
+    began = thread_time()
+    # The outcome has what numpy and scipy would warn of.
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            model = method.learn(window.train)
+            return _outcome(method, window, model, thread_time() - began)
+        except (ValueError, ArithmeticError, RuntimeError) as error:
+            failure = str(error) if isinstance(error, ValueError) else f"{type(error).__name__}: {error}"
+    steps, m = horizons(len(window.test), window.test.dt), window.test.outputs.shape[1]
+    asked = [(KNOWN, k) for k in steps] + [(FROM_ZERO, steps[-1])] + [(UNKNOWN, k) for k in steps] * method.predicts
+    scores = np.array(
+        [(window.flight, window.start, method.name, *row, [np.inf] * m, [1] * m, [1] * m, np.nan) for row in asked],
+        table_type(m),
     )
+    who = method.name, window.flight, window.start
+    return Outcome(*who, failure, None, (), thread_time() - began, scores, {}, {})
 
 
-def losses(by_flight: Mapping[str, Sequence[MethodSummary]], reference: str) -> tuple[Loss, ...]:
-    """Where the first method is worse than another, the largest ratio first."""
-    found = []
-    for flight, of_all in by_flight.items():
-        ours = next(summary for summary in of_all if summary.method == reference)
-        found += [
-            Loss(flight, summary.method, at.steps, over(our.relative, at.relative), at.reference)
-            for summary in of_all
-            for our, at in zip(ours.horizons, summary.horizons, strict=True)
-            if our.relative > at.relative
-        ]
-    return tuple(sorted(found, key=lambda loss: -loss.ratio))
-
-
-def over(ours: float, theirs: float) -> float:
-    """The ratio of two errors; 1 if both are infinite, or both 0."""
-    return 1.0 if ours == theirs else float(np.divide(ours, theirs)) if theirs else float("inf")
-
-
-def over_flights(by_flight: Mapping[str, Sequence[MethodSummary]]) -> tuple[OverFlights, ...]:
-    """Each method's summary over all flights, the lowest error first."""
-    by_method: dict[str, list[MethodSummary]] = {}
-    for of_all in by_flight.values():
-        for summary in of_all:
-            by_method.setdefault(summary.method, []).append(summary)
-    found = [_over_flights(method, of_flights) for method, of_flights in by_method.items()]
-    return tuple(sorted(found, key=lambda one: one.relative))
-
-
-def _over_flights(method: str, of_flights: Sequence[MethodSummary]) -> OverFlights:
-    ratios = [summary.horizons[-1].reference.ratio for summary in of_flights]
-    shared = min(len(summary.horizons) for summary in of_flights)
-    # The last is the whole test part, on whatever number of horizons before it.
-    places = [*range(shared - 1), -1]
-    return OverFlights(
-        method,
-        flights=len(of_flights),
-        relative=_geometric([summary.relative for summary in of_flights]),
-        horizons=tuple(_geometric([summary.horizons[place].relative for summary in of_flights]) for place in places),
-        inside=tuple(_mean([summary.horizons[place].inside for summary in of_flights]) for place in places),
-        **{name: sum(getattr(summary, name) for summary in of_flights) for name in COUNTS},
-        mspe_total=float(np.sum([summary.mspe_total for summary in of_flights])),
-        reference=paired(ratios, np.ones(len(ratios))),
-    )
-
-
-def _mean(shares: Iterable[float | None]) -> float | None:
-    """Of those that there are."""
-    known = [share for share in shares if share is not None]
-    return float(np.mean(known)) if known else None
-
-
-def _geometric(values: Sequence[float]) -> float:
-    with np.errstate(divide="ignore"):
-        return float(np.exp(np.mean(np.log(values))))
+def _outcome(method: Method, window: Window, model: Forecaster, seconds: float) -> Outcome:
+    train, test, cautions, expected = window.train, window.test, tuple(model.cautions), None
+    forecasts = {KNOWN: model.forecast(test.inputs), FROM_ZERO: model.forecast(test.inputs, from_zero=True)}
+    bands = {}
+    if method.predicts:
+        forecasts[UNKNOWN] = model.predict(len(test))
+    if isinstance(model, ProbabilisticForecaster):
+        expected, bands[KNOWN] = model.forecast_variance(test.inputs), model.forecast_band(test.inputs)
+        if method.predicts:
+            bands[UNKNOWN] = model.predict_band(len(test))
+        if (expected / train.outputs.var(axis=0)).mean() > 1:
+            cautions += ("The error to expect of the forecast is larger than the constant mean's.",)
+    rows = []
+    for question, whole in forecasts.items():
+        again = model.predict_every if question == UNKNOWN else model.forecast_every
+        for steps in horizons(len(test), test.dt):
+            if question == FROM_ZERO and steps < len(test):
+                continue
+            made = whole if steps == len(test) else again(steps, test.inputs, test.outputs)
+            row = score(train, test, made, steps, question)
+            if question in bands:
+                row["inside"] = (np.abs(test.outputs - whole) <= bands[question])[:steps].mean()
+            rows.append(row)
+    scores = np.concatenate(rows)
+    scores["flight"], scores["start"], scores["method"] = window.flight, window.start, method.name
+    who = method.name, window.flight, window.start
+    return Outcome(*who, "", model.stable, cautions, seconds, scores, forecasts, bands, expected)
 
 
 def outcomes(
     windows: Iterable[Window], methods: Sequence[Method] = METHODS, executor: Executor | None = None
 ) -> Generator[Outcome, None, None]:
-    """The outcomes of all ``methods`` on each of the ``windows``, one window after the other, as they are ready.
+    """Yields the outcomes of all ``methods`` on each of the ``windows``, one window after the other, as they are ready.
 
     By default it uses all cores of this process, in processes that import the running script: call it below ``if
     __name__ == "__main__":``. An outcome depends on its window and method only, so that it can be stored.
@@ -309,7 +209,7 @@ def outcomes(
     Raises:
         concurrent.futures.BrokenExecutor: a worker died, for example for lack of memory.
     """
-    return parallel_map(judge_job, ((method, window) for window, method in product(windows, methods)), executor)
+    return parallel_map(evaluate_job, ((method, window) for window, method in product(windows, methods)), executor)
 
 
 def compare(
@@ -326,9 +226,9 @@ def compare(
     return Comparison.of(windows, outcomes(windows, methods, executor))
 
 
-def judge_job(job: tuple[Method, Window]) -> Outcome:
-    """A method tried on a window; a function of the module, for other processes."""
-    return judge(*job)
+def evaluate_job(job: tuple[Method, Window]) -> Outcome:
+    """Returns the outcome of a ``job``; a function of the module, for other processes."""
+    return evaluate_window(*job)
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,7 +236,7 @@ class Comparison:
     """All outcomes with their summaries.
 
     Attributes:
-        windows: of one or several flights; those of a flight have the same number of samples and channels.
+        windows: of one or several flights; those of a flight have the same number of samples.
         methods: their names; the first is compared with each of the others.
         outcomes: by window, and in each by method.
     """
@@ -347,153 +247,249 @@ class Comparison:
 
     @classmethod
     def of(cls, windows: Sequence[Window], outcomes: Iterable[Outcome]) -> Comparison:
-        """The comparison of ``outcomes`` in any order: one for every method on each of the ``windows``.
+        """Returns the comparison of ``outcomes`` in any order: one for every method on each of the ``windows``.
 
         Methods are in order of appearance.
 
         Raises:
             ValueError: an outcome is missing or of no window, or there is no window.
         """
-        found = {(one.flight, one.start, one.method): one for one in outcomes}
-        methods = tuple(dict.fromkeys(method for _, _, method in found))
+        left = {(one.flight, one.start, one.method): one for one in outcomes}
+        methods = tuple(dict.fromkeys(method for _, _, method in left))
         try:
-            table = tuple(
-                tuple(found.pop((window.flight, window.start, method)) for method in methods) for window in windows
+            rows = tuple(
+                tuple(left.pop((window.flight, window.start, method)) for method in methods) for window in windows
             )
         except KeyError as missing:
             raise ValueError(f"outcomes must hold every method on every window; {missing} is missing") from None
-        if found or not (windows and methods):
+        if left or not (windows and methods):
             raise ValueError("outcomes must be of the windows, of which there must be one at least")
-        return cls(tuple(windows), methods, table)
+        return cls(tuple(windows), methods, rows)
 
     @cached_property
     def flights(self) -> tuple[str, ...]:
         """Their names, in order of appearance."""
         return tuple(dict.fromkeys(window.flight for window in self.windows))
 
+    @cached_property
+    def scores(self) -> ScoreTable:
+        """The scores of all outcomes, one table."""
+        return np.concatenate([one.scores for row in self.outcomes for one in row])
+
+    def methods_of(self, question: str) -> tuple[str, ...]:
+        """Returns the names of the methods that answer a ``question``."""
+        return tuple(one.method for one in self.outcomes[0] if len(one.of(question)))
+
     def of_flight(self, flight: str) -> Comparison:
-        """The part of one ``flight``, by its name."""
-        own = [place for place, window in enumerate(self.windows) if window.flight == flight]
-        return Comparison(
-            tuple(self.windows[place] for place in own), self.methods, tuple(self.outcomes[place] for place in own)
-        )
+        """Returns the part of one ``flight``, by its name."""
+        own = [i for i, window in enumerate(self.windows) if window.flight == flight]
+        return Comparison(tuple(self.windows[i] for i in own), self.methods, tuple(self.outcomes[i] for i in own))
 
-    @cached_property
-    def predictions(self) -> Comparison | None:
-        """The comparison of predictions without the inputs, of the methods that make them; ``None`` if none does."""
-        asked = [place for place, one in enumerate(self.outcomes[0]) if one.predicted is not None]
-        if not asked:
-            return None
-        rows = tuple(tuple(row[place].of_prediction for place in asked) for row in self.outcomes)
-        return Comparison(self.windows, tuple(self.methods[place] for place in asked), rows)
+    def summaries(self, flight: str, question: str = KNOWN) -> tuple[dict[str, Any], ...]:
+        """Returns each method's summary of a ``question`` on the ``flight`` of that name, the lowest error first.
 
-    def summaries(self, flight: str, from_zero: bool = False) -> tuple[MethodSummary, ...]:
-        """Each method's summary on the ``flight`` of that name, the lowest error first.
-
-        With ``from_zero`` forecasts start from state 0, as the paper's figures do, not from the state at the end of
-        training; there are no shorter horizons then.
+        Keys: ``method``; numbers of ``windows``, of those ``failed`` without a forecast, ``diverged`` to infinity or
+        NaN, ``unstable``, and ``worse_than_constant`` with an error ratio above 1; ``failure``, the first reason;
+        ``mspe`` per output and ``mspe_total``, means over windows, as the paper has them; ``relative`` and ``worst``,
+        the median and the largest error ratio; ``seconds`` of processor time, the median; and ``horizons``, the last
+        that of the whole test part. Each has ``steps``, the medians ``relative``, ``relative_per_output`` and
+        ``per_output`` (over the training variance), ``inside``, the mean share in the 90 % band or None, and
+        ``reference``, the first method beside this one (:class:`mavdem.evaluate.Paired`).
         """
-        return self._summaries[from_zero][flight]
-
-    def standings(self, flight: str, from_zero: bool = False) -> tuple[MethodSummary, ...]:
-        """Deprecated name of :meth:`summaries`, with the same ``flight`` and ``from_zero``."""
-        warnings.warn("Comparison.standings is now Comparison.summaries", DeprecationWarning, stacklevel=2)
-        return self.summaries(flight, from_zero)
+        return self._summaries[question][flight]
 
     @cached_property
-    def _summaries(self) -> dict[bool, dict[str, tuple[MethodSummary, ...]]]:
-        parts = [(flight, self.of_flight(flight)) for flight in self.flights]
+    def _summaries(self) -> dict[str, dict[str, tuple[dict[str, Any], ...]]]:
+        found: dict[str, dict[str, tuple[dict[str, Any], ...]]] = {}
+        for question, flight in product((KNOWN, FROM_ZERO, UNKNOWN), self.flights):
+            part = self.of_flight(flight)
+            methods = part.methods_of(question)
+            rows = [part._summary(method, question, methods[0]) for method in methods]
+            found.setdefault(question, {})[flight] = tuple(sorted(rows, key=lambda row: row["relative"]))
+        return found
+
+    def _summary(self, method: str, question: str, reference: str) -> dict[str, Any]:
+        """Of one flight."""
+        asked = self.scores[self.scores["question"] == question]
+        own, ours = (by_horizon(asked[asked["method"] == name]) for name in (method, reference))
+        mine = [one for row in self.outcomes for one in row if one.method == method]
+        from_data = UNKNOWN if question == UNKNOWN else KNOWN
+        relative, errors = ratio(own[-1]), own[-1]["squared_error"].mean(axis=0)
         return {
-            from_zero: {
-                flight: flight_summaries(part.windows, part.methods, part.outcomes, from_zero) for flight, part in parts
-            }
-            for from_zero in (False, True)
+            "method": method,
+            "windows": len(mine),
+            "failed": sum(bool(one.failure) for one in mine),
+            "failure": next((one.failure for one in mine if one.failure), ""),
+            "diverged": sum(not one.failure and not np.isfinite(one.mspe(from_data)).all() for one in mine),
+            "unstable": sum(one.stable is False for one in mine),
+            "mspe": errors.tolist(),
+            "mspe_total": float(errors.sum()),
+            "relative": float(np.median(relative)),
+            "worst": float(relative.max()),
+            "worse_than_constant": int((relative > 1).sum()),
+            "horizons": [
+                {
+                    "steps": int(rows["steps"][0]),
+                    "relative": float(np.median(ratio(rows))),
+                    "relative_per_output": np.median(
+                        error_over(rows["squared_error"], rows["baseline"]), axis=0
+                    ).tolist(),
+                    "per_output": np.median(rows["squared_error"] / rows["variance"], axis=0).tolist(),
+                    "reference": paired(ratio(first), ratio(rows), self.windows),
+                    "inside": _mean(map(_or_none, rows["inside"])),
+                }
+                for rows, first in zip(own, ours, strict=True)
+            ],
+            "seconds": float(np.median([one.seconds for one in mine])),
         }
 
-    def losses(self, from_zero: bool = False) -> tuple[Loss, ...]:
-        """Where the first method's median error on a flight is larger than another's; ``from_zero`` as above."""
-        return losses(self._summaries[from_zero], self.methods[0])
+    def losses(self, question: str = KNOWN) -> list[dict[str, Any]]:
+        """Returns where the first method's median error of a ``question`` on a flight is larger than another's.
 
-    def verdicts(self, from_zero: bool = False) -> dict[str, Paired]:
-        """The first method beside each other one over the whole test part, by name; ``from_zero`` as above.
+        Keys: ``flight``, ``method``, ``steps``, ``ratio`` of the medians, and ``paired``, the comparison window by
+        window, whose median may differ. The largest ratio comes first.
+        """
+        lost = []
+        for flight, rows in self._summaries[question].items():
+            ours = next(row for row in rows if row["method"] == self.methods_of(question)[0])
+            for row in rows:
+                for our, at in zip(ours["horizons"], row["horizons"], strict=True):
+                    if our["relative"] > at["relative"]:
+                        over = float(error_over(our["relative"], at["relative"]))
+                        names = {"flight": flight, "method": row["method"], "steps": at["steps"]}
+                        lost.append({**names, "ratio": over, "paired": at["reference"]})
+        return sorted(lost, key=lambda loss: -loss["ratio"])
+
+    def verdicts(self, question: str = KNOWN) -> dict[str, Paired]:
+        """Returns the first method beside each other one over the whole test part, by name, for a ``question``.
 
         Pairs are flights where there are enough of them to distinguish anything, and else windows of all flights.
         """
+        first, *others = self.methods_of(question)
         if len(self.flights) >= FEWEST_PAIRS:
-            return {one.method: one.reference for one in self.over_flights(from_zero) if one.method != self.methods[0]}
-        spans = [Span(window.flight, window.start, window.stop) for window in self.windows]
-        ours, *others = (
-            [(one.skill_from_zero if from_zero else one.skill[-1]).relative for one in column]
-            for column in zip(*self.outcomes, strict=True)
-        )
-        return {method: paired(ours, own, spans) for method, own in zip(self.methods[1:], others, strict=True)}
+            return {row["method"]: row["reference"] for row in self.over_flights(question) if row["method"] != first}
+        columns = {column[0].method: column for column in zip(*self.outcomes, strict=True)}
+        whole = {name: [float(ratio(one.of(question)[-1:])[0]) for one in columns[name]] for name in (first, *others)}
+        return {name: paired(whole[first], whole[name], self.windows) for name in others}
 
-    def over_flights(self, from_zero: bool = False) -> tuple[OverFlights, ...]:
-        """Each method's summary over all flights, the lowest error first; ``from_zero`` as above."""
-        return over_flights(self._summaries[from_zero])
+    def over_flights(self, question: str = KNOWN) -> tuple[dict[str, Any], ...]:
+        """Returns each method's summary of a ``question`` over all flights, the lowest error first.
 
-    def to_dict(self, from_zero: bool = False) -> dict[str, Any]:
-        """As plain JSON values, by flight and by window, infinite errors as infinity; ``from_zero`` as above."""
-        return {
-            "reference": self.methods[0],
-            "methods": list(self.methods),
-            "start": "zero" if from_zero else "data",
-            "verdicts": {method: one.to_dict() for method, one in self.verdicts(from_zero).items()},
-            "losses": [loss._asdict() | {"paired": loss.paired.to_dict()} for loss in self.losses(from_zero)],
-            "over_flights": [one.to_dict() for one in self.over_flights(from_zero)],
-            "flights": [self._flight(flight, from_zero) for flight in self.flights],
-            "predictions": None if self.predictions is None else self.predictions.to_dict(),
-        }
-
-    def rows(self) -> list[dict[str, Any]]:
-        """A row for each window, method and horizon, and one for the whole test part forecast from state 0.
-
-        Then those of predictions without the inputs.
+        Keys: ``method``, ``flights`` and the numbers of windows of :meth:`summaries`, summed; ``relative`` and
+        ``horizons``, geometric means of the flights' medians, for the horizons that all have; ``inside`` by horizon,
+        the mean; ``mspe_total``, the sum, as in the paper's table; ``reference``, in which each flight is one pair.
         """
-        known = self._rows("known", from_zero=True)
-        return known if self.predictions is None else known + self.predictions._rows("unknown", from_zero=False)
+        by_method: dict[str, list[dict[str, Any]]] = {}
+        for row in (row for rows in self._summaries[question].values() for row in rows):
+            by_method.setdefault(row["method"], []).append(row)
+        overall = []
+        for method, rows in by_method.items():
+            shared = min(len(row["horizons"]) for row in rows)
+            # The last is the whole test part, on whatever number of horizons before it.
+            columns = [[row["horizons"][i] for row in rows] for i in (*range(shared - 1), -1)]
+            ratios = [row["horizons"][-1]["reference"].ratio for row in rows]
+            overall.append(
+                {
+                    "method": method,
+                    "flights": len(rows),
+                    "relative": _geometric([row["relative"] for row in rows]),
+                    "horizons": [_geometric([at["relative"] for at in column]) for column in columns],
+                    "inside": [_mean(at["inside"] for at in column) for column in columns],
+                    **{name: sum(row[name] for row in rows) for name in COUNTS},
+                    "mspe_total": float(np.sum([row["mspe_total"] for row in rows])),
+                    "reference": paired(ratios, np.ones(len(ratios))),
+                }
+            )
+        return tuple(sorted(overall, key=lambda row: row["relative"]))
 
-    def _rows(self, inputs: str, from_zero: bool) -> list[dict[str, Any]]:
-        return [
-            {
-                "flight": window.flight,
-                "start": window.start,
-                "time": float(window.train.time[0]),
-                "method": one.method,
-                "inputs": inputs,
-                "begun": begun,
-                "steps": skill.steps,
-                "relative": skill.relative,
-                "total": skill.total,
-                **{f"output {i + 1} over variance": value for i, value in enumerate(skill.per_output.tolist())},
-                "stable": one.stable,
-                "failure": one.failure,
-            }
-            for window, row in zip(self.windows, self.outcomes, strict=True)
-            for one in row
-            for begun, skill in [
-                *(("data", skill) for skill in one.skill),
-                *([("zero", one.skill_from_zero)] if from_zero else []),
-            ]
-        ]
+    def to_dict(self, question: str = KNOWN) -> dict[str, Any]:
+        """Returns plain JSON values of a ``question``, by flight and by window, infinite errors as infinity.
 
-    def _flight(self, flight: str, from_zero: bool) -> dict[str, Any]:
+        Of forecasts given the inputs, the same of predictions without them is in ``predictions``.
+        """
+        predicted = question != UNKNOWN and self.methods_of(UNKNOWN)
+        document = {
+            "reference": self.methods_of(question)[0],
+            "methods": list(self.methods_of(question)),
+            "start": "zero" if question == FROM_ZERO else "data",
+            "verdicts": self.verdicts(question),
+            "losses": self.losses(question),
+            "over_flights": list(self.over_flights(question)),
+            "flights": [self._flight(flight, question) for flight in self.flights],
+            "predictions": self.to_dict(UNKNOWN) if predicted else None,
+        }
+        values: dict[str, Any] = _plain(document)
+        return values
+
+    def _flight(self, flight: str, question: str) -> dict[str, Any]:
         part = self.of_flight(flight)
-        first = part.windows[0]
+        train, test = part.windows[0].train, part.windows[0].test
+        kept = set(self.methods_of(question))
+        shown = UNKNOWN if question == UNKNOWN else KNOWN
         return {
             "flight": flight,
-            "dt": first.train.dt,
-            "outputs": list(first.train.output_names),
-            "output_units": list(first.train.output_units),
-            "training_samples": len(first.train),
-            "forecast_samples": len(first.test),
-            "standings": [summary.to_dict() for summary in self.summaries(flight, from_zero)],
+            "dt": train.dt,
+            "outputs": list(train.output_names),
+            "output_units": list(train.output_units),
+            "training_samples": len(train),
+            "forecast_samples": len(test),
+            "standings": list(self.summaries(flight, question)),
             "windows": [
                 {
                     "start": window.start,
                     "time": float(window.train.time[0]),
-                    "methods": {one.method: one.to_dict() for one in row},
+                    "methods": {one.method: one.to_dict(shown) for one in row if one.method in kept},
                 }
                 for window, row in zip(part.windows, part.outcomes, strict=True)
             ],
         }
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Returns a row for each window, method and horizon, and one for the whole test part forecast from state 0.
+
+        Then those of predictions without the inputs.
+        """
+        known = [
+            {
+                "flight": one.flight,
+                "start": one.start,
+                "time": float(window.train.time[0]),
+                "method": one.method,
+                "inputs": "unknown" if row["question"] == UNKNOWN else "known",
+                "begun": "zero" if row["question"] == FROM_ZERO else "data",
+                "steps": values["steps"],
+                "relative": values["relative"],
+                "total": values["total"],
+                **{f"output {i + 1} over variance": value for i, value in enumerate(values["per_output"])},
+                "stable": one.stable,
+                "failure": one.failure,
+            }
+            for window, outcomes in zip(self.windows, self.outcomes, strict=True)
+            for one in outcomes
+            for row, values in ((row, score_values(row)) for row in one.scores)
+        ]
+        return sorted(known, key=lambda row: row["inputs"])
+
+
+def _plain(value: Any) -> Any:
+    """The value with every paired test in it as plain JSON values."""
+    if isinstance(value, Paired):
+        return value.to_dict()
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items()}
+    return [_plain(one) for one in value] if isinstance(value, list) else value
+
+
+def _or_none(share: float) -> float | None:
+    return None if np.isnan(share) else float(share)
+
+
+def _mean(shares: Iterable[float | None]) -> float | None:
+    """Of those that there are."""
+    known = [share for share in shares if share is not None]
+    return float(np.mean(known)) if known else None
+
+
+def _geometric(values: Sequence[float]) -> float:
+    with np.errstate(divide="ignore"):
+        return float(np.exp(np.mean(np.log(values))))

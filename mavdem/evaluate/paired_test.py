@@ -15,7 +15,7 @@ References:
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,12 +31,15 @@ FEWEST_PAIRS = 6
 Verdict = Literal["lower", "higher", "not distinguishable"]
 
 
-class Span(NamedTuple):
-    """A window of the flight named ``flight``: its first sample ``start``, and ``stop``, the one after the last."""
+class SampleSpan(Protocol):
+    """Part of the flight named ``flight``: its first sample ``start``, and ``stop``, the one after the last."""
 
-    flight: str
-    start: int
-    stop: int
+    @property
+    def flight(self) -> str: ...  # noqa: D102
+    @property
+    def start(self) -> int: ...  # noqa: D102
+    @property
+    def stop(self) -> int: ...  # noqa: D102
 
 
 class Paired(NamedTuple):
@@ -69,28 +72,28 @@ class Paired(NamedTuple):
         return self._asdict() | {"verdict": self.verdict}
 
 
-def paired(ours: ArrayLike, theirs: ArrayLike, spans: Sequence[Span] | None = None) -> Paired:
+def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[SampleSpan] | None = None) -> Paired:
     """Compares two methods' errors on the same windows, ``ours`` and ``theirs``, (W,) each and at least 0.
 
     They are infinite if a method diverged or had no forecast; two that are both infinite, or both 0, count as equal.
-    Without the ``spans`` of windows these count as independent.
+    Without the ``windows``, or others with their flight, start and stop, these count as independent.
 
     Raises:
         ValueError: arrays of different lengths, or errors that are negative or NaN.
     """
     a, b = np.asarray(ours, np.float64), np.asarray(theirs, np.float64)
-    if a.shape != b.shape or a.ndim != 1 or (spans is not None and len(spans) != len(a)):
-        raise ValueError(f"ours, theirs and spans must be of the same windows, not {a.shape} and {b.shape}")
+    if a.shape != b.shape or a.ndim != 1 or (windows is not None and len(windows) != len(a)):
+        raise ValueError(f"ours, theirs and windows must be of the same windows, not {a.shape} and {b.shape}")
     if not ((a >= 0).all() and (b >= 0).all()):
         raise ValueError("ours and theirs must be errors: at least 0, and no NaN")
     with np.errstate(divide="ignore", invalid="ignore"):
         differences = np.log(a) - np.log(b)
     differences = np.where(np.isnan(differences), 0.0, differences)
-    apart = np.arange(len(a)) if spans is None else disjoint(spans)
+    apart = np.arange(len(a)) if windows is None else disjoint(windows)
     return Paired(_ratio(differences), int((a < b).sum()), len(a), len(apart), _signed_rank(differences[apart]))
 
 
-def disjoint(spans: Sequence[Span]) -> NDArray[np.intp]:
+def disjoint(spans: Sequence[SampleSpan]) -> NDArray[np.intp]:
     """Places of spans that share no sample: as many as possible, those that end first."""
     chosen: list[int] = []
     free: dict[str, int] = {}

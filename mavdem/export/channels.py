@@ -14,8 +14,7 @@ from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.files import atomic_write
 from mavdem.flight import Flight
 from mavdem.ingest.mcap.writer import Series, write_series
-from mavdem.report.axis_command import AxisCommand
-from mavdem.report.names import short, state_names
+from mavdem.report.numbers import AxisCommand, short, state_names
 
 Array = NDArray[np.float64]
 

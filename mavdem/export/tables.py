@@ -1,4 +1,9 @@
-"""Flights and signals as tables: comma-separated text, or Parquet."""
+"""Flights and signals as tables: comma-separated text, or Parquet.
+
+Flights as pandas and xarray objects.
+
+Learnt models as systems of python-control.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +12,23 @@ import io
 import json
 import re
 from collections.abc import Mapping
-from typing import Any, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.alignment.drive import Motors
 from mavdem.alignment.signals import Attitude, Signals, axis_outputs
+from mavdem.dem import Learned
 from mavdem.flight import Flight
 from mavdem.ingest.telemetry import rows_by
+from mavdem.report.numbers import Labels, state_names, states_are_outputs
+
+if TYPE_CHECKING:
+    import control
+    import pandas
+    import xarray
+
 
 Table = Mapping[str, NDArray[np.float64]]
 """Columns (T,) by name, with units, such as "roll_rate_rad_s"; the first is "time_s"."""
@@ -33,7 +46,7 @@ def column_name(name: str, unit: str) -> str:
 
 
 def columns(flight: Flight) -> dict[str, NDArray[np.float64]]:
-    """Time, inputs, outputs, setpoints and the battery's voltage (T,) by :func:`column_name`.
+    """Time, inputs, outputs and setpoints (T,) by :func:`column_name`.
 
     Raises ``ValueError`` if two names are equal.
     """
@@ -43,7 +56,6 @@ def columns(flight: Flight) -> dict[str, NDArray[np.float64]]:
         (flight.input_names, flight.input_units, flight.inputs),
         (flight.output_names, flight.output_units, flight.outputs),
         (flight.setpoint_names, flight.setpoint_units, none if flight.setpoints is None else flight.setpoints),
-        (("battery",), ("V",), flight.voltage[:, None]) if flight.voltage is not None else ((), (), none),
     ):
         for name, unit, column in zip(names, units, values.T, strict=True):
             head = column_name(name, unit)
@@ -103,3 +115,67 @@ def write_parquet(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -
 
     metadata = {"provenance": json.dumps(dict(provenance))}
     parquet.write_table(pyarrow.table(dict(table)).replace_schema_metadata(metadata), file)
+
+
+def to_pandas(flight: Flight) -> pandas.DataFrame:
+    """Rows are samples, by time in s on the autopilot's boot clock; columns are those of :func:`columns`.
+
+    The flight's provenance is in ``attrs``.
+
+    Raises:
+        ValueError: two columns have one name.
+    """
+    import pandas
+
+    table = columns(flight)
+    index = pandas.Index(table.pop(TIME), name=TIME)
+    frame = pandas.DataFrame(table, index=index)
+    frame.attrs = {"dt": flight.dt, "provenance": dict(flight.provenance)}
+    return frame
+
+
+def to_xarray(flight: Flight) -> xarray.Dataset:
+    """Variables ``inputs (time, input)``, ``outputs (time, output)`` and what else the flight has, by name.
+
+    ``time`` is in s on the autopilot's boot clock. Units stand beside the names, as ``input_unit (input)`` and so on;
+    the sampling step and the source are in ``attrs``.
+    """
+    import xarray
+
+    variables: dict[str, Any] = {}
+    coordinates: dict[str, Any] = {"time": ("time", flight.time, {"units": "s", "long_name": "time since boot"})}
+    for kind, values in (("input", flight.inputs), ("output", flight.outputs), ("setpoint", flight.setpoints)):
+        if values is None:
+            continue
+        variables[f"{kind}s"] = (("time", kind), values)
+        coordinates[kind] = (kind, list(getattr(flight, f"{kind}_names")))
+        coordinates[f"{kind}_unit"] = (kind, list(getattr(flight, f"{kind}_units")))
+    if flight.effect_directions is not None:
+        variables["effect_directions"] = ("input", flight.effect_directions)
+    return xarray.Dataset(variables, coordinates, {"dt": flight.dt, "source": str(flight.provenance.get("source", ""))})
+
+
+def to_control(learned: Learned) -> control.StateSpace:
+    """The learnt ẋ = A x + B u, y = C x, in continuous time and in the units of the data: radians and s.
+
+    Inputs and outputs are deviations from the trim: from ``learned.model.input_trim`` and ``output_trim``. Signals are
+    named as columns of ``flight.csv`` are: "motor_1_us", "roll_rad". The process and measurement noise and the offset
+    are not in it.
+    """
+    import control
+
+    labels, model = Labels.of(learned), learned.model
+    inputs, outputs = (
+        [column_name(*pair) for pair in zip(names, units, strict=True)]
+        for names, units in (
+            (labels.input_names, labels.input_units),
+            (labels.output_names, labels.output_units),
+        )
+    )
+    states = [column_name(name, "") for name in state_names(labels, learned)]
+    if states_are_outputs(learned):
+        states = [*outputs, *states[len(outputs) :]][: len(states)]
+    feedthrough = np.zeros((len(outputs), len(inputs)))
+    return control.StateSpace(
+        model.A, model.B, model.C, feedthrough, inputs=inputs, outputs=outputs, states=states, name="mavdem"
+    )

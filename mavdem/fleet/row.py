@@ -1,21 +1,31 @@
-"""FlightRow: what one log says of one vehicle and axis, and the schema of the table that such rows make."""
+"""FlightRow, the one record of a flight's figures: what one log says of one vehicle and axis.
+
+A row is made from ``report.json``'s document, stored, compared and shown. Here are also the schema of the table that
+rows make, the flights and vehicles that they belong to, and the counts of a fleet.
+"""
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from functools import cache
 from types import NoneType, UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
+from mavdem.alignment.drive import INPUTS
+
 SCHEMA_VERSION = 1
 """Changes with the columns or with what they mean: logs whose rows have another version are read again."""
 
-UNKNOWN = "unknown"  # the vehicle of a log that does not say whose it is
-OK = "ok"  # the status of a flight that was read
+UNKNOWN = "unknown"  # the vehicle of a log that does not say whose it is, and health that is not known
+OK = "ok"  # the status of a flight that was read, and the health of one as healthy ones
+SHARED = "system id"  # the basis of a name that several vehicles may have
+HEALTHS = ("fault", "drift", OK, UNKNOWN)  # the worst first
+AXIS_ORDER = ("roll", "pitch", "yaw")
+MOTORS, DEMAND = INPUTS
 
 Numbers = tuple[float, ...]
 Pairs = tuple[tuple[float, float], ...]
@@ -176,14 +186,13 @@ class FlightRow:
             values["date"] = self.date.isoformat()
         return values
 
-    def to_json(self) -> str:
-        """One line."""
-        return json.dumps(self.as_dict(), allow_nan=False)
-
     @staticmethod
-    def from_dict(values: Mapping[str, Any]) -> FlightRow:
-        """The row of :meth:`as_dict`, or of a line of the table; raises ``TypeError`` for other columns."""
-        return FlightRow(**values)
+    def of(report: Mapping[str, Any], **columns: Any) -> FlightRow:
+        """Returns the row of a document of ``report.json``, as ``mavdem.analysis`` makes it; ``columns`` come first.
+
+        The document of a model alone has fewer keys: what it lacks is not known.
+        """
+        return FlightRow(**(_of_report(report) | columns))
 
 
 @cache
@@ -195,7 +204,7 @@ def _kinds() -> dict[str, Any]:
 
 def _without_none(hint: Any) -> Any:
     if isinstance(hint, UnionType):
-        (hint,) = (one for one in get_args(hint) if one is not NoneType)
+        (hint,) = (kind for kind in get_args(hint) if kind is not NoneType)
     return hint
 
 
@@ -204,9 +213,9 @@ def _value(value: Any, kind: Any) -> Any:
     if value is None:
         return None
     if get_origin(kind) is tuple:
-        inner = get_args(kind)
-        kinds = [inner[0]] * len(value) if inner[-1] is Ellipsis else inner
-        return tuple(_value(one, each) for one, each in zip(value, kinds, strict=True))
+        inners = get_args(kind)
+        kinds = [inners[0]] * len(value) if inners[-1] is Ellipsis else inners
+        return tuple(_value(entry, inner) for entry, inner in zip(value, kinds, strict=True))
     if kind is float:
         return float(value) if math.isfinite(value) else None
     if kind is int:
@@ -223,7 +232,7 @@ def as_text(name: str) -> str:
 
 
 def row_schema() -> Any:
-    """The columns as a ``pyarrow.Schema``, with the version in its metadata."""
+    """Returns the columns as a ``pyarrow.Schema``, with the version in its metadata."""
     import pyarrow
 
     plain = {
@@ -238,3 +247,151 @@ def row_schema() -> Any:
 
     columns = [pyarrow.field(name, arrow(kind)) for name, kind in _kinds().items()]
     return pyarrow.schema(columns, metadata={"mavdem_schema": str(SCHEMA_VERSION)})
+
+
+def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
+    """The columns that a document of ``report.json`` has."""
+    flight, condition, identity = (report.get(name) or {} for name in ("flight", "condition", "identity"))
+    hover = condition.get("hover") or report.get("hover") or {}
+    measured = (report.get("verdict") or {}).get("figures") or {}
+    columns = {
+        "vehicle": identity.get("name") or UNKNOWN,
+        "vehicle_basis": identity.get("basis"),
+        "system": identity.get("system"),
+        "autopilot": identity.get("autopilot") or flight.get("autopilot"),
+        "frame": identity.get("frame") or flight.get("vehicle"),
+        "firmware": identity.get("firmware") or None,
+        "date": identity.get("date"),
+        "axis": report["outputs"][0] if report.get("outputs") else (report.get("verdict") or {}).get("axis"),
+        "tier": report.get("tier") if "tier" in report else "a",
+        "tier_reason": report.get("reason") or None,
+        "duration": condition.get("settled", hover.get("seconds")),
+        "attitude_rate": measured.get("attitude_rate"),
+        "motor_rate": measured.get("motor_rate"),
+        **{name: condition.get(name) for name in ("collective", "tilt_sd", "tilt_max")},
+        **{f"lean_{axis}": lean["mean"] for axis, lean in (condition.get("lean") or {}).items()},
+    }
+    battery, vibration = condition.get("battery") or {}, condition.get("vibration") or {}
+    columns |= {name: battery.get(name) for name in ("voltage_start", "voltage_end", "voltage_mean")}
+    columns |= {"vibration": vibration.get("level"), "clips": vibration.get("clips")}
+    if hover:
+        intervals = condition.get("share_interval")
+        columns |= {
+            "motors": hover["motors"],
+            "trim_unit": hover["unit"],
+            "trim": hover["trim"],
+            "trim_share": hover["trim_share"],
+            "trim_share_interval": intervals or None,
+            "headroom": hover["headroom"],
+            "saturated": hover["at_upper_limit"],
+            "inputs": MOTORS,
+            "input_unit": hover["unit"],
+            "mean_inputs": hover["trim"],
+        }
+    return columns | _of_model(report, flight, bool(hover))
+
+
+def _of_model(report: Mapping[str, Any], flight: Mapping[str, Any], has_hover: bool) -> dict[str, Any]:
+    """The columns of the model, and the warnings."""
+    alarms = tuple(alarm["sentence"] for alarm in report.get("alarms") or ())
+    if "inputs" not in report and report.get("physical") is None:
+        return {"warnings": (*alarms, *((report.get("verdict") or {}).get("cautions") or ()))}
+    names, scale = list(report.get("inputs") or ()), flight.get("scale") or {}
+    by_demand = scale.get("name") == DEMAND or (len(names) == 1 and names[0].endswith(f" {DEMAND}"))
+    columns = {
+        "warnings": (*alarms, *(report.get("cautions") or ())),
+        "inputs": DEMAND if by_demand else MOTORS,
+        "input_unit": scale.get("unit"),
+        "error_ratio": report.get("forecast_over_constant_mean"),
+        "coverage": report.get("inside_90_percent_band"),
+    }
+    if not has_hover and not by_demand:
+        columns["motors"] = names or None
+    if (wind := report.get("wind")) is not None:
+        columns |= {
+            "wind_torque_sd": wind["sd"],
+            "wind_torque_mean": wind["mean"],
+            "wind_torque_interval": wind["mean_band"],
+        }
+    if (physical := report.get("physical")) is not None:
+        halves, status = physical["interval_90_percent"], physical["status"]
+        for name in ("effect", "damping", "lag"):
+            columns |= {name: physical[name], f"{name}_interval": halves[name], f"{name}_status": status[name]}
+    return columns
+
+
+Flight = Sequence[FlightRow]
+"""The rows of one flight, an axis each."""
+
+
+def flights_of(rows: Iterable[FlightRow]) -> list[list[FlightRow]]:
+    """Returns the rows of each flight, its axes in order; flights by date, those without one last, then by file."""
+    together: dict[tuple[object, ...], list[FlightRow]] = {}
+    for row in rows:
+        together.setdefault((row.key, row.file, row.vehicle, row.system, row.component), []).append(row)
+
+    def when(flight: Flight) -> tuple[object, ...]:
+        row = flight[0]
+        stamp = math.inf if row.date is None else row.date.timestamp()
+        return stamp, row.file, row.key, row.vehicle, row.system or 0, row.component or 0
+
+    for flight in together.values():
+        flight.sort(key=lambda row: AXIS_ORDER.index(row.axis) if row.axis in AXIS_ORDER else len(AXIS_ORDER))
+    return sorted(together.values(), key=when)
+
+
+def vehicles_of(rows: Iterable[FlightRow]) -> dict[str, list[list[FlightRow]]]:
+    """Returns the flights with figures of each vehicle, by its name in order, as :func:`flights_of` has them."""
+    vehicles: dict[str, list[list[FlightRow]]] = {}
+    for flight in flights_of(row for row in rows if row.status == OK):
+        vehicles.setdefault(flight[0].vehicle, []).append(flight)
+    return dict(sorted(vehicles.items()))
+
+
+def is_shared(flights: Iterable[Flight]) -> bool:
+    """Returns whether the name of these flights' vehicle is one that several vehicles may have."""
+    return any(row.vehicle_basis == SHARED for flight in flights for row in flight)
+
+
+def worst_health(flight: Flight) -> str:
+    """Returns the worst that was found in a flight: "fault", "drift" or "ok"; "unknown" if nothing was."""
+    return min((row.health for row in flight), key=HEALTHS.index)
+
+
+def best_tier(flight: Flight) -> str:
+    """Returns the best tier of a flight's axes: what the log allows; empty where none is known."""
+    return min((row.tier for row in flight if row.tier), default="")
+
+
+def flown_once(flights: Sequence[list[FlightRow]]) -> list[list[FlightRow]]:
+    """Returns flights of one vehicle, in order of date, each once by its best tier: those at the same time are one."""
+    once: list[list[FlightRow]] = []
+    for flight in flights:
+        last, date = once[-1][0] if once else None, flight[0].date
+        if not last or not last.date or not date or (date - last.date).total_seconds() >= (last.duration or 0.0):
+            once.append(flight)
+        else:
+            once[-1] = min(once[-1], flight, key=lambda flight: best_tier(flight) or "z")
+    return once
+
+
+def summary(rows: Iterable[FlightRow]) -> dict[str, Any]:
+    """Returns counts of a fleet's flights as plain JSON values.
+
+    A flight has a row for each axis, and counts by its better tier and its worse health; one that several logs have
+    counts once. ``vehicles`` are those with a name of their own: a system id is none. ``failed`` has file and status
+    of each log without a flight.
+    """
+    rows = list(rows)
+    vehicles = vehicles_of(rows)
+    named = {name for name, flights in vehicles.items() if name != UNKNOWN and not is_shared(flights)}
+    flown = [flight for name in vehicles for flight in (flown_once if name in named else list)(vehicles[name])]
+    healths = Counter(map(worst_health, flown))
+    failed = dict.fromkeys((row.file, row.status) for row in rows if row.status != OK)
+    return {
+        "flights": len(flown),
+        "vehicles": len(named),
+        "tiers": dict(sorted(Counter(tier for flight in flown if (tier := best_tier(flight))).items())),
+        "health": {health: healths[health] for health in HEALTHS if healths[health]},
+        "failed": [{"file": file, "status": status} for file, status in failed],
+    }

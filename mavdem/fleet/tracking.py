@@ -1,72 +1,186 @@
-"""Tracking: from the logs that were named to the data set, of which only what is new is read."""
+"""Tracking: from the logs that were named to the fleet's table, of which only what is new is read and judged.
+
+A vehicle's flights are judged beside its healthy ones: by the balance of its motors (``mavdem.health``), and by what
+the models of healthy flights, frozen, leave unexplained in another.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Any, NamedTuple
 
-from mavdem.errors import Unreadable, require
-from mavdem.fleet.compaction import SecondPass, compact
-from mavdem.fleet.dataset import check_free, group_of, groups_in, is_fleet, read_rows, set_old_aside, write_group
-from mavdem.fleet.journal import Journal, has_lines
-from mavdem.fleet.ledger import Ledger, entry_of, read_ledger
-from mavdem.fleet.lock import locked
-from mavdem.fleet.reading.crew import Reader
-from mavdem.fleet.reading.outcome import Job, ReadOutcome
-from mavdem.fleet.reading.sources import Source, find_logs
-from mavdem.fleet.row import OK, FlightRow, as_text
-from mavdem.fleet.second_pass import with_health
+import numpy as np
+from scipy.stats import t
 
-PAGES, BASELINE = "pages", "baseline"  # folders of a fleet: pages of flights, and rows of healthy ones
+from mavdem.errors import Unreadable
+from mavdem.files import atomic_write
+from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, Numbers
+from mavdem.fleet.sources import Source, find_logs
+from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
+from mavdem.fleet.workers import PAGES, Job, Reader
+from mavdem.health.assessment import assess
+from mavdem.health.balance import Array, BalanceFigures
+from mavdem.health.motor_signature import motor_signatures
+from mavdem.health.reference import HealthFigures, healthy_flights
+
+FEWEST_MODELS = 3  # of healthy flights, from which their scatter gives an interval
+TWO_SIDED = 0.95  # the quantile at the end of an interval of 90 %
 
 Progress = Callable[[int, int], None]
 """Called with how many logs are done, and how many there are to read."""
 
 
-@dataclass(frozen=True)
-class TrackedLogs:
+class TrackedLogs(NamedTuple):
     """What a run did.
 
     Attributes:
         logs: how many were named.
         read: how many of them were read; the others were known.
         problems: names that name no log, and known logs that could not be read now, a sentence each.
+        healthy: rows of the baseline.
     """
 
     logs: int
     read: int
     problems: tuple[str, ...]
+    healthy: list[FlightRow]
+
+
+def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
+    """Returns all rows of one vehicle with what its other flights say of each.
+
+    Args:
+        rows: of one vehicle.
+        baseline: of its healthy flights; without any, its first flights are the reference.
+    """
+    judgement = ("fault_probability", "change_probability", "suspect_motor", "health_reason")
+    unknown: dict[str, Any] = dict.fromkeys((*judgement, "residual_mean", "residual_mean_interval"))
+    rows = [replace(row, health=UNKNOWN, **unknown) for row in rows]
+    flown = [row for row in rows if row.status == OK]
+    if not flown:
+        return rows
+    if not baseline and (flown[0].vehicle == UNKNOWN or flown[0].vehicle_basis == SHARED):
+        reason = "Health is unknown: the log does not say which vehicle it is of. Name its healthy flights as baseline."
+        return [replace(row, health_reason=reason) if row.status == OK else row for row in rows]
+    healthy_rows = [row for row in baseline if row.status == OK]
+    # A flight that is among both is one flight.
+    figures = {_key(row): health_figures(row) for row in (*healthy_rows, *flown)}
+    judged = {_key(row): figures[_key(row)] for row in flown}
+    given = list({_key(row): figures[_key(row)] for row in healthy_rows}.values())
+    verdicts = dict(zip(judged, assess(list(judged.values()), given or None), strict=True))
+    names = {flight.name for flight in given or healthy_flights(list(judged.values()))}
+    healthy = {(*_key(row), row.axis): row for row in (*healthy_rows, *flown) if figures[_key(row)].name in names}
+    models = {_kind(row): HealthyModels(healthy.values(), row) for row in flown}
+
+    def with_health(row: FlightRow) -> FlightRow:
+        verdict, model = verdicts[_key(row)], models[_kind(row)]
+        return replace(
+            row,
+            health=verdict.health,
+            fault_probability=verdict.fault_probability,
+            change_probability=verdict.change_probability,
+            suspect_motor=verdict.suspect_motor,
+            health_reason=verdict.reason,
+            residual_mean=model.residual_mean(row),
+            residual_mean_interval=model.interval,
+        )
+
+    return [with_health(row) if row.status == OK else row for row in rows]
+
+
+def health_figures(row: FlightRow) -> HealthFigures:
+    """Returns what a vehicle's health is judged by, of one flight's row."""
+    motors, balance = row.motors or (), None
+    if row.balance is not None:
+        balance = BalanceFigures(
+            _array(row.balance, 3),
+            _array(row.balance_error, 3),
+            _array(row.balance_lean, 2),
+            _array(row.lean_effect, 6).reshape(3, 2),
+            _array(row.lean_effect_error, 6).reshape(3, 2),
+            row.duration or 0.0,
+        )
+    return HealthFigures(
+        name=f"{row.file} {row.system} {row.component}",
+        motors=motors,
+        signatures=motor_signatures(len(motors), row.positions or (), row.spins or ()) if motors else None,
+        balance=balance,
+        date=row.date,
+        collective=row.collective,
+        voltage=row.voltage_mean,
+    )
+
+
+def _key(row: FlightRow) -> tuple[object, ...]:
+    """What the rows of one flight have in common."""
+    return row.key or row.file, row.vehicle, row.system, row.component
+
+
+def _kind(row: FlightRow) -> tuple[object, ...]:
+    """What models must have in common to be driven by each other's inputs: motors and the demand are other inputs."""
+    return row.axis, row.motors, row.inputs, row.input_unit
+
+
+def _array(values: Numbers | None, count: int) -> Array:
+    """As an array, NaN for what is not known."""
+    return np.full(count, np.nan) if values is None else np.array(values, dtype=np.float64)
+
+
+class HealthyModels:
+    """The models of healthy flights of one vehicle and axis, frozen.
+
+    Each predicts no angular acceleration at its own flight's means; what it leaves at another's is the residual.
+
+    Args:
+        healthy: rows of the vehicle.
+        like: a row with the axis and the inputs.
+
+    Attributes:
+        interval: half width of the residual mean of a healthy flight, rad/s², by the scatter of these; None of few.
+    """
+
+    def __init__(self, healthy: Iterable[FlightRow], like: FlightRow) -> None:
+        self._models = [row for row in healthy if _kind(row) == _kind(like) and row.residual_offset is not None]
+        left = [residual for row in self._models if (residual := self.residual_mean(row)) is not None]
+        self.interval = None
+        if len(left) >= FEWEST_MODELS:
+            self.interval = float(t.ppf(TWO_SIDED, len(left) - 1) * np.sqrt(np.mean(np.square(left))))
+
+    def residual_mean(self, row: FlightRow) -> float | None:
+        """The mean acceleration that other flights' models leave unexplained in this, rad/s²; None where not known."""
+        if row.mean_inputs is None:
+            return None
+        inputs, outputs = _array(row.mean_inputs, 0), _array(row.mean_outputs or (0.0, 0.0), 2)
+        residuals = [
+            float(_array(model.residual_gain_inputs, len(inputs)) @ inputs)
+            + float(_array(model.residual_gain_outputs, 2) @ outputs)
+            + (model.residual_offset or 0.0)
+            for model in self._models
+            if model.key != row.key and _kind(model) == _kind(row)
+        ]
+        return float(np.mean(residuals)) if residuals else None
 
 
 class FleetTracker:
-    """Keeps the data set of a fleet.
+    """Keeps the table of a fleet.
 
     Args:
         folder: of the fleet; made if it is not there.
         reader: what reads the logs.
-        page: the function that writes a flight's page, as ``package.module:function``; empty for none.
-        second_pass: what judges all flights of a vehicle.
+        page: the function that makes a flight's page, as ``package.module:function``; empty for none.
+        assess: what judges all flights of a vehicle.
     """
 
-    def __init__(
-        self,
-        folder: Path,
-        reader: Reader,
-        page: str = "",
-        second_pass: SecondPass = with_health,
-    ) -> None:
-        require("Tracking a fleet", "fleet")
+    def __init__(self, folder: Path, reader: Reader, page: str = "", assess: AssessRows = assess_rows) -> None:
         self.folder = folder
-        self._reader = reader
-        self._page = page
-        self._second_pass = second_pass
-        self._unread: list[str] = []  # of this run: known logs that could not be read, a sentence each
+        self._reader, self._page, self._assess = reader, page, assess
 
     def track(
         self, names: Sequence[str], baseline: Sequence[str] = (), progress: Progress = lambda *_: None
     ) -> TrackedLogs:
-        """Brings the data set up to date with the logs that ``names`` stand for.
+        """Brings the table up to date with the logs that ``names`` stand for.
 
         Args:
             names: files, folders, patterns and URLs.
@@ -74,125 +188,57 @@ class FleetTracker:
             progress: is called as logs are read.
 
         Raises:
-            Unreadable: there is no log, another run is at work, the folder cannot be written to, or is damaged.
+            Unreadable: there is no log, or the folder cannot be written to, or is damaged.
         """
-        self._unread = []
-        found = find_logs(names, self.folder)
-        if not found.logs and not is_fleet(self.folder):
-            raise Unreadable(found.problems[0])
-        try:
-            check_free(self.folder)
-            self.folder.mkdir(parents=True, exist_ok=True)
-            with locked(self.folder):
-                if baseline:
-                    self._set_baseline(baseline, progress)
-                read = self._update(self.folder, found.logs, progress, self._second_pass, self.healthy())
-        except OSError as error:
-            kept = "what was read is kept; " if has_lines(self.folder) else ""
-            raise Unreadable(
-                f"{self.folder} cannot be written to ({error.strerror or error}): {kept}once that is put right, the "
-                "same command goes on."
-            ) from None
-        return TrackedLogs(len(found.logs), read, (*found.problems, *self._unread))
+        logs, problems = find_logs(names, self.folder)
+        if not logs and not is_fleet(self.folder):
+            raise Unreadable(problems[0])
+        with opened(self.folder) as store:
+            if baseline:
+                self._set_baseline(store, baseline, progress)
+            read, unread = self._read(store, logs, progress)
+            store.track(logs)
+            store.publish(self._assess)
+            return TrackedLogs(len(logs), read, (*problems, *unread), store.healthy)
 
-    def healthy(self) -> list[FlightRow]:
-        """The rows of the baseline; none if there is none.
-
-        Raises:
-            Unreadable: it was written by a version of mavdem with other columns, or is damaged.
-        """
-        place = self.folder / BASELINE
-        rows = read_rows(place) if is_fleet(place) else []
-        if not rows and is_fleet(place):
-            raise Unreadable(
-                f"{place} has the columns of another version of mavdem: name the healthy flights again with --baseline."
-            )
-        return rows
-
-    def _set_baseline(self, names: Sequence[str], progress: Progress) -> None:
+    def _set_baseline(self, store: Store, names: Sequence[str], progress: Progress) -> None:
         """Takes rows of healthy flights over, in place of those before."""
-        place = self.folder / BASELINE
         if len(names) == 1 and is_fleet(Path(names[0])):
             chosen = read_rows(Path(names[0]))
         else:
-            found = find_logs(names, self.folder)
-            if found.problems:
-                raise Unreadable(f"--baseline: {found.problems[0]}")
-            read = place / "logs"
-            read.mkdir(parents=True, exist_ok=True)
-            self._update(read, found.logs, progress, as_they_are)
-            entries = read_ledger(read).named(found.logs)
-            keys = {entry.key for entry in entries}
-            chosen = [row for row in read_rows(read) if row.key in keys]
+            logs, problems = find_logs(names, self.folder)
+            if problems:
+                raise Unreadable(f"--baseline: {problems[0]}")
+            self._read(store, logs, progress)
+            chosen = store.rows_of(logs)
         if not any(row.status == OK for row in chosen):
             why = f"{chosen[0].file}: {chosen[0].status}" if chosen else "its logs cannot be read"
             raise Unreadable(f"--baseline holds no flight ({why}): name logs of healthy flights.")
-        set_old_aside(place)
-        # In one file, so that a run that is killed here leaves the one baseline or the other.
-        write_group(place, BASELINE, chosen)
-        for group in groups_in(place):
-            if group != BASELINE:
-                write_group(place, group, ())
+        store.healthy = chosen
 
-    def _update(
-        self,
-        folder: Path,
-        logs: Sequence[Source],
-        progress: Progress,
-        second_pass: SecondPass,
-        healthy: Sequence[FlightRow] = (),
-    ) -> int:
-        """Reads what is new into a folder's data set; returns how many logs that were."""
+    def _read(self, store: Store, logs: Sequence[Source], progress: Progress) -> tuple[int, list[str]]:
+        """Reads what is new; returns how many logs that were, and a sentence for each known one that cannot be read."""
         limits = self._reader.limits
-        (folder / PAGES).mkdir(exist_ok=True)
-        set_old_aside(folder)
-        with Journal(folder) as journal:
-            ledger = read_ledger(folder).with_rows_in(groups_in(folder))
-            journal.into(ledger)
-            # The largest first: were one the last, the other processes would wait for it.
-            new = sorted((log for log in logs if not ledger.knows(log, limits)), key=lambda log: -log.size)
+        # The largest first: were one the last, the other processes would wait for it.
+        new = sorted((log for log in logs if not store.knows(log, limits)), key=lambda log: -log.size)
+        sources = {log.path: log for log in new}
+        unread = []
+        jobs = (Job(log.path, store.keys_to_try(log, limits), self._page) for log in new)
+        progress(0, len(new))
+        for number, outcome in enumerate(self._reader.outcomes(jobs), 1):
+            source = sources[outcome.path]
+            if store.keeps(source, outcome):
+                reason = outcome.rows[0].status
+                unread.append(f"{source.path} cannot be read now: what is known of it is kept. {reason}")
+            else:
+                self._write_pages(outcome.pages)
+                store.add(source, outcome, limits)
+            progress(number, len(new))
+        return len(new), unread
 
-            def job_of(source: Source) -> Job:
-                known = ledger.keys_to_try(source, limits)
-                pages = str((folder / PAGES).absolute()) if self._page else ""
-                return Job(source.path, known, self._page, pages)
-
-            progress(0, len(new))
-            for number, (source, outcome) in enumerate(_outcomes(self._reader, new, job_of), 1):
-                if ledger.keeps(source, outcome):
-                    why = outcome.rows[0].status
-                    self._unread.append(f"{source.path} cannot be read now: what is known of it is kept. {why}")
-                else:
-                    _note(journal, ledger, source, outcome, self._reader)
-                progress(number, len(new))
-            compact(folder, journal, second_pass, healthy)
-        return len(new)
-
-
-def as_they_are(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
-    """No second pass: of healthy flights, which are what others are judged by."""
-    return rows
-
-
-def _outcomes(
-    reader: Reader, logs: Sequence[Source], job_of: Callable[[Source], Job]
-) -> Iterator[tuple[Source, ReadOutcome]]:
-    """Those of the reader, whose own trouble is none of the fleet's folder."""
-    try:
-        yield from reader.outcomes(logs, job_of)
-    except OSError as error:
-        raise Unreadable(
-            f"Logs cannot be read any further ({error.strerror or error}): what was read is kept; once that is put "
-            "right, the same command goes on."
-        ) from None
-
-
-def _note(journal: Journal, ledger: Ledger, source: Source, outcome: ReadOutcome, reader: Reader) -> None:
-    if outcome.ended == "known":
-        like = ledger.of_key(outcome.key)
-        entry = replace(like, path=as_text(source.path), size=source.size, version=source.version)
-        journal.append(entry, None)
-    else:
-        entry = entry_of(source, outcome, (group_of(row.vehicle) for row in outcome.rows), reader.limits)
-        journal.append(entry, outcome.rows)
-    ledger.add(entry)
+    def _write_pages(self, pages: dict[str, str]) -> None:
+        for name, html in pages.items():
+            (self.folder / PAGES).mkdir(exist_ok=True)
+            with atomic_write(self.folder / PAGES / name) as file:
+                # The name of a file need not be Unicode.
+                file.write(html.encode(errors="replace"))

@@ -28,6 +28,12 @@ LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = None) -> Log:
     """Reads a recorded flight.
 
+    >>> log = mavdem.ingest.read_log("flight.tlog")
+    >>> [(vehicle.system, vehicle.vehicle) for vehicle in log.vehicles]
+    [(1, 'QUADROTOR')]
+    >>> log.vehicles[0].messages["ATTITUDE"]["roll"].shape == log.vehicles[0].messages["ATTITUDE"]["time"].shape
+    True
+
     Args:
         path: a telemetry log (.tlog), an MCAP recording of MAVLink or ROS 2 (.mcap), an ArduPilot DataFlash log (.bin,
             or as text .log) or a PX4 ULog (.ulg), whatever its name, or an xz archive of one; str, bytes or path-like.
@@ -36,6 +42,9 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = N
     Raises:
         Unreadable: the file cannot be opened, has another format, or contains no flight.
         ValueError: ``path`` is not a path.
+
+    See Also:
+        :func:`mavdem.read_flight`: what a model is learnt from; :class:`mavdem.Telemetry`.
     """
     name, kind = _name_and_format(path)
     # A library that only one format needs is imported when a file of that format is read.

@@ -24,11 +24,12 @@ from numpy.typing import NDArray
 from mavdem.alignment.signals import axis_outputs
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.dem.parallel import pool
-from mavdem.live.aligner import AlignedRow, Setup
+from mavdem.live.decisions import Setup
 from mavdem.live.history import ACCOUNT, NO_FLIGHT, NOT_SETTLED, UNCONFIRMED, SessionStatus, horizons, sentence
 from mavdem.live.link import Link, LinkLost
 from mavdem.live.rate_request import MAX_TRIES, REPLY_SECONDS, SILENCE_SECONDS, Arrivals, RateRequest, greeting
 from mavdem.live.recording import RawRecording
+from mavdem.live.rows import AlignedRow
 from mavdem.live.stream import LiveStream
 
 Array = NDArray[np.float64]
@@ -146,7 +147,7 @@ class LiveSession:
             # All at once, since each search of garbage costs time; the first stamp, so that no latency is too short.
             for row in self.stream.feed(received[0][0], b"".join(data for _, data in received)):
                 self._take(row)
-            landing = self.stream.taken_back()
+            landing = self.stream.landing()
             if landing is not None and self.learner is not None:
                 self._land(landing)
             for event in self.stream.events():

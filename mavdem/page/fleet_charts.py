@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from mavdem.fleet.row import FlightRow
 from mavdem.page.line_chart import MARKS, Line, LineChart, Mark, line_chart
-from mavdem.report.names import readable, short
+from mavdem.report.numbers import readable, short
 from mavdem.report.palette import distinct
 
 Flights = Sequence[Sequence[FlightRow]]

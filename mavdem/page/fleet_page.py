@@ -7,14 +7,11 @@ from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import NamedTuple
 
-from mavdem.comparison.flight_figures import flights_of, vehicles_of
-from mavdem.fleet.row import FlightRow
-from mavdem.page.document import environment
+from mavdem.fleet.row import HEALTHS, FlightRow, flights_of, vehicles_of
 from mavdem.page.fleet_charts import FleetDrawing, vehicle_drawings
 from mavdem.page.fleet_table import NOT_USED, flight_table
 from mavdem.report.blocks import Block
-from mavdem.report.fleets.summary import (
-    SEVERITY,
+from mavdem.report.flights import (
     TROUBLE,
     fleet_blocks,
     had_trouble,
@@ -22,6 +19,7 @@ from mavdem.report.fleets.summary import (
     vehicle_health,
     vehicle_words,
 )
+from mavdem.report.page import environment
 
 MIN_FLIGHTS = 2  # of a vehicle whose figures are drawn
 MAX_DRAWN = 60  # vehicles, those in trouble first: a page with more is too large to mail
@@ -67,7 +65,7 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     told = dict(changes or {})
     # Flights that do not say whose they are may be those of several vehicles.
     vehicles = {name: flights for name, flights in vehicles_of(rows).items() if is_one_vehicle(name, flights)}
-    ranked = sorted(vehicles, key=lambda name: (SEVERITY.index(vehicle_health(vehicles[name])), name))
+    ranked = sorted(vehicles, key=lambda name: (HEALTHS.index(vehicle_health(vehicles[name])), name))
     flown_often = [name for name in ranked if len(vehicles[name]) >= MIN_FLIGHTS]
     drawn = set(flown_often[:MAX_DRAWN])
     parts = [
@@ -85,7 +83,7 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
     ]
     header, lines = flight_table([row for flight in _newest_first(rows) for row in flight])
     return (
-        environment()
+        environment("mavdem.page")
         .get_template("fleet.html")
         .render(
             blocks=fleet_blocks(rows),
@@ -94,7 +92,7 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
             header=header,
             lines=lines,
             first_shown=FIRST_SHOWN,
-            severity=(*TROUBLE, NOT_USED, *SEVERITY[len(TROUBLE) :]),
+            severity=(*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
             made_by=f"mavdem {version('mavdem')}, Python {platform.python_version()}",
         )
     )

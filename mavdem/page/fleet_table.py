@@ -10,8 +10,7 @@ from urllib.parse import quote
 
 from mavdem.fleet.row import OK, UNKNOWN, FlightRow
 from mavdem.page.fleet_charts import NOT_IDENTIFIABLE, input_unit
-from mavdem.report.names import readable
-from mavdem.report.rounding import plus_minus, rounded
+from mavdem.report.numbers import plus_minus, readable, rounded
 
 HEADER = (
     ("flight", "text"),

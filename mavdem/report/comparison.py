@@ -1,46 +1,57 @@
-"""The report of a comparison, in sentences and tables; first what the paired test says of DEM and each other method."""
+"""Comparisons in sentences and tables: of methods, and of model orders.
+
+Of methods first what the paired test says of DEM and each other one; of orders the free energy of each.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from math import sqrt
+from math import isfinite, sqrt
+from typing import Any
 
 from mavdem.analysis.findings import PREDICTION_LIMITS
-from mavdem.evaluate import HORIZONS, Paired
-from mavdem.evaluate.comparison import GENERALIZED_COORDINATES, Comparison, Loss, MethodSummary, OverFlights, over
-from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE
-from mavdem.report.blocks import Sentence, Table
-from mavdem.report.names import listed, named, readable
+from mavdem.dem.order.choice import OrderChoice
+from mavdem.evaluate.comparison import GENERALIZED_COORDINATES, Comparison
+from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE, Paired
+from mavdem.evaluate.scores import FROM_ZERO, HORIZONS, KNOWN, UNKNOWN, error_over
+from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.numbers import THREE_STATES, listed, named, readable
 
-GIVEN, PREDICTED = "What happened, given the inputs:", "What comes next, inputs unknown:"
+WORDS = {KNOWN: "What happened, given the inputs:", UNKNOWN: "What comes next, inputs unknown:"}
+BANDS = {KNOWN: "forecasts", UNKNOWN: "predictions"}
+Summary = dict[str, Any]
 
 
-def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[Sentence | Table]:
-    """The verdict on the first method, then the errors over flights and of each flight, and what the columns mean."""
+def comparison_report(comparison: Comparison, from_zero: bool = False) -> list[Block]:
+    """Returns the verdict on the first method of a ``comparison``, then errors, and what the columns mean.
+
+    ``from_zero``: forecasts start from state 0.
+    """
+    first = FROM_ZERO if from_zero else KNOWN
+    questions = [first, *([UNKNOWN] if not from_zero and comparison.methods_of(UNKNOWN) else [])]
     several = len(comparison.flights) > 1
-    predictions = None if from_zero else comparison.predictions
     return [
-        Sentence("", lead=_verdict(comparison, from_zero)),
-        *([] if predictions is None else [Sentence(_verdict(predictions), PREDICTED)]),
-        *([] if from_zero else _failed_bands(comparison, "forecasts")),
-        *([] if predictions is None else _failed_bands(predictions, "predictions")),
-        *([] if from_zero else _losses_by_horizon(comparison)),
-        *(_over_flights(comparison, from_zero) if several else []),
-        *_generalized_coordinates(comparison, from_zero),
-        *(block for flight in comparison.flights for block in _flight(comparison, flight, from_zero)),
-        _legend(comparison.methods[0], from_zero, several, predictions is not None),
+        Sentence("", lead=_verdict(comparison, first)),
+        *(Sentence(_verdict(comparison, question), WORDS[question]) for question in questions[1:]),
+        *(block for question in questions if not from_zero for block in _failed_bands(comparison, question)),
+        *([] if from_zero else _losses(comparison)),
+        *(_over_flights(comparison, questions) if several else []),
+        *_generalized_coordinates(comparison, first),
+        *(block for flight in comparison.flights for block in _flight(comparison, flight, questions)),
+        _legend(comparison.methods[0], from_zero, several, UNKNOWN in questions),
     ]
 
 
-def _verdict(comparison: Comparison, from_zero: bool = False) -> str:
+def _verdict(comparison: Comparison, question: str) -> str:
     """Than which methods' errors the first one's is lower or higher, and from which it is not distinguishable."""
-    silent = _silent(comparison)
-    found = {method: one for method, one in comparison.verdicts(from_zero).items() if method not in silent}
-    if not found:
+    silent = [row["method"] for row in comparison.over_flights(question) if row["failed"] == row["windows"]]
+    tests = {method: test for method, test in comparison.verdicts(question).items() if method not in silent}
+    if not tests:
         return f"No forecast was made by {listed(silent)}."
-    reference, where = comparison.methods[0], _on_flights(comparison)
+    reference = comparison.methods_of(question)[0]
+    where = f" on {len(comparison.flights)} flights" if len(comparison.flights) > 1 else ""
     without = f" No forecast was made by {listed(silent)}." if silent else ""
-    pairs = min(one.tested for one in found.values())
+    pairs = min(test.tested for test in tests.values())
     if pairs < FEWEST_PAIRS:
         apart = "1 window does" if pairs == 1 else f"{pairs} windows do"
         return (
@@ -48,117 +59,86 @@ def _verdict(comparison: Comparison, from_zero: bool = False) -> str:
             f"it takes {FEWEST_PAIRS}.{without}"
         )
     parts = []
-    for verdict in ("higher", "not distinguishable", "lower"):
-        names = [name for name, one in found.items() if one.verdict == verdict]
+    for verdict, than in (("higher", "than"), ("not distinguishable", "from"), ("lower", "than")):
+        names = [name for name, test in tests.items() if test.verdict == verdict]
+        which = f"all {len(tests)} other methods" if 1 < len(names) == len(tests) else listed(names)
         if verdict == "higher":
-            which = listed([f"{name} ({_times(found[name])})" for name in names])
-        else:
-            which = f"all {len(found)} other methods" if 1 < len(names) == len(found) else listed(names)
+            which = listed(
+                f"{name} ({_ratio(tests[name].ratio)} times, p = {tests[name].p_value:.2g})" for name in names
+            )
         if names:
-            parts.append(f"{verdict} {'from' if verdict == 'not distinguishable' else 'than'} that of {which}")
+            parts.append(f"{verdict} {than} that of {which}")
     return f"{reference}'s error{where} over the whole test part is {'; '.join(parts)}.{without}"
 
 
-def _times(one: Paired) -> str:
-    return f"{_ratio(one.ratio)} times, p = {_p(one.p_value)}"
-
-
-def _on_flights(comparison: Comparison) -> str:
-    return f" on {len(comparison.flights)} flights" if len(comparison.flights) > 1 else ""
-
-
-def _failed_bands(comparison: Comparison, what: str) -> list[Sentence]:
-    """A caution for each flight on which the first method's band, of ``what``, holds too few samples."""
-    reference, found = comparison.methods[0], []
+def _failed_bands(comparison: Comparison, question: str) -> list[Block]:
+    """A caution for each flight on which the first method's band holds too few samples."""
+    reference, cautions = comparison.methods_of(question)[0], list[Block]()
     for flight in comparison.flights:
-        share = next(one for one in comparison.summaries(flight) if one.method == reference).horizons[-1].inside
+        row = next(row for row in comparison.summaries(flight, question) if row["method"] == reference)
+        share = row["horizons"][-1]["inside"]
         if share is not None and share < PREDICTION_LIMITS.coverage:
             where = f" on {flight}" if len(comparison.flights) > 1 else ""
-            text = f"the 90 % band of {reference}'s {what} holds {share:.0%} of the samples{where}: it is too narrow."
-            found.append(Sentence(text, "Caution:"))
-    return found
+            what = f"{reference}'s {BANDS[question]} holds {share:.0%} of the samples{where}"
+            cautions.append(Sentence(f"the 90 % band of {what}: it is too narrow.", "Caution:"))
+    return cautions
 
 
-def _silent(comparison: Comparison) -> list[str]:
-    """Methods that made no forecast at all."""
-    return [one.method for one in comparison.over_flights() if one.failed == one.windows]
-
-
-def _losses_by_horizon(comparison: Comparison) -> list[Sentence | Table]:
+def _losses(comparison: Comparison) -> list[Block]:
     """The ratios of one flight; of several flights, on how many the first method is worse."""
-    reference, losses = comparison.methods[0], comparison.losses()
-    methods = list(dict.fromkeys(loss.method for loss in losses))
+    reference, losses, flights = comparison.methods[0], comparison.losses(), comparison.flights
+    methods = list(dict.fromkeys(loss["method"] for loss in losses))
     if not losses:
         return []
-    if len(comparison.flights) == 1:
-        horizons = [at.steps for at in comparison.summaries(comparison.flights[0])[0].horizons]
-        ratio = {(loss.method, loss.steps): _marked(loss) for loss in losses}
-        return [
-            Table(
-                [f"{reference}'s error / the method's, where above 1; steps:", *map(str, horizons)],
-                [[method, *(ratio.get((method, steps), "") for steps in horizons)] for method in methods],
-            )
-        ]
-    steps_of = {flight: [at.steps for at in comparison.summaries(flight)[0].horizons] for flight in comparison.flights}
-    header, places = _shared_horizons(list(steps_of.values()))
-    counts = {(method, place): [0, 0] for method in methods for place in places}
-    for loss in losses:
-        for place in places:
-            here = loss.steps == steps_of[loss.flight][place]
-            counts[loss.method, place][0] += here
-            counts[loss.method, place][1] += here and loss.paired.verdict == "higher"
-    cells = {key: f"{worse} ({sure})" if worse else "" for key, (worse, sure) in counts.items()}
-    return [
-        Table(
-            [f"flights of {len(comparison.flights)} with {reference} worse (distinguishably); steps:", *header],
-            [[method, *(cells[method, place] for place in places)] for method in methods],
-        )
-    ]
-
-
-def _marked(loss: Loss) -> str:
-    """The ratio, with ≈ where the two errors are not distinguishable."""
-    return f"{'' if loss.paired.verdict == 'higher' else '≈ '}{_ratio(loss.ratio)}"
+    steps = {flight: [at["steps"] for at in comparison.summaries(flight)[0]["horizons"]] for flight in flights}
+    cells: dict[tuple[str, str], str] = {}
+    if len(flights) == 1:
+        head, header = f"{reference}'s error / the method's, where above 1; steps:", [*map(str, steps[flights[0]])]
+        for loss in losses:
+            chance = "" if loss["paired"].verdict == "higher" else "≈ "
+            cells[loss["method"], str(loss["steps"])] = f"{chance}{_ratio(loss['ratio'])}"
+    else:
+        head = f"flights of {len(flights)} with {reference} worse (distinguishably); steps:"
+        header, columns = _shared_horizons(list(steps.values()))
+        for method in methods:
+            for name, column in zip(header, columns, strict=True):
+                worse = [
+                    loss["paired"].verdict == "higher"
+                    for loss in losses
+                    if loss["method"] == method and loss["steps"] == steps[loss["flight"]][column]
+                ]
+                cells[method, name] = f"{len(worse)} ({sum(worse)})" if worse else ""
+    rows = [[method, *(cells.get((method, name), "") for name in header)] for method in methods]
+    return [Table([head, *header], rows)]
 
 
 def _shared_horizons(steps: Sequence[Sequence[int]]) -> tuple[list[str], list[int]]:
-    """What horizons that all flights have are called, as at 100 Hz, and their places; the last is the whole part."""
+    """What horizons that all flights have are called, as at 100 Hz, and their columns; the last is the whole part."""
     shared = min(map(len, steps))
     whole = str(steps[0][-1]) if len({one[-1] for one in steps}) == 1 else "all"
     return [*map(str, HORIZONS[: shared - 1]), whole], [*range(shared - 1), -1]
 
 
-def _over_flights(comparison: Comparison, from_zero: bool) -> list[Sentence | Table]:
-    reference = comparison.methods[0]
-    steps = [[at.steps for at in comparison.summaries(flight, from_zero)[0].horizons] for flight in comparison.flights]
-    header, _ = _shared_horizons(steps)
-    shown = _with_shown_bands(comparison)
-    asked = [(GIVEN, comparison.over_flights(from_zero))]
-    if comparison.predictions is not None and not from_zero:
-        asked.append((PREDICTED, comparison.predictions.over_flights()))
-    return [
-        Sentence(f"{len(comparison.flights)} flights, {len(comparison.windows)} windows.", "All flights:"),
-        *(
-            Table(
-                [f"{question} error ratio; steps:", *header, *_count_columns(reference)],
-                [
-                    *([one.method, *map(_ratio, one.horizons), *_counts(one, one.reference)] for one in overall),
-                    *([*row, "", "", "", ""] for row in _inside([(one.method, one.inside) for one in overall], shown)),
-                ],
-            )
-            for question, overall in asked
-        ),
-    ]
+def _over_flights(comparison: Comparison, questions: Sequence[str]) -> list[Block]:
+    flights = comparison.flights
+    of_flights = [comparison.summaries(flight, questions[0])[0]["horizons"] for flight in flights]
+    header, _ = _shared_horizons([[at["steps"] for at in horizons] for horizons in of_flights])
+    text = f"{len(flights)} flights, {len(comparison.windows)} windows."
+    blocks: list[Block] = [Sentence(text, "All flights:")]
+    for question in questions:
+        rows = comparison.over_flights(question)
+        table = [[row["method"], *map(_ratio, row["horizons"]), *_counts(row, row["reference"])] for row in rows]
+        inside = [(row["method"], row["inside"]) for row in rows]
+        table += [[*row, "", "", "", ""] for row in _inside(inside, comparison)]
+        columns = _count_columns(comparison.methods[0])
+        words = WORDS.get(question, WORDS[KNOWN])
+        blocks.append(Table([f"{words} error ratio; steps:", *header, *columns], table))
+    return blocks
 
 
-def _with_shown_bands(comparison: Comparison) -> Collection[str]:
-    """Methods whose share in the band is shown: those that answer both questions, and the first."""
-    predictions = comparison.predictions
-    return {comparison.methods[0], *(() if predictions is None else predictions.methods)}
-
-
-def _inside(methods: Sequence[tuple[str, Sequence[float | None]]], shown: Collection[str]) -> list[list[str]]:
-    """Rows of the share of samples in the 90 % band up to each horizon, of the ``shown`` methods that have one."""
+def _inside(methods: Sequence[tuple[str, Sequence[float | None]]], comparison: Comparison) -> list[list[str]]:
+    """Rows of the share in the 90 % band by horizon: of the first method, and of those that answer both questions."""
+    shown: Collection[str] = {comparison.methods[0], *comparison.methods_of(UNKNOWN)}
     return [
         [f"{method}: in its 90 % band", *("" if share is None else f"{share:.0%}" for share in shares)]
         for method, shares in methods
@@ -170,97 +150,68 @@ def _count_columns(reference: str) -> list[str]:
     return ["above 1", "unstable", f"{reference} / method", "p"]
 
 
-def _counts(one: MethodSummary | OverFlights, paired: Paired) -> list[str]:
-    return [str(one.worse_than_constant), str(one.unstable), _ratio(paired.ratio), _p(paired.p_value)]
+def _counts(row: Summary, test: Paired) -> list[str]:
+    return [str(row["worse_than_constant"]), str(row["unstable"]), _ratio(test.ratio), f"{test.p_value:.2g}"]
 
 
-def _generalized_coordinates(comparison: Comparison, from_zero: bool) -> list[Sentence | Table]:
+def _generalized_coordinates(comparison: Comparison, question: str) -> list[Block]:
     """As the paper's Table ``tab:SSE_GC``, of medians over windows."""
     pairs = [pair for pair in GENERALIZED_COORDINATES if set(pair) <= set(comparison.methods)]
     if not pairs:
         return []
-    by_flight = {
-        flight: {summary.method: summary.relative for summary in comparison.summaries(flight, from_zero)}
-        for flight in comparison.flights
-    }
-    if len(by_flight) > 1:
-        by_flight["all flights"] = {one.method: one.relative for one in comparison.over_flights(from_zero)}
-    header = ["influence of generalized coordinates, error ratio"]
-    for with_them, without in pairs:
-        header += [with_them, without, "ratio"]
+    parts = [(flight, comparison.summaries(flight, question)) for flight in comparison.flights]
+    if len(parts) > 1:
+        parts.append(("all flights", comparison.over_flights(question)))
     rows = []
-    for flight, error in by_flight.items():
-        row = [flight]
-        for with_them, without in pairs:
-            row += [_ratio(error[with_them]), _ratio(error[without]), _ratio(over(error[with_them], error[without]))]
-        rows.append(row)
-    return [Table(header, rows)]
+    for name, summaries in parts:
+        error = {row["method"]: row["relative"] for row in summaries}
+        cells = [(error[one], error[other], float(error_over(error[one], error[other]))) for one, other in pairs]
+        rows.append([name, *(_ratio(value) for cell in cells for value in cell)])
+    header = ["influence of generalized coordinates, error ratio"]
+    return [Table([*header, *(name for pair in pairs for name in (*pair, "ratio"))], rows)]
 
 
-def _flight(comparison: Comparison, flight: str, from_zero: bool) -> list[Sentence | Table]:
-    part, found, predictions = (
-        comparison.of_flight(flight),
-        comparison.summaries(flight, from_zero),
-        comparison.predictions,
+def _flight(comparison: Comparison, flight: str, questions: Sequence[str]) -> list[Block]:
+    windows = [window for window in comparison.windows if window.flight == flight]
+    train, test, summaries = windows[0].train, windows[0].test, comparison.summaries(flight, questions[0])
+    text = (
+        f"{len(windows)} window{'s' if len(windows) > 1 else ''} of {len(train)} training and {len(test)} test "
+        f"samples, at {1 / train.dt:.0f} Hz. The paired test uses the "
+        f"{summaries[0]['horizons'][-1]['reference'].tested} that do not overlap."
     )
-    train, test, shown = part.windows[0].train, part.windows[0].test, _with_shown_bands(comparison)
-    count = len(part.windows)
-    return [
-        Sentence(
-            f"{count} window{'s' if count > 1 else ''} of {len(train)} training and {len(test)} test samples, at "
-            f"{1 / train.dt:.0f} Hz. The paired test uses the {found[0].horizons[-1].reference.tested} that do not "
-            "overlap.",
-            f"{flight}:",
-        ),
-        _errors(part, found),
-        *([] if from_zero else [_by_horizon(GIVEN, found, shown)]),
-        *([] if from_zero or predictions is None else [_by_horizon(PREDICTED, predictions.summaries(flight), shown)]),
-        *(Sentence(text) for one in found if (text := _without_forecast(one))),
-    ]
-
-
-def _without_forecast(summary: MethodSummary) -> str:
-    parts = []
-    if summary.failed:
-        parts.append(f"made no forecast in {summary.failed} of {summary.windows} windows: {summary.failure}")
-    if summary.diverged:
-        parts.append(f"diverged to infinity or NaN in {summary.diverged} of {summary.windows} windows")
-    return f"{summary.method} {'; and '.join(parts)}." if parts else ""
-
-
-def _errors(part: Comparison, found: Sequence[MethodSummary]) -> Table:
-    train, test = part.windows[0].train, part.windows[0].test
     units = [readable(unit) for unit in train.output_units]
     columns = [named(name, unit.name) for name, unit in zip(train.output_names, units, strict=True)]
-    return Table(
+    head = f"RMSE, {len(test)} step{'s' if len(test) > 1 else ''} ahead"
+    errors = [
         [
-            f"RMSE, {len(test)} step{'s' if len(test) > 1 else ''} ahead",
-            *columns,
-            "error ratio",
-            "worst",
-            *_count_columns(part.methods[0]),
-        ],
-        [
-            [
-                one.method,
-                *(f"{unit.scale * sqrt(square):.3g}" for unit, square in zip(units, one.mspe, strict=True)),
-                _ratio(one.relative),
-                _ratio(one.worst),
-                *_counts(one, one.horizons[-1].reference),
-            ]
-            for one in found
-        ],
-    )
+            row["method"],
+            *(f"{unit.scale * sqrt(square):.3g}" for unit, square in zip(units, row["mspe"], strict=True)),
+            _ratio(row["relative"]),
+            _ratio(row["worst"]),
+            *_counts(row, row["horizons"][-1]["reference"]),
+        ]
+        for row in summaries
+    ]
+    header = [head, *columns, "error ratio", "worst", *_count_columns(comparison.methods[0])]
+    blocks: list[Block] = [Sentence(text, f"{flight}:"), Table(header, errors)]
+    for question in (KNOWN, UNKNOWN):
+        if question in questions:
+            rows = comparison.summaries(flight, question)
+            steps = [str(at["steps"]) for at in rows[0]["horizons"]]
+            table = [[row["method"], *(_ratio(at["relative"]) for at in row["horizons"])] for row in rows]
+            inside = [(row["method"], [at["inside"] for at in row["horizons"]]) for row in rows]
+            table += _inside(inside, comparison)
+            blocks.append(Table([f"{WORDS[question]} error ratio; steps:", *steps], table))
+    return [*blocks, *(Sentence(text) for row in summaries if (text := _without_forecast(row)))]
 
 
-def _by_horizon(question: str, found: Sequence[MethodSummary], shown: Collection[str]) -> Table:
-    return Table(
-        [f"{question} error ratio; steps:", *(str(at.steps) for at in found[0].horizons)],
-        [
-            *([one.method, *(_ratio(at.relative) for at in one.horizons)] for one in found),
-            *_inside([(one.method, [at.inside for at in one.horizons]) for one in found], shown),
-        ],
-    )
+def _without_forecast(row: Summary) -> str:
+    parts = []
+    if row["failed"]:
+        parts.append(f"made no forecast in {row['failed']} of {row['windows']} windows: {row['failure']}")
+    if row["diverged"]:
+        parts.append(f"diverged to infinity or NaN in {row['diverged']} of {row['windows']} windows")
+    return f"{row['method']} {'; and '.join(parts)}." if parts else ""
 
 
 def _legend(reference: str, from_zero: bool, several: bool, predicted: bool) -> Sentence:
@@ -283,5 +234,28 @@ def _ratio(value: float) -> str:
     return f"{value:.3g}"
 
 
-def _p(value: float) -> str:
-    return f"{value:.2g}"
+def order_report(choice: OrderChoice, names: Sequence[str]) -> list[Block]:
+    """Returns F̄ by order and flight, and the chosen order with its reason.
+
+    ``names`` are those of the flights of ``choice``.
+    """
+
+    def nats(value: float) -> str:
+        return f"{value:,.1f}" if isfinite(value) else "-"
+
+    several = len(names) > 1
+    highest = choice.free_energy[:, choice.chosen - 1]
+    rows = []
+    for column, order in enumerate(choice.orders):
+        cells = [nats(value) for value in choice.free_energy[:, column] - highest]
+        if several:
+            cells += [nats(choice.mean[column] - choice.mean[choice.chosen - 1]), nats(choice.spread[column])]
+        rows.append([f"{order}{' (chosen)' if order == choice.chosen else ''}", *cells])
+    spread = " Spread: the standard deviation over the flights." if several else ""
+    return [
+        Sentence("", lead=choice.reason),
+        Table(["states", *names, *(["mean", "spread"] if several else [])], rows),
+        Sentence(f"F̄ in nats, minus that of the chosen order.{spread}"),
+        *(Sentence(remark, "Caution:") for remark in choice.remarks),
+        Sentence(THREE_STATES),
+    ]

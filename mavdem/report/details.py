@@ -13,18 +13,19 @@ from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import unpack
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.names import (
+from mavdem.report.numbers import (
     THREE_STATES,
     Labels,
     named,
     parameter_names,
+    plus_minus,
     readable,
     short,
     state_names,
     states_are_outputs,
+    with_unit,
 )
-from mavdem.report.rounding import plus_minus, with_unit
-from mavdem.report.vehicle import answer_blocks, physical_blocks
+from mavdem.report.screen import answer_blocks, physical_blocks
 
 MAX_NAMED, MIN_WEIGHT = 4, 0.3
 """Of a combination of parameters that is not identifiable: how many are named at most, and from what share of the

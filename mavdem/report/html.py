@@ -10,8 +10,7 @@ import numpy as np
 from mavdem.dem import Learned
 from mavdem.flight import Flight
 from mavdem.report.blocks import Block, Sentence, Table
-from mavdem.report.names import named, readable
-from mavdem.report.rounding import rounded
+from mavdem.report.numbers import named, readable, rounded
 from mavdem.report.screen import screen, title
 
 RIGHT, LEFT = (f' style="text-align: {side}"' for side in ("right", "left"))

@@ -13,9 +13,18 @@ from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned
 from mavdem.dem.engine.model import pack
 from mavdem.dem.priors import hyperparameter_groups, hyperparameter_prior
-from mavdem.report.names import Labelled, Labels, entries, left_free, place, readable, state_names, state_rate_units
+from mavdem.report.numbers import (
+    Labelled,
+    Labels,
+    entries,
+    left_free,
+    place,
+    plus_minus,
+    readable,
+    state_names,
+    state_rate_units,
+)
 from mavdem.report.palette import MEASURED, distinct
-from mavdem.report.rounding import plus_minus
 from mavdem.view.chart import IterationCurve, iteration_chart
 
 SIGMAS = quantile()  # half width of a Gaussian's interval, in standard deviations

@@ -18,10 +18,8 @@ from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.files import atomic_write
 from mavdem.flight import Flight
 from mavdem.report import palette
-from mavdem.report.axis_command import AxisCommand
 from mavdem.report.blocks import markdown
-from mavdem.report.names import Labels, named, place, readable, state_names
-from mavdem.report.rounding import plus_minus
+from mavdem.report.numbers import AxisCommand, Labels, named, place, plus_minus, readable, state_names
 from mavdem.report.screen import key_figures, screen, title
 from mavdem.view.chart import bar_chart
 from mavdem.view.learning import learning_view

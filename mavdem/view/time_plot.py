@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
 from mavdem.report import palette
-from mavdem.report.rounding import rounded
+from mavdem.report.numbers import rounded
 
 Array = NDArray[np.float64]
 

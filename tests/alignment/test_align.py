@@ -168,22 +168,6 @@ def test_a_vibration_faster_than_the_grid_is_not_folded_into_it():
     assert flight.provenance["resampling"]["attitude"].startswith("low-passed at 20 Hz")
 
 
-def slow_until(change: float, fast: float, hover: Hover) -> np.ndarray:
-    """Stamps at 15 Hz, and from ``change`` on at ``fast``."""
-    return np.concatenate([np.arange(0, change, 1 / 15), np.arange(change, hover.end, 1 / fast)])
-
-
-def test_a_change_of_rates_in_flight_parts_the_fast_stretch_to_the_step():
-    hover = Hover(hovering=150)
-    stamps = slow_until(100.0, 100.0, hover)
-    telemetry = hover.telemetry(stamps, stamps)
-    (segment,) = settled_segments(Signals(telemetry))
-    assert (segment.start, segment.end) == pytest.approx((100.0, hover.sinking), abs=0.2)
-    flight = align(Signals(telemetry), segment)
-    assert flight.dt == 0.01
-    assert flight.provenance["resampling"] == {"attitude": "samples kept", "motors": "samples kept"}
-
-
 def test_lost_messages_and_jitter_part_nothing():
     random = np.random.default_rng(5)
     lossy = np.sort(random.permutation(HOVER.stamps(50.0))[: round(HOVER.end * 40)])

@@ -11,12 +11,11 @@ import pytest
 from hover import Hover, changed, columns
 
 from mavdem.alignment import phases
-from mavdem.alignment.phases import REPORT_SECONDS, TRANSIENT_SECONDS
+from mavdem.alignment.phases import TRANSIENT_SECONDS
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import verdict_of
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.live.phase import LivePhase
 
 SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "real" / "logs"
 HOVER = Hover()
@@ -88,30 +87,3 @@ def test_a_recorded_flight_whose_reports_come_at_its_end() -> None:
     ((start, end),) = phases.settled(signals, 0)
     assert start < 55 and end == pytest.approx(106, abs=2)
     assert "never left the ground" not in verdict_of(signals).reason
-
-
-def live(telemetry: Telemetry) -> dict[float, tuple[bool, bool]]:
-    """Whether it flies, and is settled, live, by the time."""
-    thrust, state = Signals(telemetry).collective, telemetry.messages["EXTENDED_SYS_STATE"]
-    assert thrust is not None
-    sent = [
-        (time, "take_collective", share)
-        for time, share in zip(thrust.time.tolist(), thrust.values.tolist(), strict=True)
-    ]
-    sent += [
-        (t, "take_landed_state", s) for t, s in zip(state["time"].tolist(), state["landed_state"].tolist(), strict=True)
-    ]
-    phase, flying = LivePhase(), {}
-    for time, take, value in sorted(sent):
-        getattr(phase, take)(time, value)
-        flying[time] = phase.flying, phase.settled(time)
-    return flying
-
-
-def test_live_reports_count_for_as_long_as_they_come() -> None:
-    late = live(reporting(np.arange(HOVER.sinking, HOVER.end, 0.1), 4))
-    assert late[10.0][0] and late[20.0] == (True, True) and late[HOVER.sinking + 1] == (True, False)
-    stopped = live(reporting(np.array([1.0, 2.0]), 1))
-    assert not stopped[2.0 + REPORT_SECONDS - 1][0] and stopped[2.0 + REPORT_SECONDS + 2][0]
-    undefined = live(reporting(np.array([1.0, 2.0, 2.5]), np.array([1, 1, 0])))
-    assert undefined[9.0][0]

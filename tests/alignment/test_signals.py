@@ -10,7 +10,7 @@ from hover import ARMED, MAV_AUTOPILOTS, MAV_TYPES, Hover, changed, columns
 
 from mavdem.alignment import drive, signals
 from mavdem.alignment.phases import airborne_collective
-from mavdem.alignment.signals import Signals
+from mavdem.alignment.signals import Signals, voltage
 from mavdem.ingest.motors import motor_geometry, output_scale
 from mavdem.ingest.telemetry import Telemetry
 
@@ -191,20 +191,6 @@ def test_every_frame_balances(frame_class, frame_type, count):
         np.testing.assert_allclose(np.array(others) @ found.effect(axis), 0, atol=1e-6)
 
 
-def test_two_banks_that_interleave_are_sixteen_channels():
-    telemetry = HOVER.telemetry(parameters={f"SERVO{8 + n}_FUNCTION": 32.0 + n for n in (1, 2, 3, 4)})
-    table = telemetry.messages["SERVO_OUTPUT_RAW"]
-    rows = np.repeat(np.arange(len(table["time"])), 2)
-    both = {name: column[rows].copy() for name, column in table.items()}
-    second = np.arange(len(rows)) % 2 == 1
-    both["port"] = second.astype(float)
-    for n in range(1, 9):
-        both[f"servo{n}_raw"][~second] = 1500.0
-    motors = drive.motors(changed(telemetry, "SERVO_OUTPUT_RAW", **both))
-    assert motors.layout.channels == (9, 10, 11, 12)
-    np.testing.assert_array_equal(motors.outputs, HOVER.motors(motors.time))
-
-
 def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
     """Six motors over two banks, whole µs, the second bank's messages 3 ms after the first's."""
     parameters = {f"SERVO{4 + n}_FUNCTION": 32.0 + n for n in range(1, 7)} | {"FRAME_CLASS": 2, "FRAME_TYPE": 1}
@@ -241,13 +227,6 @@ def test_a_message_without_motors_that_move_leaves_the_next() -> None:
     motors = drive.motors(changed(telemetry, "SERVO_OUTPUT_RAW", **still))
     assert motors is not None and motors.message == "ACTUATOR_OUTPUT_STATUS"
     np.testing.assert_array_equal(motors.outputs, HOVER.motors(time))
-
-
-def test_a_channel_without_any_number_costs_no_other() -> None:
-    telemetry = HOVER.telemetry()
-    unused = {"servo6_raw": np.full(len(HOVER.stamps(100.0)), np.nan)}
-    motors = drive.motors(changed(telemetry, "SERVO_OUTPUT_RAW", **unused))
-    assert motors is not None and len(motors.time) == len(HOVER.stamps(100.0))
 
 
 def test_parameters_of_some_motors_only_are_incomplete() -> None:
@@ -328,3 +307,31 @@ def test_the_collective_is_the_motors_mean_or_else_the_thrust_asked_for():
     np.testing.assert_array_equal(Signals(telemetry).collective.values, expected)
     without = replace(telemetry, messages={k: v for k, v in telemetry.messages.items() if k != "SERVO_OUTPUT_RAW"})
     np.testing.assert_array_equal(np.unique(Signals(without).collective.values), [0.5])
+
+
+def with_battery(message: str, time: np.ndarray, **fields: np.ndarray) -> Telemetry:
+    return changed(HOVER.telemetry(), message, **columns(time, **fields))
+
+
+def test_without_a_battery_monitor_there_is_none():
+    time = HOVER.stamps(1.0)
+    for nothing in (0, 65535):
+        silent = with_battery("SYS_STATUS", time, voltage_battery=np.full(len(time), nothing, dtype=np.uint16))
+        assert voltage(silent) is None
+    assert voltage(HOVER.telemetry()) is None
+
+
+@pytest.mark.parametrize("split", [True, False])
+def test_cells_add_up_and_the_whole_may_be_in_the_place_of_the_first(split):
+    time = HOVER.stamps(1.0)
+    cells = np.full((len(time), 10), 65535, dtype=np.uint16)
+    cells[:, : 4 if split else 1] = 4000 if split else 16000
+    ids = np.arange(len(time)) % 2
+    cells[ids == 1, 0] = 5000  # another battery
+    telemetry = with_battery("BATTERY_STATUS", time, voltages=cells, id=ids, voltages_ext=np.zeros((len(time), 4)))
+    found = voltage(telemetry)
+    np.testing.assert_array_equal(found.values, np.full(np.count_nonzero(ids == 0), 16.0))
+    unmeasured = changed(
+        telemetry, "SYS_STATUS", **columns(time, voltage_battery=np.full(len(time), 65535, dtype=np.uint16))
+    )
+    np.testing.assert_array_equal(voltage(unmeasured).values, found.values)

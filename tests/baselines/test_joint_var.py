@@ -104,7 +104,9 @@ def test_too_few_samples_and_wrong_steps_are_named(model):
 
 
 def test_bands_are_those_of_the_gaussian_path(model):
-    np.testing.assert_allclose(model.predict_band(30), 1.6449 * np.sqrt(model.model.predict(model._past, 30).variance[:, :2]), rtol=1e-4)
+    np.testing.assert_allclose(
+        model.predict_band(30), 1.6449 * np.sqrt(model.model.predict(model._past, 30).variance[:, :2]), rtol=1e-4
+    )
     variance = model.forecast_variance(TEST.inputs)
     np.testing.assert_allclose(model.forecast_band(TEST.inputs, 0.5), 0.67449 * np.sqrt(variance), rtol=1e-4)
     assert (model.predict_band(30)[-1] > model.predict_band(30)[0]).all()

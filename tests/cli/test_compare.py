@@ -18,8 +18,7 @@ import pytest
 from mavdem import baselines
 from mavdem.alignment.read import read_flight
 from mavdem.cli.commands import main
-from mavdem.evaluate.comparison import METHODS, compare
-from mavdem.evaluate.scores import Method
+from mavdem.evaluate.comparison import METHODS, Method, compare
 from mavdem.evaluate.windows import windows
 
 LOGS = Path(__file__).parents[2] / "logs"

@@ -8,8 +8,9 @@ import pytest
 from fleet_rows import flight_row
 
 from mavdem.cli.commands import main
-from mavdem.fleet.dataset import write_rows
 from mavdem.fleet.row import FlightRow
+from mavdem.fleet.store import write_rows
+from mavdem.fleet.workers import LogRows
 
 pytest.importorskip("pyarrow")
 
@@ -79,8 +80,7 @@ def test_nothing_to_compare_is_one_document_with_the_reason(tmp_path, capsys):
 
 def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path, capsys):
     rows = {"a.bin": flown("alpha", [0]), "b.bin": [FlightRow(file="b.bin", status="It is empty.")]}
-    monkeypatch.setattr("mavdem.fleet.reading.flights.rows_of_log", lambda path, *_: rows[path.name])
-    monkeypatch.setattr("mavdem.cli.fleets.diff.rows_of_log", lambda path, *_: rows[path.name], raising=False)
+    monkeypatch.setattr("mavdem.cli.diff.rows_of_log", lambda path, *_: LogRows(rows[path.name], {}))
     assert main(["diff", "a.bin", "a.bin"]) == 0
     assert "Nothing changed beyond chance." in capsys.readouterr().out
     assert main(["diff", "a.bin", "b.bin"]) == 1
@@ -103,7 +103,7 @@ def test_what_learn_wrote_is_compared_by_its_folder_or_file(tmp_path, capsys):
         (tmp_path / name).mkdir()
         (tmp_path / name / "report.json").write_text(json.dumps(report([-40.0, 40.0, third, -39.0])))
     assert main(["diff", str(tmp_path / "before"), str(tmp_path / "after" / "report.json")]) == 0
-    assert "Changed: 3's effect −51 %" in capsys.readouterr().out
+    assert "Changed: 3's control effectiveness −51 %" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("text", ["{}", "[]", "not json", '{"free_energy": 1}', '{"outputs": ["roll"], "physical": 3}'])

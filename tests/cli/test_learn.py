@@ -24,7 +24,6 @@ from mavdem.cli.output import json_text, print_blocks
 from mavdem.evaluate.windows import TEST_SECONDS, TRAIN_SECONDS, samples_in
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import selected
-from mavdem.page.document import Chapter
 from mavdem.report.blocks import Sentence, Table
 
 LOGS = Path(__file__).parents[2] / "logs"
@@ -46,7 +45,7 @@ def names(folder: Path) -> set[str]:
 @pytest.fixture
 def without_pictures(monkeypatch):
     """For tests of other things: drawing the page's pictures takes longer than learning from a few seconds."""
-    monkeypatch.setattr("mavdem.page.learned_page.picture_chapter", lambda *_: Chapter("Pictures", []))
+    monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
 
 
 @pytest.mark.slow
@@ -85,7 +84,7 @@ def test_people_see_one_screen_and_with_verbose_the_model(tmp_path, monkeypatch,
     page = (tmp_path / "ardupilot_wind5_steps" / "report.html").read_text()
     assert page.count("<svg") == 9 and "<script" not in page and "://" not in page and len(page) < 2_000_000
     assert "<h1>ardupilot_wind5_steps.tlog</h1>" in page and "motor effectiveness" in page
-    monkeypatch.setattr("mavdem.page.learned_page.picture_chapter", lambda *_: Chapter("Pictures", []))
+    monkeypatch.setattr("mavdem.report.page.model_pictures", lambda *_, **__: [])
     assert main([*words, "--verbose"]) == 0
     said = capsys.readouterr().out
     assert said.startswith(screen.out)

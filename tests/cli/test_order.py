@@ -12,8 +12,8 @@ from mavdem import read_flight
 from mavdem.cli.commands import main
 from mavdem.dem.order import choose_order
 from mavdem.report.blocks import Sentence
-from mavdem.report.names import THREE_STATES
-from mavdem.report.order import order_report
+from mavdem.report.comparison import order_report
+from mavdem.report.numbers import THREE_STATES
 
 LOGS = Path(__file__).parents[2] / "logs"
 STEPS, SLOW = LOGS / "ardupilot_wind5_steps.tlog", LOGS / "ardupilot_default_rates.tlog"

@@ -1,7 +1,7 @@
-"""The document of a learnt model, against one that version 0.1 wrote."""
+"""The document of a learnt model: both ways, and what is no such document."""
 
 import json
-from pathlib import Path
+from dataclasses import is_dataclass
 
 import numpy as np
 import pytest
@@ -10,47 +10,85 @@ from simulated import simulated
 from mavdem import Flight, Learned, Settings, learn
 from mavdem.dem.record import LABELS
 
-TEXT = (Path(__file__).parent / "data" / "model_0_1.json").read_text()
-FLIGHT = simulated(wind=0.5, lag=0.05)
-AHEAD = np.tile(1500 + 10 * np.arange(4.0), (5, 1))
+FLIGHT = simulated(wind=0.5)
 
 
-def test_a_document_of_version_0_1_is_loaded_and_forecasts_what_it_did():
-    learned = Learned.from_json(TEXT)
-    np.testing.assert_allclose(learned.forecast(AHEAD)[-1], [0.352296151981, -0.037690559101], rtol=1e-7)
-    np.testing.assert_allclose(learned.forecast_band(AHEAD)[-1], [0.002428588649, 0.057036846853], rtol=1e-7)
-    np.testing.assert_allclose(learned.one_step()[-1], [0.352533860746, 0.034202405081], rtol=1e-7)
+@pytest.fixture(scope="module")
+def document():
+    return learn(FLIGHT[:200], Settings(order=2, window=3, parameter_precision=1.0)).to_json()
 
 
-def test_nothing_of_it_is_lost():
-    before, now = json.loads(TEXT), json.loads(Learned.from_json(TEXT).to_json())
-    # Since then there is one choice, in the settings, and the forecasts it was tried on have a name of their own.
-    before["training_forecasts"] = before.pop("unseen")
-    del before["candidates"]
-    # Since then what only the physical parameters use is kept; of this flight there is none.
-    assert now.pop("of_vehicle") is None
-    assert set(now.pop("labels")) == {*LABELS, "begins"}
-    # Since then forecasts may take the motors for measurements; those of this model did not.
-    before["settings"]["closed_loop"] = False
-    # Since then its numbers are those of the innovation form.
-    assert {**before, "predictor": None} == {**now, "predictor": None}
-    again = Learned.from_json(TEXT).to_json()
-    assert Learned.from_json(again).to_json() == again
+@pytest.mark.slow
+@pytest.mark.parametrize("settings", [Settings(), Settings.paper(), Settings(order=4)])
+def test_json_both_ways_keeps_every_forecast(settings):
+    learned = learn(FLIGHT[:700], settings)
+    text = learned.to_json()
+    json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
+    again = Learned.from_json(text)
+    assert again.settings == learned.settings
+    assert again.to_json() == text
+    assert again.training_forecasts.motors_share == learned.training_forecasts.motors_share
+    np.testing.assert_array_equal(again.forecast(FLIGHT[700:].inputs), learned.forecast(FLIGHT[700:].inputs))
+    np.testing.assert_array_equal(again.one_step(), learned.one_step())
+    np.testing.assert_array_equal(again.process_noise()[1], learned.process_noise()[1])
+    np.testing.assert_array_equal(again.free_energy, learned.free_energy)
+    # In another layout equal numbers are multiplied by another routine, which rounds differently on some processors.
+    assert [name for name, array in arrays_of(learned) if not array.flags.c_contiguous] == []
+    assert [name for name, array in arrays_of(again) if not array.flags.c_contiguous] == []
+
+
+def arrays_of(value, name=""):
+    """Every array inside dataclasses, tuples and dictionaries, with its name."""
+    if isinstance(value, np.ndarray):
+        yield name, value
+        return
+    if is_dataclass(value):
+        value = vars(value)
+    elif hasattr(value, "_asdict"):
+        value = value._asdict()
+    elif isinstance(value, tuple):
+        value = dict(enumerate(value))
+    if isinstance(value, dict):
+        for key, inner in value.items():
+            yield from arrays_of(inner, f"{name}.{key}")
+
+
+@pytest.mark.parametrize("text", ["5", "null", "{}", '{"settings": {}}', "not JSON"])
+def test_something_else_is_no_learnt_model(text):
+    with pytest.raises(ValueError, match="^not the document of a learnt model: "):
+        Learned.from_json(text)
+
+
+def test_every_field_of_a_document_is_needed_and_checked(document):
+    values = json.loads(document)
+    for name in values:
+        missing = {key: value for key, value in values.items() if key != name}
+        with pytest.raises(ValueError, match=f"^not the document of a learnt model: {name} is missing"):
+            Learned.from_json(json.dumps(missing))
+    for name in ("theta_covariance", "prior_sd", "known", "state_map", "theta", "free_energy_of_samples"):
+        for junk in (None, [], values[name][:-1] + [[1.0]], values[name][:1]):
+            with pytest.raises(ValueError, match="must"):
+                Learned.from_json(json.dumps({**values, name: junk}))
 
 
 @pytest.mark.parametrize(
     ("path", "value", "message"),
     [
         (("model", "A"), [[1.0]], r"^model.B must be of shape \(1, 4\), not \(2, 4\)"),
-        (("model", "offset"), ["one", 2.0], r"^model.offset must be numbers of shape \(n\)"),
-        (("settled",), "yes", "^settled must be a valid boolean, not 'yes'"),
-        (("settings", "window"), None, "^window must be a whole number"),
+        (("model", "offset"), ["one", 2.0], "model.offset must be numbers of one shape"),
+        (("model", "offset"), [None, 2.0], r"^model.offset must be finite and of shape \(n\)"),
+        (("converged",), "yes", "converged must be a valid boolean, not 'yes'"),
+        (("settings", "window"), None, "window must be a whole number"),
         (("scaling", "output_scale"), [1.0, 0.0], "^scaling.output_scale must be positive"),
-        (("segments",), [100, 61], "must have T = 161, not 160"),
+        (("scatter", "covariance"), (-np.eye(16)).tolist(), "^scatter.covariance must be positive definite"),
+        (("record", "lengths"), [100, 99], "must have T = 199, not 200"),
+        (("record", "dt"), -1.0, "dt must be positive seconds"),
+        (("record", "dt"), float("nan"), "dt must be a finite number"),
+        (("record", "input_names"), ["one"], "^record.input_names must be one for each column"),
     ],
 )
-def test_what_does_not_fit_is_named(path, value, message):
-    values = json.loads(TEXT)
+def test_what_does_not_fit_is_named(path, value, message, document):
+    values = json.loads(document)
     inner = values
     for key in path[:-1]:
         inner = inner[key]
@@ -63,18 +101,13 @@ def test_what_only_physical_parameters_use_is_kept():
     flight = FLIGHT[:500]
     setpoints = np.sin(flight.time)[:, None]
     setpoints[:9] = np.nan
-    further = {"setpoints": setpoints, "setpoint_names": ("roll stick",), "voltage": np.linspace(16, 15, 500)}
     directions = np.ones(flight.inputs.shape[1])
-    known = Flight(flight.time, flight.inputs, flight.outputs, effect_directions=directions, **further)
+    further = {"setpoints": setpoints, "setpoint_names": ("roll stick",), "effect_directions": directions}
+    known = Flight(flight.time, flight.inputs, flight.outputs, **further)
     learned = learn(known, Settings(order=3, d=2, window=9, parameter_precision=1.0))
     record = Learned.from_json(learned.to_json()).record
     np.testing.assert_array_equal(record.setpoints, setpoints)
-    np.testing.assert_array_equal(record.voltage, further["voltage"])
     np.testing.assert_array_equal(record.effect_directions, directions)
     assert record.setpoint_names == ("roll stick",)
     assert record.begins == (flight.time[0],)
     assert {name: getattr(record, name) for name in LABELS} == {name: getattr(known, name) for name in LABELS}
-    values = json.loads(learned.to_json())
-    values["of_vehicle"]["voltage"] = [1.0]
-    with pytest.raises(ValueError, match=r"of_vehicle.voltage must be of shape \(500,\)"):
-        Learned.from_json(json.dumps(values))

@@ -90,7 +90,7 @@ def test_a_climb_at_any_rates_never_falls(model, seed, logs):
 def test_flows_run_and_lead_to_the_same_place():
     record = Record.of(simulated(wind=0.5)[:700])
     settings = Settings(order=2, d=2, window=5, parameter_precision=1.0)
-    exact, flowing = fit(record, settings), fit(record, replace(settings, state_rate=1e5))
+    exact, flowing = fit(record, settings), fit(record, replace(settings, learning_rates=(1e5, None, None)))
     assert flowing.ascent.flowed.sum() > 1
     np.testing.assert_allclose(flowing.ascent.theta[-1], exact.ascent.theta[-1], rtol=1e-3, atol=1e-3)
 

@@ -30,7 +30,7 @@ from mavdem.evaluate import relative_mspe
 
 FLIGHT = in_closed_loop(850)
 TRAIN, TEST = FLIGHT[:700], FLIGHT[700:]
-PLANT = Settings(closed_loop=False)
+PLANT = Settings(forecasts="shrunk")
 TURNING = np.array([1.0, -1.0, -1.0, 1.0])
 
 
@@ -185,7 +185,7 @@ def test_settings_without_it_leave_the_plant_alone():
     learned = learn(TRAIN, replace(PLANT, iterations=2))
     plant = learned.prediction.plant.following(TEST.inputs)
     np.testing.assert_array_equal(learned.forecast(TEST.inputs), plant.mean)
-    assert Settings.paper().closed_loop is False
+    assert Settings.paper().forecasts == "model"
 
 
 def test_every_so_many_samples_a_prediction_begins_anew(learned):
@@ -219,7 +219,7 @@ def test_it_is_better_than_the_last_sample_and_the_mean_at_every_horizon():
                 baselines.hold(train).predict_every(steps, test.inputs, test.outputs),
                 baselines.var(train, 4).predict_every(steps, test.inputs, test.outputs),
             )
-            row.append([evaluate.skill(train, test, each, steps).relative for each in predictions])
+            row.append([evaluate.relative_mspe(train, test, each) for each in predictions])
     for steps, row in errors.items():
         ours, held, four_lags = np.median(row, axis=0)
         assert ours < 1.02 * min(held, 1.0), steps

@@ -1,5 +1,4 @@
-import json
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from types import SimpleNamespace
 
@@ -14,9 +13,9 @@ from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistic
 from mavdem.dem.engine.model import LinearModel, discretize
 from mavdem.dem.engine.steps import d_step, e_step, m_step
 from mavdem.dem.fitting import fit, generalized
+from mavdem.dem.learning import PARAMETER_PRECISIONS, choices
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
-from mavdem.dem.selection import PARAMETER_PRECISIONS, choices
 
 
 def alone(outputs):
@@ -127,41 +126,6 @@ def test_free_energy_never_falls_and_its_terms_sum_to_it():
         np.testing.assert_allclose(np.sum(list(free_energy.terms.values()), axis=0), np.asarray(free_energy))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("settings", [Settings(), Settings.paper(), Settings(order=4)])
-def test_json_both_ways_keeps_every_forecast(settings):
-    flight = simulated(wind=0.5)
-    learned = learn(flight[:700], settings)
-    text = learned.to_json()
-    json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is not JSON"))
-    again = Learned.from_json(text)
-    assert again.settings == learned.settings
-    assert again.training_forecasts.motors_share == learned.training_forecasts.motors_share
-    np.testing.assert_array_equal(again.forecast(flight[700:].inputs), learned.forecast(flight[700:].inputs))
-    np.testing.assert_array_equal(again.one_step(), learned.one_step())
-    np.testing.assert_array_equal(again.process_noise()[1], learned.process_noise()[1])
-    np.testing.assert_array_equal(again.free_energy, learned.free_energy)
-    # In another layout equal numbers are multiplied by another routine, which rounds differently on some processors.
-    assert [name for name, array in arrays_of(learned) if not array.flags.c_contiguous] == []
-    assert [name for name, array in arrays_of(again) if not array.flags.c_contiguous] == []
-
-
-def arrays_of(value, name=""):
-    """Every array inside dataclasses, tuples and dictionaries, with its name."""
-    if isinstance(value, np.ndarray):
-        yield name, value
-        return
-    if is_dataclass(value):
-        value = vars(value)
-    elif hasattr(value, "_asdict"):
-        value = value._asdict()
-    elif isinstance(value, tuple):
-        value = dict(enumerate(value))
-    if isinstance(value, dict):
-        for key, inner in value.items():
-            yield from arrays_of(inner, f"{name}.{key}")
-
-
 def test_the_memory_layout_of_the_data_does_not_matter():
     flight = simulated(wind=0.5)
     settings = Settings(order=2, window=3, parameter_precision=1.0)
@@ -172,32 +136,6 @@ def test_the_memory_layout_of_the_data_does_not_matter():
     for other in (two, three):
         np.testing.assert_array_equal(other.forecast(np.asfortranarray(ahead)), one.forecast(ahead))
         np.testing.assert_array_equal(other.theta_covariance, one.theta_covariance)
-
-
-@pytest.fixture(scope="module")
-def document():
-    return learn(simulated(wind=0.5)[:200], Settings(order=2, window=3, parameter_precision=1.0)).to_json()
-
-
-@pytest.mark.parametrize("text", ["5", "null", "{}", '{"settings": {}}', "not JSON"])
-def test_something_else_is_no_learnt_model(text):
-    with pytest.raises(ValueError, match=r"."):
-        Learned.from_json(text)
-
-
-def test_every_field_of_a_document_is_needed_and_checked(document):
-    values = json.loads(document)
-    for name in set(values) - {"of_vehicle", "labels"}:  # of which older documents have none
-        missing = {key: value for key, value in values.items() if key != name}
-        with pytest.raises(ValueError, match="not the document of a learnt model"):
-            Learned.from_json(json.dumps(missing))
-    for name in ("theta_covariance", "prior_sd", "known", "state_map", "theta", "outputs"):
-        for junk in (None, [], values[name][:-1] + [[1.0]], values[name][:1]):
-            with pytest.raises(ValueError, match=r"."):
-                Learned.from_json(json.dumps({**values, name: junk}))
-    for dt in (-1.0, 0.0, float("nan")):
-        with pytest.raises(ValueError, match="dt must be positive"):
-            Learned.from_json(json.dumps({**values, "dt": dt}))
 
 
 @pytest.mark.parametrize("train", [None, "flight", np.zeros((100, 2)), {"dt": 1}])
@@ -238,16 +176,6 @@ def test_the_prior_precision_is_the_first_before_a_simulation_error_fit_and_else
     assert learn(train, without).settings == best.settings
 
 
-def test_a_document_of_version_0_1_keeps_its_forecasts(document):
-    values = json.loads(document)
-    candidates = [{"window": 3, "parameter_precision": 1.0, "error": None}]
-    old = {**values, "unseen": values["training_forecasts"], "candidates": candidates}
-    del old["training_forecasts"]
-    learned, ahead = Learned.from_json(json.dumps(old)), np.array(values["inputs"])[:50]
-    np.testing.assert_array_equal(learned.forecast(ahead), Learned.from_json(document).forecast(ahead))
-    assert learned.training_forecasts.motors_share == values["training_forecasts"]["motors_share"]
-
-
 def test_process_noise_is_the_moment_of_the_wind():
     flight = simulated(3, wind=0.5)
     learned = learn(flight[:700], Settings(order=2, window=3, parameter_precision=0.01))
@@ -283,7 +211,7 @@ def test_without_trajectories_forecasts_lean_on_the_trim_as_much_as_the_training
     plain = Settings(
         order=2, window=3, parameter_precision=1.0, horizon=None, shrink_forecasts=False, closed_loop=False
     )
-    alone, leaning = learn(train, plain), learn(train, replace(plain, shrink_forecasts=True))
+    alone, leaning = learn(train, plain), learn(train, replace(plain, forecasts="shrunk"))
     weight, trim = leaning.training_forecasts.weight, leaning.model.output_trim
     assert ((weight >= 0) & (weight <= 1)).all()
     assert (alone.training_forecasts.weight == 1).all()

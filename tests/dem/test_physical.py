@@ -8,12 +8,21 @@ from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_are
 
 from mavdem import Flight
 from mavdem.dem import physical
-from mavdem.dem.graybox.coloured import FIRST_ORDER, GUSTS, SMOOTH
 from mavdem.dem.graybox.fitting import WINDS, directed, fitted
 from mavdem.dem.graybox.identifiability import PARAMETERS, IdentifiabilityFigures, judged
 from mavdem.dem.graybox.instruments import exogenous, instrumental
-from mavdem.dem.graybox.likelihood import BLOCK, FlightWindows, Parameters, delayed, followed, steady_covariance
-from mavdem.dem.graybox.windows import cut
+from mavdem.dem.graybox.likelihood import (
+    BLOCK,
+    FIRST_ORDER,
+    GUSTS,
+    SMOOTH,
+    FlightWindows,
+    Parameters,
+    delayed,
+    followed,
+    steady_covariance,
+)
+from mavdem.dem.graybox.parameters import cut
 from mavdem.dem.record import Record
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load
@@ -127,7 +136,7 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
         state = transition.state[0] @ state + known + root @ rng.standard_normal(n)
         rates[k + 1] = state[0]
     measured = rates + np.exp(theta[model.of_noise]) * rng.standard_normal(samples)
-    errors, variance = model.innovations(theta[None], FlightWindows(inputs[None], measured[None], None, DT))
+    errors, variance = model.innovations(theta[None], FlightWindows(inputs[None], measured[None], DT))
     number = errors.shape[2]
     assert errors[0].var() / variance[0] == pytest.approx(1.0, abs=4 * np.sqrt(2 / number))
     assert abs(errors[0].mean()) < 4 * np.sqrt(variance[0] / number)
@@ -162,9 +171,7 @@ def test_no_command_helps_to_predict_the_sample_that_it_answers(steps):
 def windowed(flight: Flight, count: int) -> FlightWindows:
     length = len(flight) // count
     inputs = flight.inputs[: count * length].reshape(count, length, -1)
-    return FlightWindows(
-        inputs - inputs.mean(axis=(0, 1)), flight.outputs[: count * length, 1].reshape(count, -1), None, DT
-    )
+    return FlightWindows(inputs - inputs.mean(axis=(0, 1)), flight.outputs[: count * length, 1].reshape(count, -1), DT)
 
 
 def test_scores_of_windows_are_the_slopes_of_their_likelihoods():
@@ -399,15 +406,3 @@ def test_of_fast_streams_every_so_many_samples_are_taken():
     fast = Flight(flight.time / 5, flight.inputs, flight.outputs * [1, 5])
     assert cut(Record.of(fast)).windows.dt == pytest.approx(0.004)
     assert cut(Record.of(flight)).windows.dt == DT
-
-
-@pytest.mark.slow
-def test_a_battery_that_sags_is_seen_where_its_voltage_is_known():
-    flight = flown(6, steering=1.0, samples=2800)
-    voltage = 16.0 - 4.0 * flight.time / flight.time[-1]
-    # The same motion with commands that make up for the voltage.
-    commands = 1500 + (flight.inputs - 1500) * (voltage.mean() / voltage[:, None]) ** 2
-    sagging = Flight(flight.time, commands, flight.outputs, voltage=voltage)
-    found = physical(sagging)
-    assert found.refinements["voltage"] == pytest.approx(2.0, abs=0.5)
-    assert np.all(np.abs(found.effect - MOTORS) < found.interval(0.99).effect)

@@ -94,7 +94,7 @@ def test_unknown_inputs_are_estimated():
         known_inputs=False,
         input_precision=0.1,
         lambda_w=10.0,
-        lambda_w_precision=1e4,
+        lambda_log_precision=(25.0, np.log(1e4)),
         parameter_precision=1.0,
     )
     flight = Flight(DT * np.arange(samples), np.zeros(samples), outputs)
@@ -135,7 +135,7 @@ def test_the_wind_may_be_an_unknown_input_beside_motors_that_are_known():
         known_inputs=(True, True, True, True, False),
         input_precision=precision,
         lambda_w=12.0,
-        lambda_w_precision=1e6,
+        lambda_log_precision=(25.0, np.log(1e6)),
         parameter_precision=1.0,
     )
     beside = Flight(flight.time, np.hstack([flight.inputs, np.zeros((700, 1))]), flight.outputs)
@@ -155,18 +155,15 @@ def test_known_inputs_are_the_recorded_ones():
 
 
 def test_noise_precisions_may_be_shared_by_groups():
-    groups = Settings(output_groups=(0, 1), state_groups=(0, 0, 1), lambda_z=(1, 2), lambda_w_precision=(3.0, 4.0))
+    groups = Settings(noise_groups=((0, 1), (0, 0, 1)), lambda_z=(1, 2), lambda_log_precision=(25.0, (3.0, 4.0)))
     of_outputs, of_states = hyperparameter_groups(groups, 3, 2)
     assert (of_outputs.tolist(), of_states.tolist()) == ([0, 1], [2, 2, 3])
     mean, precision = hyperparameter_prior(groups, 3, 2)
     assert mean.tolist() == [1, 2, 3, 3]
-    np.testing.assert_allclose(np.diag(precision), [groups.lambda_z_precision] * 2 + [3, 4])
-    coupled = Gaussian([10.0, 0.0, 0.0], [[2.0, 0.0, 0.0], [0.0, 2.0, 1.0], [0.0, 1.0, 2.0]])
-    mean, precision = hyperparameter_prior(Settings(state_groups=(0, 1), lambda_prior=coupled), 2, 2)
-    assert (mean.tolist(), precision.tolist()) == (list(coupled.mean), [list(row) for row in coupled.precision])
+    np.testing.assert_allclose(np.log(np.diag(precision)), [25, 25, 3, 4])
     learned = learn(
         simulated(wind=0.5)[:400],
-        Settings(order=2, window=3, parameter_precision=1.0, state_groups=(0, 1), lambda_w=(10.0, 0.0)),
+        Settings(order=2, window=3, parameter_precision=1.0, noise_groups=((0, 0), (0, 1)), lambda_w=(10.0, 0.0)),
     )
     assert learned.learning.lambda_.shape[1] == 3
     # The kinematic relation has far less noise than the rate, which the wind drives.
@@ -181,7 +178,7 @@ def test_every_order_from_zero_to_six_can_be_learnt(p, d):
     window = max(p, d) + 1
     settings = Settings(
         order=2, p=p, d=d, window=window + 1 - window % 2, parameter_precision=1.0, iterations=5,
-        last_derivative_zero=True, correlation="continuous",
+        correlation="continuous",
     )  # fmt: skip
     learned = learn(simulated(wind=0.5)[:120], settings)
     assert np.isfinite(learned.forecast(np.full((20, 4), 1500.0))).all()
@@ -210,12 +207,10 @@ def test_what_is_no_gaussian_is_named(mean, precision, named):
     ("settings", "named"),
     [
         ({"prior": Gaussian([0.0] * 3, 1.0)}, "^prior must be of the 16 parameters"),
-        ({"prior": Gaussian([0.0] * 16, 1.0)}, "^last_derivative_zero must be True with a prior that leaves C free"),
-        ({"output_groups": (0, 0, 0)}, "^output_groups must be 2 group numbers"),
+        ({"prior": Gaussian([0.0] * 16, 1.0)}, '^correlation must be "continuous" with a prior that leaves C free'),
+        ({"noise_groups": ((0, 0, 0), (0, 0))}, "^noise_groups must be 2 group numbers"),
         ({"known_inputs": (True, False), "prior": roll_prior()}, "^known_inputs must say it of 4 inputs"),
-        ({"lambda_prior": Gaussian([1.0], 1.0)}, "^lambda_prior must be of 2 hyperparameters"),
         ({"input_precision": (1.0, 2.0)}, "^input_precision must be of 4 inputs, or"),
-        ({"state_groups": (0,)}, "^state_groups must be 2 group numbers"),
         ({"input_precision": ((1.0,),)}, "^input_precision must be of 4 inputs, or of their 3 orders"),
     ],
 )

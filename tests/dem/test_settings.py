@@ -16,8 +16,8 @@ from mavdem.dem.settings import CompleteSettings
         Settings(),
         Settings.paper(),
         Settings(order=3, smoothness=0.02, window=9),
-        Settings(prior=Gaussian([1, 2], [[2, 1], [1, 2]]), lambda_z=[1, 2], output_groups=[0, 1]),
-        Settings(prior=Gaussian([1], 1), lambda_prior=Gaussian([1], 2), known_inputs=[True, False]),
+        Settings(prior=Gaussian([1, 2], [[2, 1], [1, 2]]), lambda_z=[1, 2], noise_groups=([0, 1], [0])),
+        Settings(prior=Gaussian([1], 1), known_inputs=[True, False], learning_rates=(None, 0.5, None)),
         Settings(order=np.int64(2), smoothness=np.float32(0.5), input_precision=np.array([1.0, 2.0])),
     ],
 )
@@ -29,8 +29,7 @@ def test_paper_settings_are_those_of_section_v_d():
     paper = Settings.paper()
     assert (paper.order, paper.p, paper.d, paper.smoothness) == (2, 2, 1, None)
     assert paper.parameter_precision == pytest.approx(e**4)
-    assert (paper.lambda_z, paper.lambda_z_precision) == (20, pytest.approx(e**25))
-    assert (paper.lambda_w, paper.lambda_w_precision) == (3, pytest.approx(e**20))
+    assert (paper.lambda_z, paper.lambda_w, paper.lambda_log_precision) == (20, 3, (25, 20))
 
 
 @pytest.mark.parametrize(
@@ -41,33 +40,33 @@ def test_paper_settings_are_those_of_section_v_d():
         ("order", True),
         ("seed", "one"),
         ("lambda_z", float("nan")),
-        ("output_groups", (0, 2)),
-        ("state_groups", ()),
+        ("noise_groups", ((0, 2), (0,))),
+        ("noise_groups", ((0,), ())),
         ("known_inputs", False),
         ("known_inputs", ("yes",)),
-        ("lambda_prior", 3.0),
         ("input_precision", (1.0, -1.0)),
-        ("state_rate", 0.0),
-        ("smoothness", "short"),
+        ("learning_rates", (0.0, None, None)),
+        ("smoothness", "learn"),
         ("p", -1),
         ("d", -1),
         ("window", 2),
         ("smoothness", 0.0),
-        ("last_derivative_zero", False),
+        ("correlation", "sampled"),
         ("scaling", "flat"),
         ("prior", "flat"),
         ("parameter_precision", -1.0),
         ("lambda_z", (1.0, 2.0)),
-        ("lambda_w_precision", (1.0, -2.0)),
+        ("lambda_log_precision", (1.0, 101.0)),
+        ("lambda_log_precision", (1.0, (2.0, 3.0))),
+        ("forecasts", True),
         ("input_precision", ((1.0, 2.0), (2.0, 1.0))),
-        ("lambda_z_precision", 0.0),
         ("input_precision", float("nan")),
         ("iterations", 0),
     ],
 )
 def test_a_wrong_value_is_named(name, value):
     with pytest.raises(ValueError, match=f"^{name} must be"):
-        Settings(**{"prior": "uniform" if name == "last_derivative_zero" else "regulated", name: value})
+        Settings(**{"prior": "uniform" if name == "correlation" else "regulated", name: value})
 
 
 @pytest.mark.parametrize("text", ["5", "[]", "null"])
@@ -81,6 +80,27 @@ def test_an_unknown_setting_is_named():
         Settings.from_json('{"colour": 1}')
 
 
+@pytest.mark.parametrize(
+    ("former", "now"),
+    [
+        ({"lambda_z_precision": 1.0, "lambda_w_precision": 0.01}, {"lambda_log_precision": (0.0, np.log(0.01))}),
+        ({"lambda_w_precision": e}, {"lambda_log_precision": (25.0, 1.0)}),
+        ({"output_groups": (0, 1), "state_groups": (0, 0)}, {"noise_groups": ((0, 1), (0, 0))}),
+        ({"last_derivative_zero": True}, {"correlation": "continuous"}),
+        ({"closed_loop": False}, {"forecasts": "shrunk"}),
+        ({"shrink_forecasts": False, "closed_loop": False, "state_rate": None}, {"forecasts": "model"}),
+    ],
+)
+def test_names_of_former_versions_keep_working(former, now):
+    assert Settings(**former) == Settings.from_dict(former) == Settings(**now) == replace(Settings(), **former)
+
+
+@pytest.mark.parametrize("name", ["lambda_prior", "state_rate", "parameter_rate", "hyperparameter_rate"])
+def test_a_setting_that_is_no_more_names_what_replaces_it(name):
+    with pytest.raises(ValueError, match=f"^{name} is no setting any more: l"):
+        Settings(**{name: 1.0})
+
+
 def test_complete_settings_keep_what_was_fixed_and_leave_nothing_open():
     complete = Settings(window=9, lambda_w=2).completed(order=3, d=2, window=11, parameter_precision=1.0)
     assert (complete.order, complete.window, complete.lambda_w, complete.smoothness) == (3, 9, 2.0, None)
@@ -92,7 +112,7 @@ def test_complete_settings_keep_what_was_fixed_and_leave_nothing_open():
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("order", None), ("d", None), ("window", None), ("parameter_precision", None), ("smoothness", "learn")],
+    [("order", None), ("d", None), ("window", None), ("parameter_precision", None)],
 )
 def test_complete_settings_refuse_what_is_open(name, value):
     with pytest.raises(ValueError, match=f"^{name} must be"):

@@ -3,17 +3,16 @@
 import calibration
 import numpy as np
 import pytest
-from simulated import simulated
 
-from mavdem import Flight, Learned, Settings, learn
+from mavdem import Settings
 from mavdem.dem.engine.coordinates import (
     embed,
     sampled_output_precision,
     sampled_state_precision,
     temporal_precision,
 )
+from mavdem.dem.fitting import MIN_STEPS, estimate_smoothness
 from mavdem.dem.record import Record
-from mavdem.dem.smoothness import MIN_STEPS, estimate_smoothness
 
 DT = 0.01
 COMPLETE = Settings(order=2, d=2, window=3, parameter_precision=1.0)
@@ -63,28 +62,6 @@ def test_noise_that_is_white_to_the_samples_is_said_to_be():
         Record(inputs, outputs, DT, (2000,)), Settings(order=1, d=2, window=3, parameter_precision=1.0)
     )
     assert estimate.smoothness < 1.0 * DT
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "settings",
-    [
-        Settings(smoothness="learn"),
-        Settings(order=2, p=4, window=9, parameter_precision=1.0, smoothness="learn"),
-        Settings(order=4, window=5, parameter_precision=1.0, smoothness="learn"),
-    ],
-)
-def test_learning_may_be_left_to_find_it_whatever_the_model(settings):
-    theta = calibration.theta_of(calibration.VEHICLE)
-    outputs, inputs = calibration.flight(theta, 1.0, 0.03, 3000, DT, np.random.default_rng(0))
-    flight = Flight(DT * np.arange(3000), inputs, outputs)
-    learned = learn(flight, settings)
-    assert learned.smoothness == learned.settings.smoothness == learned.smoothness_estimate.smoothness
-    assert learned.smoothness == pytest.approx(0.03, rel=0.15)
-    again = Learned.from_json(learned.to_json()).smoothness_estimate
-    np.testing.assert_array_equal(again.tried, learned.smoothness_estimate.tried)
-    assert again.interval() == learned.smoothness_estimate.interval()
-    assert learn(simulated()[:200], COMPLETE).smoothness_estimate is None
 
 
 @pytest.mark.slow

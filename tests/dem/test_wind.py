@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 
 from mavdem import Flight
-from mavdem.dem.graybox.coloured import FIRST_ORDER, SMOOTH, Coloured
-from mavdem.dem.graybox.gusts import THRESHOLD, gusts
-from mavdem.dem.graybox.likelihood import delayed
-from mavdem.dem.graybox.plant import Plant, plant
+from mavdem.dem.graybox.likelihood import FIRST_ORDER, SMOOTH, Coloured, Plant, delayed, plant
 from mavdem.dem.graybox.smoother import SteadyFilter
-from mavdem.dem.graybox.wind import _Spectra, wind
+from mavdem.dem.graybox.wind import THRESHOLD, _Spectra, gusts, wind
 from mavdem.dem.record import Record
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from scipy.stats import binom, wilcoxon
 
-from mavdem.evaluate.paired_test import Paired, Span, disjoint, paired
+from mavdem.evaluate.paired_test import Paired, disjoint, paired
 
 INF = np.inf
 
 
-def windows(count: int, hop: int = 425, length: int = 850, flight: str = "a") -> list[Span]:
-    return [Span(flight, hop * k, hop * k + length) for k in range(count)]
+def windows(count: int, hop: int = 425, length: int = 850, flight: str = "a") -> list[SimpleNamespace]:
+    return [SimpleNamespace(flight=flight, start=hop * k, stop=hop * k + length) for k in range(count)]
 
 
 def test_windows_that_overlap_are_not_tested_together():

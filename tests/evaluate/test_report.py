@@ -18,49 +18,6 @@ def flight(samples: int = 500) -> mavdem.Flight:
     return mavdem.Flight(DT * np.arange(samples), motors, np.stack([np.cumsum(rate) * DT, rate], axis=1))
 
 
-def test_mspe_is_per_output_and_summed():
-    measured = np.array([[0.0, 0.0], [2.0, 1.0]])
-    error = evaluate.mspe(measured, np.zeros((2, 2)))
-    np.testing.assert_array_equal(error.per_output, [2.0, 0.5])
-    assert error.total == 2.5
-
-
-@pytest.mark.parametrize("shape", [(2,), (3, 2), (2, 1), (0, 2)])
-def test_shapes_that_disagree_are_refused(shape):
-    with pytest.raises(ValueError, match=r"must be \(H, m\) alike"):
-        evaluate.mspe(np.zeros((2, 2)) if shape != (0, 2) else np.zeros(shape), np.zeros(shape))
-
-
-@pytest.mark.parametrize("wild", [np.nan, np.inf, -np.inf, 1e200])
-def test_a_prediction_beyond_all_numbers_errs_infinitely(wild):
-    error = evaluate.mspe(np.zeros((3, 2)), [[0.0, 1.0], [wild, 1.0], [0.0, 1.0]])
-    assert error.per_output.tolist() == [np.inf, 1.0]
-    assert error.total == np.inf
-
-
-def test_the_constant_mean_has_a_relative_mspe_of_one_and_the_truth_of_zero():
-    train, test = flight()[:400], flight()[400:]
-    mean = np.broadcast_to(train.outputs.mean(axis=0), test.outputs.shape)
-    assert evaluate.relative_mspe(train, test, mean) == pytest.approx(1.0)
-    assert evaluate.relative_mspe(train, test, test.outputs) == 0.0
-
-
-def test_relative_mspe_weighs_outputs_by_their_training_variance():
-    train, test = flight()[:400], flight()[400:]
-    wrong = test.outputs + train.outputs.std(axis=0)
-    half_wrong = test.outputs + train.outputs.std(axis=0) * [1, 0]
-    assert evaluate.relative_mspe(train, test, wrong) == pytest.approx(
-        2 * evaluate.relative_mspe(train, test, half_wrong)
-    )
-
-
-def test_an_output_that_is_constant_while_learning_has_no_unit_of_error():
-    whole = flight()
-    train = mavdem.Flight(whole.time, whole.inputs, whole.outputs * [1, 0] + [0, 0.1])
-    with pytest.raises(ValueError, match="^train must vary"):
-        evaluate.relative_mspe(train, whole, whole.outputs)
-
-
 @pytest.mark.slow
 def test_the_report_is_plain_json_and_puts_the_best_first():
     train, test = flight()[:400], flight()[400:]

@@ -13,7 +13,7 @@ from mavdem.dem.record import Record
 from mavdem.errors import Unreadable
 from mavdem.evaluate.truth import TruthComparison, compare_with_truth, read_truth, truth_of
 from mavdem.paper.flights import hover
-from mavdem.report.truth import truth_blocks
+from mavdem.report.flights import truth_blocks
 from sitl_scenarios.files import load
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth, write_truth

@@ -11,7 +11,7 @@ import mavdem
 from mavdem.analysis.figures import VehicleFigures
 from mavdem.dem import physical
 from mavdem.report.blocks import Table
-from mavdem.report.vehicle import vehicle_blocks
+from mavdem.report.screen import vehicle_blocks
 
 LOGS = Path(__file__).parents[2] / "logs"
 FLIGHT, SLOW = LOGS / "px4_wind5_steps.tlog", LOGS / "ardupilot_default_rates.tlog"

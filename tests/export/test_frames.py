@@ -50,10 +50,9 @@ def test_a_dataset_is_indexed_by_time_and_name(flight):
 def test_a_dataset_has_what_else_a_flight_has():
     time = np.arange(4) * 0.1
     asked = np.array([np.nan, 1, 1, 2])
-    flight = mavdem.Flight(time, time, time, setpoints=asked, voltage=16 - time, effect_directions=[1.0])
+    flight = mavdem.Flight(time, time, time, setpoints=asked, effect_directions=[1.0])
     data = flight.to_xarray()
     np.testing.assert_array_equal(data.setpoints[:, 0], asked)
-    np.testing.assert_array_equal(data.voltage, flight.voltage)
     np.testing.assert_array_equal(data.effect_directions, [1.0])
 
 

@@ -10,20 +10,17 @@ from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
-from standin_rows import READ
-from tracked_logs import LIMITS, make_logs, track
+from standin_logs import make_logs, track
 
 from mavdem.errors import Unreadable
-from mavdem.fleet.dataset import read_rows
-from mavdem.fleet.reading.crew import Crew
-from mavdem.fleet.reading.sources import fetch, find_logs
-from mavdem.fleet.tracking import FleetTracker
+from mavdem.fleet.sources import fetch, find_logs
+from mavdem.fleet.store import read_rows
 
 LOGS = Path(__file__).parents[2] / "logs"
 
 
 def names(*given: object, apart_from: Path | None = None) -> list[str]:
-    return [Path(log.path).name for log in find_logs([str(one) for one in given], apart_from).logs]
+    return [Path(log.path).name for log in find_logs([*map(str, given)], apart_from)[0]]
 
 
 @pytest.fixture
@@ -91,18 +88,16 @@ def test_logs_behind_urls_are_read_and_known(served, tmp_path):
     (folder / "readme.txt").write_text("none")
     assert names(f"{url}/") == ["log_0.bin", "log_1.bin", "log_2.bin"]
     out = tmp_path / "fleet"
-    tracker = FleetTracker(out, Crew(1, LIMITS, READ))
-    assert (
-        tracker.track([f"{url}/log_0.bin", f"{url}/gone.bin"]).problems[0].startswith(f"{url}/gone.bin cannot be read")
-    )
+    (problem,) = track(out, f"{url}/log_0.bin", f"{url}/gone.bin").problems
+    assert problem.startswith(f"{url}/gone.bin cannot be read")
     assert [row.file for row in read_rows(out)] == [f"{url}/log_0.bin"] * 2
     # The same content from a disk is known.
     assert track(out, folder / "log_0.bin").read == 1 and len(read_rows(out)) == 2
 
 
 def test_what_a_file_system_lacks_is_said(tmp_path, monkeypatch):
-    (problem,) = find_logs(["s3://bucket/flight.bin"]).problems
+    (problem,) = find_logs(["s3://bucket/flight.bin"])[1]
     assert "s3fs" in problem or "cannot be read" in problem
-    assert "cannot be read" in find_logs(["nonsense://x/flight.bin"]).problems[0]
+    assert "cannot be read" in find_logs(["nonsense://x/flight.bin"])[1][0]
     with pytest.raises(Unreadable, match="cannot be fetched"):
         fetch("http://127.0.0.1:9/x.bin", tmp_path / "x.bin")

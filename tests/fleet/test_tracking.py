@@ -1,216 +1,128 @@
-"""Tracking: what is known is not read again, no log stops a run, and a killed run is resumed to the same data set."""
+"""Tracking: what is known is not read again, a run that was cut off goes on, and health is judged."""
 
 from __future__ import annotations
 
-import os
 import shutil
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
-from standin_rows import READ
-from tracked_logs import LIMITS, files_of, make_logs, statuses, track
+from standin_logs import InThisProcess, make_logs, rows_of_log, statuses, table_of, track
 
 from mavdem.errors import Unreadable
-from mavdem.fleet import compaction
-from mavdem.fleet.dataset import read_rows
-from mavdem.fleet.journal import JOURNAL, Journal
-from mavdem.fleet.ledger import entry_of, read_ledger
-from mavdem.fleet.lock import locked
-from mavdem.fleet.reading.crew import Crew
-from mavdem.fleet.reading.outcome import Limits, ReadOutcome
-from mavdem.fleet.reading.sources import Source
+from mavdem.fleet import store
 from mavdem.fleet.row import FlightRow
-from mavdem.fleet.tracking import FleetTracker
+from mavdem.fleet.store import TABLE, read_rows
+from mavdem.fleet.tracking import FleetTracker, HealthyModels, assess_rows
+from mavdem.fleet.workers import Limits, LogRows
 
 
-@pytest.mark.slow
-def test_no_log_stops_a_run(tmp_path):
-    logs = tmp_path / "logs"
-    make_logs(logs / "below", 3)
-    for name in ("slow", "crash", "big", "bug", "damaged", "odd\n\x1b[31m"):
-        make_logs(logs, 1, name)
-    (logs / "empty.ulg").touch()
-    os.mkfifo(logs / "pipe.tlog")
-    os.symlink("loop.bin", logs / "loop.bin")
-    os.symlink(logs, logs / "below" / "up")
-    os.symlink("/nowhere", logs / "gone.mcap")
-    os.truncate(logs / "slow_0.bin", 1 << 40)  # sparse: its content alone takes longer to read than there is time
-    done = track(tmp_path / "fleet", logs)
-    assert (done.logs, done.read, done.problems) == (13, 13, ())
-    found = statuses(tmp_path / "fleet")
-    assert found.pop("crash_0.bin") == "The process that read it died (SIGSEGV), each of 2 times."
-    assert found == {
-        "slow_0.bin": "It takes longer than its time limit of 3 s.",
-        "big_0.bin": "It needs more memory than its limit of 600 MB.",
-        "bug_0.bin": "This should not have happened (KeyError: 'a fault of mavdem').",
-        "damaged_0.bin": "It is damaged.",
-        "pipe.tlog": "It is not a plain file.",
-        "loop.bin": "It cannot be read (Too many levels of symbolic links).",
-        "gone.mcap": "It cannot be read (No such file or directory).",
-    }
-    # Again, only what may be there by now is looked at.
-    assert track(tmp_path / "fleet", logs).read == 3
-    # With more time and memory also what these ended.
-    assert track(tmp_path / "fleet", logs / "big_0.bin", limits=Limits(3, 700)).read == 1
-
-
-@pytest.mark.slow
 def test_what_is_known_is_not_read_again_whatever_it_is_called(tmp_path):
-    out, (one, other) = tmp_path / "fleet", make_logs(tmp_path / "logs", 2)
+    out, (log, other) = tmp_path / "fleet", make_logs(tmp_path / "logs", 2)
     assert track(out, tmp_path / "logs").read == 2
-    before = files_of(out)
-    assert track(out, one, tmp_path / "logs" / "*.bin").read == 0 and files_of(out) == before
-    shutil.copy(one, tmp_path / "logs" / "z_copy.bin")
+    before = table_of(out)
+    assert track(out, log, tmp_path / "logs" / "*.bin").read == 0 and table_of(out) == before
+    shutil.copy(log, tmp_path / "logs" / "z_copy.bin")
     assert track(out, tmp_path / "logs").read == 1  # looked at, and known by its content
-    assert files_of(out) == before and read_ledger(out).by_path[str(tmp_path / "logs" / "z_copy.bin")].ended == "read"
+    assert table_of(out) == before and track(out, tmp_path / "logs").read == 0
     other.rename(tmp_path / "logs" / "renamed.bin")
     track(out, tmp_path / "logs")
     assert sorted({Path(row.file).name for row in read_rows(out)}) == ["log_0.bin", "renamed.bin"]
 
 
-@pytest.mark.slow
-def test_a_log_that_changed_is_read_anew(tmp_path):
-    out, (one, _) = tmp_path / "fleet", make_logs(tmp_path / "logs", 2)
+def test_a_log_that_changed_is_read_anew_and_one_that_is_gone_keeps_its_flight(tmp_path):
+    out, (log, other) = tmp_path / "fleet", make_logs(tmp_path / "logs", 2)
     track(out, tmp_path / "logs")
-    one.write_bytes(b"another flight")
+    log.write_bytes(b"another flight")
     track(out, tmp_path / "logs")
-    assert len(read_rows(out)) == 4
     track(tmp_path / "new", tmp_path / "logs")
-    assert files_of(out) == files_of(tmp_path / "new")
-
-
-@pytest.mark.slow
-def test_a_new_schema_reads_all_logs_again(tmp_path, monkeypatch):
-    out = tmp_path / "fleet"
-    make_logs(tmp_path / "logs", 2)
+    assert table_of(out) == table_of(tmp_path / "new") and len(read_rows(out)) == 4
+    other.unlink()
     track(out, tmp_path / "logs")
-    for module in ("row", "dataset", "ledger"):
-        monkeypatch.setattr(f"mavdem.fleet.{module}.SCHEMA_VERSION", 99)
-    assert track(out, tmp_path / "logs").read == 2 and len(read_rows(out)) == 4
-    # A reader of all files finds each flight once, and nothing is lost.
-    assert [path.name for path in (out / "flights").iterdir()] == ["schema=99"]
-    assert [path.name for path in (out / "old").iterdir()] == ["schema=1"]
+    assert table_of(out) == table_of(tmp_path / "new")
 
 
 def test_a_log_that_cannot_be_reached_for_a_while_keeps_its_rows(tmp_path):
-    (one,) = make_logs(tmp_path / "disk", 1)
+    (log,) = make_logs(tmp_path / "disk", 1)
     (tmp_path / "links").mkdir()
-    (tmp_path / "links" / one.name).symlink_to(one)
+    (tmp_path / "links" / log.name).symlink_to(log)
     out = tmp_path / "fleet"
     assert track(out, tmp_path / "links").problems == ()
-    before = files_of(out)
+    before = table_of(out)
     (tmp_path / "disk").rename(tmp_path / "off")
     (problem,) = track(out, tmp_path / "links").problems
     assert problem.endswith("what is known of it is kept. It cannot be read (No such file or directory).")
-    assert files_of(out) == before and statuses(out) == {}
+    assert table_of(out) == before and statuses(out) == {}
     (tmp_path / "off").rename(tmp_path / "disk")
     done = track(out, tmp_path / "links")
-    assert (done.read, done.problems) == (0, ()) and files_of(out) == before
+    assert (done.read, done.problems) == (0, ()) and table_of(out) == before
 
 
-@pytest.mark.slow
-def test_a_log_that_changed_and_takes_too_long_has_a_row_that_says_so(tmp_path):
-    (one,) = make_logs(tmp_path / "logs", 1)
-    track(tmp_path / "fleet", one)
-    os.truncate(one, 1 << 40)
-    assert track(tmp_path / "fleet", one, limits=Limits(1, 600)).problems == ()
-    assert statuses(tmp_path / "fleet") == {one.name: "It takes longer than its time limit of 1 s."}
-
-
-@pytest.mark.parametrize("whole", [False, True])
-def test_rows_that_were_deleted_are_read_again(tmp_path, whole):
+def test_what_failed_is_tried_again_where_that_may_help(tmp_path, monkeypatch):
+    make_logs(tmp_path / "logs", 1, "bug")
+    make_logs(tmp_path / "logs", 1, "damaged")
     out = tmp_path / "fleet"
+    assert track(out, tmp_path / "logs").read == 2 and track(out, tmp_path / "logs").read == 0
+    assert statuses(out) == {
+        "bug_0.bin": "This should not have happened (KeyError: 'a fault of mavdem').",
+        "damaged_0.bin": "It is damaged.",
+    }
+    monkeypatch.setattr(store.metadata, "version", lambda name: "99.0")
+    assert track(out, tmp_path / "logs").read == 1
+
+
+@pytest.mark.parametrize(("limits", "read"), [(Limits(3, 600), 0), (Limits(4, 600), 1), (Limits(3, 700), 1)])
+def test_more_time_or_memory_is_another_try(tmp_path, monkeypatch, limits, read):
+    class TooSlow(InThisProcess):
+        def outcomes(self, jobs: Iterator[Any]) -> Iterator[Any]:
+            return (replace(outcome, ended="time") for outcome in super().outcomes(jobs))
+
+    make_logs(tmp_path / "logs", 1)
+    FleetTracker(tmp_path / "fleet", TooSlow()).track([str(tmp_path / "logs")])
+    monkeypatch.setattr(InThisProcess, "limits", limits)
+    assert track(tmp_path / "fleet", tmp_path / "logs").read == read
+
+
+def test_a_table_that_was_deleted_is_written_again(tmp_path):
     make_logs(tmp_path / "logs", 2)
-    track(out, tmp_path / "logs")
-    before = files_of(out)
-    damaged = out / min(before)
-    if whole:
-        shutil.rmtree(out / "flights")
-    else:
-        damaged.write_bytes(b"PAR1 and nothing")
-        with pytest.raises(Unreadable, match="delete it, and run `mavdem track` again"):
-            read_rows(out)
-        damaged.unlink()
-    assert track(out, tmp_path / "logs").read == (2 if whole else 1)
-    assert files_of(out) == before
+    track(tmp_path / "fleet", tmp_path / "logs")
+    before = table_of(tmp_path / "fleet")
+    (tmp_path / "fleet" / TABLE).unlink()
+    assert track(tmp_path / "fleet", tmp_path / "logs").read == 0 and table_of(tmp_path / "fleet") == before
 
 
-def test_nothing_is_said_to_be_kept_where_nothing_was_read(tmp_path):
-    (one,) = make_logs(tmp_path / "logs", 1)
-    (tmp_path / "fleet").mkdir()
-    (tmp_path / "fleet" / "pages").touch()
-    with pytest.raises(Unreadable, match=r"\(File exists\): once that is put right"):
-        track(tmp_path / "fleet", one)
-
-
-RUN = """
-import sys
-from pathlib import Path
-from tracked_logs import track
-track(Path(sys.argv[1]), sys.argv[2])
-"""
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("lines", [1, 5])
-def test_a_killed_run_is_resumed_to_the_same_data_set(tmp_path, lines):
-    make_logs(tmp_path / "logs", 9, "while")
+def test_a_run_that_was_cut_off_while_it_read_goes_on(tmp_path):
+    make_logs(tmp_path / "logs", 5)
     track(tmp_path / "whole", tmp_path / "logs")
-    out = tmp_path / "killed"
-    run = subprocess.Popen(
-        [sys.executable, "-c", RUN, str(out), str(tmp_path / "logs")],
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
-    )
-    journal, deadline = out / JOURNAL, time.monotonic() + 30
-    while not journal.exists() or journal.read_bytes().count(b"\n") < lines:
-        assert time.monotonic() < deadline and run.poll() is None
-        time.sleep(0.02)
-    run.send_signal(signal.SIGKILL)
-    run.wait()
-    kept = journal.read_bytes().count(b"\n")
-    with journal.open("ab") as file:
-        file.write(b'{"entry": {"path": "torn')
-    done = track(out, tmp_path / "logs")
-    assert done.read == 9 - kept < 9
-    assert files_of(out) == files_of(tmp_path / "whole") and journal.stat().st_size == 0
+
+    def until_the_third(path: Path, *arguments: Any) -> LogRows:
+        if len(reader.seen) == 3:
+            raise KeyboardInterrupt
+        return rows_of_log(path, *arguments)
+
+    reader = InThisProcess(until_the_third)
+    with pytest.raises(KeyboardInterrupt):
+        FleetTracker(tmp_path / "fleet", reader).track([str(tmp_path / "logs")])
+    assert track(tmp_path / "fleet", tmp_path / "logs").read == 3
+    assert table_of(tmp_path / "fleet") == table_of(tmp_path / "whole")
 
 
-@pytest.mark.slow
-def test_a_compaction_that_was_cut_off_is_done_again(tmp_path, monkeypatch):
-    out = tmp_path / "fleet"
+def test_a_table_that_could_not_be_written_is_written_by_the_next_run(tmp_path, monkeypatch):
     make_logs(tmp_path / "logs", 8)
     track(tmp_path / "whole", tmp_path / "logs")
-    written = []
 
-    def write_group(folder: Path, group: str, rows: Sequence[FlightRow], baseline: str) -> None:
-        if len(written) == 2:
-            raise OSError(28, "No space left on device")
-        written.append(group)
-        original(folder, group, rows, baseline)
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
 
-    original = compaction.write_group
-    monkeypatch.setattr(compaction, "write_group", write_group)
-    with pytest.raises(Unreadable, match="cannot be written to .No space left on device.*the same command goes on"):
-        track(out, tmp_path / "logs")
-    monkeypatch.setattr(compaction, "write_group", original)
-    assert track(out, tmp_path / "logs").read == 0
-    assert files_of(out) == files_of(tmp_path / "whole")
-
-
-def test_one_run_at_a_time(tmp_path):
-    make_logs(tmp_path / "logs", 1)
-    out = tmp_path / "fleet"
-    out.mkdir()
-    with locked(out), pytest.raises(Unreadable, match=rf"process {os.getpid()} on .*wait until it has ended"):
-        track(out, tmp_path / "logs")
-    assert track(out, tmp_path / "logs").read == 1
+    with monkeypatch.context() as disk, pytest.raises(Unreadable, match="No space left.*the same command goes on"):
+        disk.setattr(store, "write_rows", full)
+        track(tmp_path / "fleet", tmp_path / "logs")
+    assert track(tmp_path / "fleet", tmp_path / "logs").read == 0
+    assert table_of(tmp_path / "fleet") == table_of(tmp_path / "whole")
 
 
 def test_names_without_a_log_are_said_and_the_others_read(tmp_path):
@@ -225,93 +137,125 @@ def test_names_without_a_log_are_said_and_the_others_read(tmp_path):
     assert not (tmp_path / "other").exists()
 
 
-def test_a_baseline_is_kept_apart_and_stays_until_another_is_given(tmp_path):
-    healthy, flown = make_logs(tmp_path / "healthy", 3), make_logs(tmp_path / "flown", 5, "fly")
-    seen = []
+def test_pages_are_written_where_rows_say(tmp_path):
+    def with_page(path: Path, key: str, page: Any) -> LogRows:
+        return LogRows([FlightRow(file=str(path), page="pages/a.html")], {"a.html": f"{path.name} \udcff"})
 
-    def second_pass(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
-        seen.append((rows[0].vehicle, [Path(row.file).name for row in baseline]))
-        return rows
-
-    tracker = FleetTracker(tmp_path / "fleet", Crew(1, LIMITS, READ), second_pass=second_pass)
-    tracker.track([str(tmp_path / "flown")], [str(tmp_path / "healthy")])
-    assert {Path(row.file).name for row in read_rows(tmp_path / "fleet")} == {path.name for path in flown}
-    first = dict(seen)
-    assert sum(map(bool, first.values())) > 0
-    seen.clear()
-    tracker.track([str(tmp_path / "flown")])
-    assert not seen  # nothing is new
-    tracker.track([str(tmp_path / "flown")], [str(healthy[0])])
-    assert dict(seen) != first and set(dict(seen)) == set(first)
-    with pytest.raises(Unreadable, match="--baseline"):
-        tracker.track([str(tmp_path / "flown")], [str(tmp_path / "nothing")])
+    (log,) = make_logs(tmp_path / "logs", 1)
+    FleetTracker(tmp_path / "fleet", InThisProcess(with_page)).track([str(log)])
+    (row,) = read_rows(tmp_path / "fleet")
+    assert (tmp_path / "fleet" / row.page).read_text() == "log_0.bin ?"
 
 
 def beside(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
     return [replace(row, health_reason=" ".join(sorted({Path(one.file).name for one in baseline}))) for row in rows]
 
 
-def test_a_new_baseline_judges_all_vehicles_also_where_the_first_run_with_it_was_cut_off(tmp_path, monkeypatch):
-    one, other = make_logs(tmp_path / "healthy", 2)
-    make_logs(tmp_path / "flown", 8)
-    flown = [str(tmp_path / "flown")]
+def test_a_baseline_is_no_part_of_the_table_and_stays_until_another_is_given(tmp_path):
+    healthy, flown = make_logs(tmp_path / "healthy", 3), make_logs(tmp_path / "flown", 5, "fly")
+    out = tmp_path / "fleet"
 
-    def tracker(name: str) -> FleetTracker:
-        return FleetTracker(tmp_path / name, Crew(1, LIMITS, READ), second_pass=beside)
+    def reasons(baseline: Sequence[object] = ()) -> set[str | None]:
+        track(out, tmp_path / "flown", baseline=baseline, assess=beside)
+        assert {Path(row.file).name for row in read_rows(out)} == {path.name for path in flown}
+        return {row.health_reason for row in read_rows(out)}
 
-    tracker("whole").track(flown, [str(other)])
-    tracker("fleet").track(flown, [str(one)])
-    written = []
-
-    def write_group(folder: Path, *arguments: Any) -> None:
-        if folder == tmp_path / "fleet":
-            if written:
-                raise KeyboardInterrupt
-            written.append(folder)
-        original(folder, *arguments)
-
-    original = compaction.write_group
-    with monkeypatch.context() as cut_off, pytest.raises(KeyboardInterrupt):
-        cut_off.setattr(compaction, "write_group", write_group)
-        tracker("fleet").track(flown, [str(other)])
-    assert written and files_of(tmp_path / "fleet") != files_of(tmp_path / "whole")
-    tracker("fleet").track(flown)
-    assert files_of(tmp_path / "fleet") == files_of(tmp_path / "whole")
-    assert {row.health_reason for row in read_rows(tmp_path / "fleet")} == {"", other.name}
+    assert reasons([tmp_path / "healthy"]) == reasons() != {""}
+    # The next one judges all vehicles anew; so does one of another fleet.
+    assert reasons([healthy[0]]) == {"", healthy[0].name}
+    track(tmp_path / "other", healthy[1])
+    assert reasons([tmp_path / "other"]) == {"", healthy[1].name}
+    for nothing in (tmp_path / "nothing", *make_logs(tmp_path, 1, "damaged")):
+        with pytest.raises(Unreadable, match="--baseline"):
+            reasons([nothing])
+    # Named as a log too, a healthy flight is a row, and is not read again.
+    assert track(out, healthy[0]).read == 0 and healthy[0].name in {Path(row.file).name for row in read_rows(out)}
 
 
-def test_a_baseline_of_another_schema_is_no_empty_one(tmp_path, monkeypatch):
-    healthy, *_ = make_logs(tmp_path / "logs", 2)
-    tracker = FleetTracker(tmp_path / "fleet", Crew(1, LIMITS, READ))
-    tracker.track([str(tmp_path / "logs")], [str(healthy)])
-    for module in ("row", "dataset", "ledger", "journal"):
-        monkeypatch.setattr(f"mavdem.fleet.{module}.SCHEMA_VERSION", 99)
-    with pytest.raises(Unreadable, match="name the healthy flights again with --baseline"):
-        tracker.track([str(tmp_path / "logs")])
-    assert tracker.track([str(tmp_path / "logs")], [str(healthy)]).read == 2
-    assert {row.file for row in tracker.healthy()} == {str(healthy)}
+def test_only_vehicles_of_which_anything_is_new_are_judged(tmp_path):
+    make_logs(tmp_path / "logs", 7)
+    seen: list[str] = []
+
+    def judge(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
+        seen.append(rows[0].vehicle)
+        if len(seen) == 1:
+            raise ValueError("a fault")
+        return rows
+
+    track(tmp_path / "fleet", tmp_path / "logs", assess=judge)
+    first = {row.vehicle: row.health_reason for row in read_rows(tmp_path / "fleet")}
+    assert sorted(seen) == sorted(first) and len(seen) > 2
+    # A fault on one vehicle's figures keeps back no other's.
+    assert [name for name, reason in first.items() if reason and "ValueError" in reason] == [seen[0]]
+    (log,) = make_logs(tmp_path / "more", 1, "next")
+    seen[:] = ["not the first"]
+    track(tmp_path / "fleet", tmp_path / "logs", log, assess=judge)
+    assert seen[1:] == [f"quad {log.stat().st_size % 7}"]
 
 
-class ReaderInTrouble:
-    limits = LIMITS
+def flight(key: str, means: tuple[float, ...], **columns: object) -> FlightRow:
+    """A flight whose model says that each µs of either motor turns it by 1 or -1 rad/s², damped by 2/s."""
+    effect = np.array([1.0, -1.0])
+    values = {
+        "motors": ("1", "2"),
+        "axis": "roll",
+        "mean_inputs": means,
+        "mean_outputs": (0.1, 0.0),
+        "residual_gain_inputs": -effect,
+        "residual_gain_outputs": (0.0, 2.0),
+        "residual_offset": float(effect @ means) if len(means) == 2 else 0.2,
+    }
+    return FlightRow(file=f"{key}.bin", key=key, **values | columns)
 
-    def outcomes(self, *_: object) -> Iterator[Any]:
-        raise BlockingIOError(11, "Resource temporarily unavailable")
-        yield
+
+def test_the_residual_mean_is_what_healthy_models_leave_of_a_flight():
+    healthy = [flight(str(number), (1500 + number, 1500 - number), inputs="motors") for number in (-1, 0, 1)]
+    models, new = HealthyModels(healthy, healthy[0]), flight("new", (1510, 1500), inputs="motors")
+    assert models.residual_mean(new) == pytest.approx(-10)
+    # Each of the three leaves -3, 0 and 3 by the other two: a half width of Student's t with two degrees of freedom.
+    assert models.interval == pytest.approx(2.920 * np.sqrt(6), rel=1e-3)
+    assert models.residual_mean(healthy[0]) == pytest.approx(3)
+    # Other axes, motors and inputs are other models.
+    by_demand = flight("demand", (0.1,), inputs="demand", residual_gain_inputs=(-2.0,))
+    for other in (replace(new, axis="pitch"), replace(new, motors=("other", "names")), by_demand):
+        assert models.residual_mean(other) is None and HealthyModels(healthy, other).interval is None
+    assert HealthyModels([*healthy, by_demand], healthy[0]).residual_mean(healthy[0]) == pytest.approx(3)
 
 
-def test_trouble_of_the_reader_is_not_blamed_on_the_folder(tmp_path):
-    make_logs(tmp_path / "logs", 1)
-    with pytest.raises(Unreadable, match=r"^Logs cannot be read any further .Resource temporarily unavailable"):
-        FleetTracker(tmp_path / "fleet", ReaderInTrouble()).track([str(tmp_path / "logs")])
+def test_flights_of_nobody_known_are_not_compared():
+    row = flight("1", (1500.0, 1500.0), vehicle="px4-1", vehicle_basis="system id", fault_probability=0.9)
+    (judged,) = assess_rows([row], [])
+    assert judged.health == "unknown" and "does not say which vehicle" in judged.health_reason
+    assert judged.fault_probability is None
+    (failed,) = assess_rows([FlightRow(file="x", status="It is empty.")], [])
+    assert failed.health_reason is None
 
 
-def test_a_journal_of_another_schema_is_read_again(tmp_path, monkeypatch):
-    outcome = ReadOutcome("read", (FlightRow(file="a.bin", key="00-1"),), "00-1")
-    with Journal(tmp_path) as journal:
-        journal.append(entry_of(Source("a.bin", 1, "now"), outcome, ["g00"], LIMITS), outcome.rows)
-    with Journal(tmp_path) as journal:
-        assert list(journal.entries) == ["a.bin"]
-    monkeypatch.setattr("mavdem.fleet.journal.SCHEMA_VERSION", 99)
-    with Journal(tmp_path) as journal:
-        assert not journal.entries and not journal.lines and journal.path.stat().st_size == 0
+def test_health_comes_from_the_vehicle_s_healthy_flights():
+    known = {
+        "balance": (0.0, 0.0, 0.0),
+        "balance_error": (0.001,) * 3,
+        "balance_lean": (0.05, 0.0),
+        "lean_effect": (0.0,) * 6,
+        "lean_effect_error": (0.1,) * 6,
+        "motors": ("1", "2", "3", "4"),
+        "positions": ((1, 1), (-1, -1), (1, -1), (-1, 1)),
+        "spins": (1, 1, -1, -1),
+        "duration": 60.0,
+        "mean_inputs": None,
+    }
+    rows = [
+        flight(f"{day}", (), vehicle="7", vehicle_basis="board", date=datetime(2026, 5, day, tzinfo=UTC), **known)
+        for day in range(1, 5)
+    ]
+    rows[3] = replace(rows[3], balance=(0.08, 0.08, -0.08))
+    judged = assess_rows(rows, rows[:3])
+    assert [row.health for row in judged[:3]] == ["ok"] * 3
+    assert judged[3].health in ("fault", "drift") and judged[3].fault_probability > judged[0].fault_probability
+
+
+def test_nothing_is_said_to_be_kept_where_nothing_was_read(tmp_path):
+    (log,) = make_logs(tmp_path / "logs", 1)
+    (tmp_path / "fleet").touch()
+    with pytest.raises(Unreadable, match=r"cannot be written to \(File exists\): once that is put right"):
+        track(tmp_path / "fleet", log)

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.skipif(
 
 @pytest.fixture(scope="module")
 def flights():
-    return [figures for figures, _ in recorded_flights(DATA)]
+    return recorded_flights(DATA)
 
 
 @pytest.fixture(scope="module")

@@ -35,9 +35,9 @@ def real_logs() -> list[Path]:
 
 
 def beginning(log: Path, folder: Path) -> Path:
-    """A copy; of a simulator, whose messages repeat themselves, the first 500 kB."""
+    """The first 700 kB; of a simulator, whose messages repeat themselves, 300 kB."""
     path = folder / log.name
-    path.write_bytes(log.read_bytes()[: 500_000 if log.parent.name.startswith("sitl_") else None])
+    path.write_bytes(log.read_bytes()[: 300_000 if log.parent.name.startswith("sitl_") else 700_000])
     return path
 
 

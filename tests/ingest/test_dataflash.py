@@ -22,7 +22,7 @@ from mavdem.alignment import drive, signals
 from mavdem.alignment.read import read_flight
 from mavdem.alignment.signals import Signals, setpoints
 from mavdem.condition.inventory import inventory
-from mavdem.errors import NotLearnable, Unreadable
+from mavdem.errors import Unreadable
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.dataflash.binary import FIELD_TYPES, MAX_DEFINITIONS, DataflashRecording, read_binary
 from mavdem.ingest.dataflash.log import read_dataflash
@@ -288,18 +288,6 @@ def test_lost_bytes_cost_the_messages_they_were_in(tmp_path: Path, lost: int) ->
     assert np.isin(np.round(kept, 6), np.round(times, 6)).all() and len(times) <= len(TIMES)
     assert set(np.round(np.degrees(vehicle.messages["ATTITUDE"]["roll"]), 6)) == {2, 4, 6, 8, 10}
     assert vehicle.repairs
-
-
-def test_a_zeroed_block_leaves_no_half_messages(tmp_path: Path) -> None:
-    rows = made.flight(TIMES)
-    content = bytearray(made.formats() + b"".join(rows))
-    at = len(made.formats()) + len(b"".join(rows[:80])) + 14
-    content[at : at + 512] = bytes(512)
-    vehicle = vehicle_of(bytes(content), tmp_path)
-    assert set(np.round(np.degrees(vehicle.messages["ATTITUDE"]["roll"]), 6)) == {2, 4, 6, 8, 10}
-    first, last = 80, 80 + 14 // len(rows[0]) + 512 // len(rows[0]) + 1
-    times = np.round(vehicle.messages["SERVO_OUTPUT_RAW"]["time"], 6)
-    assert np.isin(np.round(TIMES[:first] + TIMES[last + 1 :], 6), times).all()
 
 
 def test_a_cut_off_end_costs_the_last_message(tmp_path: Path) -> None:
@@ -622,8 +610,3 @@ def test_the_demand_is_the_input_where_motors_are_logged_too_slowly() -> None:
     demand = drive.demand(read_dataflash(shared(STEPS)).vehicles[0], "roll")
     there = np.searchsorted(demand.time, flight.time[:1000] - flight.dt / 2)
     np.testing.assert_allclose(flight.inputs[:1000, 0], demand.outputs[there, 0], atol=1e-6)
-
-
-def test_neither_demand_nor_motors_of_a_slow_log_will_do() -> None:
-    with pytest.raises(NotLearnable, match=r"comes at 10\.0 Hz"):
-        read_flight(shared(LOGS[1]))

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mavlink_streams import NOW, SAMPLES, flight, frame, frames_in, heartbeat, message, tlog
+from mavlink_streams import NOW, flight, frame, frames_in, heartbeat, tlog
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import all as dialect
 from whole_logs import everything, in_small_blocks, read
@@ -223,15 +223,6 @@ def test_blocks_of_a_few_bytes_read_as_one_block(sent: list[tuple[bytes, bytes, 
         assert everything(in_small_blocks(stream)) == everything(read(stream))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("path", sorted(SAMPLES.glob("*.tlog")), ids=lambda path: path.name)
-def test_samples_in_blocks_of_a_few_bytes(path: Path) -> None:
-    content = path.read_bytes()[:10_000]
-    holed = content[:3_000] + content[3_013:7_000] + b"\xfe" * 500 + content[7_000:]
-    for stream in (content, holed, content[:6_000] * 2):
-        assert everything(in_small_blocks(stream)) == everything(read(stream))
-
-
 @pytest.mark.parametrize("left", range(12))
 def test_a_cut_tail_costs_no_whole_message(left: int) -> None:
     """Nor where the cut lies in the stamp of the next, or behind it."""
@@ -251,16 +242,3 @@ def test_a_burst_of_late_and_repeated_messages_costs_none(tmp_path: Path) -> Non
     attitude = log.vehicles[0].messages["ATTITUDE"]
     assert len(attitude["time"]) == sum(each in frames[::2] for each in jumbled)
     assert np.array_equal(attitude["time"], attitude["time_boot_ms"] / 1e3) and not attitude["boot"].any()
-
-
-def test_port_banks_that_interleave_stay_in_the_order_they_came() -> None:
-    banks = [
-        message("SERVO_OUTPUT_RAW", time_usec=1_000_000 + 5_000 * row, port=row % 2, servo1_raw=1000 + row)
-        for row in range(50)
-    ]
-    log = read(tlog([heartbeat(), *banks]))
-    assert log is not None
-    servo = log.vehicles[0].messages["SERVO_OUTPUT_RAW"]
-    assert servo["port"].tolist() == [0, 1] * 25
-    assert servo["servo1_raw"].tolist() == list(range(1000, 1050))
-    assert np.allclose(servo["time"], 1 + 0.005 * np.arange(50))

@@ -48,13 +48,6 @@ def test_a_mapped_file_reads_as_one_in_memory(tmp_path: Path, line_ends: bytes) 
     assert (vehicle.messages["SERVO_OUTPUT_RAW"]["servo1_raw"] == 1500).all()
 
 
-@pytest.mark.usefixtures("_mapped")
-def test_a_mapped_archive_is_unpacked(tmp_path: Path) -> None:
-    content = lzma.compress(tlog([heartbeat(), *flight(TIMES)]))
-    (vehicle,) = read_log(written(tmp_path / "flight.tlog.xz", content)).vehicles
-    assert np.allclose(vehicle.messages["ATTITUDE"]["time"], TIMES)
-
-
 def test_an_archive_is_not_unpacked_to_tell_its_beginning(tmp_path: Path) -> None:
     path = written(tmp_path / "flight.tlog.xz", lzma.compress(b"flight" + bytes(20_000_000)))
     tracemalloc.start()
@@ -82,14 +75,6 @@ def test_a_mapped_file_that_is_cut_while_it_is_written_anew_leaves_nothing_behin
     with pytest.raises(Unreadable, match="cut short"), atomic_write(tmp_path / "flight.mcap") as file:
         write_mcap(file, stream)
     assert [each.name for each in tmp_path.iterdir()] == ["flight.tlog"]
-
-
-@pytest.mark.usefixtures("_mapped")
-def test_an_empty_or_missing_large_file_is_said_in_one_sentence(tmp_path: Path) -> None:
-    with pytest.raises(Unreadable, match="empty"):
-        read_log(written(tmp_path / "empty.tlog", b""))
-    with pytest.raises(Unreadable, match="does not exist"):
-        read_log(tmp_path / "missing.tlog")
 
 
 @pytest.mark.usefixtures("_mapped")

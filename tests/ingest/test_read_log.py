@@ -7,17 +7,20 @@ import random
 import struct
 from pathlib import Path
 
+import dataflash_logs
 import numpy as np
 import pytest
+import ulog_files
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mavlink_streams import NOW, SAMPLES, flight, frame, heartbeat, message, tlog
+from mcap_files import converted, json_only
+from ros2_files import Ros2Recorder, px4_flight
 
 from mavdem.alignment.signals import attitude
 from mavdem.errors import Unreadable
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.ingest.telemetry import Component
 
 TIMES = [20 + 0.01 * row for row in range(300)]
 
@@ -35,25 +38,6 @@ def test_columns_are_on_one_clock(tmp_path: Path) -> None:
     assert (vehicle.messages["SERVO_OUTPUT_RAW"]["servo1_raw"] == 1500).all()
     assert vehicle.messages["HEARTBEAT"]["time"].tolist() == [20.0]
     assert (vehicle.vehicle, vehicle.autopilot, vehicle.repairs) == ("QUADROTOR", "ARDUPILOTMEGA", ())
-
-
-def test_71_minute_wrap_through_a_file(tmp_path: Path) -> None:
-    times = [4290 + 0.05 * row for row in range(400)]
-    (vehicle,) = log_of(tlog([heartbeat(), *flight(times)], step=25_000), tmp_path).vehicles
-    assert np.allclose(vehicle.messages["SERVO_OUTPUT_RAW"]["time"], times, atol=1e-5)
-    assert not vehicle.messages["SERVO_OUTPUT_RAW"]["boot"].any()
-    assert any("71.6 min" in repair for repair in vehicle.repairs)
-
-
-def test_a_reboot_through_a_file(tmp_path: Path) -> None:
-    frames = [
-        heartbeat(),
-        *flight([500 + 0.1 * row for row in range(50)]),
-        *flight([3 + 0.1 * row for row in range(50)]),
-    ]
-    (vehicle,) = log_of(tlog(frames, step=50_000), tmp_path).vehicles
-    assert vehicle.messages["ATTITUDE"]["boot"].tolist() == [0] * 50 + [1] * 50
-    assert vehicle.messages["SERVO_OUTPUT_RAW"]["boot"].tolist() == [0] * 50 + [1] * 50
 
 
 def test_several_systems_are_kept_apart_and_only_vehicles_listed(tmp_path: Path) -> None:
@@ -128,26 +112,6 @@ def test_who_only_beats_is_heard_but_no_vehicle(tmp_path: Path) -> None:
     log = log_of(tlog([heartbeat(), *flight(TIMES), *beats]), tmp_path)
     assert [vehicle.system for vehicle in log.vehicles] == [1]
     assert len(log.components) == 1 + len(beats)
-
-
-def test_the_parameters_of_many_systems_are_looked_up_once_each(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The work for one vehicle must not grow with the number of others."""
-    asked = 0
-
-    def counted(speaker: Component, name: str) -> object:
-        nonlocal asked
-        asked += name == "system"
-        return object.__getattribute__(speaker, name)
-
-    monkeypatch.setattr(Component, "__getattribute__", counted)
-    count = 200
-    frames = [
-        each for system in range(1, 201) for each in (heartbeat(system), message("ATTITUDE", system, time_boot_ms=9))
-    ]
-    assert len(log_of(tlog(frames), tmp_path).vehicles) == count
-    assert asked < 10 * count
 
 
 def test_failures_are_distinguished(tmp_path: Path) -> None:
@@ -299,10 +263,32 @@ def test_a_telemetry_log_is_read_whatever_its_name(tmp_path: Path) -> None:
     assert log_of(tlog([heartbeat(), *flight(TIMES)]), tmp_path, "flight.bin").vehicles
 
 
-def test_progress_ends_at_one() -> None:
+def recorded(kind: str, folder: Path) -> Path:
+    """A short flight in a file of this kind."""
+    sample, path = folder / "flight.tlog", folder / f"flight.{kind}"
+    sample.write_bytes((SAMPLES / "px4_wind5_steps.tlog").read_bytes()[:60_000])
+    if kind == "tlog":
+        return sample
+    if kind in ("mcap", "json"):
+        return converted(sample, folder) if kind == "mcap" else json_only(converted(sample, folder), folder)
+    if kind == "ros2":
+        with Ros2Recorder(path) as recorder:
+            px4_flight(recorder)
+    elif kind == "ulg":
+        path.write_bytes(ulog_files.log(*ulog_files.flight(ulog_files.TIMES)))
+    elif kind == "bin":
+        path.write_bytes(dataflash_logs.formats() + b"".join(dataflash_logs.flight(TIMES)))
+    else:
+        path.write_text("FMT, 129, 0, ATT, Qccc, TimeUS,Roll,Pitch,Yaw\n" + "ATT, 20000000, 1, 2, 3\n" * 9)
+    return path
+
+
+@pytest.mark.parametrize("kind", ["tlog", "mcap", "json", "ros2", "ulg", "bin", "log"])
+def test_progress_rises_to_one(kind: str, tmp_path: Path) -> None:
     seen: list[float] = []
-    read_log(SAMPLES / "px4_wind5_steps.tlog", seen.append)
-    assert seen[-1] == 1.0
+    path = recorded(kind, tmp_path)
+    read_log(path, seen.append)
+    assert seen == sorted(seen) and seen[-1] == 1.0
 
 
 @pytest.mark.filterwarnings("error")

@@ -68,13 +68,6 @@ def test_values_are_those_pyulog_reads(name: str) -> None:
     assert (vehicle.vehicle, vehicle.autopilot, vehicle.system) == ("QUADROTOR", "PX4", 1)
 
 
-def test_dropouts_are_reported() -> None:
-    path = shared(REAL[0])
-    lost = [dropout.duration for dropout in ULog(str(path)).dropouts]
-    (vehicle,) = read_log(path).vehicles
-    assert f"dropped out {len(lost)} times, for {sum(lost) / 1e3:.3g} s" in vehicle.repairs[0]
-
-
 def at_the_same_stamps(ours: Telemetry, theirs: Telemetry, message: str, clock: float) -> tuple[NDArray[np.intp], ...]:
     stamps = [np.rint(one.messages[message]["time"] * clock).astype(np.int64) for one in (ours, theirs)]
     _, here, there = np.intersect1d(*stamps, return_indices=True)
@@ -114,17 +107,6 @@ def test_the_log_of_a_flight_tells_what_its_telemetry_tells() -> None:
         assert len(late) == 2 and (late > -0.05).all() and (late < every + 0.1).all()
     differing = [n for n in theirs.parameters if n in ours.parameters and ours.parameters[n] != theirs.parameters[n]]
     assert len(set(theirs.parameters) & set(ours.parameters)) > 800 and differing in ([], ["EKF2_MAG_DECL"])
-
-
-@pytest.mark.slow
-def test_a_log_gives_the_flight_its_telemetry_gives() -> None:
-    shared("sitl_px4/px4_wind5_gust.ulg.xz")
-    ours, theirs = mavdem.read_flight(GUST), mavdem.read_flight(shared("sitl_px4/px4_wind5_gust.tlog"))
-    assert ours.input_names == theirs.input_names and ours.dt == pytest.approx(0.004)
-    assert ours.time[0] == pytest.approx(theirs.time[0], abs=0.5) and len(ours) * ours.dt > 80
-    together = (theirs.time > ours.time[0]) & (theirs.time < ours.time[-1])
-    angle = np.interp(theirs.time[together], ours.time, ours.outputs[:, 0])
-    assert np.std(angle - theirs.outputs[together, 0]) < 0.02 * np.std(angle)
 
 
 def test_a_log_can_be_learnt_from(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ from mavdem.errors import Unreadable
 from mavdem.ingest import contents as files
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
-from mavdem.ingest.ulog import WholeMessages, read_ulog
+from mavdem.ingest.ulog import WholeMessages
 
 WANTED = "HIL_ACTUATOR_CONTROLS"
 
@@ -181,16 +181,6 @@ def test_a_format_is_laid_out_once_however_often_it_is_subscribed_to(
     assert time.perf_counter() - began < 10
 
 
-def test_a_format_whose_parts_come_one_by_one_is_looked_at_once_for_each(tmp_path: Path) -> None:
-    parts = range(3000)
-    formats = [f"t:{''.join(f'p{n} x{n};' for n in parts)}", *(f"p{n}:int8_t x;" for n in parts)]
-    tries = b"".join(message("F", text.encode()) + subscription("t", number=5000) for text in formats)
-    began = time.perf_counter()
-    vehicle = vehicle_of(HEADER + tries + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path)
-    assert "ATTITUDE_QUATERNION" in vehicle.messages
-    assert time.perf_counter() - began < 10
-
-
 @pytest.mark.parametrize("fields", ["uint8_t[9999] x0;uint8_t[9999] x1;uint8_t[9999] x2;", ""])
 def test_topics_of_more_values_than_there_can_be_are_left_out(tmp_path: Path, fields: str) -> None:
     """A few kilobytes could ask for gigabytes: each value of each subscription is a column."""
@@ -271,14 +261,6 @@ def test_damage_to_a_real_log_costs_what_it_hits(name: str, tmp_path: Path, caps
     assert capsys.readouterr().out == ""
 
 
-def test_progress_ends_at_one(tmp_path: Path) -> None:
-    seen: list[float] = []
-    path = tmp_path / "flight.ulg"
-    path.write_bytes(log(*flight(TIMES)))
-    read_log(path, seen.append)
-    assert seen[-1] == 1.0
-
-
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
@@ -309,13 +291,6 @@ def test_a_sound_ulog_of_something_else_is_said_to_be_sound_and_what_it_holds(tm
             Unreadable, match=rf"the file {state} holds neither attitude nor motor outputs \(its topics: cpuload\)"
         ):
             read_log(path)
-
-
-def test_another_file_is_no_ulog(tmp_path: Path) -> None:
-    path = tmp_path / "flight.ulg"
-    path.write_bytes(b"text")
-    with pytest.raises(Unreadable, match="no PX4 ULog"):
-        read_ulog(path)
 
 
 def test_an_xz_archive_is_read_as_what_it_holds(tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ from mavdem.ingest.formats import read_stream
 from mavdem.ingest.tlog import write_tlog
 from mavdem.live import LiveStream, SessionStatus
 from mavdem.live.history import ACCOUNT, LiveHistory
-from mavdem.report.live import live_report
+from mavdem.report.flights import live_report
 from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.scenario import DrydenWind, Scenario, StreamSpec, VehicleSpec
 from sitl_scenarios.simulation import CYCLES, fly

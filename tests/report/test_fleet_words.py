@@ -7,10 +7,9 @@ from datetime import timedelta
 
 from fleet_rows import fleet_rows, flight_row
 
-from mavdem.fleet.row import FlightRow
-from mavdem.fleet.summary import summarised
+from mavdem.fleet.row import FlightRow, summary
 from mavdem.report.blocks import text_of
-from mavdem.report.fleets.summary import fleet_blocks, vehicle_health, vehicle_words
+from mavdem.report.flights import fleet_blocks, vehicle_health, vehicle_words
 
 
 def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
@@ -55,7 +54,7 @@ def test_reasons_are_counted_without_the_numbers_that_make_each_different():
 
 def test_flights_and_tiers_are_counted_once_for_both_axes():
     text = text_of(fleet_blocks(fleet_rows(10)))
-    assert "10 flights of 5 vehicles" in text and "10 of tier a" in text
+    assert "10 flights of 5 vehicles" in text and "10 full model" in text
 
 
 def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():
@@ -63,15 +62,15 @@ def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():
     late = [replace(row, date=row.date + timedelta(seconds=5)) for row in slow]
     rows = [flight_row("quad", 0), *late, flight_row("quad", 1)]
     assert "2 flights of 1 vehicle (1 more log has a flight of these)" in text_of(fleet_blocks(rows))
-    found = summarised(rows)
-    assert (found.flights, found.tiers, found.health) == (2, {"a": 2}, {"ok": 2})
+    counts = summary(rows)
+    assert (counts["flights"], counts["tiers"], counts["health"]) == (2, {"a": 2}, {"ok": 2})
 
 
 def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
     rows = [flight_row("px4-1", number, vehicle_basis="system id", health="unknown") for number in range(2)]
     text = text_of(fleet_blocks(rows))
     assert "2 flights whose logs do not say of which vehicle" in text and "of 1 vehicle" not in text
-    assert summarised(rows).vehicles == 0
+    assert summary(rows)["vehicles"] == 0
     judged = [replace(row, health="fault") for row in rows]
     assert "px4-1 (fault)" in text_of(fleet_blocks(judged))
     assert "these may be several" in vehicle_words([[row] for row in judged])

@@ -17,7 +17,7 @@ from mavdem.dem.graybox.parameters import Physical
 from mavdem.evaluate import HeldOut, held_out_test
 from mavdem.ingest.motors import OutputScale
 from mavdem.report.blocks import Sentence, Table, text_of
-from mavdem.report.rounding import plus_minus, rounded
+from mavdem.report.numbers import plus_minus, rounded
 from mavdem.report.screen import key_figures, screen, summary
 
 FLIGHT = simulated(samples=1500, wind=4.0, lag=0.05)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import pytest
 from fleet_rows import flight_row
 
-from mavdem.comparison.vehicle_difference import since_baseline, vehicle_difference
+from mavdem.fleet.difference import since_baseline, vehicle_difference
 from mavdem.report.blocks import text_of
-from mavdem.report.fleets.differences import baseline_blocks, difference_blocks
+from mavdem.report.flights import baseline_blocks, difference_blocks
 
 
 def flown(number, vehicle="quad", **changed):
@@ -29,9 +29,9 @@ def test_a_changed_motor_is_named_with_its_interval_and_what_is_the_same_has_one
     after = [row for number in range(5, 10) for row in flown(number, **WEAK)]
     text = words(before, after)
     changed = next(line for line in text.splitlines() if line.startswith("Changed:"))
-    assert "motor 3's share +12" in changed and "motor 3's effect −29.1 % ±" in changed
+    assert "motor 3's share +12" in changed and "motor 3's control effectiveness −29.1 % ±" in changed
     same = next(line for line in text.splitlines() if line.startswith("The same:"))
-    assert "damping on roll (±" in same and "lag on pitch (±" in same
+    assert "rate damping on roll (±" in same and "motor time constant on pitch (±" in same
     assert "5 flights of A and 5 flights of B" in text
 
 
@@ -44,11 +44,11 @@ def test_wind_battery_and_lean_are_conditions():
     text = words(flown(0), flown(1, **other))
     condition = next(line for line in text.splitlines() if line.startswith("Conditions"))
     assert "battery 16.0 → 14.0 V" in condition and "+11° of roll" in condition
-    assert "wind's torque on roll 46 → 229 °/s²" in condition
+    assert "wind torque on roll 46 → 229 °/s²" in condition
     assert "Nothing changed beyond chance." in text
-    allowed = "those of shares for the lean and those of mean effects for battery and mean output"
+    allowed = "shares for the lean and mean control effectiveness for battery and mean output"
     assert f"Intervals that allow for conditions: {allowed}." in condition
-    assert "wind's torque on roll 46 → 46 °/s²" in words(flown(0), flown(1))
+    assert "wind torque on roll 46 → 46 °/s²" in words(flown(0), flown(1))
 
 
 def test_what_is_not_known_has_its_figures():

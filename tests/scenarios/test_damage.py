@@ -5,11 +5,10 @@ import tomllib
 import numpy as np
 import pytest
 
-from mavdem.cli.words.scenario import in_toml, in_words
 from mavdem.ingest import read_log
 from mavdem.ingest.tlog import write_tlog
 from sitl_scenarios.dynamics import SPINS, Damage, damages, frame
-from sitl_scenarios.files import load, scenario_of
+from sitl_scenarios.files import in_toml, in_words, load, scenario_of
 from sitl_scenarios.mavlink.transmitter import recorded
 from sitl_scenarios.scenario import Load, Propeller, Scenario, Sensors, SteadyWind, StreamSpec, VehicleSpec
 from sitl_scenarios.sensors import vibration
@@ -148,8 +147,7 @@ def test_they_are_described_and_read_again():
     text = in_toml(scenario)
     assert scenario_of(tomllib.loads(text)) == scenario
     assert "Mass that is missing times its distance from the shaft, g mm" in text
-    assert any("propeller of motor 3 chips 60 s after arming: 85% of its thrust" in one for one in in_words(scenario))
-    assert any("by 5 mm forward and 15 mm to the right" in one for one in in_words(load("iris_shifted_load")))
+    assert any(line.startswith("Propeller: motor 3, start 60.0") for line in in_words(scenario))
 
 
 @pytest.mark.parametrize("section", [{"propeller": Propeller(motor=1, start=30.0)}, {"load": Load(start=31.0)}])

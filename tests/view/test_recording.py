@@ -12,10 +12,10 @@ from rerun.chunk import RrdReader
 from rerun_file import chunks, views
 
 import mavdem
-from mavdem.dem.graybox.gusts import DetectedGust
+from mavdem.dem.graybox.wind import DetectedGust
 from mavdem.evaluate import held_out_test
-from mavdem.report.axis_command import AxisCommand
 from mavdem.report.blocks import markdown
+from mavdem.report.numbers import AxisCommand
 from mavdem.report.screen import key_figures, screen, title
 from mavdem.view import show, write_recording
 from mavdem.view.learning import prior_outweighs_data
@@ -25,9 +25,7 @@ FLIGHT = mavdem.read_flight(Path(__file__).parents[2] / "logs" / "ardupilot_wind
 PARTS, TEST = (FLIGHT[:380], FLIGHT[400:800]), FLIGHT[800:900]
 START = float(FLIGHT.time[0])
 TIME = np.concatenate([part.time for part in PARTS]) - START
-SETTINGS = mavdem.Settings(
-    order=2, window=9, parameter_precision=0.1, output_groups=(0, 1), state_groups=(0, 1), iterations=5
-)
+SETTINGS = mavdem.Settings(order=2, window=9, parameter_precision=0.1, noise_groups=((0, 1), (0, 1)), iterations=5)
 
 
 @pytest.fixture(scope="module")

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Time and memory of a whole fit of 20 iterations, and time of learning with default settings; prints a table.
+"""Time of a whole fit of 20 iterations, and time of learning with default settings; prints a table.
 
 A whole fit, on one core: embedding, sufficient statistics, the ascent and the predictor. With --jobs, instead: time of
 so many fits of 700 samples, one after the other and as a batch on all cores.
@@ -9,7 +9,6 @@ Usage: tools/bench/learn.py [--jobs N]
 
 from __future__ import annotations
 
-import tracemalloc
 from collections.abc import Callable
 from itertools import islice, product
 from statistics import median
@@ -23,7 +22,6 @@ from threadpoolctl import threadpool_limits
 import mavdem
 from mavdem.dem.engine import ascent
 from mavdem.dem.fitting import fit
-from mavdem.dem.parallel import spare_cores
 from mavdem.dem.record import Record
 from mavdem.dem.settings import CompleteSettings
 
@@ -53,7 +51,7 @@ class FitSize(NamedTuple):
         if self.outputs <= self.order:
             return settings
         # With more outputs than states C is free, and the paper's convention holds the scale of the states.
-        free = {"prior": "uniform", "last_derivative_zero": True, "correlation": "continuous"}
+        free = {"prior": "uniform", "correlation": "continuous"}
         return CompleteSettings.from_dict({**settings.to_dict(), **free})
 
 
@@ -85,15 +83,6 @@ def time_of(function: Callable[[], object]) -> float:
     return median(repeat(function, number=1, repeat=REPEATS))
 
 
-def memory_of(function: Callable[[], object]) -> float:
-    """Peak of the memory allocated by the call, MB."""
-    tracemalloc.start()
-    function()
-    _, peak = tracemalloc.get_traced_memory()
-    tracemalloc.stop()
-    return peak / 1e6
-
-
 def print_batch(count: int) -> None:
     """Fits of one flight by seed, prior precision and order, with complete settings: one candidate each."""
     train = flight(700)
@@ -102,22 +91,16 @@ def print_batch(count: int) -> None:
         (train, mavdem.Settings(order=order, window=9, parameter_precision=precision, seed=seed))
         for seed, precision, order in islice(choices, count)
     ]
-    mavdem.learn(*jobs[0])
     serial = timeit(lambda: [mavdem.learn(*job) for job in jobs], number=1)
-    learned: list[object] = []
-    batch = timeit(lambda: learned.extend(mavdem.learn_many(jobs)), number=1)
-    assert all(isinstance(one, mavdem.Learned) for one in learned)
-    print("| fits of T = 700 | seconds | a second | speed-up |")
-    print("|---|---|---|---|")
-    for name, taken in (("one after the other", serial), (f"`learn_many` on {spare_cores()} cores", batch)):
-        print(f"| {count} {name} | {taken:.1f} | {count / taken:.1f} | {serial / taken:.2f} |")
+    batch = timeit(lambda: list(mavdem.learn_many(jobs)), number=1)
+    print(f"{count} fits: {serial:.1f} s one after the other, {batch:.1f} s by learn_many, {serial / batch:.2f} times.")
 
 
 def print_fits() -> None:
     # Nothing converges, so that all iterations are taken.
     ascent.CONVERGED_NATS = -np.inf
-    print("| T | n | m | r | p, d | fit of 20 iterations, ms | peak memory, MB |")
-    print("|---|---|---|---|---|---|---|")
+    print("| T | n | m | r | p, d | fit of 20 iterations, ms |")
+    print("|---|---|---|---|---|---|")
     for case in CASES:
         record = Record.of(flight(case.samples, case.inputs, case.outputs))
         settings = case.settings
@@ -128,7 +111,7 @@ def print_fits() -> None:
         assert len(fit(record, settings).ascent.theta) == ITERATIONS + 1
         print(
             f"| {case.samples} | {case.order} | {case.outputs} | {case.inputs} | {case.p}, {case.d} "
-            f"| {1e3 * time_of(whole):.1f} | {memory_of(whole):.0f} |",
+            f"| {1e3 * time_of(whole):.1f} |",
             flush=True,
         )
     ascent.CONVERGED_NATS = 0.1

@@ -34,7 +34,6 @@ WINDOW_SECONDS = 7.0
 PARAMETERS = ("effect", "damping", "lag")
 STATUSES = ("reported", "biased", "not identifiable")
 LEVEL = 0.9
-WORST = 12  # reported effects that are listed
 
 
 def log(text: str) -> None:
@@ -84,17 +83,14 @@ class Estimate(NamedTuple):
 
     def inside_by_motor(self) -> list[bool]:
         """Whether the interval of each motor's effect does."""
-        return [
-            bool(each) for each in abs(self.found.effect - self.true["effect"]) <= self.found.interval(LEVEL).effect
-        ]
+        held = abs(self.found.effect - self.true["effect"]) <= self.found.interval(LEVEL).effect
+        return [bool(inside) for inside in held]
 
     def __str__(self) -> str:
         errors = [(name, *self.error(name)) for name in PARAMETERS]
         words = [f"{name} {error:+.1%} ± {half:.1%}, {self.found.status[name]}" for name, error, half in errors]
         where = "whole" if self.window is None else f"window {self.window}"
-        more = {name: round(value, 2) for name, value in self.found.refinements.items()}
-        wind = f"wind {self.found.wind_share:.0%}"
-        return f"{self.case} | {where} | {' | '.join(words)} | {wind} | {more or ''} | {self.found.reasons['effect']}"
+        return f"{self.case} | {where} | {' | '.join(words)} | wind {self.found.wind_share:.0%}"
 
 
 def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
@@ -164,26 +160,10 @@ def simulated(seed: int, flights: int, every: int) -> None:
     found = list(estimates(cases(seed, flights, every)))
     click.echo(f"{len({each.case.seed for each in found})} flights, seed {seed}.\n")
     heads = ["steering", "of", "number", *STATUSES]
-    bars = {
-        "effect": "bars: 85–95 % inside; none off by more than 15 %; with 3° of multisine 60 % of windows and 90 % of "
-        "flights reported",
-        "damping": "bar: 85–95 % inside",
-        "lag": "bar: 85–95 % inside; truth: the mean of up and down",
-    }
-    for name, bar in bars.items():
+    for name in PARAMETERS:
         insides = ["inside, each motor", "inside, mean"] if name == "effect" else ["inside"]
         ends = ["median error of the reported", "worst", "inside, where biased"]
-        table(f"**{name.capitalize()}** ({bar})", [*heads, *insides, *ends], by_steering(name, found))
-    reported = [each for each in found if each.found.status["effect"] == "reported"]
-    worst = sorted(reported, key=lambda each: -abs(each.error("effect")[0]))[:WORST]
-    rows = []
-    for each in worst:
-        (error, half), where = each.error("effect"), "flight" if each.window is None else f"7 s, no. {each.window + 1}"
-        rows.append([str(each.case), where, f"{error:+.1%} ± {half:.1%}", f"{each.found.wind_share:.0%}"])
-    table("**Reported effects that are furthest off**", ["flight", "of", "error", "wind's share"], rows)
-
-
-# Recorded flights
+        table(f"**{name.capitalize()}**", [*heads, *insides, *ends], by_steering(name, found))
 
 
 def other_logs() -> Iterator[tuple[str, Flight]]:
@@ -196,38 +176,21 @@ def other_logs() -> Iterator[tuple[str, Flight]]:
                 log(f"{path.name}: refused: {reason}")
 
 
-def cell(found: Physical, name: str) -> str:
-    """An estimate with its interval, marked unless it is reported."""
-    scale = 1e3 if name == "lag" else 1.0
-    value, half = estimate_of(found, name)
-    mark = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}[found.status[name]]
-    return f"{scale * value:.3g} ± {scale * half:.2g}{mark}" if np.isfinite(half) else f"{scale * value:.3g}{mark}"
-
-
-def row_of(label: Sequence[str], flight: Flight, found: Physical | ValueError) -> list[str]:
-    begin = [*label, f"{flight.dt * len(flight):.0f}", f"{1 / flight.dt:.0f}"]
-    if isinstance(found, ValueError):
-        return [*begin, str(found), *[""] * 5]
-    more = ", ".join(f"{name} {value:.2f}" for name, value in found.refinements.items())
-    estimates = [cell(found, name) for name in PARAMETERS]
-    return [*begin, *estimates, f"{found.wind_share:.0%}", f"{found.wind:.2g}", more]
-
-
-def tried(flight: Flight) -> Physical | ValueError:
+def row_of(label: Sequence[str], flight: Flight) -> list[str]:
+    """A row of a table without a truth: estimates with their intervals, marked unless they are reported."""
+    row = [*label, f"{flight.dt * len(flight):.0f}", f"{1 / flight.dt:.0f}"]
     try:
-        return physical(flight)
+        found = physical(flight)
     except ValueError as reason:
-        return reason
-
-
-def agreement(thirds: Sequence[Physical | ValueError]) -> str:
-    """Whether effects differ by no more than their intervals together."""
-    known = [each for each in thirds if isinstance(each, Physical) and each.identifiable]
-    if len(known) < 2:
-        return "–"
-    values, halves = np.array([each.mean_effect(LEVEL) for each in known]).T
-    off = np.abs(values[:, None] - values) / np.hypot(halves[:, None], halves)
-    return f"{'yes' if off.max() <= 1 else 'no'} ({np.ptp(values) / values.mean():.0%} apart)"
+        return [*row, str(reason), *[""] * 5]
+    for name in PARAMETERS:
+        value, half = estimate_of(found, name)
+        scale = 1e3 if name == "lag" else 1.0
+        width = f" ± {scale * half:.2g}" if np.isfinite(half) else ""
+        mark = {"reported": "", "biased": " (biased)", "not identifiable": " (no)"}[found.status[name]]
+        row.append(f"{scale * value:.3g}{width}{mark}")
+    more = ", ".join(f"{name} {value:.2f}" for name, value in found.refinements.items())
+    return [*row, f"{found.wind_share:.0%}", f"{found.wind:.2g}", more]
 
 
 HEADS = ("s", "Hz", "effect", "damping, 1/s", "lag, ms", "wind's share", "wind, rad/s²", "refinements")
@@ -235,37 +198,13 @@ HEADS = ("s", "Hz", "effect", "damping, 1/s", "lag, ms", "wind's share", "wind, 
 
 def recorded() -> None:
     """Every recorded flight, whole and in thirds, where there are any (``mavdem.paper.flights.SHARED``)."""
-    rows, wholes = [], {}
+    rows = []
     for name, flight in chain(recorded_flights(), other_logs()):
         log(name)
         size = len(flight) // 3
-        thirds = [flight[number * size : (number + 1) * size] for number in range(3)]
-        found, of_thirds = tried(flight), [tried(each) for each in thirds]
-        if isinstance(found, Physical):
-            wholes[name] = found
-        rows.append([*row_of([name, "whole"], flight, found), agreement(of_thirds)])
-        for number, (part, each) in enumerate(zip(thirds, of_thirds, strict=True), start=1):
-            rows.append([*row_of(["", f"{number} of 3"], part, each), ""])
-    title = "**Recorded flights**: mean over the motors; (no): not identifiable; thirds agree: in their effects"
-    table(title, ["flight", "of", *HEADS, "thirds agree"], rows)
-    heavy = "ardupilot_inertia_wind5_steps"
-    if heavy in wholes:
-        mean, half = wholes[heavy].mean_effect(LEVEL)
-        ratios = []
-        for name, found in wholes.items():
-            if name.startswith("ardupilot_") and "inertia" not in name and not Path(name).suffix:
-                other, of_other = found.mean_effect(LEVEL)
-                ratio, off = mean / other, mean / other * np.hypot(half / mean, of_other / other)
-                words = f"{ratio:.2f} ± {off:.2f}" if found.identifiable else f"{ratio:.2f}"
-                ratios.append([name, found.status["effect"], words])
-        table(f"**Effect of {heavy} (doubled inertia) relative to**", ["flight", "its effect is", "ratio"], ratios)
-    ranked = ["ardupilot_calm", "ardupilot_wind5_turb", "ardupilot_wind5_gustmoment_strong"]
-    if set(ranked) <= set(wholes):
-        winds = [wholes[name].wind for name in ranked]
-        words = " < ".join(
-            f"{name} {wind:.2g} ({wholes[name].status['effect']})" for name, wind in zip(ranked, winds, strict=True)
-        )
-        click.echo(f"Wind, rad/s², should be {words}: {'it is' if winds == sorted(winds) else 'it is not'}.")
+        rows.append(row_of([name, "whole"], flight))
+        rows += [row_of(["", f"{part + 1} of 3"], flight[part * size : (part + 1) * size]) for part in range(3)]
+    table("**Recorded flights**: mean over the motors; (no): not identifiable", ["flight", "of", *HEADS], rows)
 
 
 # The Crazyflie
@@ -327,9 +266,8 @@ def crazyflie() -> None:
                 time, np.stack(motors, 1), turning[:, None], dt=1 / rate, effect_directions=np.array(directions)
             )
             log(f"{axis}, {rate:.0f} Hz")
-            rows.append(row_of([axis, "whole"], flight, tried(flight)))
-            for number, part in enumerate(windows_of(flight), start=1):
-                rows.append(row_of(["", f"7 s, no. {number}"], part, tried(part)))
+            rows.append(row_of([axis, "whole"], flight))
+            rows += [row_of(["", f"7 s, no. {number}"], part) for number, part in enumerate(windows_of(flight), 1)]
     title = f"**Crazyflie** (effect in rad/s² per unit of command; published: {EXPECTED} for roll)"
     table(title, ["axis", "of", *HEADS], rows)
 
@@ -340,12 +278,7 @@ def crazyflie() -> None:
 @click.option("--flights", default=1, show_default=True, help="Simulated, of each vehicle, wind and steering.")
 @click.option("--every", default=1, show_default=True, help="One of so many of these, drawn by seed.")
 def main(which: str, seed: int, flights: int, every: int) -> None:
-    if which == "simulated":
-        simulated(seed, flights, every)
-    elif which == "recorded":
-        recorded()
-    else:
-        crazyflie()
+    {"simulated": lambda: simulated(seed, flights, every), "recorded": recorded, "crazyflie": crazyflie}[which]()
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 #!/usr/bin/env python
 """What the verdict on a vehicle's motors is worth: on recorded flights with a cut propeller, by chance, simulated.
 
-recorded: each flight of FOLDER against the good ones, and each good one against the other good ones; and how well other
-figures of the same flights separate 20 and 25 mm from 0 and 5 mm.
+recorded: each flight of FOLDER against the good ones, and each good one against the other good ones; and all of them
+against every choice of two or more good ones.
 chance: how often healthy flights are called otherwise, if they scatter as the prior says.
 simulated: healthy flights, weak motors, chipped propellers and shifted loads in wind from all sides.
 
@@ -11,10 +11,8 @@ Usage: tools/validation/propellers.py [FOLDER] [--vehicles 400] [--flights 40]
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from itertools import combinations
 from pathlib import Path
@@ -27,7 +25,7 @@ from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.condition import condition_of
 from mavdem.health import effort, reference
-from mavdem.health.assessment import Assessment, assess
+from mavdem.health.assessment import assess
 from mavdem.health.balance import BalanceFigures, balance_figures, balance_of_signals
 from mavdem.health.motor_signature import motor_signatures
 from mavdem.health.reference import HealthFigures
@@ -53,8 +51,8 @@ def main(folder: Path, vehicles: int, flights: int) -> None:
     simulated(flights)
 
 
-def recorded_flights(folder: Path) -> list[tuple[HealthFigures, tuple[float, ...]]]:
-    """The figures of each flight of a folder, and each motor's share of the mean command."""
+def recorded_flights(folder: Path) -> list[HealthFigures]:
+    """Returns the figures of each flight of a folder."""
     found = []
     for path in sorted(folder.glob("*.BIN")):
         telemetry = choose_vehicle(read_log(path).vehicles)
@@ -71,17 +69,15 @@ def recorded_flights(folder: Path) -> list[tuple[HealthFigures, tuple[float, ...
             collective=condition.collective,
             voltage=None if battery is None else battery.voltage_mean,
         )
-        found.append((figures, condition.hover.trim_share))
+        found.append(figures)
     return found
 
 
 def recorded(folder: Path) -> None:
-    read = recorded_flights(folder)
-    if not read:
+    flights = recorded_flights(folder)
+    if not flights:
         print(f"There are no flights in {folder}.")
         return
-    flights = [figures for figures, _ in read]
-    shares = {figures.name: share for figures, share in read}
     good = [flight for flight in flights if "good" in flight.name]
     verdicts = assess(flights, good)
     print(f"\nRecorded: {len(flights)} flights, each alone, against {len(good)} good ones (a good one: the others)")
@@ -91,46 +87,7 @@ def recorded(folder: Path) -> None:
         change = "     -" if found.change_probability is None else f"{found.change_probability:6.3f}"
         harder = "" if found.harder is None else "{:.0f} ({:.0f} to {:.0f})".format(*found.harder)
         print(f"{flight.name:20} {found.health:8} {probability} {change} {found.suspect_motor or '-':>5}  {harder}")
-    separation(flights, good, verdicts, shares)
     leaving_out(flights, good)
-
-
-def separation(
-    flights: Sequence[HealthFigures],
-    good: Sequence[HealthFigures],
-    verdicts: Sequence[Assessment],
-    shares: dict[str, tuple[float, ...]],
-) -> None:
-    """The area under the curve of each figure alone, by which 20 and 25 mm differ from 0 and 5 mm."""
-    usual = np.mean([shares[flight.name] for flight in good], axis=0)
-    without = uncorrected(flights, good)
-    figures: dict[str, Sequence[float | None]] = {
-        "probability of a fault": [found.fault_probability for found in verdicts],
-        "the same, without the effect of lean": [found.fault_probability for found in without],
-        "probability of any change": [found.change_probability for found in verdicts],
-        "greatest share of any motor": [max(shares[flight.name]) for flight in flights],
-        "greatest rise of any motor's share": [max(shares[flight.name] - usual) for flight in flights],
-        "share of motor 1 (known afterwards)": [shares[flight.name][0] for flight in flights],
-        "collective at the same voltage": [flight.effort for flight in flights],
-    }
-    cut = [int(found.group(1)) if (found := re.search(r"cut(\d+)", flight.name)) else 0 for flight in flights]
-    print("\nArea under the curve of each figure alone, 20 and 25 mm against 0 and 5 mm:")
-    for name, values in figures.items():
-        pairs = list(zip(cut, values, strict=True))
-        bad = [value for millimetres, value in pairs if millimetres >= 20 and value is not None]
-        rest = [value for millimetres, value in pairs if millimetres <= 5 and value is not None]
-        area = np.mean([(b > r) + 0.5 * (b == r) for b in bad for r in rest])
-        print(f"  {area:.2f}  {name}; lowest of 20 and 25 mm {min(bad):.3f}, highest of 0 and 5 mm {max(rest):.3f}")
-
-
-def uncorrected(flights: Sequence[HealthFigures], good: Sequence[HealthFigures]) -> tuple[Assessment, ...]:
-    """Verdicts if wind had no effect on the balance."""
-    level = {flight.name: replace(flight, balance=_level(flight.balance)) for flight in flights}
-    return assess(list(level.values()), [level[flight.name] for flight in good])
-
-
-def _level(balance: BalanceFigures | None) -> BalanceFigures | None:
-    return None if balance is None else balance._replace(lean=np.zeros(2))
 
 
 def leaving_out(flights: Sequence[HealthFigures], good: Sequence[HealthFigures]) -> None:

@@ -78,7 +78,8 @@ def mixture(forecasts: Sequence[Forecast], steps: int) -> Forecast:
     weights = errors ** -float(WEIGHT_POWER)
     weights /= weights.sum(axis=0)
     mean = (weights * means).sum(axis=0)
-    spread = np.where(weights > 0, variances + (means - mean) ** 2, 0.0)
+    with np.errstate(over="ignore"):
+        spread = np.where(weights > 0, variances + (means - mean) ** 2, 0.0)
     return Forecast(mean, (weights * spread).sum(axis=0))
 
 
@@ -146,7 +147,7 @@ def training_forecasts(fitted: Fit, record: Record) -> TrainingForecasts:
 
     The parameters took part of the data to fit them: N numbers leave a squared error that is (N − k)/N of the one to
     expect elsewhere. A forecast of L samples has N = m T / L, taken to be at least 2 k. The weight is the one of least
-    squares inside the training data, less by the same factor; 1 without ``Settings.shrink_forecasts``.
+    squares inside the training data, less by the same factor; 1 with ``Settings(forecasts="model")``.
     """
     trials, at_trim = _trials(fitted, record), _trials(fitted, record, fitted.scaling.input_trim)
     free = np.count_nonzero(np.diag(fitted.model.prior.theta_precision) < KINEMATIC)
@@ -155,7 +156,7 @@ def training_forecasts(fitted: Fit, record: Record) -> TrainingForecasts:
     weight = np.ones_like(trials.mse)
     # Forecasts that overflow have no weight.
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        if fitted.settings.shrink_forecasts:
+        if fitted.settings.forecasts != "model":
             best = (trials.measured * trials.predicted).sum(axis=0) / (trials.predicted**2).sum(axis=0)
             weight = np.clip(np.nan_to_num(best), 0.0, 1.0) * left
         weighted_mse = _Trials(trials.measured, weight * trials.predicted).mse / left

@@ -26,9 +26,8 @@ from mavdem.dem.graybox.identifiability import (
     judged,
 )
 from mavdem.dem.graybox.instruments import LOOP, Instrumental, exogenous, instrumental
-from mavdem.dem.graybox.likelihood import DAMPING, LAG, FlightWindows, Parameters, lagged
-from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable
-from mavdem.dem.graybox.windows import Cut, cut
+from mavdem.dem.graybox.likelihood import DAMPING, LAG, REFINEMENTS, FlightWindows, Parameters, lagged
+from mavdem.dem.graybox.parameters import Cut, Physical, WindComponent, WindowTable, cut
 from mavdem.dem.record import Record, UniformRecord
 
 EFFECT_ERROR, MOTOR_ERROR = 0.025, 0.015
@@ -64,8 +63,7 @@ def physical(train: UniformRecord | Sequence[UniformRecord]) -> Physical:
 
     Args:
         train: a ``Flight``, or a list of them, segments with gaps between: rates in rad/s. The rate is the output that
-            is the derivative of another, or the only one. Setpoints and the battery's voltage are used if they are
-            there.
+            is the derivative of another, or the only one.
 
     Raises:
         ValueError: no output is the rate of another, there are too few samples, no motor moves, or there is no steady
@@ -138,9 +136,8 @@ def _chosen(windows: FlightWindows, directions: Array | None) -> tuple[list[Gray
 
 def _refined(plain: GrayBoxFit, windows: FlightWindows) -> GrayBoxFit:
     """With each refinement that predicts windows better that it was not fitted to, in two-fold cross-validation."""
-    names = ["thrust curve", "spin-up"] + (["voltage"] if windows.voltage is not None else [])
     chosen, score = plain, _unseen(plain.parameters, windows, plain.theta)
-    for name in names:
+    for name in REFINEMENTS:
         parameters = chosen.parameters._replace(refinements=(*chosen.parameters.refinements, name))
         start = np.append(chosen.theta, 0.0)
         try:

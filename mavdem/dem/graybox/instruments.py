@@ -117,5 +117,5 @@ def _explained(windows: FlightWindows, setpoints: Array) -> tuple[FlightWindows,
     ridge = RIDGE * np.trace(grams.sum(axis=0)) / past.shape[2] * np.eye(past.shape[2])
     weights = np.linalg.solve(grams.sum(axis=0) - grams + ridge, products.sum(axis=0) - products)
     parts = (past @ weights, signals)
-    explained, measured = (FlightWindows(each[:, :, :-1], each[:, :, -1], None, windows.dt) for each in parts)
+    explained, measured = (FlightWindows(each[:, :, :-1], each[:, :, -1], windows.dt) for each in parts)
     return explained, measured

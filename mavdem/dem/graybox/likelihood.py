@@ -7,19 +7,78 @@ two components. Each window has a constant of its own, which balances its trim, 
 together; both are solved for. What remains is the same in all windows. Maximising the likelihood of the one-step
 prediction errors is consistent in closed loop as far as the wind's spectrum is right (Ljung, System Identification, 2nd
 ed., secs. 8.4, 13.4).
+
+Coloured noise as a state that white noise drives: turbulence, and the smooth noise of generalized coordinates.
+
+The plant of one axis: its rate, the motors' torque and the wind's, from sample to sample.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import pairwise
+from math import factorial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
 from scipy.signal import lfilter
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import Transition, discretize
-from mavdem.dem.graybox.coloured import Coloured, step_covariance
+
+
+class Coloured(NamedTuple):
+    """Stationary noise of variance 1, y = C x with ẋ = A x + white noise, in units of its own time."""
+
+    A: Array  # (k, k)
+    drive: Array  # (k, k) intensity of the white noise
+    C: Array  # (k,)
+
+
+def step_covariance(A: Array, drive: Array, dt: float) -> Array:
+    """(…, n, n) covariance that white noise of intensity ``drive`` (…, n, n) adds to ẋ = A x in a step of ``dt`` s.
+
+    Van Loan, "Computing integrals involving the matrix exponential", 1978.
+    """
+    n = A.shape[-1]
+    flow = expm(np.block([[-A, drive], [np.zeros_like(A), np.swapaxes(A, -1, -2)]]) * dt)
+    return np.asarray(np.swapaxes(flow[..., n:, n:], -1, -2) @ flow[..., :n, n:])
+
+
+def _autoregressive(coefficients: Array) -> Coloured:
+    """Of a denominator with the leading coefficient 1, highest power first, each state of variance 1."""
+    order = len(coefficients) - 1
+    A = np.eye(order, k=1)
+    A[-1] = -coefficients[:0:-1]
+    drive = np.zeros((order, order))
+    drive[-1, -1] = 1.0
+    size = np.sqrt(solve_continuous_lyapunov(A, -drive).diagonal())
+    drive[-1, -1] /= size[-1] ** 2
+    return Coloured(A * size / size[:, None], drive, np.eye(order)[0])
+
+
+def _smooth(order: int) -> Coloured:
+    """Noise of the Gaussian kernel whose width is the unit of time, of spectrum exp(−ω²).
+
+    1/exp(ω²) by Taylor's series in the denominator: Hartikainen and Särkkä, "Kalman filtering and smoothing solutions
+    to temporal Gaussian process regression models", MLSP 2010, sec. 3.3.
+    """
+    series = np.zeros(2 * order + 1)
+    series[::2] = [(-1) ** power / factorial(power) for power in range(order, -1, -1)]
+    roots = np.roots(series)
+    return _autoregressive(np.real(np.poly(roots[roots.real < 0])))
+
+
+FIRST_ORDER = _autoregressive(np.ones(2))  # autocorrelation exp(−|τ|): turbulence along its mean wind
+
+SMOOTH = _smooth(8)
+"""Autocorrelation exp(−τ²/4): noise with a Gaussian kernel, the noise of generalized coordinates (Eq. ``Smatrix``)."""
+
+GUSTS = _smooth(4)
+"""The same to fourth order, with half of the states: enough for the spectrum where there is power."""
+
 
 SETTLING_SECONDS = 0.25  # of each window, whose prediction errors do not count: the filter finds the state
 MAX_DOUBLINGS = 40  # of the steps over which the filter becomes steady
@@ -36,9 +95,9 @@ mixer's direction. The effect's mean is that of a first estimate."""
 TIMES = ((np.log(1.0), 1.0), (np.log(0.07), 1.0))
 """Likewise of the time of each component of the wind: the drift of the air, and gusts."""
 
-REFINEMENTS = {"thrust curve": (0.0, 0.3), "spin-up": (0.0, 0.3), "voltage": (1.0, 1.0)}
-"""Refinements, each a parameter: relative change of the effect for one standard deviation of the inputs; by how much
-rotors spin up faster than down, as a share of the lag; and the power of the voltage that the effect goes with."""
+REFINEMENTS = {"thrust curve": (0.0, 0.3), "spin-up": (0.0, 0.3)}
+"""Refinements, each a parameter: relative change of the effect for one standard deviation of the inputs; and, as a
+share of the lag, by how much rotors spin up faster than down."""
 
 
 class FlightWindows(NamedTuple):
@@ -46,13 +105,11 @@ class FlightWindows(NamedTuple):
 
     inputs: Array  # (W, N, r) deviations from the trim, in units of their common standard deviation
     rate: Array  # (W, N) rad/s
-    voltage: Array | None  # (W, N) relative to its mean
     dt: float
 
     def of(self, places: slice | NDArray[np.intp]) -> FlightWindows:
         """Some of them."""
-        voltage = None if self.voltage is None else self.voltage[places]
-        return FlightWindows(self.inputs[places], self.rate[places], voltage, self.dt)
+        return FlightWindows(self.inputs[places], self.rate[places], self.dt)
 
 
 class Parameters(NamedTuple):
@@ -143,12 +200,10 @@ class Parameters(NamedTuple):
         for name, value in zip(self.refinements, theta[self.of_noise + 1 :], strict=True):
             if name == "thrust curve":
                 inputs = inputs + value * windows.inputs**2 / 2
-            elif name == "spin-up":
+            else:
                 # To first order: the lag divided by 1 ± value where the rotor speeds up or slows down.
                 lag = float(self.lag(theta, windows.dt))
                 inputs = inputs + value * np.abs(windows.inputs - lagged(windows.inputs, lag, windows.dt))
-            elif windows.voltage is not None:
-                inputs = inputs * (windows.voltage**value)[:, :, None]
         return np.asarray(inputs @ self.effect(theta))
 
     def innovations(self, thetas: Array, windows: FlightWindows) -> tuple[Array, Array]:
@@ -250,3 +305,38 @@ def steady_covariance(F: Array, process: Array, noise: Array) -> Array:
         if done:
             break
     return P
+
+
+class Plant(NamedTuple):
+    """x⁺ = Φ x + Γ₀ c + Γ₁ c⁺ + noise, with the state x = [rate, torque, wind's states] and the commanded torque c.
+
+    Attributes:
+        step: the transition; it has one input, c in rad/s².
+        process: (n, n) covariance of the noise, which drives the wind.
+        wind: (n,) the wind's torque, rad/s², out of a state.
+        stationary: (n, n) covariance of the wind's states before anything is measured; 0 for rate and torque.
+    """
+
+    step: Transition
+    process: Array
+    wind: Array
+    stationary: Array
+
+
+def plant(damping: float, lag: float, components: Sequence[tuple[Coloured, float, float]], dt: float) -> Plant:
+    """The plant with ``damping``, 1/s, and ``lag``, s, sampled every ``dt`` seconds.
+
+    ``components`` of the wind are colour, standard deviation in rad/s², and time in s of each.
+    """
+    colours = [(colour.A / time, colour.drive / time) for colour, _, time in components]
+    A = block_diag(np.array([[-damping, 1.0], [0.0, -1 / lag]]), *(own for own, _ in colours))
+    drive, stationary, wind = np.zeros_like(A), np.zeros_like(A), np.zeros(len(A))
+    places = np.cumsum([2, *(len(own) for own, _ in colours)])
+    for (colour, size, _), (own, noise), (start, stop) in zip(components, colours, pairwise(places), strict=True):
+        wind[start:stop] = size * colour.C
+        drive[start:stop, start:stop] = noise
+        stationary[start:stop, start:stop] = solve_continuous_lyapunov(own, -noise)
+    A[0] += wind
+    step = discretize(A, np.eye(len(A))[:, 1:2] / lag, dt)
+    process = step_covariance(A, drive, dt)
+    return Plant(step, (process + process.T) / 2, wind, stationary)

@@ -16,12 +16,10 @@ import numpy as np
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.estimation import physical
-from mavdem.dem.graybox.likelihood import delayed
-from mavdem.dem.graybox.parameters import Physical
-from mavdem.dem.graybox.plant import plant
+from mavdem.dem.graybox.likelihood import delayed, plant
+from mavdem.dem.graybox.parameters import Physical, rate_column
 from mavdem.dem.graybox.smoother import SteadyFilter
 from mavdem.dem.graybox.wind import balanced, steady, wind
-from mavdem.dem.graybox.windows import rate_column
 from mavdem.dem.online.memory import MemoryBlock, drop_since, record_of
 from mavdem.dem.record import Record
 

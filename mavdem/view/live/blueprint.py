@@ -5,7 +5,7 @@ from __future__ import annotations
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mavdem.report.names import named, readable
+from mavdem.report.numbers import named, readable
 from mavdem.view.live.line_group import BOOT_CLOCK
 from mavdem.view.live.rows import Channels
 

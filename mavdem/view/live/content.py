@@ -10,9 +10,9 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from mavdem.dem import Estimate
-from mavdem.dem.graybox.gusts import LEVEL_SECONDS, gusts
+from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts
 from mavdem.dem.record import Record
-from mavdem.report.names import place, readable
+from mavdem.report.numbers import place, readable
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
 from mavdem.view.live.line_group import BOOT_CLOCK, LineGroup
 from mavdem.view.live.model_lines import ModelLines

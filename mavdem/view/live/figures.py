@@ -9,8 +9,7 @@ from mavdem.dem.online.learner import TOO_FEW
 from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.live import SessionStatus
 from mavdem.live.history import sentence
-from mavdem.report.names import readable
-from mavdem.report.rounding import plus_minus, with_unit
+from mavdem.report.numbers import plus_minus, readable, with_unit
 from mavdem.view.live.rows import Channels, ViewRow
 
 UNKNOWN = "–"

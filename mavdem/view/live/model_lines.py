@@ -10,7 +10,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from mavdem.dem import Estimate, Learned, LinearModel
-from mavdem.report.names import entries, left_free, place
+from mavdem.report.numbers import entries, left_free, place
 from mavdem.report.palette import MEASURED, distinct
 from mavdem.view.learning import precision_names, prior_outweighs_data, scales
 from mavdem.view.live.line_group import LineGroup

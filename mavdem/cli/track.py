@@ -1,0 +1,207 @@
+"""``mavdem track``: a table of many flights, and of what changed from one to the next."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic
+from urllib.parse import urlsplit
+
+import click
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
+from mavdem.cli.output import STDERR, print_blocks, print_json, printable, say, say_aside
+from mavdem.cli.output_files import write_page
+from mavdem.cli.sources import refuse_link
+from mavdem.fleet.cluster import Cluster
+from mavdem.fleet.difference import since_baseline
+from mavdem.fleet.row import summary
+from mavdem.fleet.store import read_rows
+from mavdem.fleet.tracking import FleetTracker
+from mavdem.fleet.tracking import Progress as LogProgress
+from mavdem.fleet.workers import Limits, Reader, WorkerPool
+from mavdem.page.fleet_page import fleet_page
+from mavdem.report.blocks import Sentence
+from mavdem.report.flights import baseline_blocks, fleet_blocks
+
+SECONDS_BETWEEN_LINES = 30.0  # of progress, where standard error is no terminal
+MOST_SECONDS, MOST_MEGABYTES = 1_000_000, 1_000_000  # that may be asked for: days, and a terabyte
+INDEX = "index.html"
+PAGE = "mavdem.report.page:flight_page"
+"""The function that makes a flight's page, as workers call it."""
+
+
+def _folder(context: click.Context, parameter: click.Parameter, value: str) -> Path:
+    if not value or value.startswith("--"):
+        raise click.BadParameter("it names no folder; use `.` for the current one.", context, parameter)
+    if os.path.lexists(value) and not os.path.isdir(value):
+        raise click.BadParameter(f"{value} is a file: name a folder.", context, parameter)
+    return Path(value)
+
+
+def _finite(context: click.Context, parameter: click.Parameter, value: float) -> float:
+    if not math.isfinite(value):
+        raise click.BadParameter("it must be a number.", context, parameter)
+    return value
+
+
+def _scheduler(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
+    try:
+        parts = urlsplit(value or "tcp://of-this-machine:1")
+        is_address = value != "" and bool(parts.scheme and parts.hostname and parts.port)
+    except ValueError:  # the port is none
+        is_address = False
+    if not is_address:
+        raise click.BadParameter(f"{value!r} is no address like tcp://10.0.0.1:8786.", context, parameter)
+    return value
+
+
+@click.command("track")
+@click.argument("logs", nargs=-1, required=True)
+@click.option("--out", required=True, metavar="FLEET", callback=_folder, help="Folder of the fleet; it grows.")
+@click.option(
+    "--baseline",
+    multiple=True,
+    metavar="LOGS|FLEET",
+    help="Healthy flights that the others are compared with: logs, as above, or another FLEET; may be repeated. "
+    "[default: those of the last run; at first the vehicle's own flights]",
+)
+@click.option("--jobs", type=click.IntRange(1, 1024), help="Logs read at a time. [default: one for each core]")
+@click.option(
+    "--scheduler", metavar="tcp://HOST:PORT", callback=_scheduler, help="Read them on this Dask cluster instead."
+)
+@click.option(
+    "--time-limit",
+    type=click.FloatRange(1, MOST_SECONDS),
+    callback=_finite,
+    default=Limits().seconds,
+    show_default=True,
+    help="Seconds that one log may take.",
+)
+@click.option(
+    "--memory-limit",
+    type=click.IntRange(256, MOST_MEGABYTES),
+    default=Limits().megabytes,
+    show_default=True,
+    help="Memory in MB that the reading of one log may take.",
+)
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON document and nothing else.")
+@click.pass_context
+def track_command(
+    context: click.Context,
+    logs: tuple[str, ...],
+    out: Path,
+    baseline: tuple[str, ...],
+    jobs: int | None,
+    scheduler: str | None,
+    time_limit: float,
+    memory_limit: int,
+    as_json: bool,
+) -> None:
+    """Keeps a table of many flights: tiers, figures and health of each vehicle.
+
+    LOGS are logs, folders (all logs in them and in the folders below), patterns in quotes, and URLs of all these:
+    s3://, gs://, https://. Each flight gets one row for each vehicle and axis (roll, pitch), with all that its log says
+    at its tier:
+
+    \b
+    a  attitude and motors at 40 Hz or more: effect of each motor, damping, lag, wind, errors
+    b  about 8 to 40 Hz: the slow motion, where that predicts; and what c has
+    c  1 to 8 Hz: balance, headroom, saturation, tilt, vibration, battery
+
+    A log that says nothing has a row with the reason in its column `status`. Logs that are known, also under another
+    name, are not read again. A log that takes more than its limits costs these and no more. The run may be killed at
+    any moment: the same command goes on where it was.
+
+    \b
+    FLEET has:
+      flights/      the table, as Parquet, for DuckDB, Polars and pandas
+      fleet.sqlite  which logs are known, and what each says and cost to read
+      index.html    what was found, each vehicle's figures over its flights, and all flights; open it in a browser
+      pages/        a page a flight
+
+    \b
+    Examples:
+      mavdem track flights/ --out fleet
+      mavdem track 'logs/**/*.bin' --out fleet --baseline logs/new_propellers/
+      mavdem track s3://bucket/logs/ --out fleet --scheduler tcp://10.0.0.1:8786
+      duckdb -c "select vehicle, date, health from 'fleet/flights/**/*.parquet' where axis = 'roll'"
+
+    Exit codes: 0 done, whatever single logs held; 1 there is no flight in any of them; 2 a name that names no log, a
+    known log that cannot be read now, or a folder that cannot be written to.
+    """
+    for name in logs:
+        refuse_link(name)
+    limits = Limits(time_limit, memory_limit)
+    if scheduler and jobs:
+        raise click.BadParameter(
+            "it is of this machine; with --scheduler the cluster has its own.", param_hint="--jobs"
+        )
+    reader: Reader = Cluster(scheduler, limits) if scheduler else WorkerPool(jobs or _cores(), limits)
+    try:
+        with _progress() as progress:
+            tracked = FleetTracker(out, reader, PAGE).track(logs, baseline, progress)
+    except KeyboardInterrupt:
+        say_aside("What was read is kept: the same command goes on.")
+        raise
+    rows = read_rows(out)
+    counts = {"logs": tracked.logs, "read": tracked.read, **summary(rows)}
+    changes = since_baseline(rows, tracked.healthy) if tracked.healthy else {}
+    since = {name: baseline_blocks(change) for name, change in changes.items()}
+    write_page(out / INDEX, fleet_page(rows, since))
+    for problem in tracked.problems:
+        say_aside(printable(f"mavdem: {problem}"))
+    if as_json:
+        found = {"since_baseline": {name: change.as_dict() for name, change in changes.items()}}
+        print_json({"fleet": str(out), "index": str(out / INDEX), **counts, **found})
+    else:
+        say(f"{tracked.logs} log{'s' * (tracked.logs != 1)}, {tracked.read} of them read.\n")
+        print_blocks(fleet_blocks(rows))
+        for name, blocks in since.items():
+            print_blocks([Sentence("", f"{name}:"), *blocks])
+        say_aside(printable(f"Look: {out / INDEX}"))
+        table = f"{out}/flights/**/*.parquet".replace("'", "''")  # as SQL quotes it
+        say_aside(printable(f"Query, for example in DuckDB: from '{table}'"))
+    if tracked.problems:
+        context.exit(UNUSABLE)
+    if not counts["flights"]:
+        context.exit(UNSUPPORTED)
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@contextmanager
+def _progress() -> Iterator[LogProgress]:
+    """Shows on standard error how many logs are done, and when the last will be; in lines where it is no terminal."""
+    began = shown = monotonic()
+
+    def rate(done: int) -> str:
+        seconds = monotonic() - began
+        return f"{done / seconds:.1f} a second" if done and seconds else ""
+
+    def line(done: int, of: int) -> None:
+        nonlocal shown
+        if done and done < of and monotonic() - shown >= SECONDS_BETWEEN_LINES:
+            shown = monotonic()
+            left = (shown - began) * (of - done) / done
+            say_aside(f"{done} of {of} logs, {rate(done)}, {left / 60:.0f} min left")
+
+    if not STDERR.is_terminal:
+        yield line
+        return
+    columns = (
+        TextColumn("Reading logs"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"),
+        TimeRemainingColumn(elapsed_when_finished=True),
+    )
+    with Progress(*columns, console=STDERR, transient=True) as bar:
+        task = bar.add_task("", total=None, rate="")
+        yield lambda done, of: bar.update(task, completed=done, total=of, rate=rate(done))

@@ -1,0 +1,152 @@
+"""Cluster: the logs of a run, read by the workers of a Dask cluster, each with the same pool as on one machine."""
+
+from __future__ import annotations
+
+import os
+import platform
+import socket
+from collections.abc import Iterator
+from importlib import metadata
+from itertools import chain, islice
+from multiprocessing import current_process
+from threading import Lock
+from typing import Any
+from urllib.parse import urlsplit
+
+from mavdem.errors import Unreadable, require
+from mavdem.fleet.row import SCHEMA_VERSION
+from mavdem.fleet.sources import is_url
+from mavdem.fleet.workers import READ_LOG, Job, Limits, Outcome, WorkerPool, failed
+
+JOBS_AHEAD = 8  # of each worker's thread, sent before they are needed
+RETRIES = 2  # of a log whose reading fails on a worker, as where a machine has no process to spare
+SECONDS_TO_CONNECT = 10.0
+
+_pools: dict[tuple[Limits, str], WorkerPool] = {}
+"""In a worker of the cluster: the processes that read logs, those of the last run."""
+_lock = Lock()
+
+
+class Cluster:
+    """Reads logs on the Dask cluster at ``address``, each within ``limits``, by the function ``read``.
+
+    Logs go to workers that can see the files; what a worker had when it died goes to others.
+    """
+
+    def __init__(self, address: str, limits: Limits, read: str = READ_LOG) -> None:
+        require("Reading logs on a cluster", "dask")
+        self.address, self.limits, self.read = address, limits, read
+
+    def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
+        """As ``Reader`` has it.
+
+        Raises ``Unreadable``: there is no such cluster, it has no worker, its workers have another version of mavdem or
+        Python, or none of them can see the first file.
+        """
+        from distributed import Client, KilledWorker, as_completed
+
+        if (first := next(jobs, None)) is None:
+            return
+        jobs = chain([first], jobs)
+        try:
+            # Asked first: a client that finds nobody there takes its time, and prints what its parts say.
+            at = urlsplit(self.address)
+            socket.create_connection((at.hostname, at.port), SECONDS_TO_CONNECT).close()
+            client = Client(self.address, timeout=SECONDS_TO_CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
+        except (OSError, ValueError) as error:
+            reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
+            raise Unreadable(f"There is no Dask scheduler at {self.address} ({reason}): check the address.") from None
+        with client:
+            threads, hosts = _usable(client, self.address, first.path if readable_here(first.path) else "")
+            options = {"pure": False, "retries": RETRIES, **({"workers": hosts} if hosts else {})}
+            sent: dict[Any, Job] = {}
+            done: Any = as_completed(loop=client.loop)  # type: ignore[no-untyped-call]
+
+            def send(count: int) -> None:
+                for job in islice(jobs, count):
+                    future = client.submit(read_on_worker, job, self.limits, self.read, **options)
+                    sent[future] = job
+                    done.add(future)
+
+            send(JOBS_AHEAD * threads)
+            for future in done:
+                job = sent.pop(future)
+                if future.cancelled():
+                    raise Unreadable(
+                        f"The scheduler at {self.address} has gone: what was read is kept; start it, and the same "
+                        "command goes on."
+                    )
+                trouble = future.exception()
+                if isinstance(trouble, KilledWorker):
+                    yield failed(job, "died", "The workers of the cluster that read it died.")
+                elif trouble is not None:
+                    raise Unreadable(f"The workers of {self.address} cannot read logs ({trouble}).")
+                else:
+                    yield future.result()
+                send(1)
+            # Not where the run breaks off: who asks a cluster that has gone waits for it.
+            client.run(stop_pools, on_error="ignore")
+
+
+def read_on_worker(job: Job, limits: Limits, read: str) -> Outcome:
+    """In a worker of the cluster: reads a log in a process that outlives it."""
+    from distributed import get_worker
+
+    with _lock:
+        if (limits, read) not in _pools:
+            stop_pools()
+            # Dask's workers are daemons, which may have no children; these end with their worker.
+            current_process().daemon = False
+            threads = get_worker().state.nthreads
+            _pools[limits, read] = WorkerPool(threads, limits, read)
+        pool = _pools[limits, read]
+    return pool.run(job)
+
+
+def stop_pools() -> None:
+    """In a worker of the cluster: ends the processes; another run's are started again."""
+    while _pools:
+        _pools.popitem()[1].stop()
+
+
+def versions() -> tuple[str, int, str]:
+    """Returns those of mavdem, of the columns, and of Python, here."""
+    return metadata.version("mavdem"), SCHEMA_VERSION, ".".join(platform.python_version_tuple()[:2])
+
+
+def readable_here(path: str) -> bool:
+    """Returns whether this machine has the file."""
+    return is_url(path) or os.path.lexists(path)
+
+
+def _usable(client: Any, address: str, path: str) -> tuple[int, list[str]]:
+    """How many threads can read the log ``path``, and the hosts that have them; no hosts where all can.
+
+    Raises ``Unreadable``: no worker can.
+    """
+    threads: dict[str, int] = dict(client.nthreads())
+    if not threads:
+        raise Unreadable(f"The cluster at {address} has no workers: start some with `dask worker {address}`.")
+    here = versions()
+    try:
+        there = client.run(versions)
+    except Exception as error:  # raised there: where there is no mavdem, the function cannot be found
+        raise Unreadable(
+            f"The workers of {address} have no mavdem that reads logs of a fleet ({type(error).__name__}: {error}): "
+            f"install 'mavdem[dask,fleet]' {here[0]} there."
+        ) from None
+    for worker, theirs in sorted(there.items()):
+        if theirs != here:
+            raise Unreadable(
+                f"The worker {worker} has mavdem {theirs[0]} (columns {theirs[1]}) on Python {theirs[2]}, this machine "
+                f"mavdem {here[0]} (columns {here[1]}) on Python {here[2]}: install the same there."
+            )
+    seeing = [worker for worker, sees in client.run(readable_here, path).items() if sees or not path]
+    if not seeing:
+        raise Unreadable(
+            f"No worker of {address} can read {path}: put the logs into a folder that all machines share, or name them "
+            "by URLs."
+        )
+    # Hosts, not workers: one that is started again has another address.
+    hosts = sorted({urlsplit(worker).hostname or worker for worker in seeing}) if len(seeing) < len(threads) else []
+    return sum(threads[worker] for worker in seeing), hosts

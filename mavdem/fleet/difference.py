@@ -1,0 +1,452 @@
+"""The difference between two states of a vehicle: what changed beyond its interval, what did not, what is unknown.
+
+Each state is one flight or several. The variance of a difference is that within the flights, of their intervals, and
+that between flights, which several flights of a state show; ``BETWEEN`` is what is assumed before (random effects, L.
+V. Hedges and I. Olkin, "Statistical Methods for Meta-Analysis", 1985). What other conditions can do widens the
+interval. All quantities are tested together: the chance that any is called changed when none did is at most
+``FAMILY_ERROR`` where the intervals hold (S. Holm, "A simple sequentially rejective multiple test procedure", 1979).
+
+Compared are the quantities that belong to the vehicle and not to its wind. Share and effect of a motor are beside the
+median of all motors: what changes one leaves the others alone, and what changes all, as the battery does, or biases all
+estimates, as closed loop does, leaves each alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from datetime import datetime
+from math import exp, hypot, isfinite, log, nan, sqrt
+from statistics import fmean, median
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from scipy.stats import t as student
+
+from mavdem.alignment.drive import TILT_AXES
+from mavdem.confidence import LEVEL, quantile
+from mavdem.fleet.row import OK, UNKNOWN, Flight, FlightRow, flights_of, is_shared, vehicles_of
+from mavdem.health.reference import SCATTER
+
+FAMILY_ERROR = 0.05  # probability that anything is called changed when nothing did
+SHARE, EFFECT, MEAN_EFFECT, DAMPING, LAG = "share", "effect", "mean effect", "damping", "lag"
+BETWEEN = {SHARE: float(np.linalg.norm(SCATTER)), EFFECT: 0.02, MEAN_EFFECT: 0.1, DAMPING: 0.2, LAG: 0.004}
+"""Assumed standard deviation of a quantity from flight to flight of the same vehicle; of shares and effects relative.
+Of shares it is what health assumes of the three axes; of the others docs/diff.md shows what they give."""
+PRIOR_FLIGHTS = 8  # flights that the assumption weighs as many as
+WITHIN_FREEDOM = 20  # degrees of freedom of the intervals of flights
+TYPICAL_LEAN = 0.07  # rad, standard deviation of the difference of roll or pitch where a lean is not known: 4°
+SHARE_PER_LEAN = 0.5  # 1/rad, standard deviation: drag half an arm's length above or below the centre of mass
+RESOLUTION = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.02}
+"""Differences up to which a quantity is called the same, if its whole interval lies within (an equivalence test)."""
+MAX_UNCERTAINTY = 0.5  # of an effect, as a share of it: with a wider interval its logarithm is not nearly normal
+FEWEST_MOTORS = 3  # of which one is compared with the others
+OF_MODELS = (EFFECT, MEAN_EFFECT, DAMPING, LAG)
+"""Quantities that belong to a model, and with it to its inputs."""
+SIDES = ("A", "B")
+_Z = quantile()  # of the intervals of flights, in standard deviations
+
+Outcome = Literal["changed", "same", "uncertain"]
+Flights = Sequence[Flight]
+
+
+class Quantity(NamedTuple):
+    """What is estimated: its ``kind``, of which ``motor`` (from 1; 0: of none), about which ``axis`` ("": of none).
+
+    Shares and effects are compared by their logarithm, the others as they are; "mean effect" is that of all motors.
+    """
+
+    kind: str
+    motor: int = 0
+    axis: str = ""
+
+
+class FlightEstimate(NamedTuple):
+    """A value, or its logarithm, and the standard deviation of its error within the flight."""
+
+    value: float
+    sd: float
+
+
+Estimates = Mapping[Quantity, FlightEstimate]
+
+
+class QuantityChange(NamedTuple):
+    """One quantity in both states.
+
+    Attributes:
+        quantity: which.
+        before, after: its means; of shares and effects None.
+        difference, half_width: after less before, and the half width of its 90 % interval; relative ones for
+            shares and effects.
+        p: probability of a difference as large if nothing changed.
+        allowance: standard deviation of what other conditions may do to it, which is in the half width.
+        outcome: "changed", "same", or "uncertain" where the interval has both what is called the same and what is not.
+    """
+
+    quantity: Quantity
+    before: float | None
+    after: float | None
+    difference: float
+    half_width: float
+    p: float
+    allowance: float
+    outcome: Outcome
+
+
+class Conditions(NamedTuple):
+    """How a state was flown, means over its flights; None where not known. SI units, rad.
+
+    ``collective`` is the mean of the motors as a share of their range: payload, and what the battery gives.
+    ``wind_torque`` by axis: standard deviation, rad/s².
+    """
+
+    voltage: float | None
+    collective: float | None
+    lean_roll: float | None
+    lean_pitch: float | None
+    tilt_sd: float | None
+    wind_torque: dict[str, float]
+
+
+class VehicleDifference(NamedTuple):
+    """What differs between two states of a vehicle.
+
+    Attributes:
+        vehicles: names in each state.
+        shared: of these, the names that several vehicles may have.
+        motors: their names; empty where not known.
+        flights: how many each has.
+        changes: quantities known in both, in the order of kinds, motors and axes.
+        incomparable: what is not known in both: its name and the reason.
+        conditions: of each state.
+    """
+
+    vehicles: tuple[tuple[str, ...], tuple[str, ...]]
+    shared: tuple[str, ...]
+    motors: tuple[str, ...]
+    flights: tuple[int, int]
+    changes: tuple[QuantityChange, ...]
+    incomparable: tuple[tuple[str, str], ...]
+    conditions: tuple[Conditions, Conditions]
+
+    def of(self, outcome: Outcome) -> list[QuantityChange]:
+        """Returns the changes with this outcome."""
+        return [change for change in self.changes if change.outcome == outcome]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        return {
+            "vehicles": [list(names) for names in self.vehicles],
+            "shared": list(self.shared),
+            "motors": list(self.motors),
+            "flights": list(self.flights),
+            "family_error": FAMILY_ERROR,
+            "level": LEVEL,
+            "changes": [{**change._asdict(), "quantity": change.quantity._asdict()} for change in self.changes],
+            "incomparable": [{"quantity": name, "reason": reason} for name, reason in self.incomparable],
+            "conditions": [state._asdict() for state in self.conditions],
+        }
+
+
+class SinceBaseline(NamedTuple):
+    """The latest flight of a vehicle, its ``file`` and ``date``, beside its flights of a baseline.
+
+    ``found`` is what differs; None where the baseline has no flight of the vehicle.
+    """
+
+    file: str
+    date: datetime | None
+    found: VehicleDifference | None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain JSON values."""
+        date = None if self.date is None else self.date.isoformat()
+        return {"file": self.file, "date": date, "found": None if self.found is None else self.found.as_dict()}
+
+
+class _Raw(NamedTuple):
+    """A difference before it is judged: on the scale of its estimates."""
+
+    before: float
+    after: float
+    difference: float
+    variance: float
+    freedom: float
+    allowance: float
+
+
+def vehicle_difference(before: Sequence[FlightRow], after: Sequence[FlightRow]) -> VehicleDifference:
+    """Returns what differs between the flights ``before`` and ``after``, of one vehicle or of two.
+
+    Rows without figures count for nothing.
+    """
+    sides = [flights_of(row for row in rows if row.status == OK) for rows in (before, after)]
+    conditions = (conditions_of(sides[0]), conditions_of(sides[1]))
+    estimates = [[estimates_of(flight) for flight in flights] for flights in sides]
+    alike = [] if _other_kinds(sides) else sorted({quantity for flight in estimates[0] for quantity in flight})
+    if _other_inputs(sides):
+        alike = [quantity for quantity in alike if quantity.kind not in OF_MODELS]
+    raws: dict[Quantity, list[_Raw]] = {}
+    for quantity in alike:
+        known = [[flight[quantity] for flight in side if quantity in flight] for side in estimates]
+        if all(known):
+            raw = _compared(quantity.kind, known, _allowance(quantity.kind, conditions))
+            # A motor's effect on roll and on pitch changes alike.
+            merged = quantity._replace(axis="") if quantity.kind == EFFECT and quantity.motor else quantity
+            raws.setdefault(merged, []).append(raw)
+    judged = [_judged(quantity, _merged(parts)) for quantity, parts in raws.items()]
+    changes = sorted(_tested(judged), key=lambda change: (list(BETWEEN).index(change.quantity.kind), change.quantity))
+    flights = [flight for side in sides for flight in side]
+    first, second = (tuple(sorted({flight[0].vehicle for flight in side})) for side in sides)
+    return VehicleDifference(
+        (first, second),
+        tuple(sorted({flight[0].vehicle for flight in flights if is_shared([flight])})),
+        next((tuple(row.motors) for flight in flights for row in flight if row.motors), ()),
+        (len(sides[0]), len(sides[1])),
+        tuple(changes),
+        tuple(_incomparable(sides, estimates)),
+        conditions,
+    )
+
+
+def since_baseline(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> dict[str, SinceBaseline]:
+    """Returns the latest flight of each vehicle beside those of a ``baseline``, which themselves are no later ones.
+
+    The latest alone: flights with a fault and without one, taken together, would hide it. Flights that do not say whose
+    they are are left out.
+    """
+    keys = {row.key for row in baseline if row.key}
+    before, after = vehicles_of(baseline), vehicles_of(row for row in rows if row.key not in keys)
+    latest = {name: flights[-1] for name, flights in after.items() if name != UNKNOWN}
+    return {
+        name: SinceBaseline(
+            flight[0].file,
+            flight[0].date,
+            vehicle_difference([row for rows in before[name] for row in rows], flight) if name in before else None,
+        )
+        for name, flight in latest.items()
+    }
+
+
+def estimates_of(flight: Flight) -> dict[Quantity, FlightEstimate]:
+    """Returns what the rows of one flight, an axis each, estimate of the vehicle.
+
+    Only what is "reported" is compared: what is "biased" is so by as much as wind and steering say.
+    """
+    estimates: dict[Quantity, FlightEstimate] = {}
+    for row in flight:
+        # The motors' figures are the same on each axis.
+        if row.trim_share and row.trim_share_interval and Quantity(SHARE, 1) not in estimates:
+            shares = {
+                motor: FlightEstimate(log(value), half / value / _Z)
+                for motor, (value, half) in enumerate(zip(row.trim_share, row.trim_share_interval, strict=True), 1)
+                if value > 0 and half is not None
+            }
+            estimates |= _beside_median(SHARE, "", shares)
+        for kind in (DAMPING, LAG):
+            value, half, status = (getattr(row, f"{kind}{ending}") for ending in ("", "_interval", "_status"))
+            if value is not None and half is not None and status == "reported":
+                estimates[Quantity(kind, axis=row.axis or "")] = FlightEstimate(value, half / _Z)
+        if row.effect and row.effect_interval and row.effect_status == "reported":
+            estimates |= _effects(row, row.axis or "", row.effect, row.effect_interval)
+    return estimates
+
+
+def _effects(
+    row: FlightRow, axis: str, effect: Sequence[float], interval: Sequence[float | None]
+) -> dict[Quantity, FlightEstimate]:
+    """Logarithms of the mean effect on the row's axis and of each motor's beside the others', if known well enough."""
+    known = {
+        motor: FlightEstimate(log(abs(value)), half / abs(value) / _Z)
+        for motor, (value, half) in enumerate(zip(effect, interval, strict=True), start=1)
+        if half is not None and isfinite(half) and half < MAX_UNCERTAINTY * abs(value)
+    }
+    if not known:
+        return {}
+    # Errors of the motors' effects have much in common: their mean is hardly known better than each.
+    mean, sd = fmean(effect.value for effect in known.values()), max(effect.sd for effect in known.values())
+    estimates = {Quantity(MEAN_EFFECT, 0, axis): FlightEstimate(mean, sd)}
+    by_motors = row.motors is not None and len(row.motors) == len(effect)
+    return estimates | (_beside_median(EFFECT, axis, known) if by_motors else {})
+
+
+def _beside_median(kind: str, axis: str, known: Mapping[int, FlightEstimate]) -> dict[Quantity, FlightEstimate]:
+    """Each motor's logarithm less the median of all; of too few motors none."""
+    if len(known) < FEWEST_MOTORS:
+        return {}
+    middle = median(motor.value for motor in known.values())
+    return {Quantity(kind, motor, axis): FlightEstimate(own.value - middle, own.sd) for motor, own in known.items()}
+
+
+def _compared(kind: str, sides: Sequence[Sequence[FlightEstimate]], allowance: float) -> _Raw:
+    """The difference of the means of two groups of flights, by random effects."""
+    groups = [np.array([(flight.value, flight.sd**2) for flight in side]).T for side in sides]
+    observed = sum(values.size - 1 for values, _ in groups)
+    # The spread within each group less what the flights' own errors make of it.
+    excess = sum(
+        ((values - values.mean()) ** 2).sum() - errors.sum() * (1 - 1 / values.size) for values, errors in groups
+    )
+    between = (PRIOR_FLIGHTS * BETWEEN[kind] ** 2 + max(excess, 0.0)) / (PRIOR_FLIGHTS + observed)
+    weights = [1 / (errors + between) for _, errors in groups]
+    before, after = (float(weight @ values / weight.sum()) for weight, (values, _) in zip(weights, groups, strict=True))
+    variance = float(sum(1 / weight.sum() for weight in weights))
+    of_flights = float(sum(((weight / weight.sum()) ** 2).sum() * between for weight in weights))
+    # Welch and Satterthwaite: the part between flights is known from fewer numbers than the flights' own.
+    freedom = variance**2 / (of_flights**2 / (PRIOR_FLIGHTS + observed) + (variance - of_flights) ** 2 / WITHIN_FREEDOM)
+    return _Raw(before, after, after - before, variance, freedom, allowance)
+
+
+def _merged(parts: Sequence[_Raw]) -> _Raw:
+    """One difference from those of several axes, wider where they differ by more than their errors (R. T. Birge)."""
+    if len(parts) == 1:
+        return parts[0]
+    weights = np.array([1 / part.variance for part in parts])
+    differences = np.array([part.difference for part in parts])
+    mean = float(weights @ differences / weights.sum())
+    wider = max(1.0, float(weights @ (differences - mean) ** 2) / (len(parts) - 1))
+    freedom = min(part.freedom for part in parts)
+    allowance = max(part.allowance for part in parts)
+    return _Raw(nan, nan, mean, wider / float(weights.sum()), freedom, allowance)
+
+
+def _judged(quantity: Quantity, raw: _Raw) -> QuantityChange:
+    """The difference in the unit people read, with its interval and p-value; not yet tested beside the others."""
+    sd = hypot(sqrt(raw.variance), raw.allowance)
+    half = quantile(LEVEL, raw.freedom) * sd
+    p = float(2 * student.sf(abs(raw.difference) / sd, raw.freedom))
+    if quantity.kind in (SHARE, EFFECT, MEAN_EFFECT):
+        # The interval of a ratio, at its difference.
+        ratio = exp(raw.difference)
+        return QuantityChange(quantity, None, None, ratio - 1, ratio * half, p, raw.allowance, "same")
+    return QuantityChange(quantity, raw.before, raw.after, raw.difference, half, p, raw.allowance, "same")
+
+
+def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
+    """The outcome of each, by Holm's procedure over all."""
+    tested = []
+    still = True
+    for rank, change in enumerate(sorted(judged, key=lambda change: change.p)):
+        still = still and change.p <= FAMILY_ERROR / (len(judged) - rank)
+        within = abs(change.difference) + change.half_width <= RESOLUTION[change.quantity.kind]
+        same: Outcome = "same" if within else "uncertain"
+        tested.append(change._replace(outcome="changed" if still else same))
+    return tested
+
+
+def _allowance(kind: str, conditions: tuple[Conditions, Conditions]) -> float:
+    """Standard deviation of a quantity's difference because the conditions differ."""
+    before, after = conditions
+    if kind == SHARE:
+        leans = (before.lean_roll, after.lean_roll), (before.lean_pitch, after.lean_pitch)
+        return SHARE_PER_LEAN * hypot(*(TYPICAL_LEAN if a is None or b is None else a - b for a, b in leans))
+    if kind == MEAN_EFFECT:
+        # At the same thrust the effect is proportional to the voltage, with more thrust to the output.
+        pairs = (before.voltage, after.voltage), (before.collective, after.collective)
+        return sum(abs(log(a / b)) for a, b in pairs if a and b)
+    return 0.0
+
+
+def conditions_of(flights: Flights) -> Conditions:
+    """Returns the mean conditions of flights."""
+    torques: dict[str, list[float]] = {}
+    for flight in flights:
+        for row in flight:
+            if row.wind_torque_sd is not None and row.axis is not None:
+                torques.setdefault(row.axis, []).append(row.wind_torque_sd)
+
+    def mean(column: str) -> float | None:
+        known = [value for flight in flights if (value := getattr(flight[0], column)) is not None]
+        return fmean(known) if known else None
+
+    return Conditions(
+        mean("voltage_mean"),
+        mean("collective"),
+        mean("lean_roll"),
+        mean("lean_pitch"),
+        mean("tilt_sd"),
+        {axis: fmean(values) for axis, values in sorted(torques.items())},
+    )
+
+
+def _other_kinds(sides: Sequence[Flights]) -> str:
+    """Why nothing of the two can be compared; empty where something can."""
+    for side, flights in zip(SIDES, sides, strict=True):
+        if not flights:
+            return f"{side} has no flight with figures."
+
+    before, after = ([row for flight in flights for row in flight] for flights in sides)
+
+    def apart(column: Callable[[FlightRow], object]) -> list[str]:
+        """What each side has in words, if each has any and they have none in common."""
+        values = [{value for row in rows if (value := column(row)) is not None} for rows in (before, after)]
+        return [_spoken(side) for side in values] if all(values) and not values[0] & values[1] else []
+
+    if motors := apart(lambda row: len(row.motors) if row.motors else None):
+        return f"A has {motors[0]} motors and B {motors[1]}: these are other vehicles."
+    if frames := apart(lambda row: row.frame or None):
+        return f"A is a {frames[0]} and B a {frames[1]}: these are other vehicles."
+    if apart(lambda row: row.trim_unit):
+        return "The motors' outputs are logged in other units: learn both from the same kind of log."
+    return ""
+
+
+def _other_inputs(sides: Sequence[Flights]) -> str:
+    """Why nothing that belongs to models can be compared: they are driven by other inputs; empty if by the same."""
+    with_model = [row for flights in sides for flight in flights for row in flight if row.effect]
+    if len({row.inputs for row in with_model} - {None}) > 1:
+        return "some models have the motors as inputs and others the controller's demand."
+    if len({row.input_unit for row in with_model} - {None}) > 1:
+        return "the models' inputs have other units."
+    return ""
+
+
+def _incomparable(sides: Sequence[Flights], estimates: Sequence[Sequence[Estimates]]) -> list[tuple[str, str]]:
+    """What is missing on either side, by name, each with its reason."""
+    if reason := _other_kinds(sides):
+        return [("everything", reason)]
+    refused = _other_inputs(sides)
+    missing = [("effects, damping and lag", refused)] if refused else []
+    wanted = [(SHARE, "", "motors' shares")]
+    if not refused:
+        wanted += [(EFFECT, "", "motors' effects")]
+        wanted += [(kind, axis, f"{kind} on {axis}") for kind in (DAMPING, LAG) for axis in TILT_AXES]
+    for kind, axis, name in wanted:
+        known = [
+            {
+                quantity
+                for flight in side
+                for quantity in flight
+                if quantity.kind == kind and axis in ("", quantity.axis)
+            }
+            for side in estimates
+        ]
+        if not known[0] & known[1]:
+            reasons = [
+                _reason(kind, side, flights, axis)
+                for side, flights, quantities in zip(SIDES, sides, known, strict=True)
+                if not quantities
+            ]
+            missing.append((name, f"{'; '.join(reasons) or 'each side has others'}."))
+    return missing
+
+
+def _reason(kind: str, side: str, flights: Flights, axis: str) -> str:
+    """Why a side lacks a quantity."""
+    rows = [row for flight in flights for row in flight if axis in ("", row.axis)]
+    tiers = sorted({row.tier for row in rows if row.tier})
+    statuses = {getattr(row, f"{kind}_status", None) for row in rows}
+    if not rows:
+        return f"{side} has no figures of {axis}"
+    if kind == SHARE:
+        too_short = any(row.trim_share for row in rows)
+        lacks = "too little flight for the interval of its shares" if too_short else "no motor outputs of known range"
+        return f"{side} has {lacks}"
+    if refused := [status for status in ("biased", "not identifiable") if status in statuses]:
+        return f"{_spoken(refused)} in {side}"
+    if tiers and "a" not in tiers:
+        return f"{side} is of tier {_spoken(tiers)}; this needs tier a, 40 Hz or more"
+    return f"not estimated in {side}, or too uncertain there"
+
+
+def _spoken(values: Iterable[object]) -> str:
+    return " or ".join(map(str, sorted(values, key=str)))

@@ -1,1 +1,0 @@
-"""Reading: logs in processes of their own, on this machine or on a cluster, each within its limits."""

@@ -1,0 +1,153 @@
+"""Sources of a fleet: the logs that files, folders, patterns and URLs name, with what tells that one has changed."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+import shutil
+import stat
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+from urllib.parse import unquote, urlsplit
+
+from mavdem.errors import Unreadable, require
+from mavdem.ingest.contents import LOG_ENDINGS
+from mavdem.ingest.formats import looks_like_log
+
+URL = re.compile(r"[a-z][a-z0-9+.-]*://", re.IGNORECASE)
+VERSIONS = ("ETag", "etag", "generation", "LastModified", "last_modified", "mtime", "updated", "modified", "created")
+"""What file systems call that which changes with a file's content, the surest first."""
+
+
+class Source(NamedTuple):
+    """One log.
+
+    Attributes:
+        path: absolute path, or URL.
+        size: bytes; -1 where it is not known.
+        version: changes with the content, as the time of the last change does; empty where nothing does.
+    """
+
+    path: str
+    size: int
+    version: str
+
+
+def is_url(name: str) -> bool:
+    """Returns whether it names a file of another machine, ``s3://…`` or ``https://…``."""
+    return URL.match(name) is not None
+
+
+def find_logs(names: Sequence[str], apart_from: Path | None = None) -> tuple[list[Source], list[str]]:
+    """Finds the logs that names stand for: a file is one, whatever it holds; of a folder, those that look like logs.
+
+    Args:
+        names: files, folders (with all folders in them), patterns such as ``logs/**/*.bin``, URLs of all these.
+        apart_from: a folder that is left out wherever it lies: that of the results.
+
+    Returns:
+        The logs, each once and by path, and a sentence for each name that names none.
+    """
+    logs: dict[str, Source] = {}
+    problems = []
+    left_out = os.path.realpath(apart_from) if apart_from else ""
+    for name in names:
+        if name.lower().startswith("file://"):
+            name = unquote(urlsplit(name).path)
+        try:
+            named = list(_remote(name) if is_url(name) else _local(name, left_out))
+        except Unreadable as error:
+            problems.append(str(error))
+            continue
+        if not named:
+            problems.append(f"{name} names no log: check the name.")
+        logs |= {source.path: source for source in named}
+    return [logs[path] for path in sorted(logs)], problems
+
+
+def _local(name: str, left_out: str) -> Iterator[Source]:
+    if os.path.isdir(name):
+        yield from _inside(os.path.abspath(name), left_out, set())
+    elif os.path.lexists(name):
+        yield _file(name)
+    elif not glob.has_magic(name):
+        raise Unreadable(f"{name} does not exist: check the name.")
+    else:
+        for path in sorted(glob.iglob(name, recursive=True)):
+            # What a pattern names is taken as if it were named, but `**` also names the folders.
+            is_left_out = bool(left_out) and os.path.realpath(path).startswith(left_out + os.sep)
+            if not os.path.isdir(path) and not is_left_out:
+                yield _file(path)
+
+
+def _inside(folder: str, left_out: str, seen: set[tuple[int, int]]) -> Iterator[Source]:
+    """Logs in a folder and those below it, each folder once: links may lead in a circle."""
+    try:
+        status = os.stat(folder)
+        if (status.st_dev, status.st_ino) in seen or os.path.realpath(folder) == left_out:
+            return
+        seen.add((status.st_dev, status.st_ino))
+        paths = sorted(os.path.join(folder, name) for name in os.listdir(folder))
+    except OSError as error:
+        if not seen:
+            raise Unreadable(f"{folder} cannot be read ({error.strerror}): check its permissions.") from None
+        return
+    for path in paths:
+        if os.path.isdir(path):
+            yield from _inside(path, left_out, seen)
+        elif looks_like_log(path):
+            yield _file(path)
+
+
+def _file(path: str) -> Source:
+    """A file of this machine, whether it is there or not."""
+    try:
+        status = os.stat(path)
+    except OSError:
+        return Source(os.path.abspath(path), -1, "")
+    size = status.st_size if stat.S_ISREG(status.st_mode) else -1
+    return Source(os.path.abspath(path), size, str(status.st_mtime_ns))
+
+
+def _remote(url: str) -> Iterator[Source]:
+    require("Reading logs from URLs", "fleet")
+    import fsspec  # type: ignore[import-untyped]
+
+    try:
+        system, path = fsspec.core.url_to_fs(url)
+        is_http = "http" in str(system.protocol)
+        if glob.has_magic(path) and not is_http:
+            files = system.glob(path, detail=True)
+        # Over HTTP, to ask whether it is a folder would load the file to look for links in it.
+        elif url.endswith("/") or not (url.lower().endswith(LOG_ENDINGS) or is_http or not system.isdir(path)):
+            files = system.find(path, detail=True)
+            files = {name: details for name, details in files.items() if name.lower().endswith(LOG_ENDINGS)}
+        else:
+            files = {path: system.info(path)}
+    except ImportError as error:
+        raise Unreadable(f"{url} cannot be read: {_one_sentence(error)}.") from None
+    except Exception as error:  # of whatever library the file system takes
+        raise Unreadable(f"{url} cannot be read ({type(error).__name__}: {_one_sentence(error)}).") from None
+    for name, details in files.items():
+        if details.get("type", "file") != "directory":
+            size = details.get("size")
+            version = next((str(details[name]) for name in VERSIONS if details.get(name)), "")
+            yield Source(system.unstrip_protocol(name), -1 if size is None else int(size), version)
+
+
+def _one_sentence(error: Exception) -> str:
+    return next(iter(str(error).strip().splitlines()), type(error).__name__).rstrip(".")
+
+
+def fetch(url: str, copy: Path) -> None:
+    """Copies the file behind a URL to this machine; raises ``Unreadable``."""
+    require("Reading logs from URLs", "fleet")
+    import fsspec
+
+    try:
+        with fsspec.open(url, "rb") as remote, copy.open("wb") as file:
+            shutil.copyfileobj(remote, file, 1 << 20)
+    except Exception as error:
+        raise Unreadable(f"{url} cannot be fetched ({type(error).__name__}: {_one_sentence(error)}).") from None

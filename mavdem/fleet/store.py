@@ -1,0 +1,316 @@
+"""The store of a fleet: which logs are known and what each says, in one SQLite file, and the table made from it.
+
+``FLEET/fleet.sqlite`` is written a log at a time, each in a transaction of its own: a run may be killed at any moment,
+and two may write side by side. From it ``FLEET/flights/flights.parquet`` is written whole at the end of a run, for
+DuckDB, Polars and pandas.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import sqlite3
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib import metadata
+from itertools import groupby, islice
+from operator import itemgetter
+from pathlib import Path
+from typing import Any
+
+from mavdem.errors import Unreadable, require
+from mavdem.files import atomic_write
+from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, as_text, row_schema
+from mavdem.fleet.sources import Source, is_url
+from mavdem.fleet.workers import Limits, Outcome
+
+STORE, TABLE, UNFINISHED = "fleet.sqlite", Path("flights", "flights.parquet"), ".unfinished"
+ROW_GROUP = 10_000  # rows that a reader skips at once, by the least and the greatest vehicle's name among them
+BUSY_SECONDS = 600.0  # while another run may write, as the table of a large fleet
+NETWORK_DISKS = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "afs", "ceph", "lustre", "beegfs", "gpfs", "fuse.sshfs"}
+"""Kinds of disks, as Linux names them, on which SQLite's write-ahead log does not keep other machines out."""
+
+TABLES = """
+create table if not exists logs (
+    path text primary key, version text, size integer, key text, log text, ended text, seconds real, megabytes real,
+    time_limit real, memory_limit integer, mavdem_version text, tracked integer
+);
+create table if not exists flights (log text, vehicle text, file text, judged text, row text);
+create table if not exists healthy (row text);
+create index if not exists logs_by_log on logs (log);
+create index if not exists logs_by_size on logs (size);
+create index if not exists flights_by_log on flights (log);
+create index if not exists flights_by_vehicle on flights (vehicle, judged);
+"""
+"""``logs``: one log by one name; ``log`` is its content's key, or its path where that was not reached; ``version`` as
+of ``Source``, ``ended`` as of ``Outcome``; ``tracked``: whether its flights are in the table. ``flights``: its rows;
+``file``, the name that they have in the table; ``judged``, beside which baseline. ``healthy``: rows of the baseline."""
+
+ENDED_FOR_GOOD = """
+not (ended = 'source' or ended = 'error' and mavdem_version <> :mavdem or
+     ended in ('time', 'memory', 'died') and (time_limit < :seconds or memory_limit < :megabytes))
+"""
+"""Whether another reading would end as the last one did."""
+
+AssessRows = Callable[[Sequence[FlightRow], Sequence[FlightRow]], Sequence[FlightRow]]
+"""From all rows of one vehicle, and those of its baseline, to the same rows with their health."""
+
+
+def is_fleet(folder: Path) -> bool:
+    """Returns whether ``mavdem track`` has written its table there."""
+    return (folder / TABLE).is_file()
+
+
+def read_rows(folder: Path) -> list[FlightRow]:
+    """Returns all rows of a fleet's table, by vehicle, file and axis.
+
+    Raises:
+        Unreadable: there is none, or it is damaged.
+        MissingExtra: pyarrow is not installed.
+    """
+    require("Reading the table of a fleet", "fleet")
+    import pyarrow
+    from pyarrow import parquet
+
+    path = folder / TABLE
+    if not is_fleet(folder):
+        raise Unreadable(f"{folder} holds no fleet: make one with `mavdem track LOGS --out {folder}`.")
+    try:
+        # Not as a data set: its folders would become columns.
+        table = parquet.ParquetFile(path).read()
+        return sorted((FlightRow(**values) for values in table.to_pylist()), key=lambda row: row.order)
+    except (pyarrow.ArrowException, OSError, TypeError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise Unreadable(f"{path} is damaged ({reason}): delete it, and run `mavdem track` again.") from None
+
+
+def write_rows(folder: Path, rows: Iterable[FlightRow]) -> None:
+    """Makes these rows, in their order, the fleet's table, which is replaced whole; raises ``OSError``."""
+    import pyarrow
+    from pyarrow import parquet
+
+    schema, rows = row_schema(), iter(rows)
+    # Not beside the table: readers of all files in its folder would count what is unfinished.
+    scratch = folder / UNFINISHED
+    shutil.rmtree(scratch, ignore_errors=True)
+    scratch.mkdir(parents=True)
+    (folder / TABLE).parent.mkdir(exist_ok=True)
+    with atomic_write(folder / TABLE, scratch) as file:
+        with parquet.ParquetWriter(file, schema, compression="zstd") as writer:
+            while group := list(islice(rows, ROW_GROUP)):
+                columns = {name: [getattr(row, name) for row in group] for name in schema.names}
+                columns["date"] = [None if date is None else date.replace(tzinfo=None) for date in columns["date"]]
+                writer.write_table(pyarrow.Table.from_pydict(columns, schema))
+        file.flush()
+        os.fsync(file.fileno())
+    shutil.rmtree(scratch, ignore_errors=True)
+
+
+@contextmanager
+def opened(folder: Path) -> Iterator[Store]:
+    """Gives the store of a fleet's folder, which is made if it is not there.
+
+    Raises:
+        Unreadable: the folder cannot be written to, is on a disk of another machine or holds files of somebody else; or
+            the store is damaged, or of another version of mavdem.
+    """
+    if not (folder / STORE).exists() and (folder / "flights").is_dir() and os.listdir(folder / "flights"):
+        raise Unreadable(f"{folder / 'flights'} holds files that are not of this fleet: name another folder.")
+    store = None
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if _disk(folder) in NETWORK_DISKS:
+            raise Unreadable(
+                f"{folder} is on a disk of another machine ({_disk(folder)}), where SQLite's lock does not hold: name "
+                "a folder on a disk of this one; the logs may stay where they are."
+            )
+        store = Store(folder)
+        yield store
+    except (OSError, sqlite3.OperationalError) as error:
+        reason = getattr(error, "strerror", None) or error
+        kept = "what was read is kept; " if store is not None and store.has_logs else ""
+        raise Unreadable(
+            f"{folder} cannot be written to ({reason}): {kept}once that is put right, the same command goes on."
+        ) from None
+    except sqlite3.DatabaseError as error:
+        raise Unreadable(f"{folder / STORE} is damaged ({error}): delete it, and all logs are read again.") from None
+    finally:
+        if store is not None:
+            store.close()
+
+
+class Store:
+    """The store of a fleet's ``folder``; errors are those of SQLite, which :func:`opened` explains."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.has_logs = False
+        self._db = sqlite3.connect(folder / STORE, timeout=BUSY_SECONDS, isolation_level=None)
+        if self._db.execute("pragma journal_mode = wal").fetchone()[0] != "wal":
+            raise sqlite3.OperationalError("SQLite's write-ahead log does not work on this disk")
+        self._db.execute("pragma synchronous = normal")
+        (version,) = self._db.execute("pragma user_version").fetchone()
+        if version not in (0, SCHEMA_VERSION):
+            self.close()
+            raise Unreadable(f"{folder} has the columns of another version of mavdem: name another folder.")
+        if not version:
+            self._db.executescript(f"begin immediate; {TABLES} pragma user_version = {SCHEMA_VERSION}; commit;")
+        self.has_logs = bool(self._db.execute("select 1 from logs").fetchone())
+
+    def close(self) -> None:
+        """Closes the file."""
+        self._db.close()
+
+    @contextmanager
+    def _transaction(self) -> Iterator[None]:
+        """All or nothing, while other runs wait."""
+        self._db.execute("begin immediate")
+        try:
+            yield
+        except BaseException:
+            self._db.execute("rollback")
+            raise
+        self._db.execute("commit")
+
+    def knows(self, source: Source, limits: Limits) -> bool:
+        """Returns whether a log is as it was, and another reading would end as the last one did."""
+        query = f"""select 1 from logs where path = :path and version = :version and version <> '' and
+            :size in (-1, size) and {ENDED_FOR_GOOD}"""
+        return self._db.execute(query, _values(source, limits)).fetchone() is not None
+
+    def keys_to_try(self, source: Source, limits: Limits) -> tuple[str, ...]:
+        """Returns keys of known logs that this one may be a copy of."""
+        query = f"select distinct key from logs where size = :size and key <> '' and {ENDED_FOR_GOOD} order by key"
+        return tuple(key for (key,) in self._db.execute(query, _values(source, limits)))
+
+    def keeps(self, source: Source, outcome: Outcome) -> bool:
+        """Returns whether what it has of a log stays, as this outcome says nothing of the content.
+
+        A source that cannot be reached now may be as it was; so may one that ended its reading, unless it has changed.
+        """
+        query = "select version from logs where path = ? and key <> ''"
+        entry = None if outcome.key else self._db.execute(query, [as_text(source.path)]).fetchone()
+        return entry is not None and (outcome.ended == "source" or source.version in ("", entry[0]))
+
+    def add(self, source: Source, outcome: Outcome, limits: Limits) -> None:
+        """Adds what was read of a log, in place of what was known by its name and its content."""
+        path, log = as_text(source.path), outcome.key or f"path:{as_text(source.path)}"
+        size = int(outcome.key.rpartition("-")[2]) if outcome.key else source.size
+        with self._transaction():
+            (tracked,) = self._db.execute("select max(tracked) from logs where path = ?", [path]).fetchone()
+            if outcome.ended == "known":
+                self._db.execute(
+                    """insert or replace into logs select ?, ?, size, key, log, ended, seconds, megabytes, time_limit,
+                    memory_limit, mavdem_version, ? from logs where log = ? limit 1""",
+                    [path, source.version, tracked, log],
+                )
+            else:
+                entry = [path, source.version, size, outcome.key, log, outcome.ended, round(outcome.seconds, 3)]
+                entry += [round(outcome.megabytes, 1), *limits, metadata.version("mavdem"), tracked]
+                self._db.execute(f"insert or replace into logs values ({', '.join('?' * len(entry))})", entry)
+                self._delete_rows("log = ?", [log])
+                rows = [(log, row.vehicle, json.dumps(row.as_dict())) for row in outcome.rows]
+                self._db.executemany("insert into flights (log, vehicle, row) values (?, ?, ?)", rows)
+                self._judge_anew(vehicle for _, vehicle, _ in rows)
+        self.has_logs = True
+
+    def track(self, sources: Iterable[Source]) -> None:
+        """Puts the flights of these logs, as far as they are known, into the table."""
+        with self._transaction():
+            paths = [(as_text(source.path),) for source in sources]
+            self._db.executemany("update logs set tracked = 1 where path = ?", paths)
+
+    def rows_of(self, sources: Iterable[Source]) -> list[FlightRow]:
+        """Returns the rows of these logs."""
+        query = "select row, path from flights join logs using (log) where path = ? order by flights.rowid"
+        found = (self._db.execute(query, [as_text(source.path)]).fetchall() for source in sources)
+        return [_row(*values) for rows in found for values in rows]
+
+    @property
+    def healthy(self) -> list[FlightRow]:
+        """The rows of the baseline; none if there is none."""
+        return [_row(text) for (text,) in self._db.execute("select row from healthy order by row")]
+
+    @healthy.setter
+    def healthy(self, rows: Iterable[FlightRow]) -> None:
+        with self._transaction():
+            self._db.execute("delete from healthy")
+            self._db.executemany("insert into healthy values (?)", [(json.dumps(row.as_dict()),) for row in rows])
+
+    def publish(self, assess: AssessRows) -> None:
+        """Judges vehicles of which anything is new, or whose baseline is, and writes the table if it changes."""
+        healthy = self.healthy
+        baseline = hashlib.sha256(repr(healthy).encode()).hexdigest()
+        with self._transaction():
+            before = self._db.total_changes
+            self._name_rows()
+            query = "select distinct vehicle from flights where file is not null and judged is not ? order by vehicle"
+            for (vehicle,) in self._db.execute(query, [baseline]).fetchall():
+                query = "select rowid, row, file from flights where vehicle = ? and file is not null"
+                rows = [(number, _row(text, file)) for number, text, file in self._db.execute(query, [vehicle])]
+                rows.sort(key=lambda numbered: numbered[1].order)
+                judged = _assessed([row for _, row in rows], assess, [row for row in healthy if row.vehicle == vehicle])
+                self._db.executemany(
+                    "update flights set row = ?, judged = ? where rowid = ?",
+                    [(json.dumps(row.as_dict()), baseline, rows[i][0]) for i, row in enumerate(judged)],
+                )
+            if self._db.total_changes > before or not is_fleet(self.folder):
+                # In the transaction: of two runs that end together the later one has all rows.
+                query = "select row, file from flights where file is not null order by vehicle, file, log, rowid"
+                write_rows(self.folder, (_row(*values) for values in self._db.execute(query)))
+
+    def _name_rows(self) -> None:
+        """Names rows by their log's first name, drops those of logs that are there no more under any name."""
+        several = "select log from logs where tracked group by log having count(*) > 1"
+        entries = self._db.execute(f"select log, path from logs where log in ({several}) order by log").fetchall()
+        for _, names in groupby(entries, key=itemgetter(0)):
+            paths = [(path,) for _, path in names]
+            gone = [(path,) for (path,) in paths if not (is_url(path) or os.path.lexists(path))]
+            if len(gone) < len(paths):
+                self._db.executemany("delete from logs where path = ?", gone)
+        self._delete_rows("log not in (select log from logs)")
+        renamed = self._db.execute(
+            """select name, flights.rowid, vehicle from flights join
+            (select log, min(path) as name from logs where tracked group by log) using (log) where file is not name"""
+        ).fetchall()
+        self._db.executemany("update flights set file = ? where rowid = ?", [values[:2] for values in renamed])
+        self._judge_anew(vehicle for _, _, vehicle in renamed)
+
+    def _delete_rows(self, where: str, values: Sequence[Any] = ()) -> None:
+        self._judge_anew(name for (name,) in self._db.execute(f"select vehicle from flights where {where}", values))
+        self._db.execute(f"delete from flights where {where}", values)
+
+    def _judge_anew(self, vehicles: Iterable[str]) -> None:
+        query = "update flights set judged = null where vehicle = ? and judged is not null"
+        self._db.executemany(query, [(vehicle,) for vehicle in sorted(set(vehicles))])
+
+
+def _assessed(rows: list[FlightRow], assess: AssessRows, healthy: Sequence[FlightRow]) -> Sequence[FlightRow]:
+    try:
+        return assess(rows, healthy)
+    except Exception as error:  # a fault of mavdem on one vehicle's figures must not keep back the others'
+        reason = f"Health is unknown: this should not have happened ({type(error).__name__}: {error})."
+        return [replace(row, health_reason=reason) for row in rows]
+
+
+def _values(source: Source, limits: Limits) -> dict[str, Any]:
+    values = {**source._asdict(), **limits._asdict(), "mavdem": metadata.version("mavdem")}
+    return values | {"path": as_text(source.path)}
+
+
+def _row(text: str, file: str | None = None) -> FlightRow:
+    values = json.loads(text)
+    return FlightRow(**(values if file is None else values | {"file": file}))
+
+
+def _disk(folder: Path) -> str:
+    """The kind of disk that a folder is on, as Linux names it; empty elsewhere."""
+    try:
+        mounts = [line.split()[1:3] for line in Path("/proc/self/mounts").read_text().splitlines()]
+    except OSError:
+        return ""
+    path = f"{os.path.realpath(folder)}/"
+    return max(((len(at), kind) for at, kind in mounts if path.startswith(f"{at.rstrip('/')}/")), default=(0, ""))[1]

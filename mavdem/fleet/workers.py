@@ -1,0 +1,293 @@
+"""Workers: processes that read logs, each log within limits of time and memory, so that no log stops a run.
+
+A log that hangs, crashes its reader or wants too much memory ends the process that reads it, and nothing else: the pool
+replaces the process. What is asked of a process is a ``Job``, what comes back an ``Outcome``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, CancelledError, ThreadPoolExecutor, wait
+from concurrent.futures import TimeoutError as OutOfTime
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from importlib import import_module, metadata
+from itertools import islice
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from threading import Thread
+from typing import Any, Literal, NamedTuple, Protocol
+from urllib.parse import urlsplit
+
+from mavdem.dem.parallel import stay_in_this_process
+from mavdem.errors import Unreadable, require
+from mavdem.fleet.row import FlightRow
+from mavdem.fleet.sources import fetch, is_url
+
+MEGABYTE = 1 << 20
+PAGES = "pages"  # the folder of pages of flights, in the fleet's
+READ_LOG = "mavdem.fleet.rows_of_log:rows_of_log"  # the function that makes rows of a log
+ATTEMPTS = 2  # at a log whose reading killed the process: something else may have killed it once
+WANT_OF_MEMORY = 77  # exit code of a process that reached its limit: what is left of its memory is in pieces
+
+Ended = Literal["read", "known", "source", "error", "time", "memory", "died"]
+"""How the reading of a log ended: it was read, or had been before; it could not be reached; mavdem failed; it took too
+long or too much memory; or the process that read it died."""
+
+
+class LogRows(NamedTuple):
+    """What a log says: its rows, and the HTML of pages by the name of the file."""
+
+    rows: list[FlightRow]
+    pages: dict[str, str]
+
+
+ReadLog = Callable[[Path, str, Callable[..., str] | None], LogRows]
+"""From a log's path, the key of its content, and what makes a page or None, to what it says."""
+
+
+class Limits(NamedTuple):
+    """What one log may cost: ``seconds``, and ``megabytes`` of memory of the process that reads it."""
+
+    seconds: float = 300.0
+    megabytes: int = 600
+
+
+class Job(NamedTuple):
+    """One log to read.
+
+    Attributes:
+        path: absolute path, or URL.
+        known: keys of logs of the same size that were read before: if it has one of them it is not read again.
+        page: the function that makes a flight's page, as ``package.module:function``; empty for none.
+    """
+
+    path: str
+    known: tuple[str, ...] = ()
+    page: str = ""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job.
+
+    Attributes:
+        path: of the log.
+        ended: how.
+        rows: of the log; at least one, unless it was known.
+        key: hash and size of the log's content; empty if it was not reached.
+        pages: HTML by the name of the file.
+        seconds: it took.
+        megabytes: the most memory that the process had.
+    """
+
+    path: str
+    ended: Ended
+    rows: tuple[FlightRow, ...] = ()
+    key: str = ""
+    pages: dict[str, str] = field(default_factory=dict)
+    seconds: float = 0.0
+    megabytes: float = 0.0
+
+
+def failed(job: Job, ended: Ended, status: str, key: str = "") -> Outcome:
+    """Returns the outcome of a log of which only ``status`` can be said."""
+    return Outcome(job.path, ended, (FlightRow(file=job.path, key=key, status=status),), key)
+
+
+class Reader(Protocol):
+    """What reads many logs: the processes of this machine, or a cluster.
+
+    Attributes:
+        limits: of each log.
+    """
+
+    limits: Limits
+
+    def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
+        """Yields outcomes in the order in which they come; a job is taken when its turn has come."""
+
+
+class WorkerPool:
+    """Reads logs with so many ``processes`` at a time, each within ``limits``, by the function ``read``.
+
+    The processes are started when the first log is read; :meth:`stop` ends them.
+    """
+
+    def __init__(self, processes: int, limits: Limits, read: str = READ_LOG) -> None:
+        require("Reading the logs of a fleet", "fleet")
+        from pebble import ProcessPool
+
+        self.limits = limits
+        self._processes, self._read = processes, read
+        # What a process fetches goes also where it was killed.
+        self._scratch = tempfile.TemporaryDirectory(prefix="mavdem-", ignore_cleanup_errors=True)
+        self._pool = ProcessPool(
+            processes,
+            initializer=_begin,
+            initargs=(limits.megabytes, self._scratch.name),
+            context=get_context("spawn"),
+        )
+
+    def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
+        """As :class:`Reader` has it; raises ``Unreadable`` if no process can be started."""
+        # One more than processes, so that none waits for what comes next. Ctrl-C reaches this process only, which
+        # decides what it means: the threads, and the processes that they start, have it blocked.
+        block = partial(signal.pthread_sigmask, signal.SIG_BLOCK, {signal.SIGINT})
+        with ThreadPoolExecutor(self._processes + 1, initializer=block) as threads:
+            try:
+                running = {threads.submit(self.run, job) for job in islice(jobs, self._processes + 1)}
+                while running:
+                    done, running = wait(running, return_when=FIRST_COMPLETED)
+                    for future in done:
+                        yield future.result()
+                    running |= {threads.submit(self.run, job) for job in islice(jobs, len(done))}
+            finally:
+                self.stop()
+
+    def run(self, job: Job) -> Outcome:
+        """Reads one log, and returns when that is done; raises ``Unreadable`` if no process can be started."""
+        from pebble import ProcessExpired
+
+        # Read when NumPy is imported. Others like the process have the other cores.
+        for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+            os.environ.setdefault(name, "1")
+        os.environ.setdefault("MPLBACKEND", "agg")
+        seconds, code = self.limits.seconds, 0
+        for _ in range(ATTEMPTS):
+            try:
+                task = self._pool.schedule(perform, (job, self._read), timeout=seconds)
+                outcome: Outcome = task.result()
+                return outcome
+            except OutOfTime:
+                status = f"It takes longer than its time limit of {seconds:g} s."
+                return replace(failed(job, "time", status), seconds=seconds)
+            except ProcessExpired as error:
+                code = error.exitcode or 0
+                if code == WANT_OF_MEMORY:
+                    status = f"It needs more memory than its limit of {self.limits.megabytes} MB."
+                    return replace(failed(job, "memory", status), megabytes=self.limits.megabytes)
+            except (BrokenProcessPool, CancelledError, OSError, RuntimeError) as error:
+                raise Unreadable(
+                    f"No process that reads logs can be started ({error}): what was read is kept. See why with "
+                    "MAVDEM_TRACEBACK=1."
+                ) from None
+        cause = signal.Signals(-code).name if code < 0 else f"exit code {code}"
+        return failed(job, "died", f"The process that read it died ({cause}), each of {ATTEMPTS} times.")
+
+    def stop(self) -> None:
+        """Ends the processes, also while another thread waits for an outcome, and removes what they leave."""
+        self._pool.stop()  # type: ignore[no-untyped-call]
+        self._pool.join()
+        self._scratch.cleanup()
+
+
+def _begin(megabytes: int, scratch: str) -> None:
+    """In a process: sets its limits, and what it leaves to whom."""
+    if not os.environ.get("MAVDEM_TRACEBACK"):
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        for output in (1, 2):
+            os.dup2(nothing, output)
+    tempfile.tempdir = scratch
+    stay_in_this_process()  # others like it have the other cores
+    # Linux counts what is allocated; elsewhere the limit may do nothing. Not the address space: mapped files and
+    # reserved stacks of threads take no memory.
+    with suppress(ValueError, OSError):
+        resource.setrlimit(resource.RLIMIT_DATA, (megabytes * MEGABYTE, megabytes * MEGABYTE))
+    Thread(target=_end_with_parent, args=(scratch,), daemon=True).start()
+
+
+def _end_with_parent(scratch: str) -> None:
+    """Ends this process where the one that asks was killed: nobody waits for an answer."""
+    parent = parent_process()
+    assert parent is not None
+    parent.join()
+    shutil.rmtree(scratch, ignore_errors=True)
+    os._exit(1)
+
+
+def perform(job: Job, read: str) -> Outcome:
+    """Reads one log; ends the process where memory is wanting, since what comes next would find it in pieces."""
+    began = time.perf_counter()
+    with suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")  # forgets the peak of memory
+    try:
+        outcome = outcome_of(job, function_of(read))
+    except MemoryError:
+        os._exit(WANT_OF_MEMORY)
+    return replace(outcome, seconds=time.perf_counter() - began, megabytes=_peak_memory())
+
+
+def outcome_of(job: Job, read: ReadLog) -> Outcome:
+    """Returns what becomes of a job in this process, without what it costs; raises ``MemoryError``."""
+    key = ""
+    try:
+        with _as_file(job.path) as path:
+            with path.open("rb") as file:
+                key = f"{hashlib.file_digest(file, 'sha256').hexdigest()[:32]}-{file.tell()}"
+            if key in job.known:
+                return Outcome(job.path, "known", key=key)
+            rows, pages = read(path, key, function_of(job.page) if job.page else None)
+            return Outcome(job.path, "read", tuple(_named(row, job, path, key) for row in rows), key, pages)
+    except Unreadable as error:
+        if isinstance(error.__context__, MemoryError):
+            raise MemoryError from None  # with a higher limit it may be read
+        return failed(job, "read" if key else "source", _nameless(str(error), job.path), key)
+    except OSError as error:
+        return failed(job, "source", f"It cannot be read ({error.strerror or error}).", key)
+    except MemoryError:
+        raise
+    except Exception as error:
+        return failed(job, "error", f"This should not have happened ({type(error).__name__}: {error}).", key)
+
+
+def function_of(name: str) -> Callable[..., Any]:
+    """Returns the function of ``package.module:function``."""
+    module, _, attribute = name.partition(":")
+    function: Callable[..., Any] = getattr(import_module(module), attribute)
+    return function
+
+
+@contextmanager
+def _as_file(path: str) -> Iterator[Path]:
+    """Gives the log as a plain file of this machine; raises ``Unreadable`` or ``OSError``."""
+    if not is_url(path):
+        if Path(path).exists() and not Path(path).is_file():
+            raise Unreadable(f"{path} is not a plain file.")  # opening one may wait for ever
+        yield Path(path)
+        return
+    with tempfile.TemporaryDirectory(prefix="mavdem-") as folder:
+        copy = Path(folder) / (urlsplit(path).path.rpartition("/")[2][-100:] or "log")
+        fetch(path, copy)
+        yield copy
+
+
+def _named(row: FlightRow, job: Job, path: Path, key: str) -> FlightRow:
+    """The row with the name of the log, which is only there: copies of a log have equal rows."""
+    status, *warnings = (_nameless(sentence, str(path)) for sentence in (row.status, *row.warnings))
+    version = metadata.version("mavdem")
+    return replace(row, file=job.path, key=key, status=status, warnings=tuple(warnings), mavdem_version=version)
+
+
+def _nameless(sentence: str, path: str) -> str:
+    """A sentence about a log without its name, which has its own column."""
+    return sentence.replace(path, "It", sentence.startswith(path)).replace(path, "the log")
+
+
+def _peak_memory() -> float:
+    """MB, since it was last forgotten, or where that cannot be, since the process began."""
+    with suppress(OSError, StopIteration, ValueError):
+        lines = Path("/proc/self/status").read_text().splitlines()
+        return int(next(line for line in lines if line.startswith("VmHWM")).split()[1]) / 1024
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / (MEGABYTE if sys.platform == "darwin" else 1024)

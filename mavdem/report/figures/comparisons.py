@@ -1,0 +1,128 @@
+"""Comparisons: the errors of every method in every window, and the free energy by model order."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from mavdem.dem.order.choice import STRONG_EVIDENCE_NATS, OrderChoice
+from mavdem.evaluate.comparison import Comparison
+from mavdem.report.figures.style import HAIRLINE, legend_above, picture
+from mavdem.report.palette import BASELINE, DISTINCT, HELD_OUT_OPACITY, MEASURED, PREDICTED, distinct
+
+SHOWN_RATIOS = 1e-3, 1e3
+"""Error ratios beyond these are drawn at the edge."""
+SHOWN_GROWTH = 30.0  # the highest error ratio by horizon that is shown
+HELD = "hold last"
+LEFT_OUT = {"constant mean", "zero", "DEM p=1", "DEM paper", "DEM paper p=1"}
+"""Of the errors by horizon: 1 by definition, without a horizon, or not comparable."""
+PEERS = tuple(colour for colour in DISTINCT if colour not in (PREDICTED, BASELINE))
+ROW_INCHES, AROUND_ROWS_INCHES = 0.21, 0.75
+MANY_FLIGHTS = 6  # from which on flights are not named
+
+
+def error_ratios(comparison: Comparison, from_zero: bool = False) -> Figure:
+    """Draws the error ratio of each method in each window over the whole test part, the lowest median first.
+
+    Args:
+        comparison: of the methods; its first is drawn in the colour of predictions.
+        from_zero: whether forecasts start from state 0.
+    """
+    begun = "zero" if from_zero else "data"
+    length = {(window.flight, window.start): len(window.test) for window in comparison.windows}
+    ratios: dict[str, list[float]] = {method: [] for method in comparison.methods}
+    for row in comparison.rows():
+        whole = row["steps"] == length[row["flight"], row["start"]]
+        if whole and row["inputs"] == "known" and row["begun"] == begun:
+            ratios[row["method"]].append(np.nan_to_num(float(row["relative"]), nan=np.inf))
+    medians = {method: float(np.median(values)) for method, values in ratios.items() if values}
+    ranked = sorted(medians, key=medians.__getitem__)
+    with picture(AROUND_ROWS_INCHES + ROW_INCHES * len(ranked)) as figure:
+        axes = figure.subplots()
+        axes.axvline(1, **HAIRLINE)
+        for place, method in enumerate(ranked):
+            colour = PREDICTED if method == comparison.methods[0] else MEASURED
+            values, median = np.clip(ratios[method], *SHOWN_RATIOS), np.clip(medians[method], *SHOWN_RATIOS)
+            rows = np.full(len(values), place)
+            axes.plot(values, rows, "o", color=colour, markersize=3.5, alpha=0.5, markeredgewidth=0)
+            axes.plot(median, place, "|", color=colour, markersize=11, markeredgewidth=2.2)
+        axes.set_xscale("log")
+        axes.set_yticks(range(len(ranked)), ranked)
+        axes.set_ylim(len(ranked) - 0.4, -0.6)
+        axes.grid(axis="y", visible=False)
+        axes.margins(x=0.03)
+        axes.tick_params(axis="y", length=0)
+        axes.spines["left"].set_visible(False)
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.set(xlabel="error ratio in each window, and the median (1: the constant mean)")
+    return figure
+
+
+def error_growth(comparison: Comparison) -> Figure:
+    """Draws the median error ratio by horizon: of the first method, the best of each other family, and held samples.
+
+    Args:
+        comparison: of the methods; of several flights, their geometric mean is drawn.
+    """
+    steps = [at["steps"] for at in comparison.summaries(comparison.flights[0])[0]["horizons"]]
+    first = comparison.methods[0]
+    drawn: set[str] = set()
+    with picture() as figure:
+        axes = figure.subplots()
+        axes.axhline(1, **HAIRLINE)
+        for summary in comparison.over_flights():
+            method, family = summary["method"], summary["method"].split("(")[0]
+            if family in drawn or family in LEFT_OUT:
+                continue
+            drawn.add(family)
+            peer = PEERS[len(drawn - {first, HELD}) % len(PEERS)]
+            axes.plot(
+                steps[: len(summary["horizons"]) - 1] + steps[-1:],
+                summary["horizons"],
+                "--" if method == HELD else "-",
+                color=PREDICTED if method == first else BASELINE if method == HELD else peer,
+                linewidth=2.6 if method == first else 1.3,
+                zorder=3 if method == first else 2,
+                marker="o",
+                markersize=3,
+                label=method,
+            )
+        axes.set(xscale="log", yscale="log", xlabel="steps ahead", ylabel="error ratio (1: the constant mean)")
+        axes.set_xticks(steps, map(str, steps))
+        axes.minorticks_off()
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.margins(x=0.03)
+        axes.set_ylim(top=min(axes.get_ylim()[1], SHOWN_GROWTH))
+        legend_above(axes, 4)
+    return figure
+
+
+def free_energy_by_order(choice: OrderChoice, names: Sequence[str]) -> Figure:
+    """Draws F̄ by the number of states, below its highest value, of each flight and on average.
+
+    Args:
+        choice: of the order.
+        names: of its flights.
+    """
+    below = np.nanmax(choice.free_energy, axis=1, keepdims=True) - choice.free_energy
+    mean, few = np.nanmax(choice.mean) - choice.mean, len(names) < MANY_FLIGHTS
+    with picture() as figure:
+        axes = figure.subplots()
+        axes.axhspan(0, STRONG_EVIDENCE_NATS, color=MEASURED, alpha=HELD_OUT_OPACITY, linewidth=0)
+        for number, (name, values) in enumerate(zip(names, below, strict=True), 1):
+            colour, opacity = (distinct(number), 1.0) if few else (MEASURED, 0.4)
+            label = name.replace("$", r"\$") if few else ""
+            axes.plot(choice.orders, values, "o-", color=colour, markersize=4, alpha=opacity, label=label)
+        if len(names) > 1:
+            axes.plot(choice.orders, mean, "o-", color=PREDICTED, linewidth=2.5, label="mean")
+        axes.axvline(choice.chosen, color=BASELINE, linewidth=1.4, zorder=1, label="chosen")
+        axes.set_yscale("symlog", linthresh=10, linscale=0.6)
+        axes.yaxis.set_major_formatter("{x:,g}")
+        axes.set_ylim(1.15 * max(float(np.nanmax(below)), 20.0), 0)
+        axes.set_xticks(choice.orders)
+        axes.margins(x=0.04)
+        axes.set(xlabel="states", ylabel="F̄ below its highest (nats)")
+        legend_above(axes)
+    return figure

@@ -1,0 +1,169 @@
+"""Style: the size, the letters and the lines that all figures share, where their legends stand, and SVG for a page.
+
+A figure is drawn in the colours of ``mavdem.report.palette``, with angles in degrees and nothing behind it: whoever
+shows it decides what it stands on. Lines of many samples become pixels where a figure is written as vectors.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO, StringIO
+from textwrap import fill
+from typing import Any
+
+import matplotlib
+import numpy as np
+from cycler import cycler
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from numpy.typing import ArrayLike, NDArray
+
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.record import Record
+from mavdem.report.palette import BAND_OPACITY, DISTINCT, INK_ON_LIGHT, MEASURED, PAPER_LIGHT
+
+WIDTH, HEIGHT = 5.2, 3.2
+"""Inches: letters are read at 500 pixels, and two figures stand beside each other at 1600."""
+MAX_VECTOR_POINTS = 1500  # of a line or a band, beyond which its pixels make a smaller file
+PIXELS_PER_INCH = 200  # of such lines, and of figures that a notebook shows: twice what a page shows
+MAX_BEYOND = 0.6  # spans of the values, how far a band may widen an axis
+NOTE_WIDTH = 92  # letters of a remark in a line
+
+STYLE: Any = {
+    "font.family": "sans-serif",
+    "font.sans-serif": ["DejaVu Sans", "Verdana", "Arial"],
+    "font.size": 8.5,
+    "axes.facecolor": "none",
+    "axes.prop_cycle": cycler(color=DISTINCT),
+    "axes.titlesize": 8.5,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.titlepad": 5.0,
+    "axes.labelsize": 8.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.linewidth": 0.7,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.xmargin": 0.0,
+    "axes.formatter.useoffset": False,
+    "axes.formatter.limits": (-4, 5),
+    "grid.alpha": 0.18,
+    "grid.linewidth": 0.6,
+    **dict.fromkeys(("xtick.labelsize", "ytick.labelsize", "legend.fontsize"), 8.0),
+    **dict.fromkeys(("xtick.major.width", "ytick.major.width"), 0.7),
+    **dict.fromkeys(("xtick.minor.width", "ytick.minor.width"), 0.5),
+    "lines.linewidth": 1.5,
+    "lines.solid_capstyle": "round",
+    "legend.frameon": False,
+    "legend.handlelength": 1.5,
+    "legend.columnspacing": 1.2,
+    "legend.borderaxespad": 0.0,
+    "legend.borderpad": 0.2,
+    "path.simplify_threshold": 0.25,  # points
+    "savefig.facecolor": "none",
+    "savefig.edgecolor": "none",
+    "text.usetex": False,
+    "svg.fonttype": "none",  # text that can be searched and read aloud
+    "svg.hashsalt": "mavdem",  # the same figure is the same file
+    **dict.fromkeys(("text.color", "axes.labelcolor", "axes.titlecolor", "axes.edgecolor"), INK_ON_LIGHT),
+    **dict.fromkeys(("xtick.color", "ytick.color", "grid.color"), INK_ON_LIGHT),
+}
+
+THIN = 0.9  # points: measured lines, of many samples
+HAIRLINE: dict[str, Any] = {"color": MEASURED, "linewidth": 0.8, "zorder": 1.5}
+"""Of zero, bounds and other lines to compare with."""
+
+
+class BareFigure(Figure):
+    """A figure without a background, made without ``pyplot``, which notebooks show on white."""
+
+    def savefig(self, fname: Any, **options: Any) -> None:
+        """Saves the figure to ``fname`` as :meth:`matplotlib.figure.Figure.savefig` does, in its own style.
+
+        Args:
+            fname: path or binary file.
+            options: of ``matplotlib.figure.Figure.savefig``, such as ``dpi`` and ``facecolor="white"``.
+        """
+        with matplotlib.rc_context(STYLE):
+            super().savefig(fname, **{"dpi": PIXELS_PER_INCH} | options)
+
+    def _repr_png_(self) -> bytes:
+        file = BytesIO()
+        self.savefig(file, format="png", dpi=0.65 * PIXELS_PER_INCH, facecolor=PAPER_LIGHT)
+        return file.getvalue()
+
+
+@contextmanager
+def picture(height: float = HEIGHT) -> Iterator[BareFigure]:
+    """Yields a new figure of this ``height``, inches, in the common style, to be drawn in the block."""
+    with matplotlib.rc_context(STYLE):
+        layout = ConstrainedLayoutEngine(w_pad=0.03, h_pad=0.03, hspace=0.04, wspace=0.05)
+        figure = BareFigure(figsize=(WIDTH, height), layout=layout, facecolor="none")
+        yield figure
+        for axes in figure.axes:
+            for line in axes.lines:
+                line.set_rasterized(len(line.get_path()) > MAX_VECTOR_POINTS)
+            for band in axes.collections:
+                band.set_rasterized(sum(map(len, band.get_paths())) > MAX_VECTOR_POINTS)
+
+
+def svg(figure: Figure, name: str) -> str:
+    """Returns the figure as an ``<svg>`` element; its ids are unique on a page if its ``name`` is.
+
+    The same figure gives the same bytes with the same version of matplotlib.
+    """
+    drawn = StringIO()
+    unknown = dict.fromkeys(("Creator", "Date", "Format", "Type"))
+    with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
+        Figure.savefig(figure, drawn, format="svg", dpi=PIXELS_PER_INCH, metadata=unknown)
+    text = drawn.getvalue()[drawn.getvalue().index("<svg") :]
+    # Groups of all figures have the same ids, to which nothing refers.
+    used = set(re.findall(r"#(\w+)", text))
+    return re.sub(r' id="([^"]*)"', lambda match: match[0] if match[1] in used else "", text)
+
+
+def band(axes: Axes, x: Array, low: Array | float, high: Array | float, colour: str, label: str = "") -> None:
+    """Draws the filled band between two lines (N,), or levels."""
+    axes.fill_between(x, low, high, color=colour, alpha=BAND_OPACITY, linewidth=0, label=label)
+
+
+def legend_above(axes: Axes, columns: int = 5) -> None:
+    """Draws a legend above the axes, on the right: never over data."""
+    handles, labels = axes.get_legend_handles_labels()
+    axes.legend(handles, labels, loc="lower right", bbox_to_anchor=(1.0, 1.01), ncols=columns)
+
+
+def not_blown_up(axes: Axes, values: ArrayLike, beyond: float = MAX_BEYOND) -> None:
+    """Limits the vertical axis to ``beyond`` spans beyond these values, however wide a band around them is."""
+    shown = np.asarray(values, np.float64)
+    low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+    span = high - low or max(abs(high), 1.0)
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(max(bottom, low - beyond * span), min(top, high + beyond * span))
+
+
+def per(unit: str, of: str) -> str:
+    """Returns the unit of what one ``unit`` ``of`` the input does: "°/s per µs"."""
+    return f"{unit or '1'} per {of or 'unit of input'}"
+
+
+def note(figure: Figure, text: str) -> None:
+    """Writes a remark below everything else, small."""
+    figure.supxlabel(fill(text, NOTE_WIDTH), x=0.01, ha="left", fontsize=7.5)
+
+
+def sample_times(record: Record) -> NDArray[np.float64]:
+    """Returns (T,) s of the samples of a record: on the flight's clock or, where that is not known, since the first."""
+    begins = record.begins or tuple(record.dt * record.starts)
+    return np.concatenate(
+        [begin + record.dt * np.arange(length) for begin, length in zip(begins, record.lengths, strict=True)]
+    )
+
+
+def with_gaps(record: Record, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns (T + segments − 1,) values (T,) with NaN between segments, where a line is to break."""
+    return np.insert(values, record.starts[1:], np.nan)

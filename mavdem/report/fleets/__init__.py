@@ -1,1 +1,0 @@
-"""Reports about many flights."""

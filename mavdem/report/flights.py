@@ -1,0 +1,466 @@
+"""What is said of many flights: which vehicles need a look, and what changed between two states of one.
+
+``fleet_blocks`` is the summary of a fleet; ``difference_blocks`` what changed, what is the same, what cannot be said.
+
+The report of a live flight: how well it was predicted, what was learnt from, and what happened when.
+
+The report of estimates beside the truth of a simulated flight.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from math import degrees, hypot, isfinite, sqrt
+from pathlib import PurePath
+
+from mavdem.evaluate.truth import ComparedParameter, ComparedWind, TruthComparison
+from mavdem.fleet.difference import (
+    BETWEEN,
+    DAMPING,
+    EFFECT,
+    FAMILY_ERROR,
+    LAG,
+    MEAN_EFFECT,
+    SHARE,
+    Conditions,
+    QuantityChange,
+    SinceBaseline,
+    VehicleDifference,
+)
+from mavdem.fleet.row import (
+    HEALTHS,
+    OK,
+    UNKNOWN,
+    Flight,
+    FlightRow,
+    best_tier,
+    flights_of,
+    flown_once,
+    is_shared,
+    vehicles_of,
+    worst_health,
+)
+from mavdem.health.motor_watch import FALSE_ALARMS_BASIS
+from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus
+from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.numbers import listed, named, plus_minus, readable, rounded, short, with_unit
+
+TROUBLE = HEALTHS[:2]
+TIERS = {"a": "full model", "b": "slow motion", "c": "condition only"}
+MAX_NAMED = 12  # vehicles in a sentence
+MAX_REASONS = 8  # rows of the table of logs that could not be used
+QUANTITIES = {
+    SHARE: ("share", 100.0, "%"),
+    EFFECT: ("control effectiveness", 100.0, "%"),
+    MEAN_EFFECT: ("mean control effectiveness", 100.0, "%"),
+    DAMPING: ("rate damping", 1.0, "1/s"),
+    LAG: ("motor time constant", 1e3, "ms"),
+}
+"""What a kind of quantity is called, and the scale and unit that it is shown in."""
+ALLOWED = {SHARE: "shares for the lean", MEAN_EFFECT: "mean control effectiveness for battery and mean output"}
+"""Which intervals allow for which conditions."""
+MIN_LEAN, MIN_SHARE = 2.0, 0.02  # degrees, and share of a voltage or output, from which a difference is reported
+
+Flights = Sequence[Flight]
+"""Flights of one vehicle in order of date, the rows of each."""
+
+
+def fleet_blocks(rows: Sequence[FlightRow]) -> list[Block]:
+    """Returns the summary of a fleet: a headline, what was flown, and why logs could not be used."""
+    vehicles = vehicles_of(rows)
+    named = {name: flights for name, flights in vehicles.items() if is_one_vehicle(name, flights)}
+    once = {name: flown_once(flights) for name, flights in named.items() if not is_shared(flights)}
+    flown = [flight for name in vehicles for flight in once.get(name, vehicles[name])]
+    blocks: list[Block] = [Sentence("", _headline(named, flown))]
+    if flown:
+        twice = sum(len(vehicles[name]) - len(once[name]) for name in once)
+        blocks.append(Sentence(_flown(len(once), flown, twice), "Flown:"))
+    waiting = [name for name, flights in named.items() if vehicle_health(flights) == UNKNOWN]
+    if waiting and len(waiting) < len(named):
+        blocks.append(Sentence(f"{_counted(len(waiting), 'vehicle')}, for the reason that each gives.", "Not judged:"))
+    if nameless := sum(len(flights) for name, flights in vehicles.items() if name not in named):
+        text = "whose logs do not say of which vehicle, or by a system id only; compared with no other."
+        blocks.append(Sentence(f"{_counted(nameless, 'flight')} {text}", "Without a name:"))
+    return blocks + _unused([flight[0] for flight in flights_of(row for row in rows if row.status != OK)])
+
+
+def is_one_vehicle(name: str, flights: Flights) -> bool:
+    """Returns whether these are a vehicle's: of a system id, which many share, only if they were judged as such."""
+    return name != UNKNOWN and (not is_shared(flights) or vehicle_health(flights) != UNKNOWN)
+
+
+def vehicle_health(flights: Flights) -> str:
+    """Returns what was found in a vehicle's latest flight that was judged; "unknown" if none was."""
+    return next((health for flight in reversed(flights) if (health := worst_health(flight)) != UNKNOWN), UNKNOWN)
+
+
+def had_trouble(flights: Flights) -> bool:
+    """Returns whether any flight showed a fault or a drift."""
+    return any(worst_health(flight) in TROUBLE for flight in flights)
+
+
+def vehicle_words(flights: Flights) -> str:
+    """Returns what was found of one vehicle, in a sentence or two."""
+    counts = Counter(map(worst_health, flights))
+    name = " The name is a system id, which many vehicles share: these may be several." if is_shared(flights) else ""
+    if not had_trouble(flights):
+        if counts[OK]:
+            return f"No drift and no fault in {_counted(counts[OK], 'flight')} that could be judged.{name}"
+        reason = next((row.health_reason for flight in reversed(flights) for row in flight if row.health_reason), "")
+        return f"Not judged{': ' + reason if reason else '.'}"
+    kinds = [f"a {kind} in {counts[kind]}" for kind in TROUBLE if counts[kind]]
+    latest = next(flight for flight in reversed(flights) if worst_health(flight) in TROUBLE)
+    row = next(row for row in latest if row.health == worst_health(latest))
+    log = PurePath(row.file).name
+    when = log if row.date is None else f"{row.date:%Y-%m-%d} ({log})"
+    motor = "" if row.suspect_motor is None else f", motor {row.suspect_motor}"
+    if motor and row.fault_probability is not None:
+        # The row has the probability of any fault, not that of this motor.
+        motor += f" (probability of a fault {row.fault_probability:.2f})"
+    reason = f": {row.health_reason}" if row.health_reason else "."
+    last = " The latest flight that was judged shows none." if vehicle_health(flights) == OK else ""
+    return f"Of {_counted(len(flights), 'flight')} {listed(kinds)}. The latest: {when}{motor}{reason}{last}{name}"
+
+
+def _headline(named: Mapping[str, Flights], flown: Flights) -> str:
+    if not flown:
+        return "No log holds a flight that could be used."
+    healths = {name: vehicle_health(flights) for name, flights in named.items()}
+    recovered = sorted(name for name in named if healths[name] == OK and had_trouble(named[name]))
+    earlier = f" Trouble in earlier flights, and not in the latest: {_few(recovered)}." if recovered else ""
+    ill = sorted((name for name in healths if healths[name] in TROUBLE), key=lambda name: TROUBLE.index(healths[name]))
+    if ill:
+        words = []
+        for name in ill:
+            latest = next(flight for flight in reversed(named[name]) if worst_health(flight) != UNKNOWN)
+            suspects = sorted(
+                {row.suspect_motor for row in latest if row.suspect_motor and row.health == healths[name]}
+            )
+            words.append(f"{name} ({healths[name]}{f', motor {listed(suspects)}' if suspects else ''})")
+        needs = "needs" if len(ill) == 1 else "need"
+        return f"{len(ill)} of {_counted(len(named), 'vehicle')} {needs} a look: {_few(words)}.{earlier}"
+    if judged := sum(health == OK for health in healths.values()):
+        which = "the latest flights of " if earlier else ""
+        return f"No drift and no fault in {which}{_counted(judged, 'vehicle')} that could be judged.{earlier}"
+    return "No vehicle could be judged yet."
+
+
+def _flown(vehicles: int, flown: Flights, twice: int) -> str:
+    hours = sum(max((row.duration or 0.0 for row in flight), default=0.0) for flight in flown) / 3600
+    dates = sorted(flight[0].date for flight in flown if flight[0].date is not None)
+    when = f", {dates[0]:%Y-%m-%d} to {dates[-1]:%Y-%m-%d}" if dates else ""
+    tiers = Counter(map(best_tier, flown))
+    kinds = listed(f"{tiers[tier]} {words}" for tier, words in TIERS.items() if tiers[tier])
+    vehicle = f" of {_counted(vehicles, 'vehicle')}" if vehicles else ""
+    have = "has a flight" if twice == 1 else "have flights"
+    again = f" ({_counted(twice, 'more log')} {have} of these)" if twice else ""
+    return f"{_counted(len(flown), 'flight')}{vehicle}{again}{when}, {hours:.2g} h settled; {kinds or 'no tier known'}."
+
+
+def _unused(refused: Sequence[FlightRow]) -> list[Block]:
+    """Why logs could not be used, the most frequent reason first."""
+    if not refused:
+        return []
+    examples: dict[str, list[str]] = {}
+    for row in refused:
+        # Without the file's name and the numbers that make each reason different.
+        text = row.status.replace(row.file, "the log").replace(PurePath(row.file).name, "the log")
+        first = re.split(r"(?<=[.:;]) ", text, maxsplit=1)[0]
+        examples.setdefault(re.sub(r"\d[\d.,]*", "…", first).rstrip(".:; "), []).append(PurePath(row.file).name)
+    reasons = sorted(examples, key=lambda reason: (-len(examples[reason]), reason))
+    shown = reasons if len(reasons) <= MAX_REASONS else reasons[: MAX_REASONS - 1]
+    cells = [[cut(reason, 140), str(len(examples[reason])), cut(examples[reason][0], 60)] for reason in shown]
+    if others := sum(len(examples[reason]) for reason in reasons[len(shown) :]):
+        cells.append(["other reasons: see the table of flights", str(others), ""])
+    them = "it" if len(refused) == 1 else "them"
+    return [
+        Sentence(f"{_counted(len(refused), 'log')}; nothing else is said of {them}.", "Not used:"),
+        Table(["reason", "logs", "for example"], cells, words=True),
+    ]
+
+
+def cut(text: str, longest: int) -> str:
+    """Returns the text, shortened to so many letters."""
+    return text if len(text) <= longest else f"{text[: longest - 1]}…"
+
+
+def _few(names: Sequence[str]) -> str:
+    more = [f"{len(names) - MAX_NAMED} more"] if len(names) > MAX_NAMED else []
+    return listed([*names[:MAX_NAMED], *more])
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}{'' if number == 1 else 's'}"
+
+
+def difference_blocks(found: VehicleDifference) -> list[Block]:
+    """Returns what changed, the same, uncertain, not comparable, conditions, and how sure that is, in sentences."""
+    reasons: dict[str, list[str]] = {}
+    for name, reason in found.incomparable:
+        reasons.setdefault(reason, []).append(name)
+    return [
+        *_changes(found),
+        *(Sentence(f"{listed(names)}: {reason}", "Not compared:") for reason, names in reasons.items()),
+        *_conditions(found),
+        *_vehicles(found),
+        *([Sentence(_sureness(found), "How sure:")] if found.changes else []),
+    ]
+
+
+def baseline_blocks(since: SinceBaseline) -> list[Block]:
+    """Returns what differs between a vehicle's latest flight and its flights of the baseline."""
+    lead = "Since the baseline:"
+    if since.found is None:
+        return [Sentence("the baseline has no flight of this vehicle.", lead)]
+    when = "" if since.date is None else f" ({since.date:%Y-%m-%d})"
+    beside = _counted(since.found.flights[0], "flight")
+    latest = Sentence(f"the latest flight, {PurePath(since.file).name}{when}, beside {beside}.", lead)
+    return [latest, *_changes(since.found), *_vehicles(since.found)]
+
+
+def _changes(found: VehicleDifference) -> list[Block]:
+    """What changed, what is the same, and what was compared without a result."""
+    if not found.changes:
+        return [Sentence("", "Nothing can be compared.")]
+    changed, unknown = (
+        "; ".join(_change(change, found) for change in found.of(outcome)) for outcome in ("changed", "uncertain")
+    )
+    blocks: list[Block] = [Sentence("", "Nothing changed beyond chance.")]
+    if changed:
+        blocks = [Sentence(f"{changed}.", "Changed:")]
+    if same := found.of("same"):
+        blocks.append(Sentence(f"{listed(_grouped(same, found))}.", "The same:"))
+    if unknown:
+        blocks.append(Sentence(f"{unknown}: too uncertain to call changed or the same.", "Not known:"))
+    return blocks
+
+
+def _change(change: QuantityChange, found: VehicleDifference) -> str:
+    """As in "motor 3's share −18 % ± 6 %"."""
+    _, scale, unit = QUANTITIES[change.quantity.kind]
+    difference, half = scale * change.difference, scale * change.half_width
+    if change.before is None or change.after is None:
+        decimals = 0 if half >= 3 else 1
+        return f"{_name(change, found)} {_signed(f'{difference:.{decimals}f}')} % ± {half:.{decimals}f} %"
+    values = f"{rounded(scale * change.before)} → {rounded(scale * change.after)} {unit}"
+    return f"{_name(change, found)} {values} ({_signed(plus_minus(difference, half))})"
+
+
+def _name(change: QuantityChange, found: VehicleDifference) -> str:
+    kind, motor, axis = change.quantity
+    if motor:
+        name = short(found.motors[motor - 1]) if motor <= len(found.motors) else f"motor {motor}"
+        return f"{name}'s {QUANTITIES[kind][0]}"
+    return f"{QUANTITIES[kind][0]} on {axis}"
+
+
+def _grouped(changes: Sequence[QuantityChange], found: VehicleDifference) -> list[str]:
+    """Names with the widest half width, those of motors together: "the shares of motors 1, 2 and 4 (± 2 %)"."""
+    words = []
+    for kind in (SHARE, EFFECT):
+        if ours := [change for change in changes if change.quantity.kind == kind]:
+            noun = QUANTITIES[kind][0] + "s" * (kind == SHARE and len(ours) > 1)
+            motors = f"motor{'s' * (len(ours) > 1)} {listed(change.quantity.motor for change in ours)}"
+            words.append(f"the {noun} of {motors} (± {rounded(100 * max(change.half_width for change in ours))} %)")
+    for change in changes:
+        if change.quantity.kind not in (SHARE, EFFECT):
+            _, scale, unit = QUANTITIES[change.quantity.kind]
+            words.append(f"{_name(change, found)} (± {rounded(scale * change.half_width)} {unit})")
+    return words
+
+
+def _signed(number: str) -> str:
+    return number.replace("-", "−") if number.startswith(("-", "(-")) else f"+{number}"
+
+
+def _conditions(found: VehicleDifference) -> list[Block]:
+    """How A and B were flown, which is no change of the vehicle."""
+    words = "; ".join(_condition_words(*found.conditions)).replace("-", "−")
+    kinds = {change.quantity.kind for change in found.changes if change.allowance}
+    covered = listed(words for kind, words in ALLOWED.items() if kind in kinds)
+    allowed = f" Intervals that allow for conditions: {covered}." if covered else ""
+    return [Sentence(f"{words}.{allowed}", "Conditions, no change of the vehicle:")]
+
+
+def _condition_words(before: Conditions, after: Conditions) -> list[str]:
+    words = ["battery not logged in both"]
+    if before.voltage and after.voltage:
+        words = [f"battery {before.voltage:.1f} → {after.voltage:.1f} V"]
+    if before.collective and after.collective:
+        change = after.collective / before.collective - 1
+        more = f"{100 * change:+.0f} % (payload, battery or climbing)" if abs(change) >= MIN_SHARE else "the same"
+        words.append(f"the motors' mean output {more}")
+    leans = (before.lean_roll, after.lean_roll), (before.lean_pitch, after.lean_pitch)
+    roll, pitch = (None if a is None or b is None else degrees(b - a) for a, b in leans)
+    if roll is None or pitch is None:
+        words.append("lean not known in both")
+    elif hypot(roll, pitch) < MIN_LEAN:
+        words.append("lean the same")
+    else:
+        words.append(f"another lean: {roll:+.0f}° of roll and {pitch:+.0f}° of pitch (wind, or flown forward)")
+    unit = readable("rad/s²")
+    for axis in sorted(before.wind_torque.keys() & after.wind_torque.keys(), reverse=True):  # roll first
+        torques = (rounded(unit.scale * state.wind_torque[axis]) for state in (before, after))
+        words.append(f"wind torque on {axis} {' → '.join(torques)} {unit.name}")
+    return words
+
+
+def _vehicles(found: VehicleDifference) -> list[Block]:
+    before, after = found.vehicles
+    if UNKNOWN in (*before, *after):
+        text = "a log does not say of which vehicle it is; that both are the same is taken on trust."
+        return [Sentence(text, "Vehicle:")]
+    if before and after and set(before) != set(after):
+        text = f"A is {listed(before)} and B is {listed(after)}: what differs may be that between two vehicles."
+        return [Sentence(text, "Caution:")]
+    if found.shared:
+        text = f"{listed(found.shared)} is a name by the MAVLink system id, which many vehicles share; that A and B"
+        return [Sentence(f"{text} are of one vehicle is taken on trust.", "Caution:")]
+    return []
+
+
+def _sureness(found: VehicleDifference) -> str:
+    """What the statements rest on."""
+    words = (
+        f"± are 90 % intervals. {len(found.changes)} quantities are tested together (Holm): that any is called changed "
+        f"when none did has a chance of at most {100 * FAMILY_ERROR:.0f} %, as far as the intervals hold."
+    )
+    if max(found.flights) == 1:
+        return (
+            f"{words} A and B are one flight each, and their intervals those of one flight each: how much a flight "
+            f"differs from the next is assumed (a share by {100 * BETWEEN[SHARE]:.0f} %, a control effectiveness by "
+            f"{100 * BETWEEN[EFFECT]:.0f} %), not measured. Track several flights of each to measure it."
+        )
+    before, after = (_counted(count, "flight") for count in found.flights)
+    return f"{words} {before} of A and {after} of B show how much flights differ."
+
+
+def live_report(
+    history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str
+) -> list[Sentence | Table]:
+    """The errors of what was predicted, the parts learnt from, and the events; times in s from the beginning.
+
+    ``account`` are seconds by the keys of ``ACCOUNT``.
+    """
+    errors = history.errors()
+    blocks: list[Sentence | Table] = [Sentence("", lead=_live_headline(errors, axis))]
+    blocks += [Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in status.alarms]
+    if any(alarm.motor is not None for alarm in status.alarms):
+        blocks.append(Sentence(FALSE_ALARMS_BASIS, "False alarms:"))
+    if status.obstacle:
+        blocks.append(Sentence(status.obstacle, "At the end:"))
+    if errors:
+        blocks += [
+            _errors(errors, axis),
+            Sentence(
+                "predictions without the motors of the time ahead, made in flight and compared with what came. "
+                "Baseline: the last sample held.",
+                "How they were made:",
+            ),
+        ]
+    if history.learnt:
+        rows = [[f"{first:.0f} s", f"{last:.0f} s", f"{last - first:.0f} s"] for first, last in history.learnt]
+        blocks.append(Table(["learned from", "until", "length"], rows))
+    spent = [[what[0].upper() + what[1:], f"{account[kind]:.0f} s"] for kind, what in ACCOUNT.items() if account[kind]]
+    return [*blocks, Table([f"of {sum(account.values()):.0f} s", "time"], spent), *_link(status)]
+
+
+def event_blocks(history: LiveHistory) -> list[Sentence | Table]:
+    """What happened when."""
+    rows = [[f"{event.seconds:.1f} s", event.sentence] for event in history.events]
+    return [Table(["time", "what happened"], rows, words=True)] if rows else [Sentence("Nothing happened.")]
+
+
+def _live_headline(errors: Sequence[HorizonErrors], axis: str) -> str:
+    if not errors:
+        return f"Nothing of {axis} was predicted: there was no settled flight to learn from."
+    best = min(errors, key=lambda one: abs(one.seconds - AHEAD))
+    unit = readable("rad")
+    ours, held = (unit.scale * sqrt(square[0]) for square in (best.mse, best.held))
+    return (
+        f"{axis.capitalize()} was predicted {best.seconds:.2g} s ahead with an RMSE of {ours:.2g}° (baseline "
+        f"{held:.2g}°); {100 * best.inside[0]:.0f} % of the samples were inside the 90 % band."
+    )
+
+
+def _errors(errors: Sequence[HorizonErrors], axis: str) -> Table:
+    names = [(axis, readable("rad")), (f"{axis} rate", readable("rad/s"))]
+    header = ["RMSE of predictions"]
+    for name, unit in names:
+        header += [named(name, unit.name), "baseline", "in its 90 % band"]
+    rows = []
+    for one in errors:
+        row = [f"{one.seconds:.2g} s ahead"]
+        for i, (_, unit) in enumerate(names):
+            row += [*(f"{unit.scale * sqrt(square[i]):.2g}" for square in (one.mse, one.held)), f"{one.inside[i]:.0%}"]
+        rows.append(row)
+    return Table(header, rows)
+
+
+def _link(status: SessionStatus) -> list[Sentence]:
+    if status.vehicle is None:
+        return []
+    rates = ", ".join(f"{name} {rate:.3g} Hz" for name, rate in sorted(status.rates.items()) if rate)
+    parts = [f"vehicle {status.vehicle}", *([f"at the end {rates}"] if rates else [])]
+    parts.append(f"{status.lost} messages lost, {status.late} samples too late, {status.unread} frames not decoded")
+    return [Sentence(f"{'; '.join(parts)}.", "Link:")]
+
+
+LARGEST_ERROR = 10.0  # of the truth, from which on it is not shown in percent
+
+
+def truth_blocks(found: TruthComparison) -> list[Sentence | Table]:
+    """A row a parameter with the truth beside it, and how the wind's torque compares."""
+    compared = list(found.parameters)
+    if found.wind is not None and found.wind.resolved:
+        compared.append(found.wind.mean)
+    held = [one.inside for one in compared if one.inside is not None]
+    count = f" {sum(held)} of {len(held)} intervals hold the truth." if held else ""
+    blocks: list[Sentence | Table] = [
+        Sentence(f"of {found.source}; ± is the half width of the 90 % interval.{count}", "Truth:")
+    ]
+    if compared:
+        blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], [_row(one) for one in compared]))
+    return [*blocks, *([] if found.wind is None else [_wind(found.wind)])]
+
+
+def _row(one: ComparedParameter) -> list[str]:
+    unit, scale = _shown(one.unit)
+    estimate, half, truth = (scale * value for value in (one.estimate, one.half_width, one.truth))
+    inside = {None: one.status, True: "yes", False: "no"}[one.inside]
+    return [
+        one.name,
+        plus_minus(estimate, half) if isfinite(half) else rounded(estimate),
+        rounded(truth, 3),
+        _error(estimate, truth),
+        unit,
+        f"{inside}, biased" if one.status == "biased" else inside,
+    ]
+
+
+def _error(estimate: float, truth: float) -> str:
+    """In percent of the truth, where that is no number near 0."""
+    return (
+        f"{round(100 * (estimate / truth - 1)) + 0:+d} %" if abs(estimate - truth) < LARGEST_ERROR * abs(truth) else ""
+    )
+
+
+def _shown(unit: str) -> tuple[str, float]:
+    """A unit to show, and what to multiply values by: degrees for radians, ms for s."""
+    if unit == "s":
+        return "ms", 1e3
+    angle, _, per = unit.partition(" per ")
+    shown = readable(angle)
+    return f"{shown.name}{f' per {per}' if per else ''}", shown.scale
+
+
+def _wind(found: ComparedWind) -> Sentence:
+    unit = readable("rad/s²")
+    resolved = "" if found.resolved else " The estimate is not resolved: its expected errors are as large as itself."
+    return Sentence(
+        f"correlation {found.correlation:.2f}; standard deviation {with_unit(found.sd, unit)}, truth "
+        f"{with_unit(found.true_sd, unit)}; {100 * found.inside:.0f} % of the samples inside the 90 % band.{resolved}",
+        "Wind's torque beside its truth:",
+    )

@@ -1,0 +1,231 @@
+"""Names and units for people: degrees for angles; states that are outputs have their names.
+
+Numbers for people: rounded to what their intervals bear, in degrees where they are angles.
+
+The command of an axis: by how much the motors that turn the vehicle one way run above those that turn it back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from math import floor, isfinite, log10
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.dem import Learned
+
+
+class Labelled(Protocol):
+    """Names and units of channels: of a flight, recorded or live."""
+
+    @property
+    def input_names(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def output_names(self) -> tuple[str, ...]: ...  # noqa: D102
+    @property
+    def output_units(self) -> tuple[str, ...]: ...  # noqa: D102
+
+
+class Labels(NamedTuple):
+    """Names and units of channels, one a column; a unit that is not known is empty."""
+
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    input_units: tuple[str, ...]
+    output_units: tuple[str, ...]
+
+    @classmethod
+    def of(cls, learned: Learned) -> Labels:
+        """Those of the training data; numbers where it has no names."""
+        record = learned.record
+        inputs, outputs = record.inputs.shape[1], record.outputs.shape[1]
+        return cls(
+            record.input_names or tuple(f"input {i + 1}" for i in range(inputs)),
+            record.output_names or tuple(f"output {i + 1}" for i in range(outputs)),
+            record.input_units or ("",) * inputs,
+            record.output_units or ("",) * outputs,
+        )
+
+
+class Readable(NamedTuple):
+    """A unit to show values in: what is shown is ``scale`` times the value."""
+
+    name: str
+    scale: float
+
+
+def readable(unit: str) -> Readable:
+    """Degrees for radians, anything else as it is."""
+    if unit == "rad" or unit.startswith("rad/"):
+        return Readable("°" + unit.removeprefix("rad"), float(np.rad2deg(1.0)))
+    return Readable(unit, 1.0)
+
+
+def named(name: str, unit: str) -> str:
+    """The name with its unit, where it has one."""
+    return f"{name}, {unit}" if unit else name
+
+
+def short(name: str) -> str:
+    """A name without the remark in brackets after it: "motor 1" for "motor 1 (front right)"."""
+    return name.split(" (")[0]
+
+
+def place(name: str) -> str:
+    """Where a motor is: "front right" for "motor 1 (front right)", and the name where that is not known."""
+    _, bracket, where = name.partition(" (")
+    return where.removesuffix(")") if bracket else name
+
+
+def listed(names: Iterable[object]) -> str:
+    """``a, b and c``; empty where there are none."""
+    *before, last = [*map(str, names)] or [""]
+    return f"{', '.join(before)} and {last}" if before else last
+
+
+def left_free(learned: Learned) -> dict[str, NDArray[np.bool_]]:
+    """Which entries of A, B and C are estimated from the data, each in the order of θ."""
+    model = learned.model
+    A, B, C = np.split(~learned.known, [model.A.size, model.A.size + model.B.size])
+    return {"A": A, "B": B, "C": C}
+
+
+THREE_STATES = (
+    "`mavdem learn` has 3 states unless --order says otherwise: angle, rate, and the lag of the motors, which exists, "
+    "and without which forecasts are worse (docs/benchmarks.md). `mavdem order` counts the states that the outputs "
+    "show; 2 means that no lag can be seen in them."
+)
+"""Why the two commands differ, for the reports of both."""
+
+
+def states_are_outputs(learned: Learned) -> bool:
+    """Whether the first states are the outputs: C is fixed to [I 0]. With a free C the states are arbitrary."""
+    return not bool(left_free(learned)["C"].any())
+
+
+def state_names(flight: Labelled, learned: Learned) -> list[str]:
+    """Names of the n states: the outputs', then the hidden ones', or numbers where states are not outputs."""
+    order, outputs = learned.model.A.shape[0], flight.output_names
+    if not states_are_outputs(learned):
+        return [f"state {i + 1}" for i in range(order)]
+    return [*outputs, *(f"hidden {i + 1}" for i in range(order - len(outputs)))][:order]
+
+
+def entries(flight: Labelled, learned: Learned) -> dict[str, list[tuple[str, str]]]:
+    """Names of the row and the column of each entry of A, B and C, in the order of θ."""
+    states = state_names(flight, learned)
+    return {
+        "A": [(row, column) for row in states for column in states],
+        "B": [(row, column) for row in states for column in flight.input_names],
+        "C": [(row, column) for row in flight.output_names for column in states],
+    }
+
+
+def parameter_names(flight: Labelled, learned: Learned) -> list[str]:
+    """A name for each parameter, in the order of θ."""
+    return [
+        f"{matrix}: {short(row)} from {short(column)}"
+        for matrix, cells in entries(flight, learned).items()
+        for row, column in cells
+    ]
+
+
+def state_rate_units(flight: Labelled, learned: Learned) -> list[str]:
+    """Units of the n states per second; a hidden state has the last output's, one that is no output has none."""
+    order, units = learned.model.A.shape[0], flight.output_units
+    if not states_are_outputs(learned):
+        return [""] * order
+    return [per_second(unit) for unit in [*units, *[units[-1]] * (order - len(units))][:order]]
+
+
+def per_second(unit: str) -> str:
+    """The unit of a rate of change."""
+    if not unit:
+        return "per s"
+    return unit.removesuffix("/s") + "/s²" if unit.endswith("/s") else unit + "/s"
+
+
+FEW_DIGITS = 3  # A half width that begins with 1 or 2 has two digits, lest rounding changes it by a third
+
+
+def plus_minus(value: float, half: float) -> str:
+    """An estimate and the half width of its interval, as many digits as that bears; a dash where there is none."""
+    if not (isfinite(value) and isfinite(half)):
+        return "-"
+    if half <= 0:
+        return f"{value:.3g}"
+    digit = floor(log10(half))
+    digit -= half < FEW_DIGITS * 10.0**digit
+    # Decimals where they are few, else one power of ten for both.
+    power = 0 if -6 <= digit <= 2 else 3 * (max(digit, floor(log10(abs(value) or half))) // 3)
+    decimals = max(power - digit, 0)
+    mean, width = (
+        f"{round(number / 10.0**power, power - digit) + 0.0:.{decimals}f}" for number in (float(value), float(half))
+    )
+    return f"({mean} ± {width})e{power}" if power else f"{mean} ± {width}"
+
+
+def with_unit(value: float, unit: Readable, digits: int = 2) -> str:
+    """A value in the unit it is shown in: "3.9°", "3.7 °/s"."""
+    space = "" if unit.name in ("", "°") else " "
+    return f"{rounded(unit.scale * value, digits)}{space}{unit.name}"
+
+
+def rounded(value: float, digits: int = 2) -> str:
+    """So many significant digits, and those before the decimal point; no exponent for sizes of every day."""
+    if not isfinite(value):
+        return "infinite" if value > 0 else "-"
+    if value == 0 or not 1e-4 <= abs(value) < 1e6:
+        return f"{value:.{digits}g}"
+    return f"{value:.{max(digits - 1 - floor(log10(abs(value))), 0)}f}"
+
+
+Array = NDArray[np.float64]
+
+
+class AxisCommand(NamedTuple):
+    """One number for r inputs: c = ``weights`` · (u − trim), in the unit of the inputs.
+
+    Attributes:
+        name: such as "roll command".
+        unit: of the inputs, empty where it is not known.
+        weights: (r,) of the motors that turn the vehicle up the axis they sum to 1, of the others to -1.
+        motors: (r,) what the motors do for a command of 1 and for nothing else.
+    """
+
+    name: str
+    unit: str
+    weights: Array
+    motors: Array
+
+    @classmethod
+    def of(cls, learned: Learned) -> AxisCommand:
+        """That of the axis which was learnt, by the mixer's geometry or else by each motor's estimated effect."""
+        labels, directions = Labels.of(learned), _directions(learned)
+        up, down = np.maximum(directions, 0.0), np.maximum(-directions, 0.0)
+        weights = sum(sign * side / side.sum() for sign, side in ((1, up), (-1, down)) if side.any())
+        motors = directions / (weights @ directions)
+        return cls(f"{labels.output_names[0]} command", labels.input_units[0], np.asarray(weights), motors)
+
+    def series(self, inputs: Array) -> Array:
+        """(T,) the command over inputs (T, r), about its mean."""
+        command = inputs @ self.weights
+        return np.asarray(command - command.mean())
+
+    @property
+    def label(self) -> str:
+        """The name with its unit: "roll command (µs)"."""
+        return f"{self.name} ({self.unit})" if self.unit else self.name
+
+
+def _directions(learned: Learned) -> Array:
+    """(r,) how each input turns the vehicle, relative to the others; not all are zero."""
+    known = learned.record.effect_directions
+    if known is not None:
+        return np.asarray(known)
+    if learned.record.inputs.shape[1] == 1:  # the controller's demand
+        return np.ones(1)
+    effect = learned.model.B[-1] if learned.physical is None else learned.physical.effect
+    return np.asarray(effect if effect.any() else np.ones(len(effect)))

@@ -1,0 +1,408 @@
+"""Page: a result as one HTML file that can be mailed, printed and read without a network; it runs no script.
+
+Each page is the blocks that the screen shows too, figures, and folded chapters, which :func:`document` lays out.
+"""
+
+from __future__ import annotations
+
+import platform
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import asdict
+from functools import partial
+from importlib.metadata import version
+from time import monotonic
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from jinja2 import ChoiceLoader, Environment, PackageLoader
+from markupsafe import Markup, escape
+
+from mavdem.analysis import LogAnalysis
+from mavdem.dem import Estimate, Learned, Settings
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.order.choice import OrderChoice
+from mavdem.errors import advice, downstream
+from mavdem.evaluate.comparison import Comparison
+from mavdem.live import SessionStatus, Setup
+from mavdem.live.history import AHEAD, LiveHistory
+from mavdem.live.session import Display
+from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.comparison import comparison_report, order_report
+from mavdem.report.condition import log_blocks
+from mavdem.report.details import detail_blocks
+from mavdem.report.flights import event_blocks, live_report
+from mavdem.report.numbers import Labels, listed
+from mavdem.report.palette import INK_ON_LIGHT
+from mavdem.report.screen import analysis_blocks, key_figures, screen
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+RATINGS = {
+    "good": ("GOOD", "ok", "reported", "reproduced"),
+    "fair": ("LIMITED", "biased", "drift"),
+    "bad": ("NOT IDENTIFIABLE", "not identifiable", "fault", "unstable"),
+}
+"""Words that are set off by a colour where a cell of a table begins with one, by that colour's class."""
+WARNINGS = ("Caution", "Warning")
+"""How the lead of a sentence begins that is set off at its side."""
+
+_NUMBER = re.compile(r"[-+−±(<>≤≥~≈]?\s*[\d.∞]|-$|–$|nan$|inf$")
+
+
+class Picture(NamedTuple):
+    """A figure of the page, its ``title`` above it and a ``caption`` on how to read it below.
+
+    ``draw`` makes it, or raises ``ValueError`` with the reason why there is none. A ``large`` one takes two columns.
+    """
+
+    title: str
+    caption: str
+    draw: Callable[[], Figure]
+    large: bool = False
+
+
+class Chapter(NamedTuple):
+    """A part of the page after its result: ``title``, ``blocks``, ``pictures``.
+
+    Of a ``folded`` one only the title is shown until it is opened.
+    """
+
+    title: str
+    blocks: Sequence[Block] = ()
+    pictures: Sequence[Picture] = ()
+    folded: bool = False
+
+
+def document(
+    title: str,
+    subtitle: str,
+    blocks: Sequence[Block],
+    chapters: Sequence[Chapter] = (),
+    strip: Sequence[tuple[str, str]] = (),
+    back: tuple[str, str] | None = None,
+) -> str:
+    """Returns the HTML of a page: its title and subtitle, the result in ``blocks``, then chapters.
+
+    ``strip`` are the few figures to see at a glance, label and value; ``back`` the name and the relative address of the
+    page that leads here. All text is escaped. What cannot be drawn says why in its place. The same arguments give the
+    same bytes with the same versions of mavdem, matplotlib and Python.
+    """
+    return (
+        environment()
+        .get_template("document.html")
+        .render(
+            title=title,
+            subtitle=subtitle,
+            blocks=blocks,
+            chapters=[_drawn(chapter, number) for number, chapter in enumerate(chapters) if any(chapter[1:3])],
+            strip=strip,
+            back=back,
+        )
+    )
+
+
+def environment(package: str = "mavdem.report") -> Environment:
+    """Returns Jinja's environment for templates of a package, which may extend this one's; it escapes all text."""
+    loader = ChoiceLoader([PackageLoader(name, "") for name in dict.fromkeys((package, "mavdem.report"))])
+    made = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+    made.globals |= {"made_by": f"mavdem {version('mavdem')}, Python {platform.python_version()}", "ink": INK_ON_LIGHT}
+    made.tests |= {
+        "table": lambda block: isinstance(block, Table),
+        "warning": lambda block: block.lead.startswith(WARNINGS),
+    }
+    made.filters |= {"of_text": _text_columns, "rating": _rating, "prose": _prose, "headline": _headline}
+    return made
+
+
+def _drawn(chapter: Chapter, number: int) -> dict[str, Any]:
+    """The chapter with its pictures as SVG; where one cannot be drawn, a sentence with the reason."""
+    blocks, drawings = list(chapter.blocks), []
+    if chapter.pictures and (hint := advice("Drawing the pictures of this page", "plot")):
+        blocks.append(Sentence(f"{hint} Then run the same command again."))
+    else:
+        for place, picture in enumerate(chapter.pictures):
+            try:
+                svg = downstream("report.figures.style", "svg")(picture.draw(), f"figure-{number}-{place}")
+            except ValueError as error:
+                blocks.append(Sentence(f"{error}.", f"{picture.title}:"))
+            else:
+                drawings.append((picture, Markup(svg)))
+    return {"title": chapter.title, "blocks": blocks, "drawings": drawings, "folded": chapter.folded}
+
+
+def _text_columns(table: Table) -> list[bool]:
+    """Which columns hold words: the first, and those whose cells are not mostly numbers."""
+    columns = zip(*table.rows, strict=True) if table.rows else [()] * len(table.header)
+    filled = [[cell for cell in column if cell] for column in columns]
+    words = [2 * sum(not _NUMBER.match(cell) for cell in cells) > len(cells) for cells in filled]
+    return [True, *(table.words or in_words for in_words in words[1:])]
+
+
+def _prose(text: str) -> Markup:
+    """Text with what stands between backquotes as code."""
+    parts = text.split("`")
+    if len(parts) % 2 == 0:
+        return escape(text)
+    shown = (Markup("<code>{}</code>").format(part) if place % 2 else escape(part) for place, part in enumerate(parts))
+    return Markup("").join(shown)
+
+
+def _headline(text: str) -> tuple[str, str]:
+    """The first sentence, and the others."""
+    first, *others = re.split(r"(?<=[.:!?]) (?=[A-Z])", text, maxsplit=1)
+    return first, "".join(others)
+
+
+def _rating(cell: str) -> str:
+    """The class of a cell that rates something; empty for others."""
+    return next((name for name, words in RATINGS.items() if cell.startswith(words)), "")
+
+
+def log_page(
+    heading: Sentence,
+    blocks: Sequence[Block],
+    inventory: dict[str, Any],
+    analysis: LogAnalysis,
+    details: Sequence[Block] = (),
+) -> str:
+    """Returns the HTML of one log, with a model or without.
+
+    Args:
+        heading: which log, and what of it.
+        blocks: the report on the screen.
+        inventory: of ``mavdem.condition.inventory``.
+        analysis: what the log says of one vehicle and axis.
+        details: what the screen leaves out of the model.
+    """
+    learned, held_out, chapters, strip = analysis.learned, analysis.held_out, [], []
+    if learned is not None and held_out is not None:
+        chapters = [
+            Chapter("Pictures", pictures=model_pictures(learned, analysis=analysis)),
+            Chapter("The model, and how it was learned", details, folded=True),
+        ]
+        strip = key_figures(learned, held_out)
+    chapters.append(Chapter("What was read from the log, and repaired", log_blocks(inventory), folded=True))
+    if learned is not None:
+        chapters.append(Chapter("Settings", [settings_table(learned.settings)], folded=True))
+    subtitle = heading.text[:1].upper() + heading.text[1:]
+    return document(heading.lead.rstrip(":"), subtitle, blocks, chapters, strip)
+
+
+def settings_table(settings: Settings) -> Table:
+    """Returns every setting by name; ``mavdem.Settings`` says what each means."""
+    return Table(["setting", "value"], [[name, str(value)] for name, value in asdict(settings).items()], words=True)
+
+
+def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = "../index.html") -> str:
+    """Returns the HTML of one flight of a fleet: the report of each axis with few pictures, small enough for many.
+
+    Args:
+        file: the log's name.
+        analyses: what the log says of one vehicle, by axis; one at least.
+        index: where the link back leads.
+    """
+    first, *others = analyses.values()
+    strip = key_figures(first.learned, first.held_out) if first.learned is not None else []
+    blocks = analysis_blocks(first)
+    # Vehicle, battery and balance are the same on each axis.
+    chapters = [
+        Chapter(axis.capitalize(), [block for block in analysis_blocks(analysis) if block not in blocks])
+        for axis, analysis in zip(list(analyses)[1:], others, strict=True)
+    ]
+    details = []
+    for axis, analysis in analyses.items():
+        if (learned := analysis.learned) is not None:
+            drawn = model_pictures(learned, ("forecast", "disturbance", "motors"), analysis)
+            chapters.append(Chapter(f"Pictures of {axis}", pictures=drawn))
+            how = detail_blocks(learned, analysis.as_dict())
+            details.append(Chapter(f"The model of {axis}, and how it was learned", how, folded=True))
+    subtitle = f"{listed(analyses).capitalize()} of a flight."
+    if not details:
+        subtitle = "No model could be learned from this flight; what it holds nevertheless."
+    return document(file, subtitle, blocks, [*chapters, *details], strip, ("Fleet", index))
+
+
+PICTURES = {
+    "forecast": (
+        "Forecast of {output}",
+        "Windows that no model saw which forecasts them, each from what came before it, with the motors as recorded. "
+        "Shown in full are neighbours with errors near the median. Below, if there are more, the error of each window.",
+    ),
+    "disturbance": (
+        "Wind torque",
+        "Angular acceleration by neither the motors nor the damping, with its 90 % band; gusts are marked. Below, its "
+        "spectrum.",
+    ),
+    "motors": (
+        "Motors",
+        "The control effectiveness of each motor with its 90 % interval, and how hard each works where that is known.",
+    ),
+    "bode": (
+        "Frequency response",
+        "From the command of the axis to its rate (Bode plot), with a 90 % band at each frequency.",
+    ),
+    "step": (
+        "Step response",
+        "After a step of the command, with a 90 % band at each time. Where the two differ, closed loop biases the "
+        "model's A and B: the physical parameters are what the vehicle does.",
+    ),
+    "poles": (
+        "Poles",
+        "Of model and physical parameters with the motors as inputs, without the autopilot; left of 0 is stable.",
+    ),
+    "residuals": (
+        "Residuals",
+        "Errors one step ahead in the training data; what of them their past and the command would still predict. "
+        "Inside the shaded bounds that may be chance.",
+    ),
+    "learning": ("Learning", "The free energy action F̄, its terms and the parameters by iteration."),
+}
+"""Title and caption by the method of ``learned.plot`` that draws it."""
+
+
+def model_pictures(
+    learned: Learned, methods: Iterable[str] = PICTURES, analysis: LogAnalysis | None = None
+) -> list[Picture]:
+    """Returns the pictures of a model; those of forecasts and of hovering motors need the ``analysis`` it is from."""
+    pictures = []
+    for method in methods:
+        title, caption = PICTURES[method]
+        options: list[dict[str, Any]] = [{}]
+        if method == "motors" and analysis is not None:
+            options = [{"hover": analysis.vehicle.hover}]
+        elif method == "forecast":
+            assert analysis is not None
+            outputs = range(len(Labels.of(learned).output_names) if methods is PICTURES else 1)
+            options = [{"held_out": analysis.held_out, "output": output} for output in outputs]
+        for option in options:
+            name = Labels.of(learned).output_names[option.get("output", 0)]
+            heading, words = title.format(output=name), f"The same of {name}." if option.get("output") else caption
+            pictures.append(Picture(heading, words, partial(_draw, learned, method, option)))
+    return pictures
+
+
+def _draw(learned: Learned, method: str, options: Mapping[str, Any]) -> Figure:
+    """``learned.plot`` loads matplotlib, which not everyone has."""
+    figure: Figure = getattr(learned.plot, method)(**options)
+    return figure
+
+
+def comparison_page(comparison: Comparison, from_zero: bool = False) -> str:
+    """Returns the HTML of a comparison; ``from_zero``: forecasts start from state 0."""
+    draw = partial(downstream, "report.figures.comparisons")
+    windows = Picture(
+        "Errors in every window",
+        "Each dot is one window, each bar the median of a method. Dots at an edge are beyond it.",
+        lambda: draw("error_ratios")(comparison, from_zero),
+    )
+    growth = Picture(
+        "Errors by horizon",
+        "The median error ratio by the number of steps that are forecast from one state, of each kind of method the "
+        "best. Below 1 a forecast is better than the constant mean.",
+        lambda: draw("error_growth")(comparison),
+    )
+    blocks = comparison_report(comparison, from_zero)
+    first = next(number for number, block in enumerate(blocks) if isinstance(block, Table))
+    return document(
+        "DEM and other methods",
+        f"Forecasts of the same windows of {listed(comparison.flights)}.",
+        blocks[:first],
+        [
+            Chapter("Pictures", pictures=[windows] if from_zero else [windows, growth]),
+            Chapter("All errors", blocks[first:]),
+        ],
+    )
+
+
+def order_page(choice: OrderChoice, names: Sequence[str]) -> str:
+    """Returns the HTML of a choice of the model order; ``names`` are those of its flights."""
+    picture = Picture(
+        "Free energy by order",
+        "How far F̄ is below its highest value. In the shaded part the difference is no strong evidence.",
+        lambda: downstream("report.figures.comparisons", "free_energy_by_order")(choice, names),
+    )
+    return document(
+        "Model order",
+        f"The number of states that {listed(names)} show{'s' * (len(names) == 1)}, by the free energy.",
+        order_report(choice, names),
+        [Chapter("Pictures", pictures=[picture])],
+    )
+
+
+def live_page(
+    link: str,
+    axis: str,
+    history: LiveHistory,
+    status: SessionStatus,
+    account: Mapping[str, float],
+    learned: Learned | None,
+) -> str:
+    """Returns the HTML of a live flight.
+
+    Args:
+        link: that it came over.
+        axis: of the motion.
+        history: what was collected in flight.
+        status: at the end.
+        account: seconds by the keys of ``ACCOUNT``.
+        learned: the model at the end, if there is one.
+    """
+    flown = Picture(
+        "The flight",
+        "The predictions were made in flight, without the motors of the time ahead; band: 90 %. Below, the wind torque "
+        "as estimated in flight. What is shaded was trained on.",
+        lambda: downstream("report.figures.series", "live_flight")(history, axis),
+        large=True,
+    )
+    model = [] if learned is None else model_pictures(learned, ("motors", "bode", "step", "poles"))
+    return document(
+        f"Flight over {link}",
+        f"What {axis} did, learned and predicted while it flew.",
+        live_report(history, status, account, axis),
+        [
+            Chapter("Pictures", pictures=[flown, *model]),
+            Chapter("What happened", event_blocks(history)),
+            Chapter("The model at the end", [] if learned is None else screen(learned)),
+        ],
+        [] if learned is None else key_figures(learned),
+    )
+
+
+class SessionHistory:
+    """A display of a live session that collects its history, ``of``, and passes everything on."""
+
+    def __init__(self, show: Callable[[Setup], Display | None], say: Callable[[str], None]) -> None:
+        """Begins now; ``show`` opens the display of a setup, and ``say`` prints a sentence."""
+        self.of = LiveHistory(AHEAD)
+        self._show, self._say, self._began = show, say, monotonic()
+        self._display: Display | None = None
+
+    def open(self, setup: Setup) -> Display:
+        """Shows the rows of a setup from now on."""
+        self._display = self._show(setup)
+        return self
+
+    def put(
+        self,
+        time: float,
+        segment: int,
+        outputs: Array,
+        inputs: Array,
+        estimate: Estimate | None = None,
+        learned: Learned | None = None,
+    ) -> None:
+        """Takes a row."""
+        self.of.take(monotonic() - self._began, segment, time, outputs, estimate)
+        if self._display is not None:
+            self._display.put(time, segment, outputs, inputs, estimate, learned)
+
+    def log(self, text: str) -> None:
+        """Passes on a sentence that was said."""
+        if self._display is not None:
+            self._display.log(text)
+
+    def say(self, text: str) -> None:
+        """Takes a sentence when it is said."""
+        self.of.note(monotonic() - self._began, text)
+        self._say(text)

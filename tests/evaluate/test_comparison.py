@@ -1,0 +1,416 @@
+"""Comparison: what goes wrong stays in its row, errors are those of the windows, and where the first loses is told."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+import pytest
+from simulated import simulated
+
+from mavdem import Flight, baselines
+from mavdem.evaluate import HORIZONS, Paired, mspe, relative_mspe
+from mavdem.evaluate.comparison import METHODS, Comparison, Method, Outcome, compare, evaluate_window, outcomes
+from mavdem.evaluate.scores import FROM_ZERO, KNOWN, UNKNOWN, ratio
+from mavdem.evaluate.windows import windows
+from mavdem.report.blocks import Sentence, Table
+from mavdem.report.comparison import comparison_report
+
+FLIGHTS = {name: simulated(seed, samples=1700, wind=2.0) for seed, name in enumerate("ab")}
+WINDOWS = [window for name, flight in FLIGHTS.items() for window in windows(name, flight)]
+MEAN, HOLD, ARX = (
+    Method("constant mean", baselines.constant_mean, predicts=True),
+    Method("hold", baselines.hold, predicts=True),
+    Method("ARX", baselines.arx),
+)
+
+
+class Doubtful:
+    """A joint model that expects errors so many ``times`` the training variance."""
+
+    def __init__(self, train: Flight, times: float) -> None:
+        self.model, self.variance = baselines.var(train, 4), times * train.outputs.var(axis=0)
+
+    def __getattr__(self, name: str) -> object:
+        return getattr(self.model, name)
+
+    def forecast_variance(self, inputs: np.ndarray) -> np.ndarray:
+        return np.tile(self.variance, (len(inputs), 1))
+
+
+def refuses(train: Flight) -> None:
+    raise ValueError("train is not to my liking")
+
+
+def breaks(train: Flight) -> None:
+    raise ZeroDivisionError("division by zero")
+
+
+def explodes(train: Flight) -> baselines.Identified:
+    held = baselines.hold(train)
+    return replace(held, model=held.model._replace(A=1e4 * held.model.A))
+
+
+def is_lost(train: Flight) -> baselines.Identified:
+    held = baselines.hold(train)
+    return replace(held, model=held.model._replace(offset=np.full(2, np.nan)))
+
+
+def is_off(train: Flight) -> baselines.Identified:
+    mean = baselines.constant_mean(train)
+    return replace(mean, model=mean.model._replace(output_trim=mean.model.output_trim + 100.0))
+
+
+REFUSES, BREAKS, EXPLODES, IS_LOST, IS_OFF = (
+    Method(made.__name__, made) for made in (refuses, breaks, explodes, is_lost, is_off)
+)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def in_this_process():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
+        yield
+
+
+@pytest.fixture(scope="module")
+def compared():
+    return compare(WINDOWS, [HOLD, MEAN, ARX, REFUSES, EXPLODES])
+
+
+def row_of(rows: tuple[dict, ...], method: str) -> dict:
+    return next(row for row in rows if row["method"] == method)
+
+
+def whole(outcome: Outcome, question: str = KNOWN) -> float:
+    """The error ratio of the whole test part."""
+    return ratio(outcome.of(question))[-1]
+
+
+def test_an_outcome_is_what_the_model_says_of_the_window():
+    window = WINDOWS[1]
+    found, model = evaluate_window(ARX, window), baselines.arx(window.train)
+    assert (found.method, found.flight, found.start, found.failure) == ("ARX", "a", 425, "")
+    assert (found.stable, found.cautions) == (model.stable, model.cautions)
+    forecasts = {KNOWN: model.forecast(window.test.inputs), FROM_ZERO: model.forecast(window.test.inputs, True)}
+    for question, forecast in forecasts.items():
+        np.testing.assert_array_equal(found.forecasts[question], forecast)
+        np.testing.assert_array_equal(found.mspe(question), mspe(window.test.outputs, forecast).per_output)
+        assert whole(found, question) == relative_mspe(window.train, window.test, forecast)
+    assert found.of(KNOWN)["steps"].tolist() == list(HORIZONS) and not len(found.of(UNKNOWN))
+
+
+@pytest.mark.parametrize(
+    ("method", "failure"),
+    [(REFUSES, "train is not to my liking"), (BREAKS, "ZeroDivisionError: division by zero")],
+)
+def test_a_method_without_an_answer_says_why_and_errs_infinitely(method, failure):
+    found = evaluate_window(method._replace(predicts=True), WINDOWS[0])
+    assert (found.failure, found.stable, found.forecasts) == (failure, None, {})
+    assert ratio(found.scores).tolist() == [np.inf] * 13
+    assert found.of(UNKNOWN)["steps"].tolist() == list(HORIZONS)
+
+
+@pytest.mark.parametrize("method", [EXPLODES, IS_LOST])
+def test_a_forecast_beyond_all_numbers_errs_infinitely(method):
+    found = evaluate_window(method, WINDOWS[0])
+    assert not found.failure and whole(found) == np.inf
+
+
+def test_a_forecast_that_expects_more_than_the_constant_mean_s_error_is_cautioned_against():
+    found = {
+        times: evaluate_window(Method("doubtful", partial(Doubtful, times=times)), WINDOWS[0]) for times in (0.9, 1.1)
+    }
+    assert not found[0.9].cautions
+    assert found[1.1].cautions == ("The error to expect of the forecast is larger than the constant mean's.",)
+
+
+def test_a_fault_of_our_own_is_no_outcome():
+    with pytest.raises(TypeError):
+        evaluate_window(Method("hold", lambda: None), WINDOWS[0])
+
+
+def test_a_window_without_a_unit_of_error_fails_for_every_method():
+    flight = FLIGHTS["a"]
+    still = Flight(flight.time, flight.inputs, flight.outputs * [1, 0])
+    (window, *_) = windows("still", still)
+    for method in (HOLD, MEAN, METHODS[0]):
+        assert "vary" in evaluate_window(method, window).failure
+
+
+def test_what_is_compared_can_be_sent_to_other_processes():
+    for method in METHODS:
+        again = pickle.loads(pickle.dumps(method))
+        assert again.name == method.name
+    outcome = evaluate_window(ARX, WINDOWS[0])
+    assert pickle.loads(pickle.dumps(outcome)).to_dict() == outcome.to_dict()
+
+
+def test_outcomes_come_by_window_and_make_the_comparison_in_any_order(compared):
+    found = list(outcomes(WINDOWS, [HOLD, MEAN]))
+    assert [(one.flight, one.start, one.method) for one in found[:3]] == [
+        ("a", 0, "hold"),
+        ("a", 0, "constant mean"),
+        ("a", 425, "hold"),
+    ]
+    one, other = (Comparison.of(WINDOWS, some) for some in (found, [found[0], *found[:0:-1]]))
+    assert one.methods == ("hold", "constant mean")
+    assert [row[0].start for row in other.outcomes] == [row[0].start for row in one.outcomes]
+    with pytest.raises(ValueError, match="is missing"):
+        Comparison.of(WINDOWS, found[:-1])
+    with pytest.raises(ValueError, match="of the windows"):
+        Comparison.of(WINDOWS[:-1], found)
+    with pytest.raises(ValueError, match="of the windows"):
+        Comparison.of([], [])
+
+
+def test_a_summary_is_the_median_of_its_windows(compared):
+    rows = compared.summaries("a")
+    hold, mean, refused, exploded = (row_of(rows, name) for name in ("hold", "constant mean", "refuses", "explodes"))
+    column = [row[0] for row in compared.outcomes if row[0].flight == "a"]
+    ratios = [whole(one) for one in column]
+    assert hold["relative"] == np.median(ratios) == hold["horizons"][-1]["relative"]
+    assert (hold["worst"], hold["worse_than_constant"]) == (max(ratios), sum(np.array(ratios) > 1))
+    errors = np.mean([one.mspe() for one in column], axis=0)
+    assert hold["mspe"] == errors.tolist() and hold["mspe_total"] == pytest.approx(errors.sum())
+    assert mean["relative"] == 1 and mean["worse_than_constant"] == 0
+    assert (refused["failed"], refused["failure"]) == (3, "train is not to my liking")
+    assert (exploded["failed"], exploded["diverged"], exploded["unstable"]) == (0, 3, 3)
+    assert [row["relative"] for row in rows] == sorted(row["relative"] for row in rows)
+
+
+def test_the_first_is_paired_with_each_on_windows_that_do_not_overlap(compared):
+    found = {row["method"]: row["horizons"][-1]["reference"] for row in compared.summaries("a")}
+    ours, theirs = (np.array([whole(row[column]) for row in compared.outcomes[:3]]) for column in (0, 2))
+    assert found["ARX"].ratio == pytest.approx(np.median(ours / theirs))
+    assert (found["ARX"].windows, found["ARX"].tested) == (3, 2)
+    assert found["refuses"] == Paired(0.0, 3, 3, 2, 0.5)
+    assert found["hold"] == Paired(1.0, 0, 3, 2, 1.0)
+
+
+def test_losses_are_where_the_median_is_larger_the_worst_first(compared):
+    losses = compared.losses()
+    assert {loss["method"] for loss in losses} <= {"ARX", "constant mean"}
+    for loss in losses:
+        rows = compared.summaries(loss["flight"])
+        ours, theirs = (
+            next(at["relative"] for at in row_of(rows, name)["horizons"] if at["steps"] == loss["steps"])
+            for name in ("hold", loss["method"])
+        )
+        assert loss["ratio"] == pytest.approx(ours / theirs) and loss["ratio"] > 1
+    assert [loss["ratio"] for loss in losses] == sorted((loss["ratio"] for loss in losses), reverse=True)
+    (table,) = [one for one in comparison_report(compared) if "with hold worse" in getattr(one, "header", [""])[0]]
+    assert {row[0] for row in table.rows} == {loss["method"] for loss in losses}
+    # Of two windows that do not overlap nothing is certain.
+    assert {cell for row in table.rows for cell in row[1:]} <= {"", "1 (0)", "2 (0)"}
+
+
+def test_over_flights_each_counts_once(compared):
+    rows = compared.over_flights()
+    arx, refused = row_of(rows, "ARX"), row_of(rows, "refuses")
+    medians = [row_of(compared.summaries(flight), "ARX")["relative"] for flight in ("a", "b")]
+    assert arx["relative"] == pytest.approx(np.sqrt(np.prod(medians)))
+    assert (arx["flights"], arx["windows"], arx["reference"].windows) == (2, 6, 2)
+    assert refused["relative"] == np.inf and refused["failed"] == 6
+    assert len(arx["horizons"]) == len(HORIZONS)
+
+
+def test_from_zero_the_whole_test_part_is_judged(compared):
+    arx = row_of(compared.summaries("a", FROM_ZERO), "ARX")
+    assert arx["relative"] == np.median([whole(row[2], FROM_ZERO) for row in compared.outcomes[:3]])
+    assert [at["steps"] for at in arx["horizons"]] == [150]
+    assert compared.to_dict(FROM_ZERO)["start"] == "zero"
+
+
+def test_the_document_is_plain_json_and_rows_a_table(compared):
+    document = json.loads(json.dumps(compared.to_dict()))
+    keys = "reference methods start verdicts losses over_flights flights predictions"
+    assert list(document) == keys.split()
+    assert [len(flight["windows"]) for flight in document["flights"]] == [3, 3]
+    window = document["flights"][1]["windows"][2]
+    assert (window["start"], window["time"]) == (850, pytest.approx(8.5))
+    assert window["methods"]["ARX"] == compared.outcomes[5][2].to_dict()
+    rows = compared.rows()
+    known, unknown = ([row for row in rows if row["inputs"] == word] for word in ("known", "unknown"))
+    assert (len(known), len(unknown)) == (6 * 5 * (len(HORIZONS) + 1), 6 * 2 * len(HORIZONS))
+    assert len({tuple(row) for row in rows}) == 1
+
+
+@pytest.mark.parametrize("from_zero", [False, True])
+@pytest.mark.parametrize("flights", ["a", "ab"])
+def test_the_report_has_a_row_for_every_method_and_says_what_went_wrong(compared, flights, from_zero):
+    blocks = comparison_report(compared if flights == "ab" else compared.of_flight("a"), from_zero)
+    tables = [block for block in blocks if isinstance(block, Table)]
+    said = " ".join(f"{block.lead} {block.text}" for block in blocks if isinstance(block, Sentence))
+    errors = [table for table in tables if table.header[0] == "RMSE, 150 steps ahead"]
+    assert [len(table.rows) for table in errors] == [5] * len(flights)
+    assert "refuses made no forecast in 3 of 3 windows: train is not to my liking." in said
+    assert "explodes diverged to infinity or NaN in 3 of 3 windows." in said
+    assert all(len(row) == len(table.header) for table in tables for row in table.rows)
+    assert ("All flights:" in said) == (flights == "ab")
+
+
+MANY = windows("a", FLIGHTS["a"], 200, 50)
+AGAIN = HOLD._replace(name="hold again")
+
+
+@pytest.fixture(scope="module")
+def distinguished():
+    return compare(MANY, [HOLD, AGAIN, IS_OFF, REFUSES])
+
+
+def test_the_report_begins_with_what_the_test_distinguishes(distinguished):
+    found = distinguished.verdicts()
+    assert {name: (one.tested, one.verdict) for name, one in found.items()} == {
+        "hold again": (6, "not distinguishable"),
+        "is_off": (6, "lower"),
+        "refuses": (6, "lower"),
+    }
+    assert comparison_report(distinguished)[0].lead == (
+        "hold's error over the whole test part is not distinguishable from that of hold again; lower than that of "
+        "is_off. No forecast was made by refuses."
+    )
+    other = replace_first(distinguished, 2)
+    times = [other.verdicts()[name].ratio for name in ("hold", "hold again")]
+    assert comparison_report(other)[0].lead.startswith(
+        f"is_off's error over the whole test part is higher than that of hold ({times[0]:.3g} times, p = 0.031) and "
+        f"hold again ({times[1]:.3g} times, p = 0.031). No"
+    )
+
+
+def replace_first(comparison: Comparison, place: int) -> Comparison:
+    """With another method first."""
+    order = [place, *(other for other in range(len(comparison.methods)) if other != place)]
+    rows = tuple(tuple(row[other] for other in order) for row in comparison.outcomes)
+    return Comparison(comparison.windows, tuple(comparison.methods[other] for other in order), rows)
+
+
+def test_a_worse_error_by_horizon_is_marked_where_it_may_be_chance(distinguished, compared):
+    other = replace_first(distinguished, 2)
+    assert not any("≈" in cell for row in worse(other) for cell in row)
+    chance = [cell for row in worse(compared.of_flight("a")) for cell in row[1:] if cell]
+    assert chance and all(cell.startswith("≈ ") for cell in chance)
+
+
+def worse(comparison: Comparison) -> list[list[str]]:
+    """The rows of the table of where the first method is worse."""
+    (table,) = [one for one in comparison_report(comparison) if "where above 1" in getattr(one, "header", [""])[0]]
+    return table.rows
+
+
+def test_of_few_windows_nothing_is_distinguished():
+    lead = comparison_report(compare(WINDOWS[:1], [HOLD, EXPLODES, REFUSES]))[0].lead
+    assert lead == (
+        "hold's error is not distinguishable from another method's: only 1 window does not overlap, and it takes 6. No "
+        "forecast was made by refuses."
+    )
+
+
+@pytest.mark.slow
+def test_of_six_flights_each_is_a_pair():
+    parts = [window for name in "abcdef" for window in windows(name, FLIGHTS["a"][100 * ord(name) - 9700 :], 200, 50)]
+    found = compare(parts, [HOLD, IS_OFF])
+    assert found.verdicts()["is_off"] == found.over_flights()[1]["reference"]
+    assert found.verdicts()["is_off"].tested == 6
+    assert comparison_report(found)[0].lead == (
+        "hold's error on 6 flights over the whole test part is lower than that of is_off."
+    )
+
+
+def test_a_band_that_failed_is_cautioned_against(predicted):
+    def cautions(comparison: Comparison) -> list[str]:
+        return [block.text for block in comparison_report(comparison) if getattr(block, "lead", "") == "Caution:"]
+
+    def held(share: float, unknown: float) -> Comparison:
+        def changed(one: Outcome) -> Outcome:
+            scores = one.scores.copy()
+            for question, inside in ((KNOWN, share), (UNKNOWN, unknown)):
+                if question in one.bands:
+                    scores["inside"][scores["question"] == question] = inside
+            return replace(one, scores=scores)
+
+        rows = tuple(tuple(map(changed, row)) for row in predicted.outcomes)
+        return Comparison(predicted.windows, predicted.methods, rows)
+
+    assert cautions(held(0.75, 0.9)) == []
+    assert cautions(held(0.9, 0.5)) == [
+        f"the 90 % band of joint VAR(4)'s predictions holds 50% of the samples on {flight}: it is too narrow."
+        for flight in "ab"
+    ]
+    assert "forecasts holds 74%" in cautions(held(0.74, 0.9).of_flight("a"))[0]
+
+
+def test_the_influence_of_generalized_coordinates_is_a_table_of_its_own():
+    pair = [Method("DEM", baselines.hold), Method("DEM p=1", baselines.constant_mean)]
+    (table,) = [
+        block
+        for block in comparison_report(compare(WINDOWS, pair))
+        if isinstance(block, Table) and block.header[0].startswith("influence of generalized coordinates")
+    ]
+    assert table.header[1:] == ["DEM", "DEM p=1", "ratio"]
+    assert [row[0] for row in table.rows] == ["a", "b", "all flights"]
+    one, other = (
+        {s["method"]: s["relative"] for s in compare(WINDOWS, pair).summaries(flight)} for flight in ("a", "b")
+    )
+    assert table.rows[0][1:] == [f"{one['DEM']:.3g}", "1", f"{one['DEM']:.3g}"]
+    assert table.rows[2][1:] == [f"{np.sqrt(one['DEM'] * other['DEM']):.3g}", "1", table.rows[2][1]]
+
+
+VAR = Method("joint VAR(4)", partial(baselines.var, order=4), predicts=True)
+
+
+@pytest.fixture(scope="module")
+def predicted():
+    return compare(WINDOWS, [VAR, HOLD, MEAN, ARX])
+
+
+def test_predictions_are_compared_of_the_methods_that_make_them(predicted):
+    assert predicted.methods_of(UNKNOWN) == ("joint VAR(4)", "hold", "constant mean")
+    window, outcome = WINDOWS[1], predicted.outcomes[1][0]
+    model = baselines.var(window.train, 4)
+    np.testing.assert_array_equal(outcome.forecasts[UNKNOWN], model.predict(150))
+    np.testing.assert_array_equal(outcome.bands[UNKNOWN], model.predict_band(150))
+    inside = np.abs(model.predict(150) - window.test.outputs) <= model.predict_band(150)
+    assert outcome.of(UNKNOWN)["inside"] == pytest.approx([inside[:steps].mean() for steps in HORIZONS])
+    in_pieces = model.predict_every(25, window.test.inputs, window.test.outputs)
+    relative = relative_mspe(window.train, window.test, in_pieces)
+    assert ratio(outcome.of(UNKNOWN))[HORIZONS.index(25)] == pytest.approx(relative)
+    # Hold and mean need no inputs: they are the same with and without.
+    for name in ("hold", "constant mean"):
+        one, other = (row_of(predicted.summaries("a", question), name)["horizons"] for question in (KNOWN, UNKNOWN))
+        assert [at["relative"] for at in one] == pytest.approx([at["relative"] for at in other])
+    assert compare(WINDOWS[:1], [ARX]).to_dict()["predictions"] is None
+    nested = predicted.to_dict()["predictions"]
+    assert nested["methods"] == ["joint VAR(4)", "hold", "constant mean"] and nested["predictions"] is None
+
+
+def test_a_method_that_cannot_predict_says_so():
+    assert "needs the inputs" in evaluate_window(ARX._replace(predicts=True), WINDOWS[0]).failure
+
+
+def test_the_share_in_the_band_is_a_mean_over_windows_and_flights(predicted):
+    shares = [row_of(predicted.summaries(flight, UNKNOWN), "joint VAR(4)")["horizons"][2]["inside"] for flight in "ab"]
+    windows_of_a = [row[0].of(UNKNOWN)["inside"][2] for row in predicted.outcomes if row[0].flight == "a"]
+    assert shares[0] == pytest.approx(np.mean(windows_of_a))
+    assert row_of(predicted.over_flights(UNKNOWN), "joint VAR(4)")["inside"][2] == pytest.approx(np.mean(shares))
+    assert row_of(predicted.over_flights(), "hold")["inside"] == [None] * len(HORIZONS)
+
+
+@pytest.mark.parametrize("flights", ["a", "ab"])
+def test_the_report_has_a_table_for_each_question(predicted, flights):
+    blocks = comparison_report(predicted if flights == "ab" else predicted.of_flight("a"))
+    tables = [block for block in blocks if isinstance(block, Table)]
+    given = [table for table in tables if table.header[0].startswith("What happened, given the inputs")]
+    unknown = [table for table in tables if table.header[0].startswith("What comes next, inputs unknown")]
+    assert len(given) == len(unknown) == (3 if flights == "ab" else 1)
+    for table in unknown:
+        assert [row[0] for row in table.rows[:3]] != ["ARX"] and "ARX" not in [row[0] for row in table.rows]
+        assert table.rows[-1][0] == "joint VAR(4): in its 90 % band" and table.rows[-1][1].endswith("%")
+    said = [block for block in blocks if isinstance(block, Sentence)]
+    assert said[1].lead == "What comes next, inputs unknown:" and "joint VAR(4)" in said[1].text
+    # From state 0 there is no such question.
+    zero = [block for block in comparison_report(predicted, from_zero=True) if isinstance(block, Table)]
+    assert not [table for table in zero if table.header[0].startswith("What comes next")]

@@ -1,0 +1,206 @@
+"""Differences between states of a vehicle: found where they are, rarely where they are not, and never hidden."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from fleet_rows import flight_row
+
+from mavdem.fleet.difference import (
+    BETWEEN,
+    EFFECT,
+    FAMILY_ERROR,
+    MEAN_EFFECT,
+    RESOLUTION,
+    SHARE,
+    Quantity,
+    estimates_of,
+    vehicle_difference,
+)
+from mavdem.fleet.row import FlightRow
+
+Z90 = 1.645
+SHARES = np.array([1.0, 0.98, 1.03, 0.99])
+EFFECTS = np.array([-40.0, 40.0, 41.0, -39.0])
+
+
+def flight(
+    number: int, rng: np.random.Generator | None = None, share=0.0, effect=0.0, motor=2, **changed
+) -> list[FlightRow]:
+    """A flight of two axes whose errors have the size that its intervals say, and flights differ as assumed.
+
+    The motor's share is larger by ``share``, and its effect by the factor 1 + ``effect``.
+    """
+    rng = rng or np.random.default_rng(number)
+    own, half = np.eye(4)[motor], 0.01
+    shares = SHARES + share * own + half / Z90 * rng.normal(size=4) + BETWEEN[SHARE] * rng.normal(size=4)
+    factors = (1 + effect * own) * np.exp(BETWEEN[EFFECT] * rng.normal(size=4))
+    rows = []
+    for axis, scale in (("roll", 1.0), ("pitch", 0.8)):
+        effects = scale * EFFECTS * factors * np.exp(0.03 * rng.normal(size=4) + BETWEEN[MEAN_EFFECT] * rng.normal())
+        rows.append(
+            flight_row(
+                "quad",
+                number,
+                axis,
+                trim_share=tuple(shares / shares.mean()),
+                trim_share_interval=(half,) * 4,
+                effect=tuple(effects),
+                effect_interval=tuple(Z90 * 0.03 * np.abs(effects)),
+                damping=0.6 + (0.2 / Z90) * rng.normal() + BETWEEN["damping"] * rng.normal(),
+                lag=0.04 + (0.01 / Z90) * rng.normal() + BETWEEN["lag"] * rng.normal(),
+                **changed,
+            )
+        )
+    return rows
+
+
+def state(numbers, seed=0, **changed):
+    rng = np.random.default_rng(seed)
+    return [row for number in numbers for row in flight(number, rng, **changed)]
+
+
+def test_of_many_pairs_of_flights_of_the_same_vehicle_few_have_any_change():
+    rng = np.random.default_rng(4)
+    pairs = 150
+    changed = sum(bool(vehicle_difference(flight(0, rng), flight(1, rng)).of("changed")) for _ in range(pairs))
+    # Twice the family's error would be beyond chance in 150 pairs.
+    assert changed <= pairs * FAMILY_ERROR * 2
+
+
+def test_a_motor_that_works_harder_and_does_less_is_found_and_named():
+    found = vehicle_difference(state(range(6)), state(range(6, 12), 1, share=0.09, effect=-0.18))
+    changed = {one.quantity: one for one in found.of("changed")}
+    assert changed[Quantity(SHARE, 3)].difference > 0
+    effect = changed[Quantity(EFFECT, 3)]
+    assert effect.difference == pytest.approx(-0.18, abs=effect.half_width)
+    surest = min((one for one in found.changes if one.quantity.kind == EFFECT), key=lambda one: one.p)
+    assert surest.quantity.motor == 3
+
+
+def test_what_changes_all_motors_changes_their_mean_and_none_beside_the_others():
+    before, after = state(range(8)), state(range(8, 16), 1)
+    weaker = [replace(row, effect=tuple(0.5 * value for value in row.effect)) for row in after]
+    kinds = {one.quantity.kind for one in vehicle_difference(before, weaker).of("changed")}
+    assert kinds == {MEAN_EFFECT}
+
+
+def test_several_flights_narrow_the_interval_and_flights_that_differ_widen_it():
+    def width(before, after):
+        found = vehicle_difference(before, after)
+        return next(one.half_width for one in found.changes if one.quantity == Quantity(SHARE, 1))
+
+    one, many = width(state([0]), state([1], 1)), width(state(range(8)), state(range(8, 16), 1))
+    assert many < one / 1.5
+    spread = [
+        replace(row, trim_share=tuple(np.array(row.trim_share) + (i // 2 % 2) * np.array([0.2, 0, 0, 0])))
+        for i, row in enumerate(state(range(8)))
+    ]
+    assert width(spread, state(range(8, 16), 1)) > 2 * many
+
+
+@pytest.mark.parametrize(
+    ("changed", "kind"),
+    [
+        ({"lean_roll": 0.2, "lean_pitch": 0.0}, SHARE),
+        ({"voltage_mean": 12.0}, MEAN_EFFECT),
+        ({"collective": 0.6}, MEAN_EFFECT),
+    ],
+)
+def test_other_conditions_widen_what_they_can_change(changed, kind):
+    known = {"lean_roll": 0.0, "lean_pitch": 0.0, "voltage_mean": 16.0, "collective": 0.4}
+    same = vehicle_difference(state([0], **known), state([1], 1, **known))
+    other = vehicle_difference(state([0], **known), state([1], 1, **(known | changed)))
+    for one, two in zip(same.changes, other.changes, strict=True):
+        assert one.quantity == two.quantity
+        assert (two.half_width > one.half_width) == (one.quantity.kind == kind)
+    assert not other.of("changed")
+
+
+def test_an_effect_that_is_biased_or_not_identifiable_is_not_compared_and_the_reason_is_said():
+    biased = [replace(row, effect_status="biased") for row in flight(1)]
+    found = vehicle_difference(flight(0), biased)
+    assert not {EFFECT, MEAN_EFFECT} & {one.quantity.kind for one in found.changes}
+    assert dict(found.incomparable)["motors' effects"] == "biased in B."
+
+
+def test_flights_of_other_tiers_are_compared_in_what_both_have():
+    slow = [
+        replace(
+            row, tier="c", effect=None, effect_status=None, damping=None, damping_status=None, lag=None, lag_status=None
+        )
+        for row in flight(1)
+    ]
+    found = vehicle_difference(flight(0), slow)
+    assert {one.quantity.kind for one in found.changes} == {SHARE}
+    assert "B is of tier c; this needs tier a" in dict(found.incomparable)["motors' effects"]
+
+
+@pytest.mark.parametrize(
+    ("changed", "words"),
+    [
+        (
+            {"motors": ("1", "2", "3", "4", "5", "6"), "trim_share": (1.0,) * 6, "trim_share_interval": (0.01,) * 6},
+            "other vehicles",
+        ),
+        ({"frame": "HEXAROTOR"}, "other vehicles"),
+        ({"trim_unit": "µs"}, "other units"),
+        ({"status": "It is empty."}, "B has no flight"),
+    ],
+)
+def test_nothing_is_compared_between_vehicles_of_other_kinds(changed, words):
+    before = [replace(row, frame="QUADROTOR", trim_unit="") for row in flight(0)]
+    after = [replace(row, **({"frame": "QUADROTOR", "trim_unit": ""} | changed)) for row in flight(1)]
+    found = vehicle_difference(before, after)
+    assert not found.changes and words in dict(found.incomparable)["everything"]
+
+
+def test_an_input_that_is_no_motor_has_an_effect_of_its_own():
+    (row,) = [replace(flight(0)[0], effect=(2.0,), effect_interval=(0.1,), motors=("roll demand",))]
+    assert set(estimates_of([row])) >= {Quantity(MEAN_EFFECT, 0, "roll")}
+    assert not any(quantity.kind == EFFECT for quantity in estimates_of([row]))
+
+
+def test_the_document_is_plain_json():
+    import json
+
+    found = vehicle_difference(flight(0), flight(1, share=0.2)).as_dict()
+    assert json.loads(json.dumps(found, allow_nan=False)) == found
+
+
+def test_shares_without_an_interval_are_not_compared_and_the_reason_is_said():
+    short = [replace(row, trim_share_interval=(None,) * 4) for row in flight(1)]
+    found = vehicle_difference(flight(0), short)
+    assert SHARE not in {one.quantity.kind for one in found.changes}
+    assert "B has too little flight" in dict(found.incomparable)["motors' shares"]
+
+
+@pytest.mark.parametrize(("harder", "outcome"), [(0.0, "same"), (0.05, "uncertain"), (0.3, "changed")])
+def test_the_same_is_said_only_where_the_whole_interval_is_small(harder, outcome):
+    before = flight(0)
+    after = [replace(row, trim_share=tuple(np.array(row.trim_share) * (1 + harder * np.eye(4)[2]))) for row in before]
+    (one,) = [one for one in vehicle_difference(before, after).changes if one.quantity == Quantity(SHARE, 3)]
+    assert one.half_width < RESOLUTION[SHARE] or outcome == "changed"
+    assert one.outcome == outcome
+
+
+def test_models_of_the_demand_are_not_compared_with_models_of_the_motors_but_shares_are():
+    by_motors = [replace(row, inputs="motors", input_unit="µs", trim_unit="µs") for row in flight(0)]
+    by_demand = [
+        replace(row, inputs="demand", input_unit="", trim_unit="µs", effect=(20.0,), effect_interval=(1.0,))
+        for row in flight(1)
+    ]
+    found = vehicle_difference(by_motors, by_demand)
+    assert {one.quantity.kind for one in found.changes} == {SHARE}
+    assert "demand" in dict(found.incomparable)["effects, damping and lag"]
+
+
+def test_a_lean_that_is_not_known_is_no_lean_of_nothing():
+    def width(lean):
+        rows = [replace(row, lean_roll=lean, lean_pitch=lean) for row in flight(1)]
+        found = vehicle_difference(flight(0), rows)
+        return next(one.half_width for one in found.changes if one.quantity == Quantity(SHARE, 1))
+
+    assert width(None) > 1.1 * width(0.0)

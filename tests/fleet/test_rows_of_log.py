@@ -1,0 +1,84 @@
+"""Flights of a log: what a row says is what the log says, at each tier, and health comes from the vehicle's others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mavdem
+from mavdem.analysis import analyse
+from mavdem.condition import identity_of
+from mavdem.dem import parallel
+from mavdem.errors import Unreadable
+from mavdem.fleet import rows_of_log as module
+from mavdem.fleet.row import FlightRow
+from mavdem.fleet.rows_of_log import rows_of_log
+from mavdem.health.motor_watch import MotorAlarm
+
+LOGS = Path(__file__).parents[2] / "logs"
+SLOW = LOGS / "ardupilot_default_rates.tlog"
+
+
+@pytest.fixture(scope="module")
+def slow_rows() -> list[FlightRow]:
+    return rows_of_log(SLOW).rows
+
+
+def test_a_slow_log_gives_what_it_holds_and_says_why_no_more(slow_rows):
+    hover = mavdem.hover(SLOW)
+    assert [row.axis for row in slow_rows] == ["roll", "pitch"]
+    for row in slow_rows:
+        assert (row.tier, row.status, row.effect) == ("c", "ok", None) and "4.0 Hz" in row.tier_reason
+        assert row.trim == pytest.approx(hover.trim) and row.headroom == pytest.approx(hover.headroom)
+        assert row.duration == pytest.approx(hover.seconds) and row.attitude_rate == pytest.approx(4, abs=0.2)
+        assert row.lean_roll == pytest.approx(np.radians(hover.roll))
+        assert len(row.positions) == len(row.spins) == len(row.motors) == 4
+
+
+def test_a_log_read_in_the_user_s_process_leaves_it_as_it_was(monkeypatch):
+    monkeypatch.setattr(parallel, "_alone", False)
+    assert rows_of_log(SLOW).rows
+    assert not parallel._alone
+
+
+def test_a_page_is_made_once_for_a_vehicle():
+    rows, pages = rows_of_log(SLOW, "0123456789abcdef0123", lambda name, analyses: f"{name} {[*analyses]}")
+    assert pages == {"0123456789abcdef-1-1.html": f"{SLOW.name} ['roll', 'pitch']"}
+    assert {row.page for row in rows} == {"pages/0123456789abcdef-1-1.html"}
+    # The figures of report.json are the row's.
+    report = analyse(mavdem.ingest.read_log(SLOW), "pitch").as_dict()
+    assert FlightRow.of(report, axis="pitch", file=rows[1].file).headroom == rows[1].headroom
+
+
+def test_a_log_that_is_none_cannot_be_read(tmp_path):
+    (tmp_path / "x.bin").write_bytes(b"PK\x03\x04")
+    with pytest.raises(Unreadable, match="is a zip archive"):
+        rows_of_log(tmp_path / "x.bin")
+
+
+def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkeypatch):
+    log = mavdem.ingest.read_log(SLOW)
+    (sound,) = log.vehicles
+    other = replace(sound, component=7)
+
+    def identity(signals, received):
+        if signals.telemetry is other:
+            raise KeyError("geometry")
+        return identity_of(signals, received)
+
+    monkeypatch.setattr(module, "identity_of", identity)
+    monkeypatch.setattr(module, "read_log", lambda _: replace(log, vehicles=(other, sound)))
+    failed, *rows = rows_of_log(SLOW).rows
+    assert "KeyError" in failed.status and failed.component == 7
+    assert [row.axis for row in rows] == ["roll", "pitch"] and {row.status for row in rows} == {"ok"}
+
+
+def test_an_alarm_in_flight_is_among_the_warnings(monkeypatch):
+    alarm = MotorAlarm(20.0, 15.0, 2, "motor 2", 0.14, 0.99)
+    load = alarm._replace(motor=None, name="")
+    monkeypatch.setattr(module, "analyse", lambda *arguments: replace(analyse(*arguments), alarms=(load, alarm)))
+    for row in rows_of_log(SLOW).rows:
+        assert row.warnings[0] == alarm.sentence and load.sentence not in row.warnings

@@ -1,0 +1,178 @@
+"""Workers: what one log does to its process, and what runs leave that are killed; here and on a cluster.
+
+These are the tests of the fleet that start processes.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import pytest
+from distributed import LocalCluster
+from standin_logs import LIMITS, READ, is_process, make_logs, statuses, table_of, track
+
+from mavdem.errors import Unreadable
+from mavdem.fleet import cluster
+from mavdem.fleet.cluster import Cluster
+from mavdem.fleet.row import FlightRow
+from mavdem.fleet.store import STORE, read_rows
+from mavdem.fleet.tracking import FleetTracker
+from mavdem.fleet.workers import Job, LogRows, Outcome, WorkerPool, outcome_of
+
+
+def outcome(path: Path, error: Exception) -> Outcome:
+    """Of a log whose reader raises the error."""
+
+    def read(path: Path, key: str, page: Any) -> LogRows:
+        raise error
+
+    path.write_bytes(b"?")
+    return outcome_of(Job(str(path)), read)
+
+
+def test_a_sentence_about_a_log_leaves_its_name_to_its_column(tmp_path):
+    path = tmp_path / "x.bin"
+    found = outcome(path, Unreadable(f"{path} is damaged, and {path} is cut."))
+    assert (found.ended, found.rows[0].file) == ("read", str(path))
+    assert found.rows[0].key == found.key != "" and found.rows[0].status == "It is damaged, and the log is cut."
+
+
+def test_want_of_memory_is_the_limit_s_however_the_reader_says_it(tmp_path):
+    error = Unreadable("It does not fit.")
+    error.__context__ = MemoryError()
+    with pytest.raises(MemoryError):
+        outcome(tmp_path / "x.bin", error)
+
+
+def test_what_is_no_plain_file_is_not_opened(tmp_path):
+    os.mkfifo(tmp_path / "pipe.tlog")
+    os.symlink("loop.bin", tmp_path / "loop.bin")
+    said = [outcome_of(Job(str(tmp_path / name)), None).rows[0].status for name in ("pipe.tlog", "loop.bin", "none")]
+    assert said == [
+        "It is not a plain file.",
+        "It cannot be read (Too many levels of symbolic links).",
+        "It cannot be read (No such file or directory).",
+    ]
+
+
+@pytest.mark.slow
+def test_no_log_stops_a_run(tmp_path):
+    logs = tmp_path / "logs"
+    make_logs(logs, 3)
+    for name in ("slow", "crash", "big", "where"):
+        make_logs(logs, 1, name)
+    os.truncate(logs / "slow_0.bin", 1 << 40)  # sparse: its content alone takes longer to read than there is time
+    done = FleetTracker(tmp_path / "fleet", WorkerPool(2, LIMITS, READ)).track([str(logs)])
+    assert (done.logs, done.read, done.problems) == (7, 7, ())
+    found = statuses(tmp_path / "fleet")
+    # The process starts no others, and leaves nothing.
+    cores, scratch = found.pop("where_0.bin").split()
+    assert cores == "1" and not Path(scratch).exists()
+    assert found == {
+        "slow_0.bin": "It takes longer than its time limit of 3 s.",
+        "big_0.bin": "It needs more memory than its limit of 600 MB.",
+        "crash_0.bin": "The process that read it died (SIGSEGV), each of 2 times.",
+    }
+
+
+RUN = """
+import sys
+from pathlib import Path
+from standin_logs import LIMITS, READ
+from mavdem.fleet.tracking import FleetTracker
+from mavdem.fleet.workers import WorkerPool
+if __name__ == "__main__":
+    FleetTracker(Path(sys.argv[1]), WorkerPool(2, LIMITS, READ)).track([sys.argv[2]])
+"""
+
+
+@pytest.mark.slow
+def test_a_killed_run_leaves_nothing_and_is_resumed_to_the_same_table(tmp_path):
+    make_logs(tmp_path / "logs", 24, "while")
+    track(tmp_path / "whole", tmp_path / "logs")
+    out, script, scratch = tmp_path / "killed", tmp_path / "run.py", tmp_path / "scratch"
+    script.write_text(RUN)
+    scratch.mkdir()
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path), "TMPDIR": str(scratch)}
+    run = subprocess.Popen([sys.executable, script, out, tmp_path / "logs"], env=environment)
+
+    def kept() -> int:
+        with suppress(sqlite3.OperationalError):  # it is not there yet
+            return int(sqlite3.connect(out / STORE).execute("select count(*) from logs").fetchone()[0])
+        return 0
+
+    deadline = time.monotonic() + 60
+    while kept() < 2:
+        assert time.monotonic() < deadline and run.poll() is None
+        time.sleep(0.02)
+    run.send_signal(signal.SIGKILL)
+    run.wait()
+    before = kept()
+    done = track(out, tmp_path / "logs")
+    assert done.read == 24 - before < 24 and table_of(out) == table_of(tmp_path / "whole")
+    while list(scratch.iterdir()):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+@pytest.fixture(scope="module")
+def two_workers() -> Iterator[Any]:
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50) as found:
+        yield found
+
+
+@pytest.mark.slow
+def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
+    make_logs(tmp_path / "logs", 24, "while")
+    track(tmp_path / "here", tmp_path / "logs")
+    killed = []
+
+    def kill_one(done: int, of: int) -> None:
+        if done and not killed:
+            killed.append(two_workers.workers[0].pid)
+            os.kill(killed[0], signal.SIGKILL)
+
+    tracker = FleetTracker(tmp_path / "there", Cluster(two_workers.scheduler_address, LIMITS, READ))
+    done = tracker.track([str(tmp_path / "logs")], progress=kill_one)
+    assert done.read == 24 and killed
+    assert table_of(tmp_path / "there") == table_of(tmp_path / "here") and len(read_rows(tmp_path / "here")) == 48
+    with two_workers.get_client() as client:
+        assert not any(client.run(lambda: len(cluster._pools)).values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "value", "sentence"),
+    [
+        ("SCHEMA_VERSION", 99, r"has mavdem .* \(columns 1\) on Python .*, this machine .*install the same there"),
+        ("readable_here", partial(is_process, os.getpid()), "No worker of .* can read .*log_0.bin: put the logs"),
+    ],
+)
+def test_workers_that_cannot_help_are_said(tmp_path, two_workers, monkeypatch, name, value, sentence):
+    make_logs(tmp_path, 1)
+    monkeypatch.setattr(cluster, name, value)
+    with pytest.raises(Unreadable, match=sentence):
+        list(Cluster(two_workers.scheduler_address, LIMITS, READ).outcomes(iter([Job(str(tmp_path / "log_0.bin"))])))
+
+
+def test_a_cluster_that_is_not_there_is_said(monkeypatch):
+    monkeypatch.setattr(cluster, "SECONDS_TO_CONNECT", 0.5)
+    with pytest.raises(Unreadable, match="There is no Dask scheduler at tcp://127.0.0.1:9"):
+        list(Cluster("tcp://127.0.0.1:9", LIMITS, READ).outcomes(iter([Job("x.bin")])))
+
+
+def test_rows_of_an_outcome_have_the_log_s_name_and_key(tmp_path):
+    (path,) = make_logs(tmp_path, 1)
+    found = outcome_of(Job(str(path)), lambda path, key, page: LogRows([FlightRow(file="copy")], {}))
+    assert found.rows[0].file == str(path) and found.rows[0].key == found.key and found.rows[0].mavdem_version
+    assert outcome_of(Job(str(path), (found.key,)), None).ended == "known"

@@ -1,0 +1,124 @@
+"""Noise analysis: tests that reject as often as they say where the hypothesis holds, and nearly always where not."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter1d
+from scipy.stats import binom, jarque_bera
+
+from mavdem.paper import noise
+
+SERIES, VALUES = 400, 700
+FEWEST, MOST = binom.ppf([0.001, 0.999], SERIES, 0.05)
+"""Rejections at 0.05 of so many series: a test of the right level is within in 998 of 1000 tries."""
+
+
+def gaussian(rng: np.random.Generator, steps: float, values: int = VALUES) -> np.ndarray:
+    """White noise through a Gaussian kernel of so many steps; white for 0."""
+    margin = int(4 * steps) + 1
+    white = rng.standard_normal(values + 2 * margin)
+    return gaussian_filter1d(white, steps, mode="constant")[margin:-margin] if steps else white[margin:-margin]
+
+
+def rejections(test, make, series: int = SERIES) -> int:
+    rng = np.random.default_rng(0)
+    return sum(test(make(rng)).p_value < 0.05 for _ in range(series))
+
+
+@pytest.mark.parametrize("steps", [0, 1, 3, 10])
+def test_gaussian_noise_of_any_colour_is_called_another_as_often_as_said(steps):
+    assert FEWEST <= rejections(noise.normality, lambda rng: gaussian(rng, steps)) <= MOST
+
+
+def test_noise_that_hardly_repeats_is_called_another_no_oftener_than_said():
+    assert rejections(noise.normality, lambda rng: gaussian(rng, 30)) <= MOST
+
+
+def test_the_plain_test_takes_colour_for_another_shape():
+    rng = np.random.default_rng(0)
+    rejected = [jarque_bera(gaussian(rng, 10)).pvalue < 0.05 for _ in range(SERIES)]
+    assert np.mean(rejected) > 0.5
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda rng: rng.laplace(size=VALUES),
+        lambda rng: rng.exponential(size=VALUES),
+        lambda rng: np.sinh(2 * gaussian(rng, 3) / gaussian(rng, 3).std()),
+    ],
+    ids=["Laplace", "skew", "heavy and coloured"],
+)
+def test_what_is_not_gaussian_is_called_so(make):
+    assert rejections(noise.normality, make, 100) >= 95
+
+
+def test_on_white_noise_the_two_tests_of_normality_agree():
+    series = gaussian(np.random.default_rng(1), 0)
+    assert noise.normality(series).statistic == pytest.approx(jarque_bera(series).statistic, rel=0.05)
+
+
+@pytest.mark.parametrize("shape", ["standard_normal", "standard_exponential"])
+def test_white_noise_is_called_coloured_as_often_as_said(shape):
+    assert FEWEST <= rejections(noise.whiteness, lambda rng: getattr(rng, shape)(VALUES)) <= MOST
+
+
+def test_coloured_noise_is_called_so():
+    assert rejections(noise.whiteness, lambda rng: gaussian(rng, 0.6), 100) >= 95
+
+
+@pytest.mark.slow
+def test_whiteness_is_of_values_that_share_no_samples():
+    """A running mean of five agrees with itself four steps on, and no further."""
+
+    def averaged(rng):
+        return np.convolve(rng.standard_normal(VALUES + 4), np.full(5, 0.2), "valid")
+
+    def apart(series):
+        return noise.analyse_noise(series, 1.0, overlap=5).whiteness
+
+    assert rejections(noise.whiteness, averaged, 100) == 100
+    assert FEWEST <= rejections(apart, averaged) <= MOST
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("steps", [1, 3, 10])
+def test_the_kernel_width_of_gaussian_kernel_noise_is_found(steps):
+    rng = np.random.default_rng(0)
+    found = np.array([noise.analyse_noise(gaussian(rng, steps, 5000), 0.01).smoothness for _ in range(100)])
+    assert found.mean() == pytest.approx(0.01 * steps, rel=0.05)
+
+
+def test_white_noise_stays_within_its_bounds():
+    found = noise.analyse_noise(gaussian(np.random.default_rng(0), 0, 4000), 0.01)
+    outside = int(np.sum(np.abs(found.autocorrelation[1:]) > found.bound))
+    assert len(found.autocorrelation) == 101 and found.autocorrelation[0] == pytest.approx(1)
+    assert binom.ppf(0.001, 100, 0.05) <= outside <= binom.ppf(0.999, 100, 0.05)
+
+
+def test_the_histogram_is_a_density_and_all_is_plain_json():
+    series = 3 + 2 * gaussian(np.random.default_rng(0), 2)
+    found = noise.analyse_noise(series, 0.01)
+    assert np.sum(np.diff(found.edges) * found.histogram) == pytest.approx(1)
+    assert found.sd == pytest.approx(series.std())
+    told = json.loads(json.dumps(found.to_dict()))
+    assert told["normality"] == {"statistic": found.normality.statistic, "p_value": found.normality.p_value}
+
+
+@pytest.mark.parametrize(
+    ("values", "overlap", "named"),
+    [
+        (np.arange(19.0), 1, "19 / 1"),
+        (np.arange(100.0), 9, "100 / 9"),
+        (np.arange(100.0), 0, "100 / 0"),
+        (np.ones(100), 1, "vary"),
+        (np.append(np.arange(100.0), np.nan), 1, "finite"),
+        (np.ones((50, 2)), 1, "shape"),
+    ],
+)
+def test_a_series_that_tells_nothing_is_refused(values, overlap, named):
+    with pytest.raises(ValueError, match=named):
+        noise.analyse_noise(values, 0.01, overlap)

@@ -1,0 +1,205 @@
+"""The page: one file that fetches nothing, runs nothing, escapes everything, and fits a narrow and a wide window."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from live_rows import flown
+from matplotlib.figure import Figure
+from simulated import simulated
+
+import mavdem
+from mavdem.analysis import LogAnalysis
+from mavdem.analysis.figures import VehicleFigures
+from mavdem.analysis.findings import findings
+from mavdem.condition import Condition, Identity
+from mavdem.condition.inventory import Tier
+from mavdem.evaluate import held_out_test
+from mavdem.live import SessionStatus
+from mavdem.live.history import ACCOUNT, LiveHistory
+from mavdem.report.blocks import Sentence, Table
+from mavdem.report.figures.series import live_flight
+from mavdem.report.figures.style import picture
+from mavdem.report.page import Chapter, Picture, SessionHistory, document, flight_page, live_page
+
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+HOSTILE = "<script>document.title='owned'</script>\"'&--><b>.tlog"
+VOID = {"meta", "path", "use", "rect", "br", "image"}
+NOTHING = dict.fromkeys(ACCOUNT, 0.0)
+FLIGHT = simulated(samples=900, wind=4.0, lag=0.05)
+KNOWN = (
+    Condition(90.0, 70.0, 60.0, None, (), {}, {}, None, None, None, None, None),
+    Identity("1234", "board", 1, "PX4", "QUADROTOR", "PX4 v1.16.0", None),
+    VehicleFigures({}, None),
+)
+SLOW = Tier("c", "Motors come at 4 Hz.", "b", "8 Hz", "Log them <faster>.")
+
+
+class Balanced(HTMLParser):
+    """Raises ``AssertionError`` for tags that do not close in order, and collects them."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.seen: list[str] = []
+        self.ids: list[str] = []
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.seen.append(tag)
+        self.ids += [value for name, value in attrs if name == "id"]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag):
+        assert tag in VOID or self.open.pop() == tag
+
+
+def wave(label: str = "measured", samples: int = 20_000) -> Figure:
+    with picture() as figure:
+        axes = figure.subplots()
+        time = np.linspace(0, 60, samples)
+        values = np.sin(time) + 0.1 * np.random.default_rng(1).normal(size=samples)
+        axes.plot(time, values, label=label[:60])
+        axes.fill_between(time, values - 0.3, values + 0.3, alpha=0.3)
+        axes.plot(time[:100], values[:100], marker="o")
+        axes.legend()
+    return figure
+
+
+def refuse() -> Figure:
+    raise ValueError("there is no wind")
+
+
+def page(name: str = "flight.tlog") -> str:
+    pictures = [Picture(name, name, lambda: wave(name)) for _ in range(2)]
+    blocks = [
+        Sentence("", lead=f"Good: {name}"),
+        Sentence(f"`mavdem learn {name}`", "Caution:"),
+        Table(["motor", "control effectiveness, °/s² per µs", "status"], [[name, "8.3 ± 0.7", "reported"]] * 4),
+    ]
+    chapters = [
+        Chapter("Pictures", pictures=[*pictures, Picture("Wind", "", refuse)]),
+        Chapter(name, [Table([name], [[name]])], folded=True),
+    ]
+    return document(name, name, blocks, chapters, [(name, "8.3 ± 0.7")] * 7)
+
+
+@pytest.fixture(scope="module")
+def pages() -> tuple[str, str]:
+    return page(), page(HOSTILE + "x" * 200)
+
+
+def test_the_same_result_makes_the_same_bytes_small_though_its_lines_are_long(pages):
+    assert page() == pages[0]
+    assert len(pages[0]) < 250_000
+
+
+def test_tags_close_in_order_ids_are_unique_and_nothing_is_fetched_or_run(pages):
+    seen = Balanced(pages[0])
+    assert len(seen.ids) == len(set(seen.ids)) and {"svg", "table", "details"} <= set(seen.seen)
+    assert not {"script", "link", "img", "iframe"} & set(seen.seen)
+    fetched = pages[0].replace("http://www.w3.org/2000/svg", "").replace("http://www.w3.org/1999/xlink", "")
+    assert "://" not in fetched and "@import" not in fetched
+
+
+def test_what_comes_from_a_log_is_text(pages):
+    assert not {"script", "b"} & set(Balanced(pages[1]).seen)
+
+
+def test_what_cannot_be_drawn_says_why_and_letters_follow_the_theme(pages):
+    assert pages[0].count("<svg") == 2 and "<strong>Wind:</strong> there is no wind." in pages[0]
+    assert 'figure [style*="fill: #24292f"] { fill: var(--ink) !important; }' in pages[0]
+    assert re.search(r'<text style="[^"]*fill: #24292f', pages[0])
+
+
+def test_without_matplotlib_one_sentence_has_the_command_that_adds_pictures(monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    text = page()
+    assert "<svg" not in text and "pip install &#39;mavdem[plot]&#39;" in text
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("which", "width"), [(0, 1600), (1, 500)])
+def test_a_browser_shows_it_without_a_complaint_and_without_scrolling_sideways(which, width, pages, tmp_path):
+    if CHROMIUM is None:
+        pytest.skip("there is no Chromium")
+    path: Path = tmp_path / "page.html"
+    script = "document.title = [document.documentElement.scrollWidth, innerWidth, document.title].join(' ')"
+    path.write_text(f"{pages[which]}<script>{script}</script>")
+    options = ("--headless", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--hide-scrollbars")
+    place = (f"--user-data-dir={tmp_path / 'profile'}", f"--window-size={width},1000", "--dump-dom", path.as_uri())
+    ran = subprocess.run([CHROMIUM, *options, *place], capture_output=True, text=True, check=True)
+    title = re.search(r"<title>(\d+) (\d+) (.*?)</title>", ran.stdout)
+    assert title is not None and int(title[1]) <= int(title[2]) == width
+    assert "owned" not in title[3].split("&lt;")[0]
+    assert "CONSOLE" not in ran.stderr
+
+
+@pytest.mark.slow
+def test_two_axes_of_a_flight_of_a_fleet_fit_into_a_small_page_that_leads_back():
+    learned = mavdem.learn(FLIGHT[:800], mavdem.Settings(window=9, parameter_precision=1.0))
+    held_out = held_out_test(FLIGHT[:800], FLIGHT[800:], learned)
+    model = {"flights": (FLIGHT,), "learned": learned, "held_out": held_out, "findings": findings(learned, held_out)}
+    fast = Tier("a", "All at 100 Hz.", None, "", "")
+    analysis = LogAnalysis(SimpleNamespace(as_dict=dict), fast, *KNOWN, **model)
+    text = flight_page("flight.tlog", {"roll": analysis, "pitch": analysis})
+    assert len(text.encode()) < 300_000 and text.count("<svg") == 2 * 3
+    assert '<a href="../index.html">' in text and "Pictures of pitch" in text
+    ids = Balanced(text).ids
+    assert len(ids) == len(set(ids))
+
+
+def test_a_flight_without_a_model_says_why_and_what_to_do():
+    reason = LogAnalysis(SimpleNamespace(as_dict=dict), SLOW, *KNOWN, SLOW.reason, SLOW.remedy)
+    text = flight_page("<b>.tlog", {"roll": reason})
+    assert "Motors come at 4 Hz." in text and "Log them &lt;faster&gt;." in text and "<b>" not in text
+
+
+def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_events():
+    history = LiveHistory(0.25)
+    flown(history, 2.0)
+    flown(history, 2.0, segment=1, start=105.0, learnt=False)
+    history.note(12.25, "Messages come again after 3 s.")
+    above, below = live_flight(history, "roll").axes
+    measured = next(line for line in above.lines if line.get_label() == "measured")
+    assert np.nanmax(measured.get_ydata()) == pytest.approx(np.rad2deg(np.nanmax(history.lines.measured)))
+    assert len(above.patches) == len(history.learnt) == 1
+    assert "°/s²" in below.get_ylabel()
+    text = live_page("udpin:<b>", "roll", history, SessionStatus("1:1"), NOTHING | {"learned": 53.0}, None)
+    for told in (">0.25 s ahead</td>", ">12.2 s</td>", "come again after 3 s", "udpin:&lt;b&gt;", "<svg"):
+        assert told in text
+
+
+def test_a_link_without_a_vehicle_has_a_page_too():
+    status = SessionStatus(obstacle="No vehicle found yet.")
+    text = live_page("udpin:0", "roll", LiveHistory(0.25), status, NOTHING, None)
+    assert "No vehicle found yet." in text and "no attitude came" in text
+
+
+def test_the_session_shows_and_says_as_without_its_history():
+    shown, said = [], []
+    display = SimpleNamespace(put=lambda *row: shown.append(row), log=lambda text: said.append(("shown", text)))
+    history = SessionHistory(lambda setup: display, said.append)
+    history.say("It began.")
+    session = history.open(None)
+    row = (1.0, 0, np.zeros(2), np.zeros(4), None, None)
+    session.put(*row)
+    session.log("It flies.")
+    assert shown == [row] and said == ["It began.", ("shown", "It flies.")]
+    assert [event.sentence for event in history.of.events] == ["It began."]
+    assert np.isfinite(history.of.lines.measured).sum() == 1

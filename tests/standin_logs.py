@@ -1,0 +1,89 @@
+"""Made-up logs, whose names say what becomes of their reader, and a fleet of them. Workers import this by its name."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from mavdem.dem.parallel import spare_cores
+from mavdem.errors import Unreadable
+from mavdem.fleet.row import FlightRow
+from mavdem.fleet.store import TABLE, read_rows
+from mavdem.fleet.tracking import FleetTracker, TrackedLogs
+from mavdem.fleet.workers import Job, Limits, LogRows, Outcome, outcome_of
+
+READ = "standin_logs:rows_of_log"
+LIMITS = Limits(seconds=3, megabytes=600)
+
+
+def rows_of_log(path: Path, key: str, page: Any) -> LogRows:
+    """Two rows of one of seven vehicles, by the log's size."""
+    name, size = path.name, path.stat().st_size
+    if "slow" in name:
+        time.sleep(60)
+    if "while" in name:
+        time.sleep(0.2)
+    if "crash" in name:
+        time.sleep(0.1)
+        ctypes.string_at(0)
+    if "big" in name:
+        bytearray(3 << 30)
+    if "bug" in name:
+        raise KeyError("a fault of mavdem")
+    if "where" in name:
+        return LogRows([FlightRow(file=str(path), status=f"{spare_cores()} {tempfile.gettempdir()}")], {})
+    if "damaged" in name:
+        raise Unreadable(f"{path} is damaged.")
+    axes = ("roll", "pitch")
+    return LogRows([FlightRow(file=str(path), vehicle=f"quad {size % 7}", axis=axis, tier="a") for axis in axes], {})
+
+
+class InThisProcess:
+    """A reader without processes.
+
+    Attributes:
+        seen: paths of the logs that were looked at.
+    """
+
+    limits = LIMITS
+
+    def __init__(self, read: Callable[..., LogRows] = rows_of_log) -> None:
+        self.read = read
+        self.seen: list[str] = []
+
+    def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
+        for job in jobs:
+            self.seen.append(job.path)
+            yield outcome_of(job, self.read)
+
+
+def track(out: Path, *names: object, baseline: Sequence[object] = (), **options: Any) -> TrackedLogs:
+    return FleetTracker(out, InThisProcess(), **options).track([str(name) for name in names], [*map(str, baseline)])
+
+
+def make_logs(folder: Path, count: int, name: str = "log") -> list[Path]:
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = [folder / f"{name}_{number}.bin" for number in range(count)]
+    for number, path in enumerate(paths):
+        path.write_bytes(f"{name} {number}".encode() * (5 + number))
+    return paths
+
+
+def table_of(out: Path) -> bytes:
+    """The table, byte for byte."""
+    assert not list(out.glob(".unfinished"))
+    return (out / TABLE).read_bytes()
+
+
+def statuses(out: Path) -> dict[str, str]:
+    return {Path(row.file).name: row.status for row in read_rows(out) if row.status != "ok"}
+
+
+def is_process(process: int, path: str) -> bool:
+    """Whether this is the process with that number, whatever the path."""
+    return os.getpid() == process
