@@ -19,7 +19,7 @@ from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
 from mavdem.dem import Learned, Settings
-from mavdem.dem.order.choice import OrderChoice
+from mavdem.dem.order_choice import OrderChoice
 from mavdem.errors import advice, downstream
 from mavdem.evaluate.comparison import Comparison
 from mavdem.flight import Flight
