@@ -11,29 +11,28 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from functools import partial
 from importlib.metadata import version
-from time import monotonic
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from jinja2 import ChoiceLoader, Environment, PackageLoader
 from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
-from mavdem.dem import Estimate, Learned, Settings
-from mavdem.dem.engine.linalg import Array
-from mavdem.dem.order.choice import OrderChoice
+from mavdem.dem import Learned, Settings
+from mavdem.dem.order_choice import OrderChoice
 from mavdem.errors import advice, downstream
 from mavdem.evaluate.comparison import Comparison
-from mavdem.live import SessionStatus, Setup
-from mavdem.live.history import AHEAD, LiveHistory
-from mavdem.live.session import Display
+from mavdem.flight import Flight
+from mavdem.live import SessionStatus
+from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import log_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import event_blocks, live_report
-from mavdem.report.numbers import Labels, listed
+from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
-from mavdem.report.screen import analysis_blocks, key_figures, screen
+from mavdem.report.screen import analysis_blocks, key_figures, screen, title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -369,40 +368,31 @@ def live_page(
     )
 
 
-class SessionHistory:
-    """A display of a live session that collects its history, ``of``, and passes everything on."""
+def notebook_html(blocks: Sequence[Block]) -> str:
+    """Returns paragraphs and tables as HTML by themselves, all text escaped."""
+    shown = environment().get_template("blocks.html").module.shown(blocks)  # type: ignore[attr-defined]
+    return f"<div><style>.words {{ text-align: left; }}</style>{shown}</div>"
 
-    def __init__(self, show: Callable[[Setup], Display | None], say: Callable[[str], None]) -> None:
-        """Begins now; ``show`` opens the display of a setup, and ``say`` prints a sentence."""
-        self.of = LiveHistory(AHEAD)
-        self._show, self._say, self._began = show, say, monotonic()
-        self._display: Display | None = None
 
-    def open(self, setup: Setup) -> Display:
-        """Shows the rows of a setup from now on."""
-        self._display = self._show(setup)
-        return self
+def flight_html(flight: Flight) -> str:
+    """Returns, for notebooks, which flight it is, and a row a channel; in degrees."""
+    rows = []
+    channels = (
+        ("input", flight.input_names, flight.input_units, flight.inputs),
+        ("output", flight.output_names, flight.output_units, flight.outputs),
+        ("setpoint", flight.setpoint_names, flight.setpoint_units, flight.setpoints),
+    )
+    for kind, names, units, values in channels:
+        for name, unit, column in zip(names, map(readable, units), () if values is None else values.T, strict=True):
+            finite = unit.scale * column[np.isfinite(column)]
+            figures = (finite.mean(), finite.std(), finite.min(), finite.max()) if len(finite) else ()
+            rows.append([named(name, unit.name), kind, *(rounded(figure, 3) for figure in figures)])
+    header = ["channel", "is", "mean", "sd", "lowest", "highest"]
+    return notebook_html([title([flight]), Table(header, [row + ["-"] * (len(header) - len(row)) for row in rows])])
 
-    def put(
-        self,
-        time: float,
-        segment: int,
-        outputs: Array,
-        inputs: Array,
-        estimate: Estimate | None = None,
-        learned: Learned | None = None,
-    ) -> None:
-        """Takes a row."""
-        self.of.take(monotonic() - self._began, segment, time, outputs, estimate)
-        if self._display is not None:
-            self._display.put(time, segment, outputs, inputs, estimate, learned)
 
-    def log(self, text: str) -> None:
-        """Passes on a sentence that was said."""
-        if self._display is not None:
-            self._display.log(text)
-
-    def say(self, text: str) -> None:
-        """Takes a sentence when it is said."""
-        self.of.note(monotonic() - self._began, text)
-        self._say(text)
+def learned_html(learned: Learned) -> str:
+    """Returns, for notebooks, the screen's report of what the model alone knows."""
+    record = learned.record
+    what = f"{len(learned.model.A)} states, from {len(record) * record.dt:.0f} s at {1 / record.dt:.0f} Hz."
+    return notebook_html([Sentence(what, "Learned model:"), *screen(learned)])

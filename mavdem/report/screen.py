@@ -175,11 +175,11 @@ def wind_blocks(found: WindTorque | None, read: Physical | None) -> list[Block]:
 
 def answer_blocks(found: WindTorque | None) -> list[Block]:
     """How much of the wind's torque the motors had cancelled."""
-    if found is None or found.reason is not None or not (isfinite(found.answered) and isfinite(found.answered_slow)):
+    if found is None or found.reason is not None or not isfinite(found.cancelled_share + found.cancelled_share_slow):
         return []
-    slow = 100 * max(found.answered_slow, 0.0)
-    if found.answered >= 0:
-        text = f"the motors had cancelled {100 * found.answered:.0f} % of its variance, {slow:.0f} % below 1 Hz."
+    slow = 100 * max(found.cancelled_share_slow, 0.0)
+    if found.cancelled_share >= 0:
+        text = f"the motors had cancelled {100 * found.cancelled_share:.0f} % of its variance, {slow:.0f} % below 1 Hz."
     else:
         text = f"the motors had cancelled {slow:.0f} % of its variance below 1 Hz; to what is faster they added."
     return [Sentence(text, "Wind's torque:")]
