@@ -1,8 +1,9 @@
-"""Blocks: the sentences and tables that a report is made of; whoever prints it lays them out."""
+"""Blocks: the sentences and tables that every report is made of, and their layout as text, Markdown and HTML."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from html import escape
 from typing import NamedTuple
 
 
@@ -25,26 +26,27 @@ Block = Sentence | Table
 
 
 def text_of(blocks: Iterable[Block]) -> str:
-    """Plain text: columns aligned, an empty line between blocks."""
-    return "\n\n".join(map(_plain, blocks))
+    """Returns ``blocks`` as plain text: columns aligned, an empty line between blocks."""
+    return "\n\n".join(map(_text, blocks))
 
 
-def _plain(block: Block) -> str:
+def _text(block: Block) -> str:
     if isinstance(block, Sentence):
         return f"{block.lead} {block.text}".strip()
     table = [block.header, *block.rows]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    return "\n".join(
-        "  ".join(
-            cell.ljust(width) if block.words or not place else cell.rjust(width)
-            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
+    cells = [
+        [
+            cell.ljust(width) if block.words or not column else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
         for row in table
-    )
+    ]
+    return "\n".join("  ".join(row).rstrip() for row in cells)
 
 
 def markdown(blocks: Iterable[Block]) -> str:
-    """Markdown, an empty line between blocks."""
+    """Returns ``blocks`` as Markdown, an empty line between blocks."""
     return "\n\n".join(map(_markdown, blocks))
 
 
@@ -53,3 +55,24 @@ def _markdown(block: Block) -> str:
         return f"**{block.lead}** {block.text}".rstrip() if block.lead else block.text
     rule = ["---", *["---" if block.words else "---:"] * (len(block.header) - 1)]
     return "\n".join("| " + " | ".join(row) + " |" for row in [block.header, rule, *block.rows])
+
+
+def html_of(blocks: Iterable[Block]) -> str:
+    """Returns ``blocks`` as HTML for notebooks, with no style sheet: paragraphs and tables, every text escaped."""
+    return f"<div>{''.join(map(_html, blocks))}</div>"
+
+
+def _html(block: Block) -> str:
+    if isinstance(block, Sentence):
+        lead = f"<b>{escape(block.lead)}</b> " if block.lead else ""
+        return f"<p>{lead}{escape(block.text)}</p>"
+
+    def row(cells: list[str], tag: str) -> str:
+        sides = ["left" if block.words or not column else "right" for column in range(len(cells))]
+        shown = (
+            f'<{tag} style="text-align: {side}">{escape(cell)}</{tag}>' for side, cell in zip(sides, cells, strict=True)
+        )
+        return f"<tr>{''.join(shown)}</tr>"
+
+    body = "".join(row(cells, "td") for cells in block.rows)
+    return f"<table><thead>{row(block.header, 'th')}</thead><tbody>{body}</tbody></table>"
