@@ -153,9 +153,8 @@ class Flight(FlightDownstream):
         asked: Any = repeat(None)
         if setpoints is not None:
             asked = np.split(_table(setpoints, "setpoints", len(stamps), missing=True), cuts)
-        return tuple(
-            cls(*part, dt, setpoints=q, **labels) for part, q in zip(parts, asked, strict=False) if len(part[0]) > 1
-        )
+        whole = zip(parts, asked, strict=False)
+        return tuple(cls(t, u, y, dt, setpoints=q, **labels) for (t, u, y), q in whole if len(t) > 1)
 
     def __len__(self) -> int:
         return len(self.time)

@@ -31,7 +31,6 @@ FLOORS = (
     {"fleet"},
     {"report"},
     {"export", "view"},
-    {"page"},
     {"paper"},
     {"__init__"},
     {"cli"},
@@ -57,7 +56,7 @@ ROOMS_OF_LIBRARIES = {
     "click": {"cli"},
     "rich": {"cli"},
     "matplotlib": {"paper", "report"},
-    "jinja2": {"page", "report"},
+    "jinja2": {"report"},
     "sitl_scenarios": {"cli", "paper"},
 }
 """The only rooms of mavdem that may import a library."""

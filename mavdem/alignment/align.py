@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
-from scipy.signal import butter, sosfiltfilt
 
 from mavdem.alignment import phases
 from mavdem.alignment.drive import Motors, Signal
@@ -272,6 +271,8 @@ def _low_passed(
     Butterworth, because it is flat where the dynamics are; both ways, because that leaves no phase, and motors and
     attitude must keep their order in time. At the cut-off half the amplitude is left, at twice that 1/257.
     """
+    from scipy.signal import sosfiltfilt  # it takes half a second to import, and few flights need it
+
     even = np.linspace(time[0], time[-1], len(time))
     table = np.column_stack([np.interp(even, time, column) for column in values.T])
     rate = mean_rate(time)
@@ -286,6 +287,8 @@ def impulse_response(rate: float, dt: float) -> NDArray[np.float64]:
 
     It reaches ``FILTER_EDGE_STEPS`` steps ``dt`` either way; what is cut off beyond is less than a hundredth of it.
     """
+    from scipy.signal import sosfiltfilt
+
     reach = round(FILTER_EDGE_STEPS * dt * rate)
     sample = np.zeros(8 * reach + 1)
     sample[4 * reach] = 1.0
@@ -294,4 +297,6 @@ def impulse_response(rate: float, dt: float) -> NDArray[np.float64]:
 
 
 def _butterworth(rate: float, cutoff: float) -> NDArray[np.float64]:
+    from scipy.signal import butter
+
     return np.asarray(butter(4, cutoff, fs=rate, output="sos"))

@@ -98,8 +98,8 @@ def settled(signals: Signals, boot: int) -> Intervals:
     Neither take-off nor landing, where it reports them; both axes must stay upright.
     """
     climb = _of_boot(signals.climb_rate, boot)
-    flights = both(armed(signals, boot), _in_states(signals, boot, (IN_AIR,)))
-    level = [between for flight in flights if (between := _between_transients(flight, climb)) is not None]
+    flights = both(armed(signals, boot), in_states(signals, boot, (IN_AIR,)))
+    level = [between for flight in flights if (between := between_transients(flight, climb)) is not None]
     for tilt in signals.tilts:
         here = tilt.boot == boot
         level = both(level, where(tilt.time[here], np.abs(tilt.angle[here]) < MAX_TILT))
@@ -119,7 +119,7 @@ def armed(signals: Signals, boot: int) -> Intervals:
 
 def airborne(signals: Signals, boot: int) -> Intervals:
     """Returns when the vehicle was off the ground: by EXTENDED_SYS_STATE while it comes, else by the motors' thrust."""
-    return _in_states(signals, boot, OFF_GROUND)
+    return in_states(signals, boot, OFF_GROUND)
 
 
 def highest_collective(signals: Signals) -> float:
@@ -128,13 +128,13 @@ def highest_collective(signals: Signals) -> float:
     for boot in np.unique(collective.boot) if collective is not None else ():
         here = _of_boot(collective, boot)
         assert here is not None
-        mean = _average(here)
+        mean = average(here)
         for start, end in armed(signals, boot):
             highest = max(highest, float(mean[(here.time >= start) & (here.time <= end)].max(initial=0.0)))
     return highest
 
 
-def _in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
+def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals:
     """Intervals of ``boot`` in one of MAV_LANDED_STATE's ``states``, in the air where only the thrust shows it.
 
     A report counts for the time up to the next, not for what came before all reports, nor across a long gap.
@@ -142,7 +142,7 @@ def _in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Interval
     reported, collective = _of_boot(signals.landed_state, boot), _of_boot(signals.collective, boot)
     carried: Intervals = []
     if collective is not None:
-        carried = where(collective.time, _average(collective) > airborne_collective(signals.telemetry.parameters))
+        carried = where(collective.time, average(collective) > airborne_collective(signals.telemetry.parameters))
     if reported is None:
         return carried
     undefined = reported.values == 0
@@ -153,12 +153,12 @@ def _in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Interval
     return either(both(inside, covered), both(carried, outside(covered)))
 
 
-def _between_transients(flight: Interval, climb: Signal | None) -> Interval | None:
+def between_transients(flight: Interval, climb: Signal | None) -> Interval | None:
     """The settled part of one flight; an end of the flight that was not seen has no transient to cut."""
     start, end = flight
     after, before = start + TRANSIENT_SECONDS, end - TRANSIENT_SECONDS
     if climb is not None:
-        speed = _average(climb)
+        speed = average(climb)
         inside = (climb.time >= after) & (climb.time <= before)
         # No whole flight only sinks: then the estimate has run away.
         if isinf(start) or isinf(end) or np.any(speed[inside] > -CLIMB_OUT_SPEED):
@@ -180,7 +180,7 @@ def _of_boot(signal: Signal | None, boot: int) -> Signal | None:
     return Signal(signal.time[here], signal.boot[here], signal.values[here])
 
 
-def _average(signal: Signal) -> NDArray[np.float64]:
+def average(signal: Signal) -> NDArray[np.float64]:
     """Centred mean of the samples within half of ``AVERAGING_SECONDS`` on either side."""
     total = np.concatenate([[0.0], np.cumsum(signal.values)])
     first = np.searchsorted(signal.time, signal.time - AVERAGING_SECONDS / 2, side="left")

@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import cumulative_trapezoid
-from scipy.signal import welch
 
 from mavdem.alignment import phases
 from mavdem.alignment.align import Segment, mean_rate, sample, slow_runs, within
@@ -142,7 +140,7 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
         input_step=motors.scale.step,
         input_snr=float(combination.var() / rounding**2) - 1 if rounding > 0 else None,
         saturation=float(np.mean(limited.any(axis=1))),
-        upper_band=_upper_band(flown_rate, flight.dt),
+        upper_band=_upper_band(flown_rate),
         consistency=min((share for share in consistencies if share is not None), default=None),
     )
 
@@ -185,15 +183,15 @@ def _fresh_rate(time: NDArray[np.float64], rows: NDArray[np.float64], step: NDAr
     return float(np.count_nonzero(changed)) / len(changed) * rate if held else rate
 
 
-def _upper_band(rate: NDArray[np.float64], dt: float) -> float | None:
-    frequency, power = welch(rate, 1 / dt, nperseg=min(256, len(rate)), detrend="constant")
+def _upper_band(rate: NDArray[np.float64]) -> float | None:
+    power = np.square(np.abs(np.fft.rfft(rate - rate.mean())))
     total = float(power.sum())
-    return float(power[frequency > frequency[-1] / 2].sum()) / total if total > 0 else None
+    return float(power[len(power) // 2 + 1 :].sum()) / total if total > 0 else None
 
 
 def _consistency(time: NDArray[np.float64], angle: NDArray[np.float64], slope: NDArray[np.float64]) -> float | None:
     """1 − var(Δangle − ∫slope)/var(Δangle) over spans of ``CONSISTENCY_SPAN``, without the worst ``OUTLIER_SHARE``."""
-    turned = cumulative_trapezoid(slope, time, initial=0)
+    turned = np.concatenate([[0.0], np.cumsum(np.diff(time) * (slope[1:] + slope[:-1]) / 2)])
     starts = time <= time[-1] - CONSISTENCY_SPAN
     later = time[starts] + CONSISTENCY_SPAN
     change = np.interp(later, time, angle) - angle[starts]

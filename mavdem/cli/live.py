@@ -24,10 +24,9 @@ from mavdem.files import atomic_write
 from mavdem.health.motor_watch import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import ACCOUNT, horizons, sentence
-from mavdem.live.link import Link
-from mavdem.live.recording import RawRecording
+from mavdem.live.link import Link, RawRecording
 from mavdem.live.session import LearningProcess, LiveSession
-from mavdem.report.page import SessionHistory, live_page
+from mavdem.report.page import live_page
 
 if TYPE_CHECKING:
     from mavdem.view.live import LiveView, RecordingFile, Sink
@@ -221,8 +220,7 @@ def live_command(
         dashboard = ends.enter_context(closing(Dashboard(link, axis, rrd, serve, connect)))
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(LearningProcess())
-        history = SessionHistory(dashboard.open, say_aside)
-        show, report, say = history.open, dashboard.report, history.say
+        show, report, say = dashboard.open, dashboard.report, say_aside
         session = LiveSession(opened, stream, settings, show, report, say, executor, recording, request_rate)
         ends.callback(session.end)
         dashboard.say_where()
@@ -246,7 +244,7 @@ def live_command(
         written, code = _write_model(learned, model_path)
         ends.close()
         if html_path is not None:
-            page = live_page(link, axis, history.of, status, account, learned)
+            page = live_page(link, axis, session.history, status, account, learned)
             if not _write_page(html_path, page):
                 html_path, code = None, UNUSABLE
         if rrd is not None and not dashboard.opened:

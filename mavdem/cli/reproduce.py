@@ -53,11 +53,10 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
         return
     with ending_at_once():
         require("`mavdem reproduce`", "paper")
-        from mavdem.paper.report import FIGURES, ITEMS, NUMBERS, PAGE, RECORDING, ItemReport, document
+        from mavdem.paper.report import ITEMS, NUMBERS, PAGE, RECORDING, ItemReport, document
         from mavdem.paper.runner import Extent, Runner
 
     check_folder(out, (PAGE, NUMBERS, RECORDING))
-    check_folder(out / FIGURES, ())
     began = perf_counter()
     chosen = {item.claim.title: item for item in ITEMS if item.claim.name in names or not names}
     with _ItemProgress() as bar, pool(spare_cores()) as executor:

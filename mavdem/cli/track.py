@@ -24,8 +24,8 @@ from mavdem.fleet.store import read_rows
 from mavdem.fleet.tracking import FleetTracker
 from mavdem.fleet.tracking import Progress as LogProgress
 from mavdem.fleet.workers import Limits, Reader, WorkerPool
-from mavdem.page.fleet_page import fleet_page
 from mavdem.report.blocks import Sentence
+from mavdem.report.fleet_page import fleet_page
 from mavdem.report.flights import baseline_blocks, fleet_blocks
 
 SECONDS_BETWEEN_LINES = 30.0  # of progress, where standard error is no terminal

@@ -76,17 +76,12 @@ def _name(telemetry: Telemetry) -> tuple[str, str]:
         return number, "board"
     for sensor, families in CALIBRATIONS.items():
         for names in families:
-            values = [telemetry.parameters.get(name) for name in names]
-            known = [value for value in values if value is not None]
-            if len(known) == len(names) and _individual(tuple(known[:OFFSETS])):
-                text = " ".join(f"{value:.{DIGITS}g}" for value in known)
+            values = [telemetry.parameters[name] for name in names if name in telemetry.parameters]
+            offsets = tuple(round(offset, 6) for offset in values[:OFFSETS])
+            if len(values) == len(names) and any(offsets) and offsets not in SIMULATED:
+                text = " ".join(f"{value:.{DIGITS}g}" for value in values)
                 return f"{sensor}-{hashlib.sha256(text.encode()).hexdigest()[:12]}", sensor
     return f"{telemetry.autopilot}-{telemetry.system}".lower(), "system id"
-
-
-def _individual(offsets: tuple[float, ...]) -> bool:
-    rounded = tuple(round(offset, 6) for offset in offsets)
-    return any(rounded) and rounded not in SIMULATED
 
 
 def _sent_number(telemetry: Telemetry) -> str:

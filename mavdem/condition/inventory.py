@@ -50,18 +50,13 @@ class Tier(NamedTuple):
     next_needs: str
     remedy: str
 
-    @property
-    def allows(self) -> str:
-        """What it allows, in words; empty where there is none."""
-        return ALLOWS.get(self.name or "", "")
-
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values: ``tier``, ``tier_reason`` and ``next_tier``."""
         following = {"tier": self.next_tier, "needs": self.next_needs, "remedy": self.remedy}
         return {
             "tier": self.name,
             "tier_reason": self.reason,
-            "allows": self.allows,
+            "allows": ALLOWS.get(self.name or "", ""),
             "next_tier": None if self.next_tier is None else following,
         }
 
@@ -76,14 +71,10 @@ def tier_of(verdict: Verdict, condition: Condition) -> Tier:
     slower = min(figures.attitude_rate or 0.0, figures.motor_rate or 0.0)
     if verdict.learnable:
         return Tier("a", verdict.reason, None, "", "")
-    if not condition.settled or not condition.lean:
+    name: str | None
+    name, following = ("b", "a") if slower >= SLOW_MOTION_RATE else ("c", "b")
+    if not condition.settled or not condition.lean or 0 < slower < SLOWEST_RATE:
         name, following = None, "c"
-    elif slower >= SLOW_MOTION_RATE:
-        name, following = "b", "a"
-    elif 0 < slower < SLOWEST_RATE:
-        name, following = None, "c"
-    else:
-        name, following = "c", "b"
     return Tier(name, verdict.reason, following, NEEDS[following], verdict.remedy)
 
 
@@ -115,16 +106,14 @@ def inventory(
         "receive_time": list(log.receive_time),
         "unread": [asdict(unread) for unread in log.unread],
         "speakers": [
-            {
-                "system": speaker.system,
-                "component": speaker.component,
-                "kind": speaker.kind,
-                "messages": sum(speaker.messages.values()),
-                "lost": speaker.lost,
-                "lost_share": speaker.lost / max(speaker.lost + sum(speaker.messages.values()), 1),
-                "missing_share": missing.get((speaker.system, speaker.component)),
+            {name: getattr(one, name) for name in ("system", "component", "kind")}
+            | {
+                "messages": (sent := sum(one.messages.values())),
+                "lost": one.lost,
+                "lost_share": one.lost / max(one.lost + sent, 1),
+                "missing_share": missing.get((one.system, one.component)),
             }
-            for speaker in log.components
+            for one in log.components
         ],
         "vehicles": described,
         "learnable": any(one["verdict"]["learnable"] for one in described),
@@ -139,10 +128,7 @@ def _vehicle(
         known = verdict_of(signals, log.components), condition_of(signals), identity_of(signals, log.receive_time[0])
     verdict, condition, identity = known
     return {
-        "system": telemetry.system,
-        "component": telemetry.component,
-        "vehicle": telemetry.vehicle,
-        "autopilot": telemetry.autopilot,
+        **{name: getattr(telemetry, name) for name in ("system", "component", "vehicle", "autopilot")},
         "translated_from": telemetry.translated_from,
         "names": {name: telemetry.names[name] for name in sorted(telemetry.messages) if name in telemetry.names},
         "parameters": len(telemetry.parameters),

@@ -3,7 +3,7 @@
 from mavdem.dem.engine.model import LinearModel
 from mavdem.dem.engine.trace import FreeEnergy, Learning
 from mavdem.dem.fitting import SmoothnessEstimate, estimate_smoothness
-from mavdem.dem.graybox import Physical, WindTorque, physical
+from mavdem.dem.graybox import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import learn, learn_many
 from mavdem.dem.online.estimate import Estimate
@@ -18,6 +18,7 @@ __all__ = [
     "Learning",
     "LinearModel",
     "OnlineLearner",
+    "NotIdentifiable",
     "Physical",
     "Settings",
     "SmoothnessEstimate",

@@ -20,7 +20,7 @@ from mavdem.dem.engine.trace import FreeEnergy, Learning
 from mavdem.dem.fitting import generalized
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecasts import BandedForecast, Forecasts, TrainingForecasts
-from mavdem.dem.graybox import Physical, physical
+from mavdem.dem.graybox import NotIdentifiable, Physical, physical
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.graybox.wind import WindTorque, wind
 from mavdem.dem.record import Record, required_steps
@@ -126,24 +126,22 @@ class Learned(LearnedDownstream):
             return self._arranged(np.full(len(self.theta_covariance), np.nan))
         return self._arranged(self.scatter.half_width(level))
 
-    @cached_property
+    @property
     def physical(self) -> Physical | None:
         """The gray-box model of motors, damping and lag; ``None`` where none can be fitted.
 
         See :func:`mavdem.dem.physical`.
         """
-        try:
-            return physical(self.record)
-        except ValueError:
-            return None
+        return self._gray_box if isinstance(self._gray_box, Physical) else None
 
     @property
     def physical_reason(self) -> str:
         """Why no physical parameters can be fitted, one sentence; empty where they can."""
-        try:
-            return "" if self.physical is not None or physical(self.record) else ""
-        except ValueError as error:
-            return f"{str(error)[:1].upper()}{str(error)[1:]}."
+        return self._gray_box.reason if isinstance(self._gray_box, NotIdentifiable) else ""
+
+    @cached_property
+    def _gray_box(self) -> Physical | NotIdentifiable:
+        return physical(self.record)
 
     @cached_property
     def wind(self) -> WindTorque | None:
@@ -305,10 +303,10 @@ class Learned(LearnedDownstream):
             ValueError: no physical parameters can be fitted, outputs other than an angle and its rate, or inputs of
                 another width, or not finite.
         """
-        read = self._physical_or_error()
-        if read.caution is not None:
-            warn(f"This simulation may be far off. {read.caution}", stacklevel=2)
-        return simulated(read, self.record, self.record.following_inputs(inputs)).mean
+        physical = self._physical_or_error()
+        if physical.caution is not None:
+            warn(f"This simulation may be far off. {physical.caution}", stacklevel=2)
+        return simulated(physical, self.record, self.record.following_inputs(inputs)).mean
 
     def simulate_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
         """(H, m) half width, about :meth:`simulate`, of the band that holds each sample with probability ``level``.
@@ -321,15 +319,17 @@ class Learned(LearnedDownstream):
                 probability between 0 and 1.
         """
         require_probability(level)
-        read = self._physical_or_error()
-        if read.caution is not None:
-            raise ValueError(f"there is no band of this simulation: {read.caution}")
-        variance = simulated(read, self.record, self.record.following_inputs(inputs)).variance
+        physical = self._physical_or_error()
+        if physical.caution is not None:
+            raise ValueError(f"there is no band of this simulation: {physical.caution}")
+        variance = simulated(physical, self.record, self.record.following_inputs(inputs)).variance
         return half_width(variance, level)
 
     def _physical_or_error(self) -> Physical:
         """The physical parameters, or the ``ValueError`` that says why there are none."""
-        return self.physical or physical(self.record)
+        if isinstance(self._gray_box, NotIdentifiable):
+            raise ValueError(self._gray_box.reason)
+        return self._gray_box
 
     @property
     def places(self) -> NDArray[np.intp]:

@@ -1,13 +1,11 @@
 """Evaluation: errors of forecasts beside a baseline, on windows that no model saw.
 
 ``mspe`` is the error, ``relative_mspe`` the error ratio; ``compare`` runs every method on every window, ``paired``
-tests two of them; ``held_out_windows`` forecasts every part of a flight by models that were trained without it;
-``analyse_noise`` tests whether noise is Gaussian or white.
+tests two of them; ``held_out_windows`` forecasts every part of a flight by models that were trained without it.
 """
 
 from mavdem.evaluate.comparison import METHODS, Comparison, Method, compare
 from mavdem.evaluate.held_out import HeldOut, held_out_test, held_out_windows
-from mavdem.evaluate.noise import Noise, Significance, analyse_noise, process_noise
 from mavdem.evaluate.paired_test import Paired, paired
 from mavdem.evaluate.scores import HORIZONS, Mspe, horizons, mspe, relative_mspe
 from mavdem.evaluate.windows import Window, windows
@@ -19,18 +17,14 @@ __all__ = [
     "HeldOut",
     "Method",
     "Mspe",
-    "Noise",
     "Paired",
-    "Significance",
     "Window",
-    "analyse_noise",
     "compare",
     "held_out_test",
     "held_out_windows",
     "horizons",
     "mspe",
     "paired",
-    "process_noise",
     "relative_mspe",
     "windows",
 ]

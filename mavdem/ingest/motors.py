@@ -16,6 +16,7 @@ Position = tuple[float, float]
 """(forward, right) of the centre of mass: metres from the autopilot's parameters, else on a unit circle."""
 MOTOR_COUNTS = {"TRICOPTER": 3, "QUADROTOR": 4, "HEXAROTOR": 6, "OCTOROTOR": 8, "DECAROTOR": 10, "DODECAROTOR": 12}
 """Number of motors of each MAV_TYPE that has one."""
+TRICOPTER = 7  # FRAME_CLASS
 MULTIROTORS = (*MOTOR_COUNTS, "GENERIC_MULTIROTOR")  # The MAV_TYPEs of vehicles with fixed rotors
 
 _COMPASS = ("front", "front right", "right", "rear right", "rear", "rear left", "left", "front left")
@@ -83,14 +84,22 @@ def motor_geometry(
     """
     if autopilot == "PX4":
         known = _px4_channels(parameters, moving, bank)
-        places, turns = _px4_positions(parameters), _px4_spins(parameters)
+        rotors = range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12))  # n of the control allocation is motor n + 1
+        at = {n + 1: tuple(parameters.get(f"CA_ROTOR{n}_P{axis}") for axis in "XY") for n in rotors}
+        places = {motor: (float(x), float(y)) for motor, (x, y) in at.items() if x is not None and y is not None}
+        # Torque over thrust is positive for a rotor that turns counterclockwise.
+        moments = {n + 1: parameters.get(f"CA_ROTOR{n}_KM", 0.0) for n in rotors}
+        turns = {motor: 1 if moment > 0 else -1 for motor, moment in moments.items() if moment}
         basis = "the *_FUNCn and CA_ROTORn parameters" if places else "the *_FUNCn parameters"
     else:
         known = _ardupilot_channels(parameters)
         if vehicle == "TRICOPTER":
             known.pop(7, None)  # the servo that tilts the rear motor
         frame = _ardupilot_frame(vehicle, parameters)
-        places, turns = _ardupilot_positions(*frame), _ardupilot_spins(*frame)
+        places = _circle(_ARDUPILOT_FRAMES.get(frame[0], {}).get(frame[1], ()))
+        turns = _by_motor(_ARDUPILOT_SPINS.get(frame[0], {}).get(frame[1], ""))
+        if frame[0] == TRICOPTER:
+            places = {motor: _on_circle(bearing) for motor, bearing in {1: 60.0, 2: -60.0, 4: 180.0}.items()}
         basis = "the SERVOn_FUNCTION and FRAME parameters" if places else "the SERVOn_FUNCTION parameters"
     if len(known) >= MOTOR_COUNTS.get(vehicle, 1):  # fewer are parameters of which some did not come
         motors, channels = tuple(sorted(known)), tuple(known[motor] for motor in sorted(known))
@@ -184,16 +193,6 @@ def _ardupilot_frame(vehicle: str, parameters: Mapping[str, float]) -> tuple[int
     return frame_class, frame_type
 
 
-def _ardupilot_positions(frame_class: int, frame_type: int) -> dict[int, Position]:
-    if frame_class == 7:  # a tricopter
-        return {motor: _on_circle(bearing) for motor, bearing in {1: 60.0, 2: -60.0, 4: 180.0}.items()}
-    return _circle(_ARDUPILOT_FRAMES.get(frame_class, {}).get(frame_type, ()))
-
-
-def _ardupilot_spins(frame_class: int, frame_type: int) -> dict[int, int]:
-    return _by_motor(_ARDUPILOT_SPINS.get(frame_class, {}).get(frame_type, ""))
-
-
 def _by_motor(spins: str) -> dict[int, int]:
     return {i + 1: 1 if spin == "+" else -1 for i, spin in enumerate(spins)}
 
@@ -229,23 +228,6 @@ def _px4_channels(parameters: Mapping[str, float], moving: Sequence[int], bank: 
             channels |= {motor: first + n for motor, n in further.items()}
             banks.remove(first)
     return channels
-
-
-def _px4_positions(parameters: Mapping[str, float]) -> dict[int, Position]:
-    return {  # rotor n of the control allocation is motor n + 1
-        n + 1: (float(parameters[f"CA_ROTOR{n}_PX"]), float(parameters[f"CA_ROTOR{n}_PY"]))
-        for n in range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12))
-        if f"CA_ROTOR{n}_PX" in parameters and f"CA_ROTOR{n}_PY" in parameters
-    }
-
-
-def _px4_spins(parameters: Mapping[str, float]) -> dict[int, int]:
-    """By the sign of CA_ROTORn_KM, torque over thrust, which is positive for a rotor that turns counterclockwise."""
-    return {
-        n + 1: 1 if parameters[f"CA_ROTOR{n}_KM"] > 0 else -1
-        for n in range(min(int(parameters.get("CA_ROTOR_COUNT", 0)), 12))
-        if parameters.get(f"CA_ROTOR{n}_KM")
-    }
 
 
 @dataclass(frozen=True)

@@ -178,15 +178,8 @@ def log_of_vehicles(
 
     ``counts`` are the messages by their names in the file; those of ``Telemetry.messages`` unless given.
     """
-    components = tuple(
-        Component(
-            one.system,
-            one.component,
-            one.vehicle,
-            one.autopilot,
-            counts or {name: len(columns["time"]) for name, columns in one.messages.items()},
-            lost=0,
-        )
-        for one in vehicles
-    )
-    return Log(vehicles[0].source, vehicles, components, (), frames, bytes_skipped, receive_time)
+    components = []
+    for one in vehicles:
+        sent = counts or {name: len(columns["time"]) for name, columns in one.messages.items()}
+        components.append(Component(one.system, one.component, one.vehicle, one.autopilot, sent, lost=0))
+    return Log(vehicles[0].source, vehicles, tuple(components), (), frames, bytes_skipped, receive_time)

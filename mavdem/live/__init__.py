@@ -1,7 +1,8 @@
-"""Live: the offline path in small steps, from the bytes of a link to aligned rows, and a model learnt from them."""
+"""Live: the offline path in small steps, from the bytes of a link to aligned rows, and a model learned from them."""
 
-from mavdem.live.aligner import AlignedRow, Setup
+from mavdem.live.decisions import Setup
 from mavdem.live.history import Event, SessionStatus
+from mavdem.live.rows import AlignedRow
 from mavdem.live.stream import LiveStream
 
 __all__ = ["AlignedRow", "Event", "LiveStream", "SessionStatus", "Setup"]

@@ -1,4 +1,6 @@
-"""A MAVLink link: a socket or a serial port, by pymavlink's connection strings. It sends nothing before ``send``.
+"""A MAVLink link, and the recording of what it receives: a socket or a serial port, by pymavlink's connection strings.
+
+It sends nothing before ``send``.
 
 pymavlink's own connections are not used. Its UDP socket shares a port in use instead of failing, sends to every address
 that ever sent it anything, and keeps the kernel's small buffer; its serial port changes the speed twice; both print.
@@ -23,10 +25,16 @@ import select
 import socket
 import sys
 import time
+from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
+
 from mavdem.errors import Unreadable
-from mavdem.ingest.mavlink.framing import HEADER_1, MARKER_1, MARKER_2
+from mavdem.ingest.mavlink.definitions import seeds
+from mavdem.ingest.mavlink.framing import HEADER_1, LONGEST_FRAME, MARKER_1, MARKER_2, find_in_pieces
+from mavdem.ingest.mcap.writer import raw_channel, started, write_message
+from mavdem.ingest.tlog import write_stamped
 from mavdem.ingest.vocabulary import AUTOPILOT_COMPONENT
 
 LOOPBACK = "127.0.0.1"
@@ -366,3 +374,72 @@ def _serial(name: str) -> int:
         os.close(port)
         raise Unreadable(f"Cannot open {name}: it is not a serial port.") from error
     return port
+
+
+BATCH_SECONDS = 0.5  # Of received bytes written together: each search for frames costs time
+CHUNK_BYTES = 1 << 15  # About a second of a fast link
+
+
+class RawRecording:
+    """A growing file, new, whose name ends in .tlog or .mcap, of the raw stream.
+
+    A crash loses little: a telemetry log may be cut off anywhere, of an MCAP file the last second may be missing.
+    ``frames``: number of frames in it. ``bytes_skipped``: received bytes that belong to no frame and are not in it.
+    Raises Unreadable: the file exists, or cannot be created. Raises ValueError: another ending.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        if Path(path).suffix.lower() not in (".tlog", ".mcap"):
+            raise ValueError(f"{path} must end in .tlog or .mcap")
+        try:
+            self._file = open(path, "xb")  # noqa: SIM115 - open until close()
+        except FileExistsError:
+            raise Unreadable(f"{path} is there already and is not overwritten: name another file.") from None
+        except OSError as error:
+            raise Unreadable(f"{path} cannot be written ({error.strerror or error}): name another file.") from None
+        self.frames = self.bytes_skipped = 0
+        self._mcap = started(self._file, CHUNK_BYTES) if Path(path).suffix.lower() == ".mcap" else None
+        self._channel = 0 if self._mcap is None else raw_channel(self._mcap)
+        self._pieces: list[tuple[float, bytes]] = []
+        self._first = 0.0
+
+    def take(self, stamp: float, data: bytes) -> None:
+        """Adds any bytes that a link received, also parts of frames, at ``stamp``, UNIX s.
+
+        Raises OSError: it cannot be written.
+        """
+        if not self._pieces:
+            self._first = stamp
+        self._pieces.append((stamp, data))
+        if not 0 <= stamp - self._first < BATCH_SECONDS:
+            self._write(last=False)
+
+    def close(self) -> None:
+        """Writes the rest and closes the file. Raises OSError: it cannot be written."""
+        if self._file.closed:
+            return
+        with self._file:
+            self._write(last=True)
+            if self._mcap is not None:
+                self._mcap.finish()  # type: ignore[no-untyped-call]
+
+    def _write(self, last: bool) -> None:
+        content = b"".join(data for _, data in self._pieces)
+        ends = np.cumsum([len(data) for _, data in self._pieces])
+        frames, pieces = find_in_pieces(np.frombuffer(content, dtype=np.uint8), ends, seeds())
+        searched = len(content)
+        if not last:
+            # The last frame may not be complete.
+            searched = max(int(frames.end.max(initial=0)), len(content) - LONGEST_FRAME)
+        stamps = (round(self._pieces[piece][0] * 1e6) for piece in pieces.tolist())
+        found = [content[a:b] for a, b in zip(frames.start.tolist(), frames.end.tolist(), strict=True)]
+        if self._mcap is None:
+            write_stamped(self._file, zip(stamps, found, strict=True))
+        else:
+            for stamp, frame in zip(stamps, found, strict=True):
+                write_message(self._mcap, self._channel, stamp * 1000, frame)
+        self._file.flush()
+        self.frames += len(found)
+        self.bytes_skipped += searched - sum(map(len, found))
+        self._pieces = [(self._pieces[-1][0], content[searched:])] if searched < len(content) else []
+        self._first = self._pieces[0][0] if self._pieces else 0.0

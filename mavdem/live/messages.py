@@ -1,40 +1,41 @@
-"""One message at a time: the fields that a model needs, and the stamp of its clock, from one frame.
+"""The frames in the bytes of a link, and the messages in them that a model needs, one at a time.
 
-The definitions and meanings of the columns in ``ingest`` and ``alignment.signals``, unpacked with ``struct``: a table
-takes a hundred times as long for its first row.
+A frame counts as in files: with a correct checksum; where there is damage, garbage or another dialect, ``find_frames``
+decides what came before the next good one. Nothing is lost by waiting for that. Fields are those of the columns that
+``ingest`` makes of whole streams.
 """
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import cache
 from math import asin, atan2, inf, isfinite
-from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from mavdem.alignment.drive import DEMAND_MESSAGE, MAX_ANGLE, MAX_BODY_RATE, UNUSED_CHANNEL
 from mavdem.alignment.signals import CLIMB_FIELDS
-from mavdem.ingest.mavlink.definitions import MessageDefinition, definitions, parameter_values
+from mavdem.ingest.mavlink.definitions import definitions, parameter_values, seeds
+from mavdem.ingest.mavlink.framing import (
+    FAILED,
+    GOOD,
+    HEADER,
+    HEADER_1,
+    LONGEST_FRAME,
+    MARKER_1,
+    MARKER_2,
+    UNKNOWN,
+    announced_length,
+    concatenated,
+    find_frames,
+    frame_checksum,
+)
 from mavdem.ingest.mavlink.vehicles import CLOCK_UNITS
-from mavdem.live.frames import LiveFrame
 
 Values = tuple[float, ...]
 
-_FORMATS = {"i1": "b", "u1": "B", "i2": "h", "u2": "H", "i4": "i", "u4": "I", "i8": "q", "u8": "Q"}
-_FORMATS |= {"f4": "f", "f8": "d"}
-
-
-class LiveMessage(NamedTuple):
-    """A message that a model needs."""
-
-    name: str  # of the message
-    stamp: float  # its clock, s; zero if it has none
-    period: float  # where the clock wraps, s; infinite for 64-bit counters
-    values: tuple[Any, ...]  # of :data:`FIELDS`, flat
-
+MAX_UNDECIDED = 32 * LONGEST_FRAME  # Bytes without a good frame that wait for one
 
 FIELDS: dict[str, tuple[str, ...]] = {
     "HEARTBEAT": ("type", "autopilot", "base_mode", "custom_mode", "system_status"),
@@ -52,13 +53,137 @@ FIELDS: dict[str, tuple[str, ...]] = {
 """The messages that a model needs and their fields."""
 
 
-def message_of(frame: LiveFrame) -> LiveMessage | None:
+class Frame(NamedTuple):
+    """One frame of a stream, as its header announces it."""
+
+    message_id: int
+    system: int
+    component: int
+    sequence: int
+    verdict: int  # ``GOOD``, ``UNKNOWN`` or ``FAILED`` of ``framing``
+    payload: bytes  # as sent, without the zeros that MAVLink 2 truncates
+
+
+class FrameReader:
+    """Finds the frames of one stream.
+
+    ``frames``: complete frames so far, unread ones included. ``unread``: those of other dialects, and damaged ones.
+    ``garbage``: bytes that belong to no frame.
+    """
+
+    def __init__(self) -> None:
+        self.frames = self.unread = self.garbage = 0
+        self._rest = b""
+        message_readers(), seeds()  # slow the first time
+
+    def feed(self, piece: bytes) -> list[Frame]:
+        """Returns the frames that the next bytes complete, in order; good ones do not depend on how bytes are cut."""
+        data, start = self._rest + piece, 0
+        found: list[Frame] = []
+        while start < len(data):
+            frame, end = _frame_at(data, start)
+            if frame is not None and frame.verdict == GOOD:
+                found.append(frame)
+                start = end
+            elif end >= len(data):
+                break  # incomplete, or alone: what follows decides
+            elif (decided := self._search(data, start, found)) is None:
+                break
+            else:
+                start = decided
+        self._rest = data[start:]
+        self.frames += len(found)
+        self.unread += sum(frame.verdict != GOOD for frame in found)
+        return found
+
+    def _search(self, data: bytes, start: int, found: list[Frame]) -> int | None:
+        """Adds the frames up to the last good one, as a file's are found; returns where they end, None if unknown."""
+        table = concatenated(list(find_frames(np.frombuffer(data, np.uint8)[start:], seeds())))
+        good = np.flatnonzero(table.verdict == GOOD)
+        if len(good):
+            table = table[: int(good[-1]) + 1]
+            until = int(table.end[-1])
+        elif len(data) - start <= MAX_UNDECIDED:
+            return None
+        else:
+            table = table[table.end <= len(data) - start - LONGEST_FRAME]
+            until = len(data) - start - LONGEST_FRAME
+        for row in range(len(table)):
+            begin, length = start + int(table.payload[row]), int(table.length[row])
+            header = (table.message_id, table.system, table.component, table.sequence, table.verdict)
+            message_id, system, component, sequence, verdict = (int(column[row]) for column in header)
+            payload = data[begin : begin + length]
+            found.append(Frame(message_id, system, component, sequence, verdict, payload))
+        self.garbage += until - int((table.end - table.start).sum())
+        return start + until
+
+
+def _frame_at(data: bytes, start: int) -> tuple[Frame | None, int]:
+    """The frame announced by the header at ``start``, None without a complete one, and where it ends or would end."""
+    header = data[start : start + HEADER]
+    if header[0] not in (MARKER_1, MARKER_2):
+        return None, start
+    if len(header) < 3:
+        return None, len(data)
+    length = announced_length(*header[:3])
+    if length is None:
+        return None, start
+    if (end := start + length) > len(data):
+        return None, end
+    if header[0] == MARKER_2:
+        payload = start + HEADER
+        sequence, system, component, low, middle, high = header[4:]
+        message_id = low | middle << 8 | high << 16
+    else:
+        payload = start + HEADER_1
+        sequence, system, component, message_id = header[2:HEADER_1]
+    behind = payload + header[1]
+    definition, verdict = definitions().get(message_id), UNKNOWN
+    if definition is not None:
+        sent = data[behind] | data[behind + 1] << 8
+        verdict = GOOD if sent == frame_checksum(data[start + 1 : behind], definition.seed) else FAILED
+    return Frame(message_id, system, component, sequence, verdict, data[payload:behind]), end
+
+
+class Message(NamedTuple):
+    """A message that a model needs."""
+
+    name: str
+    stamp: float  # its clock, s; zero if it has none
+    period: float  # where the clock wraps, s; infinite for 64-bit counters
+    values: tuple[Any, ...]  # of ``FIELDS``, in their order
+
+
+@cache
+def message_readers() -> dict[int, tuple[str, np.dtype[Any], float, float]]:
+    """Name, type of the payload, units of the clock in a second (0 for none) and its period, by message id."""
+    readers = {}
+    for definition in definitions().values():
+        if definition.name in FIELDS:
+            wire = definition.wire
+            assert wire.fields is not None
+            clock = next((field for field in CLOCK_UNITS if field in wire.fields), None)
+            units = 0.0 if clock is None else CLOCK_UNITS[clock]
+            period = inf if clock is None or wire[clock].itemsize == 8 else 2.0 ** (8 * wire[clock].itemsize) / units
+            kinds = {name: wire.fields[name] for name in [*FIELDS[definition.name], *filter(None, [clock])]}
+            form: Any = {"names": list(kinds), "formats": [kind[0] for kind in kinds.values()]}
+            form |= {"offsets": [kind[1] for kind in kinds.values()], "itemsize": wire.itemsize}
+            readers[definition.message_id] = definition.name, np.dtype(form), units, period
+    return readers
+
+
+def message_of(frame: Frame) -> Message | None:
     """The message in a frame with a correct checksum; None if a model does not need it."""
-    reader = readers().get(frame.message_id)
-    return None if reader is None else reader(frame.payload)
+    reader = message_readers().get(frame.message_id)
+    if reader is None:
+        return None
+    name, kind, units, period = reader
+    # Truncated bytes are zero; bytes beyond the definition are newer than the dialect.
+    values = np.frombuffer(frame.payload[: kind.itemsize].ljust(kind.itemsize, b"\0"), kind)[0].item()
+    return Message(name, values[-1] / units, period, values[:-1]) if units else Message(name, 0.0, inf, values)
 
 
-def attitude(message: LiveMessage) -> Values | None:
+def attitude(message: Message) -> Values | None:
     """Roll, pitch, rad, and body rates p and q, rad/s; None if not finite or impossible."""
     if message.name == "ATTITUDE":
         roll, pitch, p, q, r = message.values
@@ -74,15 +199,15 @@ def attitude(message: LiveMessage) -> Values | None:
     return (roll, pitch, p, q) if possible else None
 
 
-def outputs(message: LiveMessage) -> tuple[int, Values]:
-    """The port of a message of motor outputs, and the outputs; unused ones are 0."""
+def outputs(message: Message) -> tuple[int, Values]:
+    """The port of a message of motor outputs, or the group of a demand, and its channels, unused ones as 0."""
     if message.name != "SERVO_OUTPUT_RAW":
-        return 0, message.values
+        return int(message.values[0]) if len(message.values) > 1 else 0, tuple(message.values[-1].tolist())
     port, *sent = message.values
     return port, tuple(0.0 if value == UNUSED_CHANNEL else float(value) for value in sent)
 
 
-def parameters_of(messages: Iterable[LiveMessage], autopilot: str) -> dict[str, float]:
+def parameters_of(messages: Iterable[Message], autopilot: str) -> dict[str, float]:
     """The finite parameters by name, from the PARAM_VALUEs of the named MAV_AUTOPILOT."""
     names, kinds, values = zip(*(message.values for message in messages), strict=True)
     columns = {
@@ -91,42 +216,3 @@ def parameters_of(messages: Iterable[LiveMessage], autopilot: str) -> dict[str, 
         "param_value": np.array(values, dtype="<f4"),
     }
     return parameter_values(columns, autopilot)
-
-
-@cache
-def readers() -> dict[int, Callable[[bytes], LiveMessage]]:
-    """What reads the payload of a message, by message id; slow the first time."""
-    return {
-        definition.message_id: _reader(definition, FIELDS[definition.name])
-        for definition in definitions().values()
-        if definition.name in FIELDS
-    }
-
-
-def _reader(definition: MessageDefinition, fields: tuple[str, ...]) -> Callable[[bytes], LiveMessage]:
-    wire, name = definition.wire, definition.name
-    assert wire.names is not None
-    form, places, count = "<", {}, 0
-    for field in wire.names:
-        kind = wire[field]
-        text, number = kind.base.kind == "S", int(np.prod(kind.shape))
-        form += f"{kind.base.itemsize}s" if text else _FORMATS[kind.base.str[1:]] * number
-        places[field] = range(count, count + number)
-        count += number
-    unpack, size = struct.Struct(form).unpack, wire.itemsize
-    wanted = [place for field in fields for place in places[field]]
-    pick: Callable[[tuple[Any, ...]], tuple[Any, ...]] = (
-        itemgetter(*wanted) if len(wanted) > 1 else lambda values: (values[wanted[0]],)
-    )
-    clock = next((field for field in CLOCK_UNITS if field in places), None)
-    at, units, period = 0, 1.0, inf
-    if clock is not None:
-        at, units = places[clock][0], CLOCK_UNITS[clock]
-        period = inf if wire[clock].itemsize == 8 else 2.0 ** (8 * wire[clock].itemsize) / units
-
-    def read(payload: bytes) -> LiveMessage:
-        # Truncated bytes are zero; bytes beyond the definition are newer than the dialect.
-        values = unpack(payload[:size].ljust(size, b"\0"))
-        return LiveMessage(name, 0.0 if clock is None else values[at] / units, period, pick(values))
-
-    return read

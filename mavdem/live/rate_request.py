@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mavdem.ingest.mavlink.definitions import FrameSender, composed_frames, definition_named, definitions
-from mavdem.live.messages import LiveMessage
+from mavdem.live.messages import Message
 
 GROUND_STATION = FrameSender(255, 190)  # The usual ids of ground stations; 190 is MAV_COMP_ID_MISSIONPLANNER
 GREETER = FrameSender(254, 190)
@@ -156,7 +156,7 @@ class RateRequest:
             one.last = now
         return frames
 
-    def take(self, message: LiveMessage) -> None:
+    def take(self, message: Message) -> None:
         """A MESSAGE_INTERVAL or a COMMAND_ACK of the vehicle."""
         first, second, *addressee = message.values
         if message.name == "MESSAGE_INTERVAL":

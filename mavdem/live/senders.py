@@ -17,8 +17,7 @@ from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import identity, missing_between
 from mavdem.ingest.motors import MULTIROTORS
 from mavdem.ingest.vocabulary import RADIO, RADIO_MESSAGES, UNNAMED
-from mavdem.live.frames import LiveFrame
-from mavdem.live.messages import LiveMessage
+from mavdem.live.messages import Frame, Message
 
 MAX_SENDERS = 64
 MAX_PARAMETERS = 2048  # Parameters kept of each; autopilots have up to 1500
@@ -38,13 +37,13 @@ class Sender:
     frames: int = 0  # number of frames, unread ones included
     # number of messages by id, damaged and unknown ones excluded
     arrived: dict[int, int] = field(default_factory=dict, repr=False)
-    parameters: dict[bytes, LiveMessage] = field(default_factory=dict, repr=False)  # the last PARAM_VALUEs
+    parameters: dict[bytes, Message] = field(default_factory=dict, repr=False)  # the last PARAM_VALUEs
     kind: str = UNNAMED  # with autopilot: names of the MAV_TYPE and MAV_AUTOPILOT that most of its HEARTBEATs have
     autopilot: str = UNNAMED
     # whether ``ENOUGH_MESSAGES`` of them decide that: a flood of forged ones must not change the followed one
     held: bool = False
     _beats: list[tuple[int, int]] = field(default_factory=list, repr=False)
-    _last: LiveFrame | None = field(default=None, repr=False)
+    _last: Frame | None = field(default=None, repr=False)
     _missing: int = field(default=0, repr=False)
 
     @property
@@ -74,7 +73,7 @@ class Sender:
         mute = self.kind in MULTIROTORS and len(self._beats) >= 5 and not self.attitudes
         return mute or (self.known and self.flies)
 
-    def take(self, frame: LiveFrame) -> bool:
+    def take(self, frame: Frame) -> bool:
         """Counts a frame; returns False for a copy of the last one, which some links send."""
         self.frames += 1
         if frame == self._last:
@@ -90,7 +89,7 @@ class Sender:
             self.attitudes += definitions()[frame.message_id].name in ATTITUDE_MESSAGES
         return True
 
-    def take_parameter(self, message: LiveMessage) -> bool:
+    def take_parameter(self, message: Message) -> bool:
         """Keeps a PARAM_VALUE; returns whether it is new."""
         name = message.values[0]
         if self.parameters.get(name) == message or (
@@ -100,7 +99,7 @@ class Sender:
         self.parameters[name] = message
         return True
 
-    def take_heartbeat(self, message: LiveMessage) -> None:
+    def take_heartbeat(self, message: Message) -> None:
         """Counts the type and autopilot in a HEARTBEAT."""
         kind, autopilot, *_ = message.values
         if len(self._beats) < (ENOUGH_MESSAGES if self.held else VOTING_HEARTBEATS):
@@ -129,7 +128,7 @@ class Senders:
         """The senders that are kept, by system and component."""
         return iter([sender for _, sender in sorted(self._senders.items())])
 
-    def of(self, frame: LiveFrame) -> Sender:
+    def of(self, frame: Frame) -> Sender:
         """The sender of a frame."""
         key = frame.system << 8 | frame.component
         sender = self._senders.get(key)

@@ -14,24 +14,31 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import ExitStack
-from dataclasses import dataclass, field, replace
-from math import floor, log2
+from dataclasses import dataclass, replace
 from typing import ParamSpec, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.alignment.signals import axis_outputs
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
+from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import pool
-from mavdem.live.aligner import AlignedRow, Setup
-from mavdem.live.history import ACCOUNT, NO_FLIGHT, NOT_SETTLED, UNCONFIRMED, SessionStatus, horizons, sentence
-from mavdem.live.link import Link, LinkLost
+from mavdem.live.decisions import Setup
+from mavdem.live.history import (
+    ACCOUNT,
+    AHEAD,
+    NO_FLIGHT,
+    NOT_SETTLED,
+    UNCONFIRMED,
+    LiveHistory,
+    SessionStatus,
+    horizons,
+    sentence,
+)
+from mavdem.live.link import Link, LinkLost, RawRecording
 from mavdem.live.rate_request import MAX_TRIES, REPLY_SECONDS, SILENCE_SECONDS, Arrivals, RateRequest, greeting
-from mavdem.live.recording import RawRecording
+from mavdem.live.rows import AlignedRow
 from mavdem.live.stream import LiveStream
-
-Array = NDArray[np.float64]
 
 STATUS_SECONDS = 1.0  # From one status to the next
 REPEAT_SECONDS = 30.0
@@ -97,7 +104,10 @@ class Display(Protocol):
 
 @dataclass
 class LiveSession:
-    """A link and all that is done with what it receives."""
+    """A link and all that is done with what it receives.
+
+    ``learner``: of the latest rows; None before the first. ``history``: what happened, by the session's own seconds.
+    """
 
     link: Link  # open
     stream: LiveStream  # of one vehicle
@@ -108,35 +118,32 @@ class LiveSession:
     executor: Executor | None = None  # for batch learning
     recording: RawRecording | None = None  # of the raw stream; ``None`` for none, and after it has failed
     rate: float | None = None  # Hz to ask the vehicle for; ``None`` to send nothing at all
-    learner: OnlineLearner | None = None  # of the latest rows; ``None`` before the first
-    sentences: deque[str] = field(default_factory=lambda: deque(maxlen=200))  # the latest
-    _models: deque[tuple[float, Learned]] = field(default_factory=lambda: deque(maxlen=MAX_MODELS))
-    _newest: Learned | None = None
-    _landed: bool = False  # whether no model has come since the last landing
-    _display: Display | None = None
-    _display_failed: bool = False
-    _setup: Setup | None = None
-    _learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = field(default_factory=dict)
-    _request: RateRequest | None = None
-    _arrivals: Arrivals = field(default_factory=Arrivals)
-    _boot: int = 0
-    _greetings: int = 0
-    _greeted: float = -np.inf
-    _latencies: deque[float] = field(default_factory=lambda: deque(maxlen=10_000))
-    _learned: int = 0
-    _shown: int = 0
-    _estimate: Estimate | None = None  # the latest
-    _reported: float = 0.0
-    _came: float = 0.0
-    _heard: float = field(default_factory=time.monotonic)
-    _sampled: float = -np.inf
-    _samples: int = 0
-    _settled: bool = False  # whether the latest row was
-    _account: dict[str, float] = field(default_factory=lambda: dict.fromkeys(ACCOUNT, 0.0))
-    _accounted: tuple[float, int] = field(default_factory=lambda: (time.monotonic(), 0))
-    _lost: bool = False
-    _obstacle: str = ""
-    _last_said: dict[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Begins now, without a model."""
+        now = time.monotonic()
+        self.learner: OnlineLearner | None = None
+        self.history = LiveHistory(AHEAD)
+        self._learners: dict[tuple[float, tuple[str, ...]], OnlineLearner] = {}
+        self._models: deque[tuple[float, Learned]] = deque(maxlen=MAX_MODELS)  # with the boot clock, s, of each
+        self._newest: Learned | None = None
+        self._landed = False  # whether no model has come since the last landing
+        self._setup: Setup | None = None
+        self._display: Display | None = None
+        self._display_failed = False
+        self._request: RateRequest | None = None
+        self._arrivals, self._boot = Arrivals(), 0
+        self._greetings, self._greeted = 0, -np.inf
+        self._latencies: deque[float] = deque(maxlen=10_000)
+        self._learned, self._shown = 0, 0
+        self._estimate: Estimate | None = None
+        self._settled = self._lost = False
+        self._began = self._came = self._heard = now
+        self._reported, self._sampled, self._samples = 0.0, -np.inf, 0
+        self._account = dict.fromkeys(ACCOUNT, 0.0)
+        self._accounted = now, 0
+        self._obstacle = ""
+        self._last_said: dict[str, float] = {}
 
     def step(self, timeout: float = 0.1) -> None:
         """Processes what has come; waits at most ``timeout`` seconds for it."""
@@ -146,12 +153,10 @@ class LiveSession:
             # All at once, since each search of garbage costs time; the first stamp, so that no latency is too short.
             for row in self.stream.feed(received[0][0], b"".join(data for _, data in received)):
                 self._take(row)
-            landing = self.stream.taken_back()
+            landing = self.stream.landing()
             if landing is not None and self.learner is not None:
-                self._land(landing)
-            for event in self.stream.events():
-                self._log(event.sentence)
-        for text in self.link.events():
+                self._take_back(self.learner, landing)
+        for text in [*(event.sentence for event in self.stream.events()), *self.link.events()]:
             self._log(text)
         # The time that processing takes is no silence.
         now = time.monotonic()
@@ -163,8 +168,11 @@ class LiveSession:
             self._samples, self._sampled = self.stream.samples, now
         self._request_rates(now)
         if now - self._reported >= STATUS_SECONDS:
-            self._reported = now
-            self._report_status()
+            self._reported, status = now, self.status
+            self.report(status)
+            if status.obstacle != self._obstacle:
+                self._obstacle = status.obstacle
+                self._log(sentence(status.obstacle) or "The model is being learned.")
             self.account()
 
     def account(self) -> dict[str, float]:
@@ -172,21 +180,16 @@ class LiveSession:
         now, (before, learned) = time.monotonic(), self._accounted
         self._accounted = now, self._learned
         stream = self.stream.status()
-        if self._lost:
-            kind = "link_lost"
-        elif self._learned > learned:
-            kind = "learned"
-        elif now - self._heard >= STATUS_SECONDS:
-            kind = "silent"
-        elif stream.vehicle is None:
-            kind = "no_vehicle"
-        elif stream.obstacle not in ("", *NO_FLIGHT) or now - self._sampled >= STATUS_SECONDS:
-            kind = "waiting"
-        elif stream.flying:
-            kind = "unsettled"
-        else:
-            kind = "on_ground"
-        self._account[kind] += now - before
+        kinds = {
+            "link_lost": self._lost,
+            "learned": self._learned > learned,
+            "silent": now - self._heard >= STATUS_SECONDS,
+            "no_vehicle": stream.vehicle is None,
+            "waiting": stream.obstacle not in ("", *NO_FLIGHT) or now - self._sampled >= STATUS_SECONDS,
+            "unsettled": stream.flying,
+            "on_ground": True,
+        }
+        self._account[next(kind for kind, holds in kinds.items() if holds)] += now - before
         return dict(self._account)
 
     def final_model(self) -> Learned:
@@ -224,6 +227,11 @@ class LiveSession:
         return self._request is not None
 
     @property
+    def sentences(self) -> list[str]:
+        """All that was said."""
+        return [event.sentence for event in self.history.events]
+
+    @property
     def status(self) -> SessionStatus:
         """The status as of now."""
         status, silence = self.stream.status(), self._silence()
@@ -245,9 +253,9 @@ class LiveSession:
         if self._lost:
             return "the link is lost"
         if now - self._heard > SILENCE_SECONDS:
-            return f"nothing was received for {_rounded(now - self._heard):.0f} s"
+            return f"nothing was received for {SILENCE_SECONDS:.0f} s and more"
         if self._samples and now - self._sampled > SILENCE_SECONDS:
-            return f"no attitude and no motor outputs were received for {_rounded(now - self._sampled):.0f} s"
+            return f"no attitude and no motor outputs were received for {SILENCE_SECONDS:.0f} s and more"
         return ""
 
     def _say_resumed(self, what: str, after: float) -> None:
@@ -280,55 +288,64 @@ class LiveSession:
     def _take(self, row: AlignedRow) -> None:
         setup = self.stream.setup
         assert setup is not None
-        names = setup.layout.names
-        learner = self._learners.get((setup.dt, names))
-        if learner is None:
-            directions = None if setup.layout.positions_assumed else setup.layout.effect(self.stream.axis)
-            learner = OnlineLearner(
-                self.settings,
-                setup.dt,
-                len(names),
-                len(row.outputs),
-                horizons=horizons(setup.dt),
-                executor=self.executor,
-                effect_directions=directions,
-            )
-            self._learners[setup.dt, names] = learner
-        self.learner = learner
         if setup is not self._setup:
-            if self._setup is not None and setup.boot != self._setup.boot:
-                self._models = deque(((-np.inf, learned) for _, learned in self._models), MAX_MODELS)
-            self._setup = setup
-            self._open_display(setup)
-        estimate = None
+            self._begin(setup)
+        learner, estimate = self.learner, None
+        assert learner is not None
         self._settled = row.settled
         if row.settled:
             try:
                 estimate = learner.update(row.time, row.outputs, row.inputs)
             except ValueError as error:
                 self._log(f"A sample was skipped: {_reason(error)}.")
-            self._keep_model(learner.learned, row.time)
+            if learner.learned is not None and learner.learned is not self._newest:
+                self._newest, self._landed = learner.learned, False
+                self._models.append((row.time, learner.learned))
         self._learned += estimate is not None
         self._estimate = self._estimate if estimate is None else estimate
         self._shown += estimate is None
         # Not by the wall clock, which may be set meanwhile.
         self._latencies.append(time.monotonic() - self._came)
+        self.history.take(self._came - self._began, row.segment, row.time, row.outputs, estimate)
         if self._display is not None:
             self._display.put(row.time, row.segment, row.outputs, row.inputs, estimate, learner.learned)
 
-    def _land(self, since: float) -> None:
+    def _begin(self, setup: Setup) -> None:
+        """Takes the learner of a setup's rows, and shows them; a display that fails is not used again."""
+        if self._setup is not None and setup.boot != self._setup.boot:
+            self._models = deque(((-np.inf, learned) for _, learned in self._models), MAX_MODELS)
+        self._setup, layout = setup, setup.layout
+        directions = None if layout.positions_assumed else layout.effect(self.stream.axis)
+        key = setup.dt, layout.names
+        if key not in self._learners:
+            self._learners[key] = OnlineLearner(
+                self.settings,
+                setup.dt,
+                len(layout.names),
+                len(axis_outputs(self.stream.axis)),
+                horizons=horizons(setup.dt),
+                executor=self.executor,
+                effect_directions=directions,
+            )
+        self.learner = self._learners[key]
+        if self._display_failed:
+            return
+        before = self._display
+        try:
+            self._display = self.show(setup)
+        except Exception as error:
+            self._display, self._display_failed = None, True
+            self._log(f"The display failed ({_reason(error)}); everything else continues.")
+        if before is None and self._display is not None:
+            for said in self.sentences:
+                self._display.log(said)
+
+    def _take_back(self, learner: OnlineLearner, since: float) -> None:
         """Takes back what was learned from ``since``, s of the boot clock, on: it was of a landing."""
-        assert self.learner is not None
-        self.learner.forget_since(since)
+        learner.forget_since(since)
         while self._models and self._models[-1][0] > since:
             self._models.pop()
         self._landed = True
-
-    def _keep_model(self, learned: Learned | None, time: float) -> None:
-        """Keeps a new result of ``learn`` at ``time``, s of the boot clock."""
-        if learned is not None and learned is not self._newest:
-            self._newest, self._landed = learned, False
-            self._models.append((time, learned))
 
     def _named(self, learned: Learned) -> Learned:
         """The model with the names and units of the latest rows, where it has their inputs."""
@@ -344,20 +361,6 @@ class LiveSession:
             output_units=units,
         )
         return replace(learned, record=record)
-
-    def _open_display(self, setup: Setup) -> None:
-        """Shows the rows of a setup; a display that fails is not used again, and nothing else ends."""
-        if self._display_failed:
-            return
-        before = self._display
-        try:
-            self._display = self.show(setup)
-        except Exception as error:
-            self._display, self._display_failed = None, True
-            self._log(f"The display failed ({_reason(error)}); everything else continues.")
-        if before is None and self._display is not None:
-            for said in self.sentences:
-                self._display.log(said)
 
     def _request_rates(self, now: float) -> None:
         """Asks for rates if the user wants that and the vehicle is known; sends a HEARTBEAT if needed before."""
@@ -405,13 +408,6 @@ class LiveSession:
         except LinkLost as error:
             self._log(str(error))
 
-    def _report_status(self) -> None:
-        status = self.status
-        self.report(status)
-        if status.obstacle != self._obstacle:
-            self._obstacle = status.obstacle
-            self._log(sentence(status.obstacle) or "The model is being learned.")
-
     def _log(self, text: str) -> None:
         said = sentence(text)
         now, kind = time.monotonic(), _NUMBERS.sub("", said)
@@ -419,14 +415,9 @@ class LiveSession:
             return
         self._last_said = {one: at for one, at in self._last_said.items() if now - at < REPEAT_SECONDS} | {kind: now}
         self.say(said)
-        self.sentences.append(said)
+        self.history.note(now - self._began, said)
         if self._display is not None:
             self._display.log(said)
-
-
-def _rounded(silence: float) -> float:
-    """The seconds of a silence, rounded down to 3, 6, 12, 24 and so on: a long one is reported less and less often."""
-    return SILENCE_SECONDS * 2.0 ** floor(log2(silence / SILENCE_SECONDS))
 
 
 def _reason(error: Exception) -> str:

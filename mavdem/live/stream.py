@@ -1,4 +1,4 @@
-"""LiveStream: from the bytes of a link to aligned rows of one vehicle."""
+"""LiveStream: from the bytes of a link to aligned rows of one vehicle, and sentences on what happens to them."""
 
 from __future__ import annotations
 
@@ -10,28 +10,25 @@ from math import inf, isnan
 import numpy as np
 
 from mavdem.alignment.align import STEP_TOLERANCE
-from mavdem.alignment.drive import DEMAND_MESSAGE, MOTOR_MESSAGES, TILT_AXES, preferred_message
-from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT, airborne_collective
+from mavdem.alignment.drive import DEMAND_MESSAGE, INPUTS, MOTOR_MESSAGES, THRUST_COLUMN, TILT_AXES, preferred_message
+from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RATE
 from mavdem.alignment.verdict import NO_ATTITUDE, too_slow
 from mavdem.health.motor_watch import MotorAlarm, MotorWatch
 from mavdem.ingest.mavlink.definitions import FrameSender, enum_name
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
-from mavdem.ingest.motors import MULTIROTORS, MotorGeometry, OutputScale
+from mavdem.ingest.motors import MULTIROTORS
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import UNNAMED
-from mavdem.live.aligner import DECISION_SECONDS, AlignedRow, Aligner, Setup
-from mavdem.live.clock import LiveClock, LiveStamp
-from mavdem.live.frames import LiveFrame, LiveFrames
+from mavdem.live.decisions import Inputs, OutputMessages, Phase, Setup
 from mavdem.live.history import Event, SessionStatus
-from mavdem.live.messages import LiveMessage, Values, attitude, message_of, parameters_of, readers
-from mavdem.live.outputs import Drive, Outputs
-from mavdem.live.phase import LivePhase
-from mavdem.live.samples import SampleBuffer
+from mavdem.live.messages import Frame, FrameReader, Message, Values, attitude, message_of, outputs, parameters_of
+from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
 from mavdem.live.senders import Sender, Senders
 
 MAX_EVENTS = 256  # Events kept until they are fetched
-REVIEW_SECONDS = 0.5  # Of the boot clock, between two reviews of messages, rates and layout
+REVIEW_SECONDS, CHOICE_SECONDS = 0.1, 0.5  # Of the boot clock, between two reviews of the phase, and two of the inputs
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
 MAX_REPLIES = 64  # Replies kept until they are fetched
 MIN_JUDGED, CONTRADICTING_SHARE = 64, 0.2  # Messages whose stamps are judged together, and outliers among them
@@ -54,6 +51,7 @@ class LiveStream:
     Attributes:
         setup: what the rows of the latest segment are; None before the first.
         samples: number of samples of the vehicle's attitude and motor outputs.
+        boot: number of the vehicle's boot, from 0 on.
     """
 
     def __init__(
@@ -61,29 +59,25 @@ class LiveStream:
     ) -> None:
         if axis not in TILT_AXES:
             raise ValueError(f"axis must be one of {', '.join(TILT_AXES)}, not {axis!r}")
+        if inputs not in (None, *INPUTS):
+            raise ValueError(f"inputs must be one of {', '.join(INPUTS)}, not {inputs!r}")
         self.setup: Setup | None = None
-        self.samples = 0
-        self.axis, self._advice = axis, "" if asked else ADVICE
-        self._frames, self._senders, self._clock = LiveFrames(), Senders(vehicle, self._report), LiveClock(self._report)
+        self.samples = self.boot = 0
+        self.axis, self._wanted, self._advice = axis, inputs, "" if asked else ADVICE
+        self._frames, self._senders = FrameReader(), Senders(vehicle, self._report)
+        self._clock = BootClock(self._report)
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
-        self._replies: deque[LiveMessage] = deque(maxlen=MAX_REPLIES)
-        self._attitudes = {name: SampleBuffer() for name in ATTITUDE_MESSAGES}
-        self._outputs = Outputs(axis, inputs)
-        self._phase, self._aligner = LivePhase(), Aligner()
+        self._replies: deque[Message] = deque(maxlen=MAX_REPLIES)
+        self._streams: dict[tuple[str, int], Samples] = {}  # by message and port, which attitude has none of: 0
+        self._outputs, self._phase, self._grid = OutputMessages(), Phase(), Grid()
         self._attitude: str | None = None
-        self._drive: Drive | None = None
-        self._scale: OutputScale | None = None
-        self._watch: MotorWatch | None = None
-        self._watched: tuple[MotorGeometry, float, float] | None = None  # Balances on two ranges differ
-        self._alarms: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
-        self._alarm_count, self._alarm, self._landed = 0, "", False
-        self._unwatched = {""}  # Reasons reported so far
-        self._reviewed, self._connected_from, self._known_changes = -inf, inf, -1
-        self._boot, self._received, self._said_evidence = 0, 0.0, False
+        self._inputs: Inputs | None = None
+        self._alarms = MotorAlarms()
+        self._reviewed = -inf
+        self._connected_from, self._received, self._said_evidence = inf, 0.0, False
         self._judged, self._judged_from, self._outliers = 0, 0.0, 0  # Messages judged by their stamps since then
         self._contradicts = self._said_contradiction = False
         self._obstacle, self._enough = "The message rates are being measured.", True
-        readers()  # slow the first time
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -107,11 +101,6 @@ class LiveStream:
         followed = self._senders.followed
         return {} if followed is None else followed.arrived
 
-    @property
-    def boot(self) -> int:
-        """Number of the vehicle's boot, from 0 on."""
-        return self._boot
-
     def feed(self, stamp: float, data: bytes) -> list[AlignedRow]:
         """Takes the next ``data`` of the link, received at ``stamp``, UNIX s; returns the rows that it completes."""
         self._received = stamp
@@ -120,15 +109,15 @@ class LiveStream:
             self._take(frame, rows)
         return rows
 
-    def replies(self) -> list[LiveMessage]:
+    def replies(self) -> list[Message]:
         """The vehicle's messages of ``REPLIES`` since the last call."""
         new = list(self._replies)
         self._replies.clear()
         return new
 
-    def taken_back(self) -> float | None:
+    def landing(self) -> float | None:
         """The time, s of this boot, since which rows given as settled were of a landing; None if none is new."""
-        return self._phase.taken_back()
+        return self._phase.landing()
 
     def events(self) -> list[Event]:
         """The events since the last call."""
@@ -139,28 +128,33 @@ class LiveStream:
     def status(self) -> SessionStatus:
         """The status of the link and the vehicle."""
         followed, now = self._senders.followed, self._clock.now
-        rates = {name: samples.rate(now, DECISION_SECONDS) for name, samples in self._attitudes.items() if samples.time}
-        streams = [*self._attitudes.values(), *(bank.samples for bank in (self._drive.banks if self._drive else ()))]
         facts = ("system", "component", "kind", "autopilot", "frames", "lost", "flies")
         return SessionStatus(
             vehicle=followed.name if followed else None,
             obstacle=self._senders.obstacle or (NO_ATTITUDE[""] + self._advice if isnan(now) else self._obstacle),
-            rates=rates | self._outputs.rates(now, DECISION_SECONDS),
+            rates=self._rates(now),
             flying=self._phase.flying,
             lost=followed.lost if followed else 0,
-            late=sum(stream.late for stream in streams),
+            late=sum(stream.late for stream in self._streams.values()),
             outlier_stamps=self._clock.outliers,
             frames=self._frames.frames,
             unread=self._frames.unread,
             garbage=self._frames.garbage,
             senders=tuple({fact: getattr(one, fact) for fact in facts} for one in self._senders),
             others=self._senders.others,
-            alarms=tuple(self._alarms),
-            alarm_count=self._alarm_count,
-            alarm=self._alarm,
+            alarms=tuple(self._alarms.latest),
+            alarm_count=self._alarms.count,
+            alarm=self._alarms.sentence,
         )
 
-    def _take(self, frame: LiveFrame, rows: list[AlignedRow]) -> None:
+    def _rates(self, now: float) -> dict[str, float]:
+        """Hz of each message of attitude, outputs and demand; of several ports the fastest."""
+        rates: dict[str, float] = {}
+        for (name, _), stream in self._streams.items():
+            rates[name] = max(rates.get(name, 0.0), stream.rate(now))
+        return rates
+
+    def _take(self, frame: Frame, rows: list[AlignedRow]) -> None:
         sender = self._senders.of(frame)
         if not sender.take(frame) or frame.verdict != GOOD:
             return
@@ -168,7 +162,7 @@ class LiveStream:
         if message is not None and message.name == "HEARTBEAT":
             sender.take_heartbeat(message)
         elif message is not None and message.name == "PARAM_VALUE":
-            self._outputs.changes += sender.take_parameter(message)
+            sender.take_parameter(message)
         self._senders.decide(sender)
         if sender is not self._senders.followed or message is None:
             return
@@ -177,9 +171,9 @@ class LiveStream:
             return
         self._check_stamps(sender)
         for placed in self._clock.place(message):
-            if placed.boot != self._boot:
+            if placed.boot != self.boot:
                 self._reboot(placed.boot)
-            self._process(placed, rows)
+            self._process(sender, placed, rows)
 
     def _check_stamps(self, sender: Sender) -> None:
         """Reports, once, stamps that contradict each other for ``DECISION_SECONDS`` and more."""
@@ -196,181 +190,154 @@ class LiveStream:
         self._contradicts = contradict
         self._judged, self._judged_from, self._outliers = 0, self._received, self._clock.outliers
 
-    def _process(self, placed: LiveStamp, rows: list[AlignedRow]) -> None:
+    def _process(self, sender: Sender, placed: PlacedMessage, rows: list[AlignedRow]) -> None:
         message, time, name = placed.message, placed.time, placed.message.name
         if name in ATTITUDE_MESSAGES and placed.stamped:
-            values, samples = attitude(message), self._attitudes[name]
-            if values is not None and samples.add(time, values):
-                self._complete(samples, rows)
+            self._add(name, 0, time, attitude(message), rows)
         elif (name in MOTOR_MESSAGES or name == DEMAND_MESSAGE) and placed.stamped:
-            stream = self._outputs.take(message, time)
-            if stream is not None:
-                if self._drive is not None and self._scale is not None and stream is self._drive.banks[0].samples:
-                    self._phase.take_collective(time, self._drive.collective(self._scale))
-                    self._watch_motors(time, self._drive, self._scale)
-                self._complete(stream, rows)
+            port, values = outputs(message)
+            # Group 0 of the demand is flight control.
+            if not (name == DEMAND_MESSAGE and port) and self._outputs.take(name, port, time, values):
+                self._add(name, port, time, values, rows)
         elif name == "HEARTBEAT":
-            followed = self._senders.followed
-            assert followed is not None
             kind, autopilot, *state = message.values
             own = enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot)
             # Not of another vehicle with the same ids.
-            if own == (followed.kind, followed.autopilot):
+            if own == (sender.kind, sender.autopilot):
                 self._phase.take_heartbeat(time, autopilot, *state)
         elif name == "EXTENDED_SYS_STATE":
-            self._phase.take_landed_state(time, message.values[0])
+            self._phase.take("landed_state", time, message.values[0])
         elif name in CLIMB_FIELDS:
-            self._phase.take_climb(name, time, CLIMB_FIELDS[name][1] * message.values[0])
-        if self._aligner.running and not self._phase.steady:
-            self._aligner.end()
-        if not abs(self._clock.now - self._reviewed) < REVIEW_SECONDS:
-            self._review()
+            self._phase.take(name, time, message.values[0])
+        now = self._clock.now
+        if now // REVIEW_SECONDS != self._reviewed // REVIEW_SECONDS:
+            self._review(sender, now)
+        if self._grid.running and not self._phase.steady:
+            self._grid.end()
 
-    def _watch_motors(self, time: float, drive: Drive, scale: OutputScale) -> None:
-        """Tests a sample of the motors for a lasting change, which is reported, as is why none would be seen."""
-        self._landed |= not self._phase.flying
-        if not self._phase.settled(time):
+    def _add(self, name: str, port: int, time: float, values: Values | None, rows: list[AlignedRow]) -> None:
+        """Adds a sample to its stream, and the rows that it completes."""
+        stream = self._streams.setdefault((name, port), Samples())
+        if values is None or not stream.add(time, values):
             return
-        if self._landed:
-            self._alarm, self._landed = "", False
-        layout, obstacle = drive.layout, ONLY_DEMAND if drive.message == DEMAND_MESSAGE else ""
-        if commands := drive.commands(scale):
-            watched = layout, scale.low, scale.high
-            if self._watch is None or watched != self._watched:
-                place = layout.names, layout.motors, layout.positions, layout.spins
-                self._watch, self._watched = MotorWatch(*place, layout.positions_assumed, self._boot), watched
-            alarm, obstacle = self._watch.take(time, commands, True), self._watch.obstacle
-            if alarm is not None:
-                self._alarms.append(alarm)
-                self._alarm_count += 1
-                self._alarm = self._alarm if alarm.motor is None else alarm.sentence
-                self._report(alarm.sentence)
-        if obstacle not in self._unwatched:
-            self._unwatched.add(obstacle)
-            self._report(obstacle)
-
-    def _complete(self, samples: SampleBuffer, rows: list[AlignedRow]) -> None:
-        """Adds the rows that a new sample completes."""
         self.samples += 1
-        if self._drive is None or self._attitude is None:
+        inputs, streams = self._inputs, self._row_streams()
+        if inputs is None or stream not in streams:
             return
-        streams = (self._attitudes[self._attitude], *(bank.samples for bank in self._drive.banks))
-        if samples not in streams:
-            return
-        if self._aligner.running:
-            name = self._drive.message if samples is not streams[0] else self._attitude
-            if samples.gap:
-                self._report(f"No {name} for {samples.gap:.2f} s: a new segment starts.")
-                self._aligner.end()
-            elif samples.added % RATE_CHECK_SAMPLES == 0 and (before := self._aligner.former_rate(samples)) is not None:
+        if stream is streams[1]:
+            used = [values[place] for number, place in inputs.picks if number == port]
+            share = inputs.share(sum(used) / len(used))
+            self._phase.take("collective", time, values[THRUST_COLUMN] if name == DEMAND_MESSAGE else share)
+            self._watch_motors(time, inputs)
+        if self._grid.running:
+            if stream.gap:
+                self._report(f"No {name} for {stream.gap:.2f} s: a new segment starts.")
+                self._grid.end()
+            elif stream.added % RATE_CHECK_SAMPLES == 0 and (before := self._grid.former_rate(stream)) is not None:
                 self._report(f"{name} no longer comes at {before:.3g} Hz: a new segment starts.")
-                self._aligner.forget_step()
-                for stream in streams:
-                    stream.clear()
-        if not self._aligner.running and self._phase.steady and self._aligner.begin(streams):
-            self._begin(self._drive, self._attitude)
-        if self._aligner.running:
-            rows += [self._row(time, values, self._drive) for time, values in self._aligner.points()]
+                self._grid.forget_step()
+                for one in streams:
+                    one.clear()
+        if not self._grid.running and self._phase.steady and self._grid.begin(streams):
+            self._begin(inputs)
+        if self._grid.running:
+            rows += [self._row(time, point, inputs) for time, point in self._grid.points()]
 
-    def _row(self, time: float, values: list[Values], drive: Drive) -> AlignedRow:
-        motion, *banks = values
-        place = TILT_AXES.index(self.axis)
+    def _row_streams(self) -> tuple[Samples, ...]:
+        """The streams that rows are made of, attitude first; none before they are chosen."""
+        if self._inputs is None or self._attitude is None:
+            return ()
+        keys = [(self._attitude, 0), *((self._inputs.message, port) for port in self._inputs.ports)]
+        return tuple(self._streams.setdefault(key, Samples()) for key in keys)
+
+    def _row(self, time: float, point: list[Values], inputs: Inputs) -> AlignedRow:
+        motion, place = point[0], TILT_AXES.index(self.axis)
+        ports = dict(zip(inputs.ports, point[1:], strict=True))
         upright = max(abs(motion[0]), abs(motion[1])) < MAX_TILT
         return AlignedRow(
             time=time,
-            inputs=np.array([banks[bank][at] for bank, at in drive.picks]),
+            inputs=np.array([ports[port][channel] for port, channel in inputs.picks]),
             outputs=np.array([motion[place], motion[2 + place]]),
-            segment=self._aligner.segment,
+            segment=self._grid.segment,
             received=self._received,
             settled=upright and self._phase.settled(time),
         )
 
-    def _begin(self, drive: Drive, motion: str) -> None:
-        assert self._aligner.dt is not None
-        before, plan = self.setup, drive.layout
-        self.setup = now = Setup(
-            segment=self._aligner.segment,
-            boot=self._boot,
-            dt=self._aligner.dt,
-            attitude=motion,
-            motors=drive.message,
-            layout=plan,
-            scale=drive.scale(self.parameters),
-            rates=self._aligner.rates,
-            start=self._aligner.start,
-        )
+    def _begin(self, inputs: Inputs) -> None:
+        """Reports the segment that begins, if its rows are others than before."""
+        grid, before, plan = self._grid, self.setup, inputs.layout
+        assert grid.dt is not None and self._attitude is not None
+        place = (grid.segment, self.boot, grid.dt, self._attitude, inputs.message)
+        self.setup = now = Setup(*place, plan, inputs.scale, grid.rates, grid.start)
         if before is not None and (before.dt, before.motors, before.layout) == (now.dt, now.motors, plan):
             return
         self._report(
-            f"Using {motion} and {drive.message}: one row every {1e3 * now.dt:.4g} ms, {len(plan.names)} inputs."
+            f"Using {now.attitude} and {now.motors}: one row every {1e3 * now.dt:.4g} ms, {len(plan.names)} inputs."
         )
         if plan.channels_assumed or plan.positions_assumed:
             self._report(f"Which motor is which is assumed: {plan.basis}.")
 
-    def _review(self) -> None:
-        """Chooses messages and channels again, by their rates and by what moves."""
-        now = self._clock.now
+    def _review(self, sender: Sender, now: float) -> None:
+        """Decides again whether the vehicle flies and, less often, what its rows are made of."""
         if isnan(now):
             return
-        if not abs(now - self._reviewed) < DECISION_SECONDS:
+        before, self._reviewed = self._reviewed, now
+        if not abs(now - before) < DECISION_SECONDS:
             self._connected_from = now
-        self._reviewed = now
-        changes = self._outputs.changes
-        if not self._aligner.running:
-            counts = {name: samples.count(now, DECISION_SECONDS) for name, samples in self._attitudes.items()}
-            self._attitude = preferred_message(counts) or self._attitude
-        if not self._aligner.running or changes != self._known_changes:
-            self._known_changes = changes
-            self._choose_inputs(now)
-        waited = now - self._connected_from >= AVERAGING_SECONDS / 2
-        if self._drive is None and waited and self._outputs.rates(now, DECISION_SECONDS):
-            self._phase.take_idle()
-        if now - self._connected_from >= DECISION_SECONDS:
-            self._judge(now)
-            if self._phase.settled(now) and not self._phase.evident(now) and not self._said_evidence:
-                self._said_evidence = True
+        if now // CHOICE_SECONDS != before // CHOICE_SECONDS:
+            if not self._grid.running:
+                counts = {
+                    name: self._streams[name, 0].count(now) for name in ATTITUDE_MESSAGES if (name, 0) in self._streams
+                }
+                self._attitude = preferred_message(counts) or self._attitude
+            self._choose_inputs(sender)
+            if now - self._connected_from >= DECISION_SECONDS:
+                self._judge(sender, now)
+        if self._inputs is None and now - self._connected_from >= AVERAGING_SECONDS / 2:
+            self._phase.idle = any(name not in ATTITUDE_MESSAGES for name, _ in self._streams)
+        self._phase.review(now)
+        if self._phase.settled(now) and not self._phase.evident(now) and not self._said_evidence:
+            self._said_evidence = now - self._connected_from >= DECISION_SECONDS
+            if self._said_evidence:
                 self._report(NO_EVIDENCE + self._advice)
 
-    def _choose_inputs(self, now: float) -> None:
-        followed = self._senders.followed
-        assert followed is not None
-        if followed.kind not in (*MULTIROTORS, UNNAMED):
-            self._drive = None
+    def _choose_inputs(self, sender: Sender) -> None:
+        """Chooses the inputs again, by the rates of messages and by what moves."""
+        if sender.kind not in (*MULTIROTORS, UNNAMED):
+            self._inputs = None
             return
-        before = self._drive
-        staying = before.message if self._aligner.running and before else None
-        parameters = self.parameters
-        drive = self._outputs.choose(now, DECISION_SECONDS, followed.kind, followed.autopilot, parameters, staying)
-        # After a silence there is no evidence of a change.
-        self._drive = drive = drive or before
-        if drive is None:
-            return
-        if before is not None and drive.key != before.key and self._aligner.running:
-            self._report(f"The inputs change to {', '.join(drive.layout.names)}: a new segment starts.")
-            self._aligner.forget_step()
-        if self._aligner.running and self.setup is not None and drive.layout != self.setup.layout:
-            self.setup = replace(self.setup, layout=drive.layout)
-            self._report(f"Which motor is which is known from {drive.layout.basis}.")
-        scale = drive.scale(parameters)
-        if self._scale is not None and scale.name != self._scale.name:
-            self._phase.reset_collective()
-        self._scale = scale
-        self._phase.least_collective = airborne_collective(parameters)
+        before, running = self._inputs, self._grid.running
+        self._phase.parameters = parameters = self.parameters
+        ids = sender.system, sender.component, sender.kind, sender.autopilot
+        staying = before.message if running and before else None
+        vehicle, rates = Telemetry(*ids, {}, parameters), self._rates(self._clock.now)
+        inputs = self._outputs.choose(vehicle, self.axis, self._wanted, staying, rates)
+        if inputs is None:
+            return  # after a silence there is no evidence of a change
+        if before is None or (before.key, before.scale.name) != (inputs.key, inputs.scale.name):
+            self._phase.restart_collective(inputs.collective)
+        self._inputs = inputs
+        if before is not None and running and inputs.key != before.key:
+            self._report(f"The inputs change to {', '.join(inputs.layout.names)}: a new segment starts.")
+            self._grid.forget_step()
+        elif running and self.setup is not None and inputs.layout != self.setup.layout:
+            self.setup = replace(self.setup, layout=inputs.layout)
+            self._report(f"Which motor is which is known from {inputs.layout.basis}.")
 
-    def _judge(self, now: float) -> None:
+    def _judge(self, sender: Sender, now: float) -> None:
         """Reports when messages are missing or too slow, and when they no longer are."""
-        followed = self._senders.followed
-        heard = self._outputs.rates(now, DECISION_SECONDS)
-        drives = self._drive.message if self._drive else max(heard, key=lambda name: heard[name], default=None)
+        heard = self._rates(now)
+        outputs = {name: rate for name, rate in heard.items() if name not in ATTITUDE_MESSAGES}
+        drives = self._inputs.message if self._inputs else max(outputs, key=lambda name: outputs[name], default=None)
         obstacle: str | None
-        if followed is not None and followed.kind not in (*MULTIROTORS, UNNAMED):
-            obstacle = f"The vehicle is a {followed.kind}; the {self.axis} model is for multirotors only."
+        if sender.kind not in (*MULTIROTORS, UNNAMED):
+            obstacle = f"The vehicle is a {sender.kind}; the {self.axis} model is for multirotors only."
         elif self._attitude is None:
             obstacle = NO_ATTITUDE[""]
         elif drives is None:
             obstacle = "There is no message with motor outputs."
         else:
-            rates = {self._attitude: self._attitudes[self._attitude].rate(now, DECISION_SECONDS), drives: heard[drives]}
+            rates = {name: heard[name] for name in (self._attitude, drives)}
             # With hysteresis: a rate at the limit must not be reported twice a second.
             least = MINIMUM_RATE / STEP_TOLERANCE if self._enough else MINIMUM_RATE
             obstacle = too_slow(rates, self.axis) if min(rates.values()) < least else None
@@ -382,16 +349,66 @@ class LiveStream:
         self._enough = obstacle is None
         self._obstacle = obstacle or self._phase.obstacle
 
+    def _watch_motors(self, time: float, inputs: Inputs) -> None:
+        """Tests a sample of the motors for a lasting change, which is reported, as is why none would be seen."""
+        ports = {port: self._streams[inputs.message, port].values[-1:] for port in inputs.ports}
+        if not self._phase.settled(time):
+            self._alarms.landed |= not self._phase.flying
+        elif all(ports.values()):
+            commands = [inputs.share(ports[port][0][place]) for port, place in inputs.picks]
+            for sentence in self._alarms.take(time, self.boot, inputs, commands):
+                self._report(sentence)
+
     def _reboot(self, boot: int) -> None:
         """Drops everything on the old clock; the vehicle's identity and parameters stay."""
-        self._boot = boot
-        self._attitudes = {name: SampleBuffer() for name in ATTITUDE_MESSAGES}
+        self.boot = boot
+        self._streams.clear()
         self._outputs.restart()
-        self._drive = None
-        self._phase = LivePhase()
-        self._watch, self._alarm = None, ""
-        self._aligner.restart()
+        self._attitude = self._inputs = None
+        self._phase = Phase()
+        self._alarms.restart()
+        self._grid.restart()
         self._reviewed, self._connected_from = -inf, inf
 
     def _report(self, sentence: str) -> None:
         self._events.append(Event(self._received, sentence))
+
+
+class MotorAlarms:
+    """Lasting changes of the motors' balance in flight.
+
+    ``latest``: of all boots; ``count``: number so far. ``sentence``: on the latest alarm on a motor in this boot and
+    this flight, also after its landing. ``landed``: whether the vehicle was on the ground since.
+    """
+
+    def __init__(self) -> None:
+        self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)
+        self.count, self.sentence, self.landed = 0, "", False
+        self._watch: MotorWatch | None = None
+        self._watched: object = None
+        self._reported = {""}  # Reasons why none would be seen
+
+    def restart(self) -> None:
+        """Starts again after a reboot."""
+        self._watch, self.sentence = None, ""
+
+    def take(self, time: float, boot: int, inputs: Inputs, commands: list[float]) -> list[str]:
+        """Sentences to report after a sample, the motors' ``commands`` as shares of their range, in settled flight."""
+        if self.landed:
+            self.sentence, self.landed = "", False
+        said, obstacle, layout = [], ONLY_DEMAND, inputs.layout
+        if inputs.message != DEMAND_MESSAGE:
+            watched = layout, inputs.scale.low, inputs.scale.high  # balances on two ranges differ
+            if self._watch is None or watched != self._watched:
+                place = layout.names, layout.motors, layout.positions, layout.spins
+                self._watch, self._watched = MotorWatch(*place, layout.positions_assumed, boot), watched
+            alarm, obstacle = self._watch.take(time, commands, True), self._watch.obstacle
+            if alarm is not None:
+                self.latest.append(alarm)
+                self.count += 1
+                self.sentence = self.sentence if alarm.motor is None else alarm.sentence
+                said.append(alarm.sentence)
+        if obstacle not in self._reported:
+            self._reported.add(obstacle)
+            said.append(obstacle)
+        return said

@@ -1,69 +1,91 @@
-"""Section V.C: is the process noise Gaussian, and is it coloured?"""
+"""Section V.C: is the process noise Gaussian, as the Laplace approximation assumes, and is it coloured?
+
+The Jarque-Bera test of skewness and excess kurtosis assumes independent samples. Those of coloured noise have a larger
+variance: for a stationary Gaussian series of autocorrelation ρ, the variances of √N times skewness and kurtosis tend to
+6 Σρ(k)³ and 24 Σρ(k)⁴ over all lags, positive and negative (Lomnicki), instead of 6 and 24. So the test rejects
+coloured Gaussian noise nearly always. ``normality`` estimates these sums as Lobato and Velasco do and keeps its level
+for any colour. The Ljung-Box test is of the autocorrelations up to a lag.
+
+A process noise is *estimated* from derivatives, each from a window of samples, so that neighbouring values share
+samples and are correlated for any noise. ``overlap`` is the number of values that share a sample; ``whiteness`` is of
+values that share none.
+
+References:
+    C. M. Jarque, A. K. Bera, "A test for normality of observations and regression residuals", International
+        Statistical Review 55 (1987) 163-172.
+    Z. A. Lomnicki, "Tests for departure from normality in the case of linear stochastic processes", Metrika 4 (1961).
+    I. N. Lobato, C. Velasco, "A simple test of normality for time series", Econometric Theory 20 (2004) 671-689.
+    G. M. Ljung, G. E. P. Box, "On a measure of lack of fit in time series models", Biometrika 65 (1978) 297-303.
+"""
 
 from __future__ import annotations
 
 from functools import partial
+from typing import Any, NamedTuple
 
-import matplotlib.pyplot as plt
 import numpy as np
-from matplotlib.figure import Figure
-from scipy.stats import norm
+from numpy.typing import ArrayLike
+from scipy.stats import chi2, jarque_bera, norm
 
-from mavdem.dem import learn
-from mavdem.evaluate import Noise, analyse_noise, process_noise
+from mavdem.dem import Learned, learn
+from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.windows import Window
-from mavdem.paper.checks import Check
+from mavdem.paper import figures
 from mavdem.paper.claims import NOISE
-from mavdem.paper.drawing import DEM, MEASURED, ONE_STEP, ink
 from mavdem.paper.flights import REAL
-from mavdem.paper.item import Cell, Item, ItemResult, PageTable, Picture
-from mavdem.paper.runner import PAPER, Runner
-from mavdem.paper.words import number
+from mavdem.paper.runner import PAPER, Check, Item, Result, Runner
+from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.numbers import rounded
+from mavdem.report.page import Picture
 from sitl_scenarios.scenario import VehicleSpec
 from sitl_scenarios.truth import axis
 
 LEVEL = 0.01  # of each test; with five tests, one report in twenty rejects a true hypothesis
-
-ROLL_RATE = 1
+ROLL_RATE = 1  # the output's number
 SHARED = 3  # samples that a second-order derivative is estimated from; values farther apart share none
+LEARNED, KNOWN = "learnt", "System 2"  # keys of ``numbers.json``
 
-LEARNT, KNOWN = "learnt", "System 2"
 
-
-def run(runner: Runner) -> ItemResult:
-    """Tests the process noise of the learnt models and of the known System 2."""
+def run(runner: Runner) -> Result:
+    """Tests the process noise of the learned models and of the known System 2."""
     named = {f"experiment {number}": window for number, window in runner.experiments.items()}
     # Every other window: those next to each other share a half.
     apart = runner.recorded.get(REAL, ())[::2]
-    found = runner.each(of_learnt_model, (*named.values(), *apart))
-    learnt, real = dict(zip(named, found, strict=False)), found[len(named) :]
-    known = {name: of_known_model(window) for name, window in named.items()}
+    noises = runner.each(noise_of_model, (*named.values(), *apart))
+    learned, real = dict(zip(named, noises, strict=False)), noises[len(named) :]
+    known = {name: noise_of_known_model(window) for name, window in named.items()}
     by_p = sorted(real, key=lambda noise: noise.normality.p_value)
-    shown = learnt | ({"real AR.Drone": by_p[len(by_p) // 2]} if by_p else {})
-    return ItemResult(
+    shown = learned | ({"real AR.Drone": by_p[len(by_p) // 2]} if by_p else {})
+    bound = max(noise.bound for noise in shown.values())
+    return Result(
         checks=(
-            *checks(list(learnt.values()), "w^φ̇ of the learnt models", "flights"),
+            *checks(list(learned.values()), "w^φ̇ of the learned models", "flights"),
             *checks(list(known.values()), "w^φ̇ of the known System 2", "flights"),
             *(checks(real, "w^φ̇ of the real AR.Drone", "windows") if real else ()),
         ),
         numbers={
-            LEARNT: {name: noise.to_dict() for name, noise in learnt.items()},
+            LEARNED: {name: noise.to_dict() for name, noise in learned.items()},
             KNOWN: {name: noise.to_dict() for name, noise in known.items()},
             "real AR.Drone, learnt": [noise.to_dict() for noise in real],
         },
-        tables=(_table(shown, known),),
+        tables=_table({f"{name}, learned": noise for name, noise in shown.items()}, known),
         pictures=(
             Picture(
-                "noise-histograms",
-                "Histograms of the process noise w^φ̇ under DEM’s models (the paper’s settings), in units of its "
-                "standard deviation; line: a Gaussian. Of the real AR.Drone, the window with the median p.",
-                partial(_histograms, shown),
+                "Histograms of the process noise w^φ̇",
+                "Under DEM’s models (the paper’s settings), in units of its standard deviation; line: a Gaussian. Of "
+                "the real AR.Drone, the window with the median p.",
+                partial(figures.histograms, {name: (noise.histogram, noise.edges) for name, noise in shown.items()}),
             ),
             Picture(
-                "noise-autocorrelation",
-                "Autocorrelation of w^φ̇; dashed: 95 % bounds of white noise. Values at lags below three (shaded) "
-                "share samples, so they correlate even if the noise is white.",
-                partial(_autocorrelation, shown),
+                "Autocorrelation of w^φ̇",
+                f"Lines: 95 % bounds of white noise. Values at lags below {SHARED} share samples, so they correlate "
+                "even if the noise is white.",
+                partial(
+                    figures.lines,
+                    {"": {name: np.array(noise.autocorrelation[:60]) for name, noise in shown.items()}},
+                    "lag, samples",
+                    bounds=(-bound, bound),
+                ),
             ),
         ),
         remarks=(
@@ -77,13 +99,13 @@ def run(runner: Runner) -> ItemResult:
     )
 
 
-def of_learnt_model(window: Window) -> Noise:
-    """w^φ̇ = (C(x′ − Ax − Bv))^φ̇ under DEM with the paper's settings, in the training data, rad/s²."""
+def noise_of_model(window: Window) -> Noise:
+    """Returns w^φ̇ = (C(x′ − Ax − Bv))^φ̇ under DEM with the paper's settings, in the training data, rad/s²."""
     return process_noise(learn(window.train, PAPER))[ROLL_RATE]
 
 
-def of_known_model(window: Window) -> Noise:
-    """φ̈ − B(u − ū), rad/s², with the B of System 2, which is known for the simulated vehicle."""
+def noise_of_known_model(window: Window) -> Noise:
+    """Returns φ̈ − B(u − ū), rad/s², with the B of System 2, which is known for the simulated vehicle."""
     train = window.train
     B = axis(VehicleSpec(model="ardrone2"), lag=False).B[ROLL_RATE]
     rate = train.outputs[:, ROLL_RATE]
@@ -93,9 +115,11 @@ def of_known_model(window: Window) -> Noise:
 
 
 def checks(noises: list[Noise], whose: str, pieces: str) -> tuple[Check, ...]:
-    """Whether each is Gaussian, and whether each is coloured; ``whose`` and ``pieces`` are for the sentences."""
+    """Returns whether each is Gaussian, and whether coloured; ``whose`` and ``pieces`` are for the sentences."""
     gaussian = sum(noise.normality.p_value >= LEVEL for noise in noises)
-    coloured = sum(is_coloured(noise) for noise in noises)
+    coloured = sum(
+        noise.autocorrelation[noise.overlap] > noise.bound and noise.whiteness.p_value < LEVEL for noise in noises
+    )
     return (
         Check(
             f"{whose}: the test for Gaussian noise of any colour has p ≥ {LEVEL} every time",
@@ -111,61 +135,164 @@ def checks(noises: list[Noise], whose: str, pieces: str) -> tuple[Check, ...]:
     )
 
 
-def is_coloured(noise: Noise) -> bool:
-    """Whether its autocorrelation exceeds the bound and the test rejects white noise."""
-    return noise.autocorrelation[noise.overlap] > noise.bound and noise.whiteness.p_value < LEVEL
-
-
-def _table(learnt: dict[str, Noise], known: dict[str, Noise]) -> PageTable:
+def _table(learned: dict[str, Noise], known: dict[str, Noise]) -> tuple[Block, ...]:
     rows = []
-    for model, noises in ((LEARNT, learnt), (KNOWN, known)):
-        for name, noise in noises.items():
-            tests = (noise.normality, noise.normality_if_white, noise.whiteness)
-            values = (noise.sd, noise.skewness, noise.excess_kurtosis, *(test.p_value for test in tests))
-            texts = (f"{name}, {model}", *map(number, values), f"{noise.smoothness * 1000:.0f}")
-            rows.append(tuple(map(Cell, texts)))
-    return PageTable(
-        "Process noise w^φ̇ of 700 samples, by flight and model",
-        (
-            *("flight, model", "sd, rad/s²", "skewness", "excess kurtosis", "p Gaussian", "p Gaussian if white"),
-            *("p white", "s, ms"),
-        ),
-        tuple(rows),
-    )
-
-
-def _histograms(noises: dict[str, Noise]) -> Figure:
-    figure, (panels,) = plt.subplots(1, len(noises), figsize=(11, 2.3), sharex=True, sharey=True, squeeze=False)
-    grid = np.linspace(-4, 4, 161)
-    for axes, (name, noise) in zip(panels, noises.items(), strict=True):
-        axes.stairs(noise.histogram, noise.edges, fill=True, color=ONE_STEP, alpha=0.55)
-        axes.plot(grid, norm.pdf(grid), color=ink(), linewidth=1.1)
-        axes.set(title=name, xlabel="w^φ̇ / sd")
-        axes.text(0.02, 0.97, f"p = {number(noise.normality.p_value)}", transform=axes.transAxes, va="top", fontsize=8)
-    panels[0].set_ylabel("density")
-    return figure
-
-
-def _autocorrelation(noises: dict[str, Noise]) -> Figure:
-    figure, axes = plt.subplots(figsize=(8, 3.2))
-    colours = plt.get_cmap("viridis")(np.linspace(0.15, 0.85, len(noises)))
-    for colour, (name, noise) in zip(colours, noises.items(), strict=True):
-        real = not name.startswith("experiment")
-        axes.plot(
-            noise.autocorrelation,
-            ".-",
-            markersize=3,
-            linewidth=1.8 if real else 1,
-            color=MEASURED if real else colour,
-            label=name,
-        )
-    bound = max(noise.bound for noise in noises.values())
-    for side in (-bound, bound):
-        axes.axhline(side, color=DEM, linestyle="--", linewidth=1)
-    axes.axvspan(0, SHARED, color="#888888", alpha=0.15, linewidth=0)
-    axes.set(xlabel="lag, samples", ylabel="autocorrelation of w^φ̇", xlim=(0, 60))
-    axes.legend(ncols=2)
-    return figure
+    for name, noise in (learned | {f"{name}, {KNOWN}": noise for name, noise in known.items()}).items():
+        tests = (noise.normality, noise.normality_if_white, noise.whiteness)
+        values = (noise.sd, noise.skewness, noise.excess_kurtosis, *(test.p_value for test in tests))
+        rows.append([name, *(rounded(value, 3) for value in values), f"{noise.smoothness * 1000:.0f}"])
+    header = ["flight, model", "sd, rad/s²", "skewness", "excess kurtosis", "p Gaussian", "p Gaussian if white"]
+    title = Sentence("of 700 samples, by flight and model.", "Process noise w^φ̇")
+    return title, Table([*header, "p white", "s, ms"], rows)
 
 
 ITEM = Item(NOISE, run)
+
+
+MIN_VALUES = 20  # with fewer values no test of shape or colour has power
+LAGS, SHARE_OF_LAGS = 10, 5  # the Ljung-Box test uses at most so many lags, and one lag for so many values
+MAX_LAGS = 100  # lags of the reported autocorrelation; at most a quarter of the values
+WHITE_BOUND = float(norm.ppf(0.975))  # half width of the 95 % bounds of white noise's autocorrelation, times √N
+
+
+class Significance(NamedTuple):
+    """The result of a test: ``p_value``, the probability of a ``statistic`` as large under the hypothesis."""
+
+    statistic: float
+    p_value: float
+
+
+class Noise(NamedTuple):
+    """The statistics of one series of noise.
+
+    Attributes:
+        dt: step between the values, s.
+        sd: in the unit of the noise.
+        skewness, excess_kurtosis: 0 of a Gaussian.
+        histogram, edges: density of the values over the edges of bins, in units of sd about the mean.
+        autocorrelation, bound: at lags 0, 1, … in steps; 95 % of white noise's lie within ± the bound.
+        normality, normality_if_white: tests for Gaussian noise of any colour, and for white Gaussian noise.
+        whiteness: test for white noise, of values that share no samples.
+        overlap: values closer than so many steps share samples.
+        smoothness: kernel width s, in seconds, of the Gaussian-kernel noise whose autocorrelation exp(−τ²/4s²) falls
+            to a half at the same lag. White noise has about a third of dt, the resolution of the samples.
+    """
+
+    dt: float
+    sd: float
+    skewness: float
+    excess_kurtosis: float
+    histogram: tuple[float, ...]
+    edges: tuple[float, ...]
+    autocorrelation: tuple[float, ...]
+    bound: float
+    normality: Significance
+    normality_if_white: Significance
+    whiteness: Significance
+    overlap: int
+    smoothness: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Returns plain JSON values by name."""
+        tests = ("normality", "normality_if_white", "whiteness")
+        return self._asdict() | {name: getattr(self, name)._asdict() for name in tests}
+
+
+def process_noise(learned: Learned) -> dict[int, Noise]:
+    """Returns the statistics of a model's process noise, as it drives each output, by the output's number.
+
+    That is C w, w = x′ − A x − B v as the D step estimates it, in units of the outputs per second: for the roll rate
+    rad/s², the w^φ̇ of the paper's histograms. It does not depend on the coordinates of the states. If the training
+    data have gaps it is that of the longest part between them.
+
+    Raises:
+        ValueError: too few training samples, or a noise that does not vary, as when p = 0.
+    """
+    samples, noise = learned.process_noise()
+    runs = np.split(np.arange(len(samples)), np.flatnonzero(np.diff(samples) > 1) + 1)
+    driving = noise[max(runs, key=len)] @ learned.model.C.T
+    window = learned.settings.window
+    assert window is not None
+    return {output: analyse_noise(driving[:, output], learned.dt, overlap=window) for output in range(driving.shape[1])}
+
+
+def analyse_noise(values: ArrayLike, dt: float, overlap: int = 1) -> Noise:
+    """Returns the statistics of a series of noise: ``values`` (N,), finite, ``dt`` seconds apart, in any unit.
+
+    ``overlap``: number of neighbouring values that an underlying sample contributes to; 1 if values share none.
+
+    Raises:
+        ValueError: fewer than twenty values that share no samples, or values that are not finite or do not vary.
+    """
+    series = np.asarray(values, np.float64)
+    if series.ndim != 1 or not np.isfinite(series).all():
+        raise ValueError(f"values must be finite, of shape (N,), not {series.shape}")
+    if overlap < 1 or len(series[::overlap]) < MIN_VALUES:
+        raise ValueError(f"values must be {MIN_VALUES} at least that share no samples, not {len(series)} / {overlap}")
+    if not np.ptp(series):
+        raise ValueError("values must vary")
+    sd = float(series.std())
+    scaled = (series - series.mean()) / sd
+    correlation = autocovariance(scaled)
+    histogram, edges = np.histogram(scaled, bins="auto", density=True)
+    plain = jarque_bera(series)
+    bound = WHITE_BOUND / float(np.sqrt(len(series)))
+    return Noise(
+        dt,
+        sd,
+        skewness=float((scaled**3).mean()),
+        excess_kurtosis=float((scaled**4).mean()) - 3,
+        histogram=tuple(histogram.tolist()),
+        edges=tuple(edges.tolist()),
+        autocorrelation=tuple(correlation[: min(MAX_LAGS, len(series) // 4) + 1].tolist()),
+        bound=bound,
+        normality=normality(scaled),
+        normality_if_white=Significance(float(plain.statistic), float(plain.pvalue)),
+        whiteness=whiteness(series[::overlap]),
+        overlap=overlap,
+        smoothness=dt * _kernel_width(correlation, bound),
+    )
+
+
+def normality(series: ArrayLike) -> Significance:
+    """Tests whether a stationary series of any colour is Gaussian (Lobato and Velasco's G, χ² of two degrees)."""
+    x = np.asarray(series, np.float64)
+    x = x - x.mean()
+    n, variance = len(x), x.var()
+    covariance = autocovariance(x)
+    # Each lag with the one that a series closed to a ring would have too; the sums then need no truncation.
+    opposite = np.append(0.0, covariance[:0:-1])
+    both_signs = np.append(1.0, np.full(n - 1, 2.0))
+    third, fourth = ((both_signs * covariance * (covariance + opposite) ** power).sum() for power in (2, 3))
+    statistic = n * (x**3).mean() ** 2 / (6 * third) + n * ((x**4).mean() - 3 * variance**2) ** 2 / (24 * fourth)
+    return Significance(float(statistic), float(chi2.sf(statistic, 2)))
+
+
+def whiteness(series: ArrayLike) -> Significance:
+    """Tests whether a series is white: Ljung and Box's Q of the first ten lags, χ² of as many degrees."""
+    x = np.asarray(series, np.float64)
+    n = len(x)
+    lags = np.arange(1, min(LAGS, n // SHARE_OF_LAGS) + 1)
+    covariance = autocovariance(x - x.mean())
+    statistic = n * (n + 2) * float(((covariance[lags] / covariance[0]) ** 2 / (n - lags)).sum())
+    return Significance(statistic, float(chi2.sf(statistic, len(lags))))
+
+
+def autocovariance(deviation: Array) -> Array:
+    """Returns (N,) Σ x_t x_{t+k} / N at lags k = 0 … N − 1, of a series (N,) of mean zero."""
+    n = len(deviation)
+    spectrum = np.abs(np.fft.rfft(deviation, 2 * n)) ** 2
+    return np.asarray(np.fft.irfft(spectrum)[:n] / n)
+
+
+def _kernel_width(correlation: Array, bound: float) -> float:
+    """Returns the kernel width, in steps, that belongs to the lag of half height.
+
+    Between lags, ln ρ is interpolated linearly in the squared lag, as for Gaussian-kernel noise. Half height has the
+    estimate of lowest variance: half that of one from the integral, which includes the random tail.
+    """
+    after = int(np.flatnonzero(correlation < 0.5)[0])
+    before = after - 1
+    high, low = np.log(correlation[before]), np.log(max(correlation[after], bound))
+    squared_lag = before**2 + (high - np.log(0.5)) / (high - low) * (after**2 - before**2)
+    return float(np.sqrt(squared_lag / np.log(2)) / 2)

@@ -1,59 +1,182 @@
-"""The runner: flights, worker processes, and results that several items share, each computed once."""
+"""What an experiment is made of: the paper's claim, the flights it runs on, and the checks that decide it.
+
+The rules of checks are fixed before the numbers are known. All checks hold: reproduced. None holds: not reproduced.
+Otherwise: partly. Methods run on the windows of five simulated flights, in place of the paper's, and of recorded ones,
+in worker processes; what several experiments share is computed once.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+import warnings
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
 from functools import cached_property, partial
-from typing import TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from mavdem.dem import Settings
+from mavdem import baselines
+from mavdem.dem import Settings, learn
+from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
-from mavdem.evaluate import comparison
-from mavdem.evaluate.comparison import PAPER_SETTINGS_WITHOUT, Comparison, Outcome, dem, evaluate_job
-from mavdem.evaluate.scores import FROM_ZERO, KNOWN
+from mavdem.evaluate import mspe, relative_mspe
 from mavdem.evaluate.windows import Window, windows
 from mavdem.flight import Flight
-from mavdem.paper.flights import (
-    EXPERIMENTS,
-    HOP,
-    REAL,
-    SAMPLE,
-    TEST,
-    TRAIN,
-    recorded_flights,
-    simulated_experiment,
-)
+from mavdem.forecaster import Forecaster
+from mavdem.paper.claims import Claim
+from mavdem.paper.flights import EXPERIMENTS, HOP, REAL, SAMPLE, TEST, TRAIN, recorded_flights, simulated_experiment
+from mavdem.report.blocks import Block
+from mavdem.report.page import Picture
 
 Job = TypeVar("Job")
 JobResult = TypeVar("JobResult")
 
+
+class ClaimStatus(StrEnum):
+    """How much of a claim is reproduced."""
+
+    REPRODUCED = "reproduced"
+    PARTLY = "partly"
+    NOT = "not reproduced"
+    UNTRIED = "not tried"
+
+
+class Check(NamedTuple):
+    """One condition for a claim; ``rule`` and ``finding`` (the result with its numbers) are clauses."""
+
+    rule: str
+    holds: bool
+    finding: str
+
+
+def claim_status(checks: Sequence[Check]) -> ClaimStatus:
+    """Returns the status that follows from the checks; without checks, not tried."""
+    if not checks:
+        return ClaimStatus.UNTRIED
+    held = [check.holds for check in checks]
+    return ClaimStatus.REPRODUCED if all(held) else ClaimStatus.PARTLY if any(held) else ClaimStatus.NOT
+
+
+def findings(checks: Sequence[Check]) -> str:
+    """Returns the findings of the checks that fail, then of those that hold."""
+    parts = [check.finding for check in checks if not check.holds], [check.finding for check in checks if check.holds]
+    return "; but ".join("; ".join(part) for part in parts if part)
+
+
+def percent(share: float) -> str:
+    """Returns a share as ``90 %``, three digits at most."""
+    return f"{100 * share:.3g} %"
+
+
+@dataclass(frozen=True)
+class Result:
+    """What running an experiment gave.
+
+    Attributes:
+        checks: those that decide the status; without any, ``remarks`` has the reason.
+        beyond: of settings that are not the paper's; they decide nothing.
+        numbers: plain JSON values by name.
+        tables: tables and the sentences above them.
+        pictures: the figures.
+        remarks: sentences.
+    """
+
+    checks: tuple[Check, ...] = ()
+    beyond: tuple[Check, ...] = ()
+    numbers: dict[str, Any] = field(default_factory=dict)
+    tables: tuple[Block, ...] = ()
+    pictures: tuple[Picture, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+class Item(NamedTuple):
+    """One claim of the paper, and what tests it."""
+
+    claim: Claim
+    run: Callable[[Runner], Result]
+
+
 PAPER = Settings.paper()
+PAPER_WITHOUT = replace(PAPER, p=1, d=1, window=2)
+"""The paper's settings without generalized coordinates: the first derivative, which the model needs, and no more."""
 
-WITH, WITHOUT = "DEM paper", "DEM paper p=1"
-OURS, OURS_WITHOUT = "DEM", "DEM p=1"
-
+WITH, WITHOUT, OURS, OURS_WITHOUT = "DEM paper", "DEM paper p=1", "DEM", "DEM p=1"
 PEERS = ("subspace(2)", "PEM(2)", "EM(2)")  # the paper's, with as many states as its model
 OTHERS = ("subspace(4)", "ARX(2)")  # textbook methods that the paper does not compare
+MEAN = "constant mean"
 
-NAMES = (WITH, WITHOUT, OURS, OURS_WITHOUT, *PEERS, *OTHERS, "constant mean")
-METHODS = tuple(method for method in comparison.METHODS if method.name in NAMES)
+Learn = Callable[[Flight], Forecaster]
+METHODS: dict[str, Learn] = {
+    OURS: partial(learn, settings=Settings()),
+    OURS_WITHOUT: partial(learn, settings=replace(Settings(), p=1, d=1)),
+    WITH: partial(learn, settings=PAPER),
+    WITHOUT: partial(learn, settings=PAPER_WITHOUT),
+    "subspace(2)": partial(baselines.subspace, order=2),
+    "subspace(4)": partial(baselines.subspace, order=4),
+    "PEM(2)": partial(baselines.pem, order=2),
+    "EM(2)": partial(baselines.em, order=2),
+    "ARX(2)": partial(baselines.arx, order=2),
+    MEAN: baselines.constant_mean,
+}
 
 STARTS = ("the data", "state 0")  # of a forecast: the end of training, or 0 as in the authors' code
 
 
+class Trial(NamedTuple):
+    """A method on a window.
+
+    Attributes:
+        forecasts: (H, m) of the test part by start, one of ``STARTS``; empty where there is none.
+        errors: MSPE of each, summed over outputs; infinite without a forecast.
+        relative: the error ratio to the constant mean, of the forecast from the data.
+        stable: whether the model has no growing mode; ``None`` without a model.
+    """
+
+    forecasts: dict[str, Array]
+    errors: dict[str, float]
+    relative: float
+    stable: bool | None
+
+
+def run_trial(job: tuple[Learn, Window]) -> Trial:
+    """Trains a method on a window and forecasts its test part; a method that fails has infinite errors."""
+    method, window = job
+    train, test = window.train, window.test
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            model = method(train)
+        except (ValueError, ArithmeticError, RuntimeError):
+            return Trial({}, dict.fromkeys(STARTS, np.inf), np.inf, None)
+        made = {start: model.forecast(test.inputs, from_zero=start == STARTS[1]) for start in STARTS}
+        errors = {start: mspe(test.outputs, forecast).total for start, forecast in made.items()}
+        return Trial(made, errors, float(relative_mspe(train, test, made[STARTS[0]])), model.stable)
+
+
+def median_draw(trials: list[Trial], start: str) -> Trial:
+    """Returns that of the trials from random priors whose error is the median."""
+    return sorted(trials, key=lambda trial: trial.errors[start])[len(trials) // 2]
+
+
 @dataclass(frozen=True)
 class Extent:
-    """How much to run."""
+    """How much to run.
+
+    Attributes:
+        experiments: numbers of the simulated flights.
+        duration: of each of them, s, in place of the scenarios'.
+        recorded: whether to use the recorded flights that are on this machine.
+        windows: at most, of each autopilot's flight, evenly spread; of the real AR.Drone all are used.
+        priors: draws of the random prior η^θ.
+    """
 
     experiments: tuple[int, ...] = EXPERIMENTS
-    duration: float | None = None  # s of each simulated flight, instead of the scenarios'
-    recorded: bool = True  # whether to use recorded flights that are available
-    windows: int = 4  # at most, of each autopilot's flight, evenly spread; all of the real AR.Drone
-    priors: int = 40  # draws of the random prior η^θ
+    duration: float | None = None
+    recorded: bool = True
+    windows: int = 4
+    priors: int = 40
 
     @property
     def sample(self) -> int:
@@ -62,7 +185,10 @@ class Extent:
 
 
 class Runner:
-    """Runs jobs on workers, or in this process, and keeps the results that several items share."""
+    """Runs jobs on workers, or in this process, and keeps the results that several experiments share.
+
+    ``begun``, called with a number of new jobs, returns the function to call when one of them is done.
+    """
 
     def __init__(
         self,
@@ -70,32 +196,27 @@ class Runner:
         executor: Executor | None = None,
         begun: Callable[[int], Callable[[], None]] = lambda jobs: lambda: None,
     ) -> None:
-        # Called with a number of new jobs, ``begun`` returns the function to call when one of them is done.
         self.extent = extent
         self._executor, self._begun = executor, begun
 
     def each(self, work: Callable[[Job], JobResult], jobs: Iterable[Job]) -> list[JobResult]:
-        """``work`` of each job, on the workers; both must pickle."""
+        """Returns ``work`` of each job, done on the workers; both must pickle."""
         todo, results = list(jobs), []
         advance = self._begun(len(todo))
-        done = map(work, todo) if self._executor is None else parallel_map(work, todo, self._executor)
-        for result in done:
+        for result in map(work, todo) if self._executor is None else parallel_map(work, todo, self._executor):
             results.append(result)
             advance()
         return results
 
     @cached_property
-    def flights(self) -> dict[int, Flight]:
-        """The simulated flights, by experiment."""
-        flown = self.each(partial(simulated_experiment, duration=self.extent.duration), self.extent.experiments)
-        return dict(zip(self.extent.experiments, flown, strict=True))
-
-    @cached_property
     def windows(self) -> dict[int, tuple[Window, ...]]:
-        """All windows of each simulated flight; the first is the paper's experiment."""
-        return {number: windows(f"experiment {number}", one, TRAIN, TEST, HOP) for number, one in self.flights.items()}
+        """All windows of each simulated flight; the first, of 850 samples, is the paper's experiment."""
+        numbers = self.extent.experiments
+        flown = self.each(partial(simulated_experiment, duration=self.extent.duration), numbers)
+        cut = zip(numbers, flown, strict=True)
+        return {number: windows(f"experiment {number}", flight, TRAIN, TEST, HOP) for number, flight in cut}
 
-    @cached_property
+    @property
     def experiments(self) -> dict[int, Window]:
         """850 samples of each simulated flight."""
         return {number: cut[0] for number, cut in self.windows.items()}
@@ -111,50 +232,34 @@ class Runner:
         if not self.extent.recorded:
             return {}
         cut = {name: windows(name, flight, TRAIN, TEST, HOP) for name, flight in recorded_flights()}
-        return {name: own if name == REAL else _spread(own, self.extent.windows) for name, own in cut.items() if own}
+        return {name: found if name == REAL else self._few(found) for name, found in cut.items() if found}
+
+    def _few(self, cut: tuple[Window, ...]) -> tuple[Window, ...]:
+        """At most ``extent.windows`` of them, with the first and the last."""
+        count = min(self.extent.windows, len(cut))
+        return tuple(cut[index] for index in np.linspace(0, len(cut) - 1, count).round().astype(int))
 
     @cached_property
-    def comparison(self) -> Comparison:
-        """All methods on windows of all flights."""
-        cut = [window for own in (*self.windows.values(), *self.recorded.values()) for window in own]
-        jobs = [(method, window) for window in cut for method in METHODS]
-        return Comparison.of(cut, self.each(evaluate_job, jobs))
+    def trials(self) -> dict[str, dict[str, list[Trial]]]:
+        """All methods on windows of all flights: by flight and method, a trial a window."""
+        flights = [*self.windows.values(), *self.recorded.values()]
+        jobs = [(method, window) for cut in flights for method in METHODS.values() for window in cut]
+        done = iter(self.each(run_trial, jobs))
+        return {cut[0].flight: {name: [next(done) for _ in cut] for name in METHODS} for cut in flights}
 
     @cached_property
-    def draws(self) -> dict[str, dict[int, list[Outcome]]]:
-        """DEM with the paper's settings: by method and experiment, one outcome a random prior."""
-        kinds = {WITH: PAPER, WITHOUT: PAPER_SETTINGS_WITHOUT}
-        places = [(name, number) for name in kinds for number in self.experiments]
-        jobs = [
-            (dem(name, replace(kinds[name], seed=seed)), self.experiments[number])
-            for name, number in places
-            for seed in range(self.extent.priors)
+    def draws(self) -> dict[str, dict[int, list[Trial]]]:
+        """DEM with the paper's settings: by method and experiment, a trial a random prior."""
+        kinds, seeds = {WITH: PAPER, WITHOUT: PAPER_WITHOUT}, range(self.extent.priors)
+        jobs: list[tuple[Learn, Window]] = [
+            (partial(learn, settings=replace(settings, seed=seed)), window)
+            for settings in kinds.values()
+            for window in self.experiments.values()
+            for seed in seeds
         ]
-        found = iter(self.each(evaluate_job, jobs))
-        drawn: dict[str, dict[int, list[Outcome]]] = {name: {} for name in kinds}
-        for name, number in places:
-            drawn[name][number] = [next(found) for _ in range(self.extent.priors)]
-        return drawn
+        done = iter(self.each(run_trial, jobs))
+        return {name: {number: [next(done) for _ in seeds] for number in self.experiments} for name in kinds}
 
-    def outcome(self, method: str, number: int) -> Outcome:
-        """The outcome of a method on an experiment."""
-        compared, window = self.comparison, self.experiments[number]
-        place = [(one.flight, one.start) for one in compared.windows].index((window.flight, window.start))
-        return compared.outcomes[place][compared.methods.index(method)]
-
-
-def _spread(cut: tuple[Window, ...], most: int) -> tuple[Window, ...]:
-    """At most so many of them, with the first and the last."""
-    if len(cut) <= most:
-        return cut
-    return tuple(cut[place] for place in np.linspace(0, len(cut) - 1, most).round().astype(int))
-
-
-def total_mspe(outcome: Outcome, start: str) -> float:
-    """MSPE summed over outputs, of the forecast that begins from ``start``, one of ``STARTS``."""
-    return float(outcome.mspe(KNOWN if start == STARTS[0] else FROM_ZERO).sum())
-
-
-def median_draw(outcomes: list[Outcome], start: str) -> Outcome:
-    """Of the forecasts from random priors the one with the median error."""
-    return sorted(outcomes, key=lambda one: total_mspe(one, start))[len(outcomes) // 2]
+    def trial(self, method: str, number: int) -> Trial:
+        """Returns a method's trial on an experiment."""
+        return self.trials[self.experiments[number].flight][method][0]

@@ -205,11 +205,11 @@ def _physical(physical: Physical | None) -> list[Block]:
 
 def _cancelled(wind: WindTorque | None) -> list[Block]:
     """How much of the wind torque the motors had cancelled."""
-    if wind is None or wind.reason is not None or not (isfinite(wind.answered) and isfinite(wind.answered_slow)):
+    if wind is None or wind.reason is not None or not isfinite(wind.cancelled_share + wind.cancelled_share_slow):
         return []
-    slow = f"{100 * max(wind.answered_slow, 0.0):.0f} %"
-    if wind.answered >= 0:
-        text = f"the motors had cancelled {100 * wind.answered:.0f} % of its variance, {slow} below 1 Hz."
+    slow = f"{100 * max(wind.cancelled_share_slow, 0.0):.0f} %"
+    if wind.cancelled_share >= 0:
+        text = f"the motors had cancelled {100 * wind.cancelled_share:.0f} % of its variance, {slow} below 1 Hz."
     else:
         text = f"the motors had cancelled {slow} of its variance below 1 Hz; to what is faster they added."
     return [Sentence(text, "Wind torque:")]

@@ -16,7 +16,7 @@ from mavdem.files import atomic_write
 from mavdem.ingest.motors import place_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
-from mavdem.view.time_plot import FLIGHT_TIME, Plot, PlotLine, collapsed_panels, range_of, utf8
+from mavdem.view.plots import FLIGHT_TIME, Plot, blueprint, range_of, utf8
 
 Array = NDArray[np.float64]
 
@@ -100,12 +100,18 @@ def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:
     """
     recording = rr.RecordingStream("mavdem_flight")
     memory = recording.memory_recording()
-    shown = _plots(pose)
-    recording.send_blueprint(_blueprint(pose, shown), make_active=False)
     recording.send_recording_name(utf8(name))
-    draw_scene(recording, pose)
-    for plot in shown:
+    # North, east, down are to a world what forward, right, down are to a body.
+    for frame in ("world", "world/here"):
+        recording.log(frame, rr.ViewCoordinates.FRD, static=True)
+    rows, plots = pose.at(FRAMES_A_SECOND), _plots(pose)
+    _vehicle(recording, pose, rows)
+    _surroundings(recording, pose, rows)
+    for plot in plots:
         plot.draw(recording)
+    views = rrb.Vertical(*(plot.view(float(pose.time[-1])) for plot in plots), row_shares=PLOT_HEIGHTS)
+    layout = rrb.Horizontal(_scene(pose), views, column_shares=[45, 55])
+    recording.send_blueprint(blueprint(layout, play_state="playing", loop_mode="all"), make_active=False)
     with atomic_write(path) as file:
         # Rerun does not report when a file it writes fails, as on a full disk; Python does.
         file.write(memory.drain_as_bytes())
@@ -126,47 +132,20 @@ def _plots(pose: Pose) -> list[Plot]:
         ("wind", "Wind, m/s: where the air moves to", _columns(("north", "east", "down"), pose.wind)),
         ("moment", "Disturbance moment, mN m", _columns(("roll", "pitch", "yaw"), 1e3 * pose.moment)),
     )
-    return [
-        Plot(
-            origin,
-            title,
-            range_of(*(values[carries] for values in series.values())),
-            [
-                PlotLine(name, palette.distinct(i), pose.time[rows], values[rows], 1.0)
-                for i, (name, values) in enumerate(series.items())
-            ],
-        )
-        for origin, title, series in tables
-    ]
+    plots = []
+    for origin, title, series in tables:
+        plots.append(Plot(origin, title, range_of(*(values[carries] for values in series.values()))))
+        for i, (name, values) in enumerate(series.items()):
+            plots[-1].line(name, palette.distinct(i), pose.time[rows], values[rows], 1.0)
+    return plots
 
 
 def _columns(names: Sequence[str], table: Array) -> dict[str, Array]:
     return dict(zip(names, table.T, strict=True))
 
 
-def _blueprint(pose: Pose, plots: list[Plot]) -> rrb.Blueprint:
-    """The vehicle to the left, and the plots to the right, one above the other."""
-    views = [plot.view(float(pose.time[-1])) for plot in plots]
-    return rrb.Blueprint(
-        rrb.Horizontal(scene_view(pose), rrb.Vertical(*views, row_shares=PLOT_HEIGHTS), column_shares=[45, 55]),
-        *collapsed_panels(play_state="playing", loop_mode="all"),
-        auto_views=False,
-        auto_layout=False,
-    )
-
-
-def draw_scene(recording: rr.RecordingStream, pose: Pose) -> None:
-    """Draws the vehicle and what is around it, all along the flight."""
-    # North, east, down are to a world what forward, right, down are to a body.
-    for place in ("world", "world/here"):
-        recording.log(place, rr.ViewCoordinates.FRD, static=True)
-    rows = pose.at(FRAMES_A_SECOND)
-    _vehicle(recording, pose, rows)
-    _surroundings(recording, pose, rows)
-
-
-def scene_view(pose: Pose) -> rrb.View:
-    """The view that the scene is seen in, with the scale of its arrows."""
+def _scene(pose: Pose) -> rrb.View:
+    """The view that the vehicle is seen in, with the scale of its arrows."""
     return rrb.Spatial3DView(
         name=f"Thrust arrows: {100 * pose.arm:.2g} cm at hover. Wind arrow: {100 * WIND_SCALE * pose.arm:.2g} cm for "
         "1 m/s. Ground: 1 m. Green: the last 4 s",

@@ -1,33 +1,43 @@
-"""Recording: one learnt flight as a Rerun file, with the blueprint that shows it."""
+"""Recording: one learned flight as a Rerun file, with the blueprint that shows it."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
 from mavdem.analysis.findings import findings, known_wind
-from mavdem.confidence import LEVEL
+from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.model import pack
 from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.files import atomic_write
 from mavdem.flight import Flight
 from mavdem.report import palette
-from mavdem.report.blocks import markdown
+from mavdem.report.blocks import Block, Sentence, Table, markdown
 from mavdem.report.numbers import AxisCommand, Labels, named, place, plus_minus, readable, state_names
 from mavdem.report.screen import key_figures, screen, title
-from mavdem.view.chart import bar_chart
-from mavdem.view.learning import learning_view
-from mavdem.view.time_plot import Plot, PlotLine, area, collapsed_panels, faint, range_of, spans, utf8
-
-Array = NDArray[np.float64]
+from mavdem.view.plots import (
+    ITERATION,
+    FreeEntries,
+    Lines,
+    Plot,
+    blueprint,
+    faint,
+    free_parameters,
+    free_precisions,
+    range_of,
+    utf8,
+    with_gaps,
+)
 
 BEYOND = 0.15  # how far a plot extends beyond the measured values, in spans of them, where a forecast does
+FIRST_ITERATIONS = 2  # that are left out of the bars of F̄: they may be far from all others
 
 
 def write_recording(
@@ -36,7 +46,7 @@ def write_recording(
     """Writes the model of ``flights`` and the forecasts of ``held_out`` windows as an .rrd file.
 
     The file appears whole or not at all, replaces one that is there, and opens with its own blueprint: the flight over
-    its seconds, more of it, how the model was learnt, and the report. Angles are in degrees.
+    its seconds, more of it, how the model was learned, and the report. Angles are in degrees.
 
     The folder of ``path`` must be there; ``learned`` is the model of ``flights``. ``OSError`` if it cannot be written.
     """
@@ -47,14 +57,11 @@ def write_recording(
     tabs = rrb.Tabs(
         _flight(recording, series),
         _details(recording, series),
-        learning_view(recording, learned),
-        _text(recording, "report", "Report", markdown([title(flights), *screen(learned, held_out)])),
+        *_learning(recording, learned),
+        _text(recording, "report", "Report", [title(flights), *screen(learned, held_out)]),
         active_tab=0,
     )
-    recording.send_blueprint(
-        rrb.Blueprint(tabs, *collapsed_panels(play_state="paused"), auto_views=False, auto_layout=False),
-        make_active=False,
-    )
+    recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=False)
     # Rerun does not report when a file it writes fails, as on a full disk; Python does.
     contents = memory.drain_as_bytes()
     with atomic_write(path) as file:
@@ -62,148 +69,106 @@ def write_recording(
 
 
 class FlightSeries:
-    """The series of a learnt flight over seconds from its first sample, in degrees, as plots."""
+    """The series of a learned flight over seconds from its first sample, in degrees, as plots."""
 
     def __init__(self, flights: Sequence[Flight], learned: Learned, held_out: HeldOut) -> None:
         self.flights, self.learned, self.held_out = flights, learned, held_out
         self.labels = Labels.of(learned)
-        self._start = float(flights[0].time[0])
-        times = [flight.time - self._start for flight in flights]
-        self.windows = held_out.time - self._start
-        after = self.windows[:, 0] > times[-1][-1]
-        # A gap after each segment.
-        self.time = np.concatenate([np.append(one, one[-1]) for one in [*times, *self.windows[after]]])
-        self._outputs = _with_gaps([*(flight.outputs for flight in flights), *held_out.measured[after]])
-        self.end = float(self.time[-1])
+        start = float(flights[0].time[0])
+        self.times = [flight.time - start for flight in flights]
+        self.windows = held_out.time - start
+        after = self.windows[:, 0] > self.times[-1][-1]
+        self._time = with_gaps([*self.times, *self.windows[after]], last=True)
+        self._outputs = with_gaps([*(flight.outputs for flight in flights), *held_out.measured[after]])
+        self.end = float(self._time[-1])
 
     def output(self, i: int) -> list[Plot]:
-        """An output and its forecasts in held-out windows, and what these leave."""
+        """Returns an output with its forecasts in held-out windows, and what these leave."""
         name, unit = self.labels.output_names[i], readable(self.labels.output_units[i])
-        measured, time = unit.scale * self._outputs[:, i], _with_gaps(self.windows, last=True)
+        measured, time = unit.scale * self._outputs[:, i], with_gaps(self.windows, last=True)
         in_windows, forecast, half = (
-            unit.scale * _with_gaps(values[:, :, i])
+            unit.scale * with_gaps(values[:, :, i])
             for values in (self.held_out.measured, self.held_out.forecasts[FORECAST], self.held_out.band)
         )
         low, high = range_of(measured)
         span = high - low
         forecast = np.clip(forecast, low - 9 * span, high + 9 * span)  # it may overflow
-        inner = range_of(np.clip(forecast, low - BEYOND * span, high + BEYOND * span), measured)
         residual = in_windows - forecast
+        inner = range_of(np.clip(forecast, low - BEYOND * span, high + BEYOND * span), measured)
         outer = range_of(np.clip(residual, -span, span))
-        colour = faint(palette.PREDICTED, palette.BAND_OPACITY)
         seconds = f"{self.held_out.seconds:.2g} s"
-        return [
-            Plot(
-                rr.new_entity_path(["outputs", name]),
-                f"{named(name.capitalize(), unit.name)}: measured, and forecast in held-out windows of {seconds}",
-                inner,
-                [
-                    *self._held_out(inner),
-                    area("90 % band", colour, time, *np.clip([forecast - half, forecast + half], *_wider(inner))),
-                    PlotLine("measured", palette.MEASURED, self.time, measured, 1.2),
-                    PlotLine("forecast", palette.PREDICTED, time, forecast, 1.8),
-                ],
-            ),
-            Plot(
-                rr.new_entity_path(["residuals", name]),
-                f"{named('Residual: measured minus forecast', unit.name)}",
-                outer,
-                [
-                    *self._held_out(outer),
-                    area("90 % band", colour, time, *np.clip([-half, half], *_wider(outer))),
-                    PlotLine("residual", palette.PREDICTED, time, residual, 1.2),
-                ],
-            ),
-        ]
-
-    def _held_out(self, values: tuple[float, float]) -> list[PlotLine]:
-        """What is held out, behind the lines."""
+        heading = f"{named(name.capitalize(), unit.name)}: measured, and forecast in held-out windows of {seconds}"
+        above = Plot(rr.new_entity_path(["outputs", name]), heading, inner)
+        left = named("Residual: measured minus forecast", unit.name)
+        below = Plot(rr.new_entity_path(["residuals", name]), left, outer)
         starts, ends = self.windows[:, 0], self.windows[:, -1]
         apart = starts[1:] - ends[:-1] > 1.5 * self.learned.dt
         parts = list(zip(starts[np.append(True, apart)], ends[np.append(apart, True)], strict=True))
-        return spans("held out", faint(palette.MEASURED, palette.HELD_OUT_OPACITY), parts, values)
+        for plot, middle in ((above, forecast), (below, 0.0)):
+            plot.spans("held out", faint(palette.MEASURED, palette.HELD_OUT_OPACITY), parts)
+            colour = faint(palette.PREDICTED, palette.BAND_OPACITY)
+            plot.area("90 % band", colour, time, middle - half, middle + half)
+        above.line("measured", palette.MEASURED, self._time, measured)
+        above.line("forecast", palette.PREDICTED, time, forecast, 1.8)
+        below.line("residual", palette.PREDICTED, time, residual)
+        return [above, below]
 
     def command(self) -> Plot:
-        """By how much the motors that turn the vehicle one way run above the others."""
+        """Returns by how much the motors that turn the vehicle one way run above the others."""
         command = AxisCommand.of(self.learned)
         inputs = command.series(np.vstack([flight.inputs for flight in self.flights]))
-        title = f"{named(command.name.capitalize(), command.unit)}: the motors' difference, about its mean"
-        return self._of_flights("command", title, {command.name: (palette.COMMAND, inputs)})
+        heading = f"{named(command.name.capitalize(), command.unit)}: the motors' difference, about its mean"
+        return self._trained("command", heading, {command.name: inputs}, palette.COMMAND)
 
     def motors(self) -> Plot:
-        """What drives the vehicle: several inputs, each beyond the mean of all, by their places."""
+        """Returns what drives the vehicle: several inputs, each beyond the mean of all, by their places."""
         inputs, unit = np.vstack([flight.inputs for flight in self.flights]), self.labels.input_units[0]
         several = inputs.shape[1] > 1
         values = inputs - inputs.mean(axis=1, keepdims=True) if several else inputs
+        heading = named("Inputs, each beyond the mean of all" if several else "Input", unit)
         names = map(place, self.labels.input_names)
-        title = named("Inputs, each beyond the mean of all" if several else "Input", unit)
-        return self._of_flights(
-            "inputs", title, {name: (palette.distinct(i), values[:, i]) for i, name in enumerate(names)}
-        )
+        return self._trained("inputs", heading, dict(zip(names, values.T, strict=True)))
 
     def wind(self) -> Plot | None:
-        """The wind's torque with its band, and gusts behind it; None where it is not known."""
+        """Returns the wind torque with its band, and gusts behind it; None where it is not known."""
         wind, unit = known_wind(self.learned.wind, self.learned.physical), readable("rad/s²")
         if wind is None or len(wind.torque) != sum(map(len, self.flights)):
             return None
         torque, band = unit.scale * wind.torque, unit.scale * wind.band
-        plot = self._of_flights(
-            "wind", f"Disturbance torque (wind), {unit.name}", {"torque": (palette.DISTURBANCE, torque)}
-        )
-        time, shown = plot.lines[0].time, plot.range
-        edges = self._with_gaps_of_flights(np.stack([torque - band, torque + band]).T)
-        clock = np.concatenate([flight.time for flight in self.flights]) - self._start
+        clock = np.concatenate(self.times)
         gusts = [(clock[gust.sample], clock[gust.sample] + gust.length) for gust in wind.gusts]
-        behind = [
-            *spans(f"gust ({len(gusts)})", faint(palette.GUST, 0.5), gusts, shown),
-            area(
-                "90 % band", faint(palette.DISTURBANCE, palette.BAND_OPACITY), time, *np.clip(edges.T, *_wider(shown))
-            ),
-        ]
-        return Plot(plot.origin, plot.title, shown, [*behind, *plot.lines])
+        heading, colour = f"Wind torque, {unit.name}", palette.DISTURBANCE
+        plot = Plot("wind", heading, range_of(torque))
+        plot.spans(f"gust ({len(gusts)})", faint(palette.GUST, 0.5), gusts)
+        low, high = self._with_gaps(torque - band), self._with_gaps(torque + band)
+        plot.area("90 % band", faint(colour, palette.BAND_OPACITY), with_gaps(self.times, last=True), low, high)
+        plot.line("torque", colour, with_gaps(self.times, last=True), self._with_gaps(torque))
+        return plot
 
     def dem(self) -> list[Plot]:
-        """What DEM makes of each sample: F(t) and the process noise w."""
+        """Returns what DEM makes of each sample: F(t) and the process noise w."""
         places, noise = self.learned.process_noise()
-        clock = np.concatenate([flight.time for flight in self.flights])[places] - self._start
-        energy = self.learned.free_energy_of_samples
-        names = state_names(self.labels, self.learned)
-        shown = [
-            PlotLine(name, palette.distinct(i), clock, np.degrees(noise[:, i]), 1.0) for i, name in enumerate(names)
+        clock, energy = np.concatenate(self.times)[places], self.learned.free_energy_of_samples
+        degrees = np.degrees(noise)
+        plots = [
+            Plot("process_noise", "Process noise w of DEM, ° and s", range_of(degrees)),
+            Plot("free_energy_of_samples", "Free energy F(t) of each sample, nats", range_of(energy)),
         ]
-        return [
-            Plot("process_noise", "Process noise w of DEM, ° and s", range_of(np.degrees(noise)), shown),
-            Plot(
-                "free_energy_of_samples",
-                "Free energy F(t) of each sample, nats",
-                range_of(energy),
-                [PlotLine("F(t)", palette.BOUND, clock, energy, 1.2)],
-            ),
-        ]
+        for i, name in enumerate(state_names(self.labels, self.learned)):
+            plots[0].line(name, palette.distinct(i), clock, degrees[:, i], 1.0)
+        plots[1].line("F(t)", palette.BOUND, clock, energy)
+        return plots
 
-    def _of_flights(self, origin: str, title: str, lines: dict[str, tuple[str, Array]]) -> Plot:
-        """Series (T,) over the training data, by name with their colours."""
-        time = np.concatenate([np.append(one.time, one.time[-1]) for one in self.flights]) - self._start
-        drawn = [
-            PlotLine(name, colour, time, self._with_gaps_of_flights(values), 1.2)
-            for name, (colour, values) in lines.items()
-        ]
-        return Plot(origin, title, range_of(*(line.values for line in drawn)), drawn)
+    def _trained(self, origin: str, heading: str, series: dict[str, Array], colour: str | None = None) -> Plot:
+        """Series (T,) over the training data, by name."""
+        plot = Plot(origin, heading, range_of(*series.values()))
+        for i, (name, values) in enumerate(series.items()):
+            time = with_gaps(self.times, last=True)
+            plot.line(name, colour or palette.distinct(i), time, self._with_gaps(values))
+        return plot
 
-    def _with_gaps_of_flights(self, values: Array) -> Array:
-        return _with_gaps(np.split(values, np.cumsum([len(flight) for flight in self.flights])[:-1]))
-
-
-def _with_gaps(parts: Sequence[Array] | Array, last: bool = False) -> Array:
-    """Parts (N, …) one after the other, after each a NaN, which draws no line, or its ``last`` value again."""
-    return np.concatenate(
-        [np.concatenate([one, one[-1:] if last else np.full_like(one[-1:], np.nan)]) for one in parts]
-    )
-
-
-def _wider(values: tuple[float, float]) -> tuple[float, float]:
-    """A range beyond what is visible: what lies outside need not be drawn."""
-    return values[0] - (values[1] - values[0]), values[1] + (values[1] - values[0])
+    def _with_gaps(self, values: Array) -> Array:
+        return with_gaps(np.split(values, np.cumsum([len(flight) for flight in self.flights])[:-1]))
 
 
 def _flight(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Container:
@@ -213,26 +178,16 @@ def _flight(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Containe
     plots = [*series.output(0), series.command(), *filter(None, [series.wind()])]
     for plot in plots:
         plot.draw(recording)
-    verdicts = "\n\n".join(
-        f"**{one.purpose.capitalize()}: {one.grade}.** {one.reason}"
-        for one in findings(series.learned, series.held_out)
-    )
-    beside: list[rrb.View] = [_text(recording, "verdict", "Verdict", verdicts)]
-    read = series.learned.physical
-    if read is not None and read.status["effect"] != "not identifiable":
-        unit = readable("rad/s²")
-        values, halves = unit.scale * read.effect, unit.scale * read.interval(LEVEL).effect
-        name = f"Motor effect, {unit.name} per {series.labels.input_units[0] or 'unit'} ± {LEVEL:.0%} interval"
-        labels = [
-            f"{place(motor)} {plus_minus(*pair)}"
-            for motor, *pair in zip(series.labels.input_names, values, halves, strict=True)
-        ]
-        beside.append(bar_chart(recording, "effect", name, labels, values, halves))
+    verdicts: list[Block] = [
+        Sentence(finding.reason, f"{finding.purpose.capitalize()}: {finding.grade}.")
+        for finding in findings(series.learned, series.held_out)
+    ]
+    beside = [_text(recording, "verdict", "Verdict", verdicts), *_effectiveness(recording, series)]
     return rrb.Vertical(
         rrb.Horizontal(*strip, column_shares=[max(len(value.split(" (")[0]), 11) for _, value in figures]),
         rrb.Horizontal(
             rrb.Vertical(*(plot.view(series.end) for plot in plots), row_shares=[34, 20, 20, 26][: len(plots)]),
-            rrb.Vertical(*beside, row_shares=[42, 58][: len(beside)]),
+            rrb.Vertical(*beside, row_shares=[38, 27, 35][: len(beside)]),
             column_shares=[78, 22],
         ),
         row_shares=[12.5, 87.5],
@@ -246,6 +201,33 @@ def _figure(name: str, value: str) -> str:
     return f"{name[:1].upper()}{name[1:]}\n### {number}\n{remark.removesuffix(')') if bracket else ''}"
 
 
+def _effectiveness(recording: rr.RecordingStream, series: FlightSeries) -> list[rrb.View]:
+    """Bars of the motors in their order, below a table with their names and intervals; nothing where not known."""
+    physical, unit = series.learned.physical, readable("rad/s²")
+    if physical is None or physical.status["effect"] == "not identifiable":
+        return []
+    values, halves = unit.scale * physical.effect, unit.scale * physical.interval(LEVEL).effect
+    heading = f"{unit.name} per {series.labels.input_units[0] or 'unit'} ± {LEVEL:.0%} interval"
+    table = Table(
+        ["motor", heading],
+        [
+            [f"{number} {place(name)}", plus_minus(*pair)]
+            for number, (name, *pair) in enumerate(zip(series.labels.input_names, values, halves, strict=True), 1)
+        ],
+    )
+    bars = _bars(values, np.arange(1.0, len(values) + 1))
+    recording.log("effect/bars", bars, static=True)
+    return [
+        _text(recording, "effect/table", "Control effectiveness", [table]),
+        rrb.BarChartView(origin="effect/bars", name="By motor", plot_legend=rrb.PlotLegend(visible=False)),
+    ]
+
+
+def _bars(values: Array, centres: Array, width: float = 0.7) -> rr.BarChart:
+    colour = palette.channels(palette.PREDICTED)
+    return rr.BarChart(values, abscissa=centres - width / 2, widths=np.full(len(values), width), color=colour)
+
+
 def _details(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Container:
     """The other outputs, the motors, and what DEM makes of each sample."""
     others = range(1, len(series.labels.output_names))
@@ -255,7 +237,59 @@ def _details(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Contain
     return rrb.Vertical(*(plot.view(series.end) for plot in plots), name="Details")
 
 
-def _text(recording: rr.RecordingStream, origin: str, name: str, words: str) -> rrb.View:
+def _learning(recording: rr.RecordingStream, learned: Learned) -> Iterator[rrb.Container]:
+    """What learning came to, with F̄ by iteration as bars; then every curve, on the timeline of iterations.
+
+    All plots over time in a recording follow the one timeline that is chosen.
+    """
+    energy, curves, blocks = learned.free_energy, [], []
+    for path, heading, names, values, results in _iterations(learned):
+        lines = Lines(f"learning/{path}", names, tuple(map(palette.distinct, range(len(names)))))
+        lines.send_style(recording)
+        lines.send(recording, np.arange(float(len(values))), values, ITERATION)
+        legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
+        curves.append(rrb.TimeSeriesView(origin=lines.path, name=heading, plot_legend=legend))
+        blocks.append(
+            Table([heading, f"result ± {LEVEL:.0%} interval"], [list(row) for row in zip(names, results, strict=True)])
+        )
+    first = min(FIRST_ITERATIONS, len(energy) - 1)
+    gap = (energy.total.max() - energy.total)[first:]
+    bars = _bars(gap, np.arange(float(first), first + len(gap)))
+    recording.log("learning/gap", bars, static=True)
+    heading = f"F̄ below its maximum of {energy.total.max():,.0f} nats, by iteration"
+    yield rrb.Horizontal(
+        rrb.BarChartView(origin="learning/gap", name=heading, plot_legend=rrb.PlotLegend(visible=False)),
+        _text(recording, "learning/results", "Results", blocks),
+        column_shares=[60, 40],
+        name="Learning",
+    )
+    yield rrb.Grid(*curves, grid_columns=2, name=f"Iterations (choose the timeline “{ITERATION}” below)")
+
+
+def _iterations(learned: Learned) -> Iterator[tuple[str, str, tuple[str, ...], Array, list[str]]]:
+    """Path, heading, names, values (I + 1, k) by iteration and the result in words, of F̄, λ and each matrix."""
+    labels, learning, energy = Labels.of(learned), learned.learning, learned.free_energy
+    series = {"F̄": energy.total, **{name.removeprefix("prediction "): term for name, term in energy.terms.items()}}
+    values = np.stack(list(series.values()), axis=-1)
+    results = [f"{round(float(value)) + 0:,}" for value in values[-1]]
+    yield "free_energy", "F̄ and its terms, nats (lines: less their result)", tuple(series), values - values[-1], results
+
+    def results_of(entries: FreeEntries, final: Array, half: Array) -> list[str]:
+        pairs = zip(entries.shown(final), np.abs(entries.shown(half)), strict=True)
+        return [plus_minus(*pair) if np.isfinite(pair[1]) else f"{pair[0]:.3g}" for pair in pairs]
+
+    noise, half = free_precisions(labels, learned), quantile(LEVEL) * learning.lambda_sd[-1]
+    results = results_of(noise, learning.lambda_[-1], half)
+    yield "lambda", "λ: log precisions of the noise", noise.names, noise.shown(learning.lambda_), results
+    final, halves = (pack(*model[:3]) for model in (learned.model, learned.model_interval(LEVEL)))
+    for matrix, entries in free_parameters(labels, learned).items():
+        results = results_of(entries, final, halves)
+        heading = f"{matrix} (degrees, s)"
+        yield f"parameters/{matrix}", heading, entries.names, entries.shown(learning.theta), results
+
+
+def _text(recording: rr.RecordingStream, origin: str, name: str, words: str | Sequence[Block]) -> rrb.View:
     """A view of Markdown, without a title bar if it has no name."""
-    recording.log(origin, rr.TextDocument(utf8(words), media_type=rr.MediaType.MARKDOWN), static=True)
+    text = words if isinstance(words, str) else markdown(words)
+    recording.log(origin, rr.TextDocument(utf8(text), media_type=rr.MediaType.MARKDOWN), static=True)
     return rrb.TextDocumentView(origin=origin, name=name or origin, titlebar=bool(name))

@@ -1,13 +1,36 @@
-"""Rerun's own program: how it is started, and how it opens a recording where there is a screen."""
+"""Viewer: where a recording goes: a file, Rerun's own program, or browsers; reachable from this machine only."""
 
 from __future__ import annotations
 
 import os
 import shlex
 import shutil
+import signal
+import socket
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
+from urllib.parse import quote, urlsplit
+
+import rerun as rr
+
+CONNECT_SECONDS = 0.3  # time limit for a viewer to accept a connection
+LOOPBACK = "127.0.0.1"
+VIEWER_MEMORY, SERVER_MEMORY = "1GB", "256MB"  # the server keeps data for later viewers; the oldest go first
+NO_SCREEN = "There is no screen here: use --rrd FILE to record, or --serve for browsers"
+INVALID_URL = "{!r} is not the address of a Rerun viewer, which looks like rerun+http://127.0.0.1:9876/proxy"
+WATCHDOG = """
+import os, signal, subprocess, sys, threading
+def kill_at_end_of_input():
+    sys.stdin.buffer.read()
+    os.killpg(0, signal.SIGKILL)
+with subprocess.Popen(sys.argv[1:], stdin=subprocess.DEVNULL) as running:
+    threading.Thread(target=kill_at_end_of_input, daemon=True).start()
+    sys.exit(running.wait())
+"""
+"""Runs a program until its standard input ends, whose other end is closed when the process that holds it ends for any
+reason, even if it is killed. It runs in a session of its own."""
 
 
 def show(path: str | os.PathLike[str]) -> str:
@@ -16,13 +39,12 @@ def show(path: str | os.PathLike[str]) -> str:
         return f"There is no screen here; open the recording where there is one, with `{_command(path)}`."
     if not Path(path).is_file():
         return f"There is no recording {path}."
-    command = rerun_command("--bind", "127.0.0.1", os.fspath(path))
-    subprocess.Popen(command, start_new_session=True, env=rerun_environment())
+    _start(os.fspath(path))
     return ""
 
 
 def has_screen() -> bool:
-    """Whether a window can probably be opened here."""
+    """Returns whether a window can probably be opened here."""
     return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
 
 
@@ -36,17 +58,177 @@ def _command(path: str | os.PathLike[str]) -> str:
     return shlex.join([str(viewer), os.fspath(path)])
 
 
-def rerun_command(*options: str) -> list[str]:
-    """The command line of the program that belongs to the package, with these options."""
-    return [sys.executable, "-m", "rerun", *options]
-
-
-def rerun_environment() -> dict[str, str]:
-    """This process's environment but for what decides about reports.
+def _start(*options: str, watched: bool = False) -> subprocess.Popen[bytes]:
+    """Starts the program that belongs to the package; if ``watched``, it ends with this process.
 
     ``rerun analytics disable`` would decide for its user for good. What it does not report is what runs where ``CI`` is
     set, unless it is forced to. Source: https://github.com/rerun-io/rerun/tree/main/crates/utils/re_analytics.
     """
+    command = [sys.executable, "-m", "rerun", "--bind", LOOPBACK, *options]
     environment = os.environ | {"CI": "1"}
     environment.pop("FORCE_RERUN_ANALYTICS", None)
-    return environment
+    # A session of its own, so that Ctrl-C ends the flight and not its picture.
+    return subprocess.Popen(
+        [sys.executable, "-I", "-c", WATCHDOG, *command] if watched else command,
+        start_new_session=True,
+        stdin=subprocess.PIPE if watched else subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=environment,
+    )
+
+
+class Sink:
+    """A destination of a live flight.
+
+    Attributes:
+        name: as a user calls it.
+        period: seconds between batches.
+        retried: whether one that fails, or is not there yet, is tried again.
+    """
+
+    name: str
+    period: float
+    retried: bool
+
+    def open(self, recording: rr.RecordingStream) -> bool:
+        """Directs the recording to the sink; returns whether it could; ``RuntimeError`` if it never can."""
+        raise NotImplementedError
+
+    def delivered(self) -> None:
+        """Notes that all that was sent has arrived."""
+
+    def failed(self) -> None:
+        """Notes that what was sent since the last delivery has not arrived."""
+
+    def close(self) -> None:
+        """Ends what was started for it, after the recording is disconnected."""
+
+
+class RecordingFile(Sink):
+    """A new .rrd file.
+
+    Each batch is passed to the operating system at once: if the process ends, only the last second is missing. If the
+    disk is full, the file is cut to complete batches, since the viewer opens no other. If the process is killed while
+    it writes, the end of the file is torn; ``rerun rrd optimize`` repairs it.
+    """
+
+    period = 1.0  # each chunk has a kilobyte of overhead
+    retried = False
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.name = str(self.path)
+        self.broken = False  # whether something could not be written
+        self._complete = 0
+
+    @property
+    def kept(self) -> bool:
+        """Whether the file contains anything."""
+        return self._complete > 0
+
+    def open(self, recording: rr.RecordingStream) -> bool:
+        """Writes the recording into the file; see :class:`Sink`."""
+        recording.set_sinks(rr.FileSink(self.path))
+        return True
+
+    def delivered(self) -> None:
+        """See :class:`Sink`."""
+        self._complete = self.path.stat().st_size
+
+    def failed(self) -> None:
+        """See :class:`Sink`."""
+        self.broken = True
+        os.truncate(self.path, self._complete)
+
+
+class Viewer(Sink):
+    """A Rerun viewer or server at a URL, which may come and go.
+
+    It connects only where a viewer accepts connections: without one, Rerun's client keeps everything, blocks its caller
+    at some size, and delays the end of the process by ten seconds. A client that has lost its connection does not.
+    A ``url`` that is not of the form rerun+http://HOST:PORT/proxy is a ``ValueError``.
+    """
+
+    period = 0.1
+    retried = True
+
+    def __init__(self, url: str = f"rerun+http://{LOOPBACK}:9876/proxy") -> None:
+        self.url = self.name = url
+        try:
+            parts = urlsplit(url)
+            self._address = parts.hostname or "", parts.port or 0
+        except ValueError as error:
+            raise ValueError(INVALID_URL.format(url)) from error
+        schemes = ("rerun", "rerun+http", "rerun+https")
+        if parts.scheme not in schemes or parts.path != "/proxy" or not all(self._address):
+            raise ValueError(INVALID_URL.format(url))
+
+    def open(self, recording: rr.RecordingStream) -> bool:
+        """Sends the recording to the viewer, if it is there; see :class:`Sink`."""
+        try:
+            socket.create_connection(self._address, timeout=CONNECT_SECONDS).close()
+        except OSError:
+            return False
+        recording.connect_grpc(self.url)
+        return True
+
+
+class WebServer(Viewer):
+    """A server that shows the flight in browsers of this machine at its ``page``, until it is closed.
+
+    It takes recordings at ``port`` and browsers at ``page_port``; ``OSError`` if one is taken.
+    """
+
+    def __init__(self, port: int = 9876, page_port: int = 9090) -> None:
+        super().__init__(f"rerun+http://{LOOPBACK}:{port}/proxy")
+        for number in (port, page_port):
+            with socket.socket() as probe:
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                try:
+                    probe.bind((LOOPBACK, number))
+                except OSError as error:
+                    cure = "end the program that uses it, perhaps another view"
+                    raise OSError(f"port {number} of {LOOPBACK} is taken: {cure}") from error
+        # Rerun's page reports its use to Rerun, unless it is in a notebook: https://github.com/rerun-io/rerun/pull/3166.
+        self.page = f"http://{LOOPBACK}:{page_port}?url={quote(self.url, safe='')}&notebook=1"
+        ports = ("--port", str(port), "--web-viewer-port", str(page_port))
+        self.process = _start("--server-memory-limit", SERVER_MEMORY, "--serve-web", *ports, watched=True)
+
+    def close(self) -> None:
+        """Ends it."""
+        with suppress(ProcessLookupError):
+            # The watchdog and the server, also one that hangs.
+            os.killpg(self.process.pid, signal.SIGKILL)
+        with self.process:
+            self.process.wait()
+
+
+def native_viewer() -> Viewer:
+    """Opens a viewer's window, which stays open after the process ends; returns it as a sink."""
+    with socket.socket() as probe:
+        probe.bind((LOOPBACK, 0))
+        port = int(probe.getsockname()[1])
+    limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", VIEWER_MEMORY)
+    _start(*limits, "--port", str(port), "--expect-data-soon", "--hide-welcome-screen")
+    return Viewer(f"rerun+http://{LOOPBACK}:{port}/proxy")
+
+
+def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, connect: str | None = None) -> list[Sink]:
+    """Returns the sinks that a user asked for; with a screen and neither ``serve`` nor ``connect``, also a window.
+
+    ``rrd`` is a file to record in, ``serve`` a wish for browsers of this machine, ``connect`` the URL of a viewer or
+    server, which may start later. The view that they are given to closes them. ``OSError`` if a port is taken,
+    ``ValueError``, one sentence, for an invalid URL or if there is nowhere to show the flight.
+    """
+    sinks: list[Sink] = [] if rrd is None else [RecordingFile(rrd)]
+    if connect is not None:
+        sinks.append(Viewer(connect))
+    if serve:
+        sinks.append(WebServer())
+    if not serve and connect is None:
+        if has_screen():
+            sinks.append(native_viewer())
+        elif rrd is None:
+            raise ValueError(NO_SCREEN)
+    return sinks

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import subprocess
 import sys
 
@@ -54,17 +53,3 @@ def test_the_closest_names_come_first(capsys):
     assert "Did you mean --out, --test or --json?" in capsys.readouterr().err
     assert main(["learm", "x.tlog"]) == 2
     assert "learn" in capsys.readouterr().err
-
-
-@pytest.mark.skipif(shutil.which("bash") is None, reason="there is no bash")
-def test_bash_completes_by_the_script_it_is_given(tmp_path):
-    command = tmp_path / "mavdem"
-    command.write_text(f"#!{sys.executable}\nimport sys; from mavdem.__main__ import run; sys.exit(run())\n")
-    command.chmod(0o755)
-    typed = (
-        'eval "$(_MAVDEM_COMPLETE=bash_source mavdem)"; COMP_WORDS=(mavdem le); COMP_CWORD=1;'
-        "_mavdem_completion mavdem; echo ${COMPREPLY[@]}"
-    )
-    found = os.environ | {"PATH": f"{tmp_path}{os.pathsep}{os.environ['PATH']}"}
-    done = subprocess.run(["bash", "-c", typed], env=found, capture_output=True, text=True, timeout=60)
-    assert (done.stdout, done.returncode) == ("learn\n", 0), done.stderr

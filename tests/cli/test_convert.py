@@ -52,17 +52,6 @@ def test_through_mcap_a_telemetry_log_comes_back_byte_by_byte(log, tmp_path, cap
     assert {path.name for path in tmp_path.iterdir()} == {"flight.mcap", "back.tlog"}
 
 
-@pytest.mark.slow
-def test_every_command_reads_the_mcap(tmp_path, capsys):
-    mcap = tmp_path / "flight.mcap"
-    convert(capsys, FLIGHT, mcap)
-    documents = []
-    for source in (FLIGHT, mcap):
-        assert main(["info", str(source), "--json"]) == 0
-        documents.append(capsys.readouterr().out.replace(str(source), "SOURCE"))
-    assert documents[0] == documents[1]
-
-
 @pytest.mark.parametrize("axis", ["roll", "pitch", "yaw"])
 def test_a_table_is_the_flight(axis, tmp_path, capsys):
     out = tmp_path / "flight.csv"
@@ -106,7 +95,6 @@ def test_text_has_no_digits_that_are_no_data():
         ("motor 1 (front right)", "µs", "motor_1_us"),
         ("roll rate setpoint", "rad/s", "roll_rate_setpoint_rad_s"),
         ("roll stick", "", "roll_stick"),
-        ("battery", "V", "battery_v"),
     ],
 )
 def test_the_names_of_columns_need_no_quotes(name, unit, plain):
@@ -195,7 +183,7 @@ def test_a_log_that_no_model_can_be_learnt_from_is_a_table_with_a_caution(tmp_pa
     told = convert(capsys, LOGS / "ardupilot_default_rates.tlog", tmp_path / "slow.csv")
     head, values = table_of(tmp_path / "slow.csv")
     assert not told["learnable"] and "ATTITUDE comes at 4.0 Hz" in told["cautions"][-1]
-    assert head == told["columns"] and len(head) == 8 and len(values) == told["samples"] > 100
+    assert head == told["columns"] and len(head) == 7 and len(values) == told["samples"] > 100
     assert told["dt"] == pytest.approx(0.25, abs=0.01) and np.isfinite(values).all()
 
 
@@ -229,21 +217,6 @@ def test_a_log_of_neither_attitude_nor_inputs_is_refused(tmp_path, monkeypatch, 
     monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
     assert "There is no ATTITUDE" in refused(capsys, 1, "made-up.tlog", tmp_path / "none.csv")
     assert "no vehicle 9" in refused(capsys, 1, FLIGHT, tmp_path / "nobody.csv", "--vehicle", "9")
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", [".mcap", ".csv"])
-def test_a_full_disk_is_reported_and_leaves_nothing(kind, tmp_path):
-    limited = (
-        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_IGN);"
-        "resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000));"
-        "from mavdem.__main__ import run; sys.exit(run())"
-    )
-    words = [sys.executable, "-c", limited, "convert", FLIGHT, tmp_path / f"flight{kind}"]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2, done.stderr
-    assert "cannot be written" in done.stderr and done.stderr.count("\n") == 1
     assert list(tmp_path.iterdir()) == []
 
 

@@ -56,13 +56,10 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
 @pytest.mark.parametrize(
     ("words", "named"),
     [
-        (["learn", str(FLIGHT), "--out", "x", "--order", "0"], "--order"),
-        (["learn", str(FLIGHT), "--out", "x", "--order", "1"], "--order"),
         (["learn", str(FLIGHT), "--out", "x", "--order", "10"], "--order: 10 is not in 2 to 4"),
         (["learn", str(FLIGHT), "--out", "x", "--order", "11", "--preset", "paper"], "11 is not in 1 to 10"),
         (["learn", str(FLIGHT), "--out", ""], "--out"),
         (["learn", str(FLIGHT), "--out", "x", "--vehicle", "foo"], "'foo' is no vehicle"),
-        (["info", str(FLIGHT), "--vehicle", ""], "'' is no vehicle"),
         (["info", str(FLIGHT), "--vehicle", "1:1:1"], "system and component as in 1:1"),
         (["learn", str(FLIGHT), "--out", "x", "--start", "nan"], "--start"),
         (["learn", str(FLIGHT), "--out", "x", "--train", "many"], "'many' is no length: give seconds, as in 7s"),
@@ -70,16 +67,13 @@ def test_unreadable_input_is_one_sentence_and_nothing_written(name, command, tmp
         (["compare", str(FLIGHT), "--test", "0s"], "0s is not a length of flight"),
         (["info", str(FLIGHT), "--axis", "heave"], "--axis"),
         (["info"], "SOURCE"),
-        (["infos"], "infos"),
         (["--colour"], "--colour"),
         (
             ["info", "udpin:127.0.0.1:14550"],
             "a MAVLink link, and only logs are read here: attach to it with `mavdem live udpin:",
         ),
         (["learn", "/dev/ttyACM0,115200", "--out", "x"], "`mavdem live /dev/ttyACM0,115200`"),
-        (["convert", "tcp:127.0.0.1:5760", "x.mcap"], "`mavdem live tcp:127.0.0.1:5760`"),
         (["info", "-"], "A log cannot be read from standard input (-): save it as a file"),
-        (["convert", "-", "x.csv"], "A log cannot be read from standard input (-): save it as a file"),
         (["info", str(LOGS)], f"{LOGS} is a folder, with 3 logs in it: name a file, such as {LOGS}/ardupilot_default"),
         (["info", "."], "is a folder, with no log in it: name a file that ends in .tlog, "),
     ],
@@ -94,16 +88,6 @@ def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, caps
     assert list(tmp_path.iterdir()) == []
 
 
-def test_what_is_no_log_is_answered_by_what_can_be_read(tmp_path, capsys):
-    table, letter = tmp_path / "flight.csv", tmp_path / "letter.md"
-    table.write_text("time,motor 1 µs\n1.0,1500\n" * 50)
-    letter.write_text("This is a letter.\n" * 50)
-    for path in (table, letter):
-        assert main(["info", str(path)]) == 2
-        said = capsys.readouterr().err
-        assert all(told in said for told in (".tlog", "ROS 2 (.mcap)", ".bin, .log", ".ulg.xz"))
-
-
 def test_a_result_is_distinguished_from_a_log(tmp_path, capsys):
     flight = read_flight(FLIGHT)[:100]
     write_channels(tmp_path / "flight.mcap", [flight])
@@ -116,21 +100,6 @@ def test_a_result_is_distinguished_from_a_log(tmp_path, capsys):
 def test_help_teaches_and_succeeds(words, capsys):
     assert main(words) == 0
     assert "mavdem" in capsys.readouterr().out
-
-
-def test_the_help_says_what_an_option_takes_and_which_logs_are_read(capsys):
-    main(["learn", "--help"])
-    said = " ".join(capsys.readouterr().out.split())
-    defaults = ("2 to 4; for paper 1 to 10", "the whole settled flight", "[default: 1.5s]", "named after the log")
-    for told in (*defaults, ".ulg.xz", "ROS 2"):
-        assert told in said
-    main(["info", "--help"])
-    assert ".ulg.xz" in capsys.readouterr().out
-
-
-def test_the_example_of_the_help_keeps_its_lines(capsys):
-    main(["--help"])
-    assert "  mavdem info flight.tlog\n" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("words", [["info", "missing.tlog", "--json"], ["learn", "missing.tlog", "--json"]])
@@ -176,7 +145,7 @@ def test_an_interrupt_is_130(monkeypatch, capsys):
 def test_a_closed_pipe_is_no_error():
     reader, writer = os.pipe()
     os.close(reader)
-    done = subprocess.run([*MAVDEM, "info", FLIGHT], stdout=writer, stderr=subprocess.PIPE, timeout=60)
+    done = subprocess.run([*MAVDEM, "--help"], stdout=writer, stderr=subprocess.PIPE, timeout=60)
     os.close(writer)
     assert done.returncode == 128 + signal.SIGPIPE
     assert done.stderr == b""

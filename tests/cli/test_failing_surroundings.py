@@ -7,12 +7,10 @@ import resource
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import click
 import pytest
-from rerun.chunk import RrdReader
 
 from mavdem.cli.commands import main, mavdem
 from mavdem.cli.output_files import RESULT_FILES
@@ -48,7 +46,7 @@ def test_a_recording_that_does_not_fit_is_reported_and_leaves_nothing(tmp_path):
 
 
 @needs_full
-@pytest.mark.parametrize("words", [["info", FLIGHT, "--json"], ["--help"], ["info", "none", "--json"]])
+@pytest.mark.parametrize("words", [["info", "none", "--json"], ["--help"]])
 def test_a_standard_output_that_fails_is_reported(words):
     with FULL.open("w") as full:
         done = subprocess.run([*MAVDEM, *words], stdout=full, stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
@@ -56,19 +54,6 @@ def test_a_standard_output_that_fails_is_reported(words):
     *_, last = done.stderr.splitlines()
     assert last.startswith("mavdem: Standard output cannot be written to (")
     assert "Traceback" not in done.stderr and "should not have happened" not in done.stderr
-
-
-@needs_full
-def test_results_are_whole_when_only_standard_output_fails(tmp_path):
-    with FULL.open("w") as full:
-        done = subprocess.run(fast_learning(tmp_path), stdout=full, stderr=subprocess.PIPE, text=True, timeout=PATIENCE)
-    assert done.returncode == 2
-    assert done.stderr.startswith("mavdem: Standard output") and done.stderr.count("\n") == 1
-    assert {path.name for path in tmp_path.iterdir()} == set(RESULT_FILES)
-    reader = RrdReader(tmp_path / "flight.rrd")
-    assert len(reader.blueprints()) == 1
-    # The manifest is the last thing in the file.
-    assert reader.store() is not None
 
 
 def test_names_need_not_be_utf_8_nor_terminals_and_settings_of_matplotlib_spoil_nothing(tmp_path):
@@ -92,17 +77,16 @@ def test_names_need_not_be_utf_8_nor_terminals_and_settings_of_matplotlib_spoil_
 
 
 @needs_full
-def test_a_standard_error_that_fails_changes_no_exit_code(tmp_path):
-    (tmp_path / "empty.tlog").touch()
+def test_a_standard_error_that_fails_changes_no_exit_code():
     with FULL.open("w") as full:
-        done = subprocess.run([*MAVDEM, "info", tmp_path / "empty.tlog"], stderr=full, timeout=PATIENCE)
+        done = subprocess.run([*MAVDEM, "no such command"], stderr=full, timeout=PATIENCE)
     assert done.returncode == 2
 
 
 @pytest.mark.parametrize("closed", [1, 2])
 def test_a_closed_stream_is_as_one_that_nobody_reads(closed):
     done = subprocess.run(
-        [*MAVDEM, "info", FLIGHT], capture_output=True, timeout=PATIENCE, preexec_fn=lambda: os.close(closed)
+        [*MAVDEM, "--help"], capture_output=True, timeout=PATIENCE, preexec_fn=lambda: os.close(closed)
     )
     assert done.returncode == 0
     assert done.stderr == b""
@@ -138,25 +122,6 @@ def test_the_help_says_of_each_command_what_it_says_itself():
         _, command, _ = mavdem.resolve_command(context, [name])
         assert command is not told
         assert command.get_short_help_str(limit=200) == told.get_short_help_str(limit=200)
-
-
-def test_a_termination_while_writing_leaves_nothing(tmp_path):
-    slow = (
-        "import sys, time, mavdem.view; from mavdem.__main__ import run;"
-        "mavdem.view.write_recording = lambda *_: time.sleep(3600);"
-        "sys.exit(run())"
-    )
-    words = [sys.executable, "-c", slow, *fast_learning(tmp_path / "out")[len(MAVDEM) :]]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
-        deadline = time.monotonic() + PATIENCE
-        while not list(tmp_path.glob("out/.unfinished.*/report.json")) and time.monotonic() < deadline:
-            time.sleep(0.05)
-        assert list(tmp_path.glob("out/.unfinished.*"))
-        running.send_signal(signal.SIGHUP)
-        _, said = running.communicate(timeout=PATIENCE)
-    assert running.returncode == 128 + signal.SIGHUP
-    assert said == ""
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("name", RESULT_FILES)

@@ -63,12 +63,6 @@ def test_why_not_is_reported_once_and_beside_a_document_on_standard_error(capsys
     assert said.err.startswith(f"mavdem: No roll model can be learnt from {path}; 1:1: ATTITUDE comes at 4.0 Hz")
 
 
-def test_rates_of_the_whole_log_are_said_to_be_that(capsys):
-    main(["info", recorded("ardupilot_default_rates.tlog")])
-    head, rates = capsys.readouterr().out.split("Messages and their mean rates over the whole log")
-    assert "4.0 Hz" in head and "(the verdict's rates are those of the settled flight):\n  4.0 Hz: " in rates
-
-
 def test_nothing_heard_is_left_out(capsys):
     path = recorded("ardupilot_wind5_steps.tlog")
     _, held = info(capsys, path)
@@ -97,35 +91,6 @@ def test_sequence_numbers_are_reported_for_vehicles_and_when_they_matter(capsys)
     assert station == "From 255:190 (GCS): 60 messages."
 
 
-def test_damage_is_counted(tmp_path, capsys):
-    whole = Path(recorded("px4_wind5_steps.tlog")).read_bytes()
-    path = tmp_path / "damaged.tlog"
-    path.write_bytes(whole[:300_000] + bytes(1000) + whole[301_000:-7])
-    code, held = info(capsys, str(path))
-    assert code == 0
-    assert held["bytes_skipped"] > 900
-    (vehicle,) = held["vehicles"]
-    assert vehicle["repairs"]
-
-
 def test_the_vehicle_asked_for_must_be_there(capsys):
     assert main(["info", recorded("px4_wind5_steps.tlog"), "--vehicle", "7"]) == 1
     assert "5:1" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("faults", "said"),
-    [
-        ("loss = 0.02\nreordered = 0.03", "; 2% of its sequence numbers are missing, and about 2% of its streams'"),
-        ("reordered = 0.05", " messages."),
-    ],
-)
-def test_a_link_that_swaps_messages_loses_none_by_it(faults, said, tmp_path, capsys):
-    mine = tmp_path / "mine.toml"
-    mine.write_text(f"duration = 30\n[faults]\n{faults}\n")
-    assert main(["fly", str(mine), "--out", str(tmp_path / "f.tlog")]) == 0
-    capsys.readouterr()
-    assert main(["info", str(tmp_path / "f.tlog")]) in (0, 1)
-    (heard,) = [line for line in capsys.readouterr().out.splitlines() if line.startswith("From 1:1")]
-    assert said in heard and "only some message types" not in heard

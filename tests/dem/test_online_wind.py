@@ -10,7 +10,7 @@ import pytest
 from simulated import simulated
 
 from mavdem import Flight, OnlineLearner, Settings
-from mavdem.dem.graybox.plant import plant
+from mavdem.dem.graybox.likelihood import plant
 from mavdem.dem.graybox.smoother import SteadyFilter
 from mavdem.dem.online.memory import MemoryBlock
 from mavdem.dem.online.wind import DELAY_SECONDS, FILTER_SECONDS, FIRST_FIT_SECONDS, OnlineWind, _Tracked, wind_filter

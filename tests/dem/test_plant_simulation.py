@@ -8,7 +8,7 @@ from test_physical import DAMPING, DT, LAG, MOTORS, flown
 
 import mavdem
 from mavdem import Flight, Settings
-from mavdem.dem.graybox.coloured import FIRST_ORDER
+from mavdem.dem.graybox.likelihood import FIRST_ORDER
 from mavdem.dem.graybox.parameters import Physical, WindComponent, WindowTable
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.record import Record

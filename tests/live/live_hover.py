@@ -121,7 +121,7 @@ def replay(pieces: Iterable[tuple[float, bytes]], stream: LiveStream | None = No
             assert made.stream.setup is not None
             made.setups[rows[-1].segment] = made.stream.setup
         made.events += made.stream.events()
-        since = made.stream.taken_back()
+        since = made.stream.landing()
         if since is not None and made.rows:
             made.taken_back.append((made.rows[-1].segment, since))
     return made

@@ -15,7 +15,7 @@ from mavlink_streams import frame, message
 from mavdem.ingest.mavlink.definitions import definitions
 from mavdem.live import LiveStream
 from mavdem.live.messages import FIELDS
-from mavdem.live.samples import MAX_SAMPLES, SampleBuffer
+from mavdem.live.rows import MAX_SAMPLES, Samples
 from mavdem.live.senders import MAX_SENDERS
 from mavdem.live.stream import MAX_EVENTS
 
@@ -144,11 +144,11 @@ def test_parameters_and_events_are_bounded():
 
 
 def test_stamps_however_close_together_take_no_more_memory_than_so_many_samples():
-    samples = SampleBuffer()
+    samples = Samples()
     for number in range(3 * MAX_SAMPLES):
         samples.add(100.0 + 1e-6 * number, (0.5,))
     assert len(samples.time) <= MAX_SAMPLES + 64
-    assert samples.count(samples.time[-1], 2.0) <= MAX_SAMPLES + 64
+    assert samples.count(samples.time[-1]) <= MAX_SAMPLES + 64
 
 
 def test_ports_beyond_those_that_are_kept_are_left_out():

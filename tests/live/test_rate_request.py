@@ -7,15 +7,15 @@ import pytest
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.ingest.mavlink.definitions import FrameSender
-from mavdem.live.messages import LiveMessage
+from mavdem.live.messages import Message
 from mavdem.live.rate_request import GET_INTERVAL, PAUSE_SECONDS, SET_INTERVAL, STOPPED, Arrivals, RateRequest
 
 VEHICLE = FrameSender(7, 1)
 US = (255, 190)
 
 
-def told(name: str, first: int, second: int, to: tuple[int, int] = US) -> LiveMessage:
-    return LiveMessage(name, 0.0, 0.0, (first, second, *(to if name == "COMMAND_ACK" else ())))
+def told(name: str, first: int, second: int, to: tuple[int, int] = US) -> Message:
+    return Message(name, 0.0, 0.0, (first, second, *(to if name == "COMMAND_ACK" else ())))
 
 
 def request_of(rate: float, *messages: int) -> RateRequest:

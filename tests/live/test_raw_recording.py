@@ -13,7 +13,7 @@ from mavlink_streams import flight, frame, heartbeat
 from mavdem.errors import Unreadable
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
-from mavdem.live.recording import RawRecording
+from mavdem.live.link import RawRecording
 
 FRAMES = [heartbeat(), *flight([20 + 0.01 * row for row in range(400)])]
 NOW = 1.7e9

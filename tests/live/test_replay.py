@@ -10,13 +10,13 @@ from live_hover import Flight, Timed, cut, differences, offline, replay
 from mavlink_streams import SAMPLES, SHARED
 
 from mavdem.alignment.align import settled_segments
-from mavdem.alignment.phases import TRANSIENT_SECONDS
+from mavdem.alignment.phases import AVERAGING_SECONDS, TRANSIENT_SECONDS
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import MINIMUM_RATE, Signals
 from mavdem.ingest import read_log
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream
-from mavdem.live.phase import HALF_AVERAGING_SECONDS, MIN_UPDATE_SECONDS
+from mavdem.live.stream import REVIEW_SECONDS
 
 RECORDED = sorted(SAMPLES.glob("*.tlog")) + sorted(SHARED.glob("sitl_*/*.tlog")) + sorted(SHARED.glob("logs/*.tlog"))
 AS_ANOTHER = (
@@ -27,7 +27,7 @@ AS_ANOTHER = (
 TWO_VEHICLES = "px4_two_vehicles_gcslink"
 NO_CLIMB = "ap_motor"
 """Without a vertical speed: offline, a descent is settled but for its end; live, not in a mode that lands."""
-KNOWN_LATER = HALF_AVERAGING_SECONDS + 2 * MIN_UPDATE_SECONDS + 0.25
+KNOWN_LATER = AVERAGING_SECONDS / 2 + REVIEW_SECONDS + 0.25
 """Seconds after which the end of the climb-out is known: half of the averaging, and a message of vertical speed."""
 
 

@@ -18,8 +18,7 @@ from mavdem.dem import Estimate, Settings
 from mavdem.ingest.formats import read_stream
 from mavdem.live import AlignedRow, LiveStream, SessionStatus, Setup
 from mavdem.live.history import UNCONFIRMED
-from mavdem.live.link import LinkLost
-from mavdem.live.recording import RawRecording
+from mavdem.live.link import LinkLost, RawRecording
 from mavdem.live.session import REPEAT_SECONDS, SILENCE_SECONDS, LiveSession
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
@@ -99,6 +98,23 @@ def session_of(script: list[Any], **options: Any) -> tuple[LiveSession, Screen, 
     return made, screen, said
 
 
+@pytest.fixture
+def now(monkeypatch) -> list[float]:
+    """The session's clock, s."""
+    clock = [100.0]
+    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: clock[0])
+    return clock
+
+
+def recorded(path: Path, every: float, start: float = 0.0) -> list[list[tuple[float, bytes]]]:
+    """The frames of a log in batches of ``every`` s, from ``start`` s on."""
+    if not path.exists():
+        pytest.skip("needs the recorded flights")
+    frames = [(stamp / 1e6, frame) for stamp, frame in read_stream(path).stamped_frames()]
+    begin = frames[0][0] + start
+    return [list(batch) for number, batch in groupby(frames, key=lambda e: int((e[0] - begin) / every)) if number >= 0]
+
+
 def run(one: LiveSession) -> None:
     while one.link.script:  # type: ignore[attr-defined]
         one.step(0.0)
@@ -121,21 +137,14 @@ def test_what_is_learnt_from_is_the_flight_that_offline_reads():
     assert one.status.learned == len([1 for *_, estimate in screen.rows if estimate is not None])
     assert screen.setup.layout.names == flight.input_names
     assert screen.rows[-1][2].model is not None
-
-
-def test_nothing_is_sent_unless_asked_for():
-    one, _, _ = session_of(batches(8.0))
-    run(one)
-    assert one.link.sent == b""
+    assert one.link.sent == b"", "nothing is sent unless asked for"
 
 
 @pytest.mark.slow
-def test_rates_are_asked_for_and_given_back(monkeypatch):
+def test_rates_are_asked_for_and_given_back(now):
     script = batches(8.0)
     one, _, _ = session_of(script, rate=200.0)
     answers = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
-    now = [0.0]
-    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
     for number in range(len(script)):
         now[0] += 0.05
         if number == 100:
@@ -143,7 +152,7 @@ def test_rates_are_asked_for_and_given_back(monkeypatch):
                 interval = answers.message_interval_encode(each, 250_000).pack(answers)
                 one.link.script[0].append((one.link.script[0][-1][0], interval))
         one.step(0.0)
-    monkeypatch.undo()
+    one.link.receive = lambda timeout: now.__setitem__(0, now[0] + timeout) or []
     one.end()
     sent = dialect.MAVLink(None).parse_buffer(bytearray(one.link.sent))
     asked = [(each.command, int(each.param1), each.param2) for each in sent]
@@ -155,9 +164,7 @@ def test_rates_are_asked_for_and_given_back(monkeypatch):
 
 
 @pytest.mark.slow
-def test_who_waits_to_be_spoken_to_is_greeted_once_a_second_while_it_is_silent(monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
+def test_who_waits_to_be_spoken_to_is_greeted_once_a_second_while_it_is_silent(now):
     one, _, _ = session_of([], rate=100.0)
     one.link.speaks_first = True
     one._heard = now[0]
@@ -174,36 +181,23 @@ def test_who_waits_to_be_spoken_to_is_greeted_once_a_second_while_it_is_silent(m
 
 
 @pytest.mark.slow
-def test_after_a_reboot_to_heartbeats_alone_rates_are_asked_for_again(monkeypatch):
-    path = SHARED / "sitl_events/ap_reboot_rates_never_asked_again.tlog"
-    if not path.exists():
-        pytest.skip("needs the recorded flights")
-    now = [0.0]
-    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
+def test_after_a_reboot_to_heartbeats_alone_rates_are_asked_for_again(now):
     one, _, _ = session_of([], rate=100.0)
-    frames = [(stamp / 1e6, frame) for stamp, frame in read_stream(path).stamped_frames()]
-    start, asked = frames[0][0], []
-    for _, batch in groupby(frames, key=lambda entry: int(10 * (entry[0] - start))):
-        one.link.script, one.link.sent = [list(batch)], b""
-        now[0] = one.link.script[0][-1][0] - start
+    asked, start = [], None
+    for batch in recorded(SHARED / "sitl_events/ap_reboot_rates_never_asked_again.tlog", 0.1):
+        start = start or batch[0][0]
+        one.link.script, one.link.sent, now[0] = [batch], b"", batch[-1][0] - start + 100.0
         one.step(0.0)
         if one.link.sent:
             sent = dialect.MAVLink(None).parse_buffer(bytearray(one.link.sent))
-            asked += [(now[0], int(each.param1)) for each in sent if each.command == 511]
+            asked += [(now[0] - 100.0, int(each.param1)) for each in sent if each.command == 511]
     again = [(at, kind) for at, kind in asked if 71.0 < at < 90.0]
     assert {kind for _, kind in again} >= {30, 36}, "it rebooted between 71 and 78 s"
 
 
 @pytest.mark.slow
 def test_after_a_landing_without_vertical_speed_the_model_is_one_of_the_flight():
-    path = SHARED / "sitl_events/ap_motor.tlog"
-    if not path.exists():
-        pytest.skip("needs the recorded flights")
-    frames = [(stamp / 1e6, frame) for stamp, frame in read_stream(path).stamped_frames()]
-    start = frames[0][0] + 135.0
-    one, screen, _ = session_of(
-        [list(batch) for _, batch in groupby(frames, key=lambda entry: int(10 * (entry[0] - start))) if _ >= 0]
-    )
+    one, screen, _ = session_of(recorded(SHARED / "sitl_events/ap_motor.tlog", 0.1, start=135.0))
     flown: list[AlignedRow] = []
     take = one._take
     one._take = lambda row: (flown.append(row), take(row))[1]  # type: ignore[method-assign]
@@ -237,7 +231,7 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     for time, learner.learned in ((50.0, early), (57.0, late), (57.5, late)):
         one._take(row._replace(time=time))
     assert one._named(late).model is one._models[-1][1].model
-    one._land(55.0)
+    one._take_back(learner, 55.0)
     assert learner.forgotten == 55.0 and one.final_model().settings.seed == 0
     one._take(row._replace(time=70.0))
     assert one.final_model().settings.seed == 0, "what was learned of the landing does not come back"
@@ -257,28 +251,15 @@ def test_a_link_that_is_lost_comes_back_and_what_was_learnt_stays():
     assert screen.rows[-1][2].model is not None
 
 
-def test_silence_is_reported(monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
-    one, _, said = session_of([*batches(1.0)])
-    run(one)
-    now[0] += SILENCE_SECONDS + 1
-    one.step(0.0)
-    one.step(0.0)
-    assert sum("Nothing was received" in sentence for sentence in said) == 1
-
-
 @pytest.mark.slow
-def test_what_came_before_a_silence_does_not_pass_for_what_comes(monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
+def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     one, screen, said = session_of([*batches(9.0)])
     run(one)
     assert one.status.rates["ATTITUDE"] == pytest.approx(100, rel=0.1) and not one.status.obstacle
     now[0] += SILENCE_SECONDS + 1
     one.step(0.0)
     assert set(screen.statuses[-1].rates.values()) == {0.0}
-    assert screen.statuses[-1].obstacle == f"nothing was received for {SILENCE_SECONDS:.0f} s"
+    assert screen.statuses[-1].obstacle.startswith("nothing was received")
     # A vehicle that sends nothing else says only that it is there.
     heartbeat = next(frame for _, frame in FRAMES if frame[7:10] == bytes(3))
     for stamp, batch in enumerate(batches(2.0, start=9.0)):
@@ -289,25 +270,18 @@ def test_what_came_before_a_silence_does_not_pass_for_what_comes(monkeypatch):
     one.link.script = batches(2.0, start=11.0)
     run(one)
     assert one.status.rates["ATTITUDE"] > 50 and not one.status.obstacle
-    assert said.count(f"Nothing was received for {SILENCE_SECONDS:.0f} s.") == 1
 
 
-@pytest.mark.slow
-def test_a_long_silence_is_said_less_and_less_often_and_its_end_once(monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
-    one, _, said = session_of([*batches(9.0)])
+def test_a_long_silence_is_said_once_and_so_is_its_end(now):
+    one, _, said = session_of([*batches(2.0)])
     run(one)
-    said.clear()
     for _ in range(4 * 1200):
         now[0] += 0.25
         one.step(0.0)
-    times = [sentence for sentence in said if "Nothing was received" in sentence]
-    assert 4 <= len(times) <= 8 and len(said) <= len(times) + 1
-    assert times[-1] == "Nothing was received for 768 s."
-    one.link.script = batches(2.0, start=9.0)
+    one.link.script = batches(1.0, start=2.0)
     now[0] += 0.25
     run(one)
+    assert sum("Nothing was received for 3 s" in sentence for sentence in said) == 1
     assert said.count("Messages come again after 1200 s.") == 1
 
 
@@ -320,18 +294,12 @@ def test_a_climb_is_not_said_to_be_learned_from():
     assert one.status.flying and "climb, landing or strong tilt" in one.status.obstacle
 
 
-def test_a_clock_that_is_set_is_no_latency(monkeypatch):
+def test_a_clock_that_is_set_is_no_latency(now, monkeypatch):
     one, _, _ = session_of([*batches(9.0)])
-    now = [FIRST]
-
-    def jumping() -> float:
-        now[0] += 100.0
-        return now[0]
-
-    monkeypatch.setattr("mavdem.live.session.time.time", jumping)
+    jumps = iter(range(10**9))
+    monkeypatch.setattr("mavdem.live.session.time.time", lambda: FIRST + 100.0 * next(jumps))
     run(one)
-    assert one.status.learned + one.status.shown > 300
-    assert 0 <= one.status.latency[0] <= one.status.latency[1] < 10.0
+    assert one.status.learned + one.status.shown > 300 and one.status.latency == (0.0, 0.0)
 
 
 def test_a_sentence_has_one_full_stop(monkeypatch):
@@ -349,9 +317,7 @@ def test_a_sentence_has_one_full_stop(monkeypatch):
     assert _status_line(status, "roll") == "", "without a vehicle the session has said why"
 
 
-def test_every_second_is_accounted_for(monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
+def test_every_second_is_accounted_for(now):
     one, _, _ = session_of([[], *batches(12.0), LinkLost("The link x was lost.")])
     one._heard = 100.0
     while one.link.script:
@@ -368,26 +334,16 @@ def test_every_second_is_accounted_for(monkeypatch):
     assert account["no_vehicle"] < 3.0 and not account["silent"] and not account["on_ground"]
 
 
-def test_what_takes_long_to_understand_is_no_silence(monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
-    one, screen, _ = session_of([*batches(9.0)])
+def test_what_takes_long_to_understand_is_no_silence(now):
+    one, screen, _ = session_of([*batches(2.0)])
     run(one)
-    one.link.script = batches(0.2, start=9.0)
-    feed = one.stream.feed
-
-    def slowly(*pieces):
-        now[0] += SILENCE_SECONDS + 1
-        return feed(*pieces)
-
-    monkeypatch.setattr(one.stream, "feed", slowly)
+    one.link.script, feed = batches(0.2, start=2.0), one.stream.feed
+    one.stream.feed = lambda *pieces: now.__setitem__(0, now[0] + SILENCE_SECONDS + 1) or feed(*pieces)
     run(one)
-    assert not screen.statuses[-1].obstacle and not one.status.obstacle
+    assert "received" not in screen.statuses[-1].obstacle + one.status.obstacle
 
 
-def test_the_same_sentence_is_said_once_a_while_whatever_it_measured(monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr("mavdem.live.session.time.monotonic", lambda: now[0])
+def test_the_same_sentence_is_said_once_a_while_whatever_it_measured(now):
     one, screen, said = session_of([])
     for number in range(300):
         now[0] += 0.25

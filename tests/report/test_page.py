@@ -28,7 +28,7 @@ from mavdem.live.history import ACCOUNT, LiveHistory
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.figures.series import live_flight
 from mavdem.report.figures.style import picture
-from mavdem.report.page import Chapter, Picture, SessionHistory, document, flight_page, live_page
+from mavdem.report.page import Chapter, Picture, document, flight_page, live_page
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 HOSTILE = "<script>document.title='owned'</script>\"'&--><b>.tlog"
@@ -189,17 +189,3 @@ def test_a_link_without_a_vehicle_has_a_page_too():
     status = SessionStatus(obstacle="No vehicle found yet.")
     text = live_page("udpin:0", "roll", LiveHistory(0.25), status, NOTHING, None)
     assert "No vehicle found yet." in text and "no attitude came" in text
-
-
-def test_the_session_shows_and_says_as_without_its_history():
-    shown, said = [], []
-    display = SimpleNamespace(put=lambda *row: shown.append(row), log=lambda text: said.append(("shown", text)))
-    history = SessionHistory(lambda setup: display, said.append)
-    history.say("It began.")
-    session = history.open(None)
-    row = (1.0, 0, np.zeros(2), np.zeros(4), None, None)
-    session.put(*row)
-    session.log("It flies.")
-    assert shown == [row] and said == ["It began.", ("shown", "It flies.")]
-    assert [event.sentence for event in history.of.events] == ["It began."]
-    assert np.isfinite(history.of.lines.measured).sum() == 1

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -12,7 +11,7 @@ import urllib.request
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from threading import Event, Timer
+from threading import Event
 from types import SimpleNamespace
 from urllib.parse import parse_qs, urlsplit
 
@@ -29,11 +28,10 @@ from mavdem.dem import Estimate, LinearModel
 from mavdem.health.motor_watch import MotorAlarm
 from mavdem.live import SessionStatus
 from mavdem.view.live import Channels, LiveView, RecordingFile, Viewer, WebServer, sinks_for
-from mavdem.view.live.figures import figures, status_document
-from mavdem.view.live.line_group import LineGroup
-from mavdem.view.live.live_view import REBOOT_GAP_SECONDS, Timeline
-from mavdem.view.live.rows import ViewRow
-from mavdem.view.live.sink_thread import MAX_ROWS, Backlog
+from mavdem.view.live.blueprint import figures, status_document
+from mavdem.view.live.content import ViewRow
+from mavdem.view.live.live_view import MAX_ROWS, REBOOT_GAP_SECONDS, Timeline
+from mavdem.view.plots import Lines
 
 PATIENCE = 300.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
 DT = 0.01
@@ -102,20 +100,21 @@ def drawn(path: Path) -> dict[str, tuple[NDArray[np.float64], NDArray[np.float64
 
 
 def texts(path: Path, column: str) -> list[str]:
-    return [
-        text[0]
-        for *_, batch in chunks(path)
-        if column in batch.schema.names
-        for text in batch.column(column).to_pylist()
-    ]
+    """The texts of the log or of the status, in the order of their times."""
+    dated: list[tuple[int, str]] = []
+    for name, _, batch in chunks(path):
+        if column in batch.schema.names and not name.startswith("figures"):
+            times = batch.column("boot clock").cast("int64").to_pylist()
+            dated += zip(times, (text for (text,) in batch.column(column).to_pylist()), strict=True)
+    return [text for _, text in sorted(dated, key=lambda pair: pair[0])]
 
 
 @pytest.fixture(scope="module", autouse=True)
 def patience() -> Iterator[None]:
     """A file is waited for as long as a busy machine takes."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mavdem.view.live.live_view.CLOSE_SECONDS", PATIENCE)
-        patch.setattr("mavdem.view.live.sink_thread.FLUSH_SECONDS", PATIENCE)
+        for name in ("CLOSE_SECONDS", "FLUSH_SECONDS"):
+            patch.setattr(f"mavdem.view.live.live_view.{name}", PATIENCE)
         yield
 
 
@@ -163,8 +162,8 @@ def test_outputs_and_predictions_a_quarter_of_a_second_ahead_are_in_degrees_at_t
 def test_the_longest_useful_horizon_is_shown_and_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """From the first batch whose errors say so; where none is useful, one step."""
     named: list[str] = []
-    send = LineGroup.send_style
-    monkeypatch.setattr(LineGroup, "send_style", lambda group, to: (named.extend(group.names), send(group, to))[1])
+    send = Lines.send_style
+    monkeypatch.setattr(Lines, "send_style", lambda group, to: (named.extend(group.names), send(group, to))[1])
     for ratios, useful in (((0.1, 0.2, 0.3), 50), ((0.6, 0.7, 0.8), 1)):
         path = tmp_path / f"{useful}.rrd"
         with LiveView(CHANNELS, [RecordingFile(path)]) as view:
@@ -372,16 +371,10 @@ def test_what_is_not_known_is_left_out(tmp_path: Path) -> None:
     assert "No model yet. There are not enough samples yet." in texts(path, "TextDocument:text")[-1]
 
 
-def drawn_so_far(path: Path) -> dict:
-    """As ``drawn``; nothing of a file that has not begun."""
-    try:
-        return drawn(path)
-    except (OSError, ValueError):
-        return {}
+class Held(RecordingFile):
+    """A sink that does not open until it is let go."""
 
-
-class Slow(RecordingFile):
-    """A file that takes long to open: until it is let go."""
+    retried = True
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
@@ -393,14 +386,23 @@ class Slow(RecordingFile):
 
 
 @pytest.mark.slow
-def test_who_receives_does_not_wait_for_a_view_to_open(tmp_path: Path) -> None:
-    sink = Slow(tmp_path / "flight.rrd")
-    Timer(5.0, sink.go.set).start()  # or the old code would wait for ever
-    with LiveView(CHANNELS, [sink]) as view:
-        view.put(50.0, 0, OUTPUTS[0], INPUTS[0])
-        assert not sink.go.is_set()
-        sink.go.set()
-    assert len(drawn(sink.path)["command"][0]) == 1
+def test_a_stalled_sink_holds_up_nobody_and_loses_the_oldest_rows_only(tmp_path: Path) -> None:
+    stalled, other = Held(tmp_path / "stalled.rrd"), RecordingFile(tmp_path / "other.rrd")
+    known, rows = estimate(20, 50.0), MAX_ROWS + 1000
+    with LiveView(CHANNELS, [stalled, other]) as view:
+        waiting = view._threads[1]._rows
+        # Comes to its end, although the first sink takes nothing.
+        for i in range(rows):
+            view.put(50.0 + DT * i, 0, OUTPUTS[0], INPUTS[0], known)
+            if i % 4000 == 3999:
+                until(lambda: not waiting)
+        assert view.dropped == {stalled.name: 1000, other.name: 0}
+        stalled.go.set()
+    assert view.troubles == []
+    assert len(drawn(other.path)["command"][0]) == rows
+    np.testing.assert_allclose(drawn(stalled.path)["command"][0], 50.0 + DT * np.arange(1000, rows), atol=1e-7)
+    assert "1000 rows are not shown here: this view is too slow" in texts(stalled.path, "TextLog:text")
+    assert "rows not shown | 1,000" in texts(stalled.path, "TextDocument:text")[-1]
 
 
 def test_four_figures_are_shown_as_soon_as_they_are_known() -> None:
@@ -409,18 +411,17 @@ def test_four_figures_are_shown_as_soon_as_they_are_known() -> None:
     state, error, *others = figures(CHANNELS, status, row, None)
     assert "waiting, 0 s learned\nThe vehicle is on the ground." in state
     assert all("### –" in figure for figure in (error, *others))
-    now = estimate(60, 60.0)._replace(
-        physical=SimpleNamespace(
-            mean_effect=lambda level: (0.1, 0.01), damping=3.0, interval=lambda level: SimpleNamespace(damping=np.nan)
-        )
+    physical = SimpleNamespace(
+        mean_effect=lambda level: (0.1, 0.01), damping=3.0, interval=lambda level: SimpleNamespace(damping=np.nan)
     )
+    now = estimate(60, 60.0)._replace(physical=physical)
     status = SessionStatus(learned=4200, ahead=(0.25, np.radians(2.0)), useful=(0.5, 0.41))
     shown = "\n".join(figures(CHANNELS, status, row._replace(estimate=now), 59.0))
     for words in (
         "learning, 42 s learned",
         "± 2.0°\n0.25 s ahead (90 %); error ratio 0.41 at 0.5 s",
         "340 ± 30 °/s²",
-        "5.7 ± 0.6 °/s² per µs\ndamping not identifiable",
+        "5.7 ± 0.6 °/s² per µs\nrate damping not identifiable",
     ):
         assert words in shown
 
@@ -433,207 +434,81 @@ def test_a_model_outlives_the_flight_in_the_status() -> None:
     assert "No model" not in landed and "The latest model is kept" in landed and "on the ground." in landed
 
 
-@pytest.mark.slow
-def test_a_row_that_cannot_be_drawn_is_reported_and_ends_nothing(tmp_path: Path) -> None:
+def test_a_row_that_cannot_be_drawn_and_a_file_that_cannot_be_written_are_reported_and_end_nothing(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "flight.rrd"
-    with LiveView(CHANNELS, [RecordingFile(path)]) as view:
+    with LiveView(CHANNELS, [RecordingFile(tmp_path / "nowhere" / "flight.rrd"), RecordingFile(path)]) as view:
+        thread = view._threads[1]
         view.put(50.0, 0, OUTPUTS[0][:1], INPUTS[0])
-        until(lambda: "command" in drawn_so_far(path) or view.put(50.1, 0, OUTPUTS[0], INPUTS[0]))
-    assert view.troubles == []
+        until(lambda: thread._lines or thread.sink.kept and not thread._rows)
+        view.put(50.1, 0, OUTPUTS[0], INPUTS[0])
+    (trouble,) = view.troubles
+    assert "nowhere/flight.rrd cannot be written" in trouble
     assert texts(path, "TextLog:text")[0].startswith("not drawn: ")
 
 
-def test_a_full_backlog_drops_the_oldest_and_counts() -> None:
-    backlog = Backlog[int](3)
-    for i in range(5):
-        backlog.put(i)
-    assert backlog.take() == [2, 3, 4]
-    assert backlog.dropped == 2
-    backlog.put(5)
-    assert backlog.take() == [5]
-    assert backlog.dropped == 2
-
-
-class Stalled(RecordingFile):
-    """A sink that hangs until it is let go."""
-
-    retried = True
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self.go = Event()
-
-    def open(self, recording: rr.RecordingStream) -> bool:
-        self.go.wait()
-        return super().open(recording)
-
-
-@pytest.mark.slow
-def test_a_stalled_sink_holds_up_nobody(tmp_path: Path) -> None:
-    stalled, other = Stalled(tmp_path / "stalled.rrd"), RecordingFile(tmp_path / "other.rrd")
-    known = estimate(20, 50.0)
-    rows = MAX_ROWS + 1000
-    with LiveView(CHANNELS, [stalled, other]) as view:
-        waiting = view._threads[1].rows
-        # Comes to its end, although the first sink takes nothing.
-        for i in range(rows):
-            view.put(50.0 + DT * i, 0, OUTPUTS[0], INPUTS[0], known)
-            if i % 4000 == 3999:
-                until(lambda: not waiting._items)
-        assert view.dropped[stalled.name] == 1000
-        assert view.dropped[other.name] == 0
-        stalled.go.set()
-    assert view.troubles == []
-    assert len(drawn(other.path)["command"][0]) == rows
-    times, _ = drawn(stalled.path)["command"]
-    np.testing.assert_allclose(times, 50.0 + DT * np.arange(1000, rows), atol=1e-7)
-    assert "1000 rows are not shown here: this view is too slow" in texts(stalled.path, "TextLog:text")
-    assert "rows not shown | 1,000" in texts(stalled.path, "TextDocument:text")[-1]
-
-
-def test_closing_twice_is_closing_once_and_nothing_comes_after(recording: Path, tmp_path: Path) -> None:
+def test_closing_twice_is_closing_once_and_nothing_comes_after(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
     view = LiveView(CHANNELS, [RecordingFile(path)])
     view.put(50.0, 0, OUTPUTS[0], INPUTS[0])
     view.close()
     size = path.stat().st_size
-    view.close()
     view.put(50.1, 0, OUTPUTS[0], INPUTS[0])
     view.log("too late")
     view.status(SessionStatus())
     view.close()
     assert path.stat().st_size == size
     assert len(drawn(path)["command"][0]) == 1
-
-
-@pytest.mark.slow
-def test_a_file_that_cannot_be_written_is_reported_and_ends_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "flight.rrd"
-    with LiveView(CHANNELS, [RecordingFile(tmp_path / "nowhere" / "flight.rrd"), RecordingFile(path)]) as view:
-        view.put(50.0, 0, OUTPUTS[0], INPUTS[0])
-    (trouble,) = view.troubles
-    assert "nowhere/flight.rrd cannot be written" in trouble
-    assert len(drawn(path)["command"][0]) == 1
+    assert RrdReader(path).store() is not None, "it has no table of its chunks"
 
 
 FLYING = """
 import pathlib, resource, signal, sys, time
-import numpy as np
-import rerun as rr
-from mavdem.view.live import Channels, LiveView, RecordingFile, Viewer, live_view, sink_thread
+from mavdem.view.live import Channels, LiveView, RecordingFile, live_view
 
-class File(RecordingFile):
-    deliveries = 0
-
-    def delivered(self):
-        super().delivered()
-        self.deliveries += 1
-
-signal.signal(signal.SIGINT, signal.default_int_handler)
-signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-place, rows, ending = sys.argv[1], int(sys.argv[2]), sys.argv[3]
+place, ending = sys.argv[1:]
 channels = Channels("a flight", 0.01, (1, 25), ("motor 1",), ("roll", "roll rate"), ("",), ("rad", "rad/s"))
-if not place.startswith("rerun"):
-    live_view.CLOSE_SECONDS = sink_thread.FLUSH_SECONDS = 300.0  # a busy machine may take as long
-if ending == "absent":
-    rr.RecordingStream.connect_grpc = lambda *_: print("connected", flush=True)
-sink = Viewer(place) if place.startswith("rerun") else File(place)
+live_view.CLOSE_SECONDS = live_view.FLUSH_SECONDS = 300.0  # a busy machine may take as long
+sink = RecordingFile(place)
 with LiveView(channels, [sink]) as view:
-    for i in range(rows):
+    for i in range(100_000):
         view.put(0.01 * i, 0, [i, 0.0], [0.0])
         print(i, flush=True)
         time.sleep(0.002)
-        if ending == "full" and i == rows - 100:
-            while view._threads[0].rows._items:
-                time.sleep(0.01)
-            written = sink.deliveries
-            while sink.deliveries == written:
+        if ending == "full" and i == 500:
+            complete = sink._complete
+            while view._threads[0]._rows or sink._complete == complete:
                 time.sleep(0.01)
             full = pathlib.Path(place).stat().st_size + 3000
             resource.setrlimit(resource.RLIMIT_FSIZE, (full, full))
-    if ending == "error":
-        raise ValueError("a mistake")
+        if view.troubles:
+            break
 print("closed", view.troubles, flush=True)
 """
 
 
-class Flying:
-    """A process that flies; what it prints is in ``printed``."""
-
-    def __init__(self, folder: Path, place: str | Path, rows: int, ending: str = "") -> None:
-        self._words, self._errors = (folder / f"{ending or 'flight'}.{kind}" for kind in ("out", "err"))
-        with self._words.open("w") as words, self._errors.open("w") as errors:
-            command = [sys.executable, "-c", FLYING, str(place), str(rows), ending]
-            self.process = subprocess.Popen(command, stdout=words, stderr=errors)
-
-    @property
-    def printed(self) -> list[str]:
-        return self._words.read_text().splitlines()
-
-    @property
-    def errors(self) -> str:
-        return self._errors.read_text()
-
-    @property
-    def rows(self) -> int:
-        return sum(line.isdecimal() for line in self.printed)
-
-
-@pytest.mark.slow
-def test_a_flight_that_is_ended_or_fails_leaves_all_its_rows(tmp_path: Path) -> None:
-    # All at once, since each takes a second to begin.
-    signals = [signal.SIGINT, signal.SIGTERM]
-    flights = {number: Flying(tmp_path, tmp_path / f"{number.name}.rrd", 100_000, number.name) for number in signals}
-    failing = Flying(tmp_path, tmp_path / "error.rrd", 100, "error")
-    for number, flight in flights.items():
-        until(lambda flight=flight: flight.rows > 100)
-        flight.process.send_signal(number)
-        flight.process.wait(PATIENCE)
-        values = drawn(tmp_path / f"{number.name}.rrd")["outputs/roll/1_measured"][1][:, 0]
-        # One may have been put and not printed.
-        assert len(values) - flight.rows in (0, 1)
-        np.testing.assert_allclose(values, np.degrees(np.arange(len(values))))
-    failing.process.wait(PATIENCE)
-    assert "a mistake" in failing.errors
-    assert len(drawn(tmp_path / "error.rrd")["command"][0]) == 100
-
-
-def rows_so_far(path: Path) -> int:
-    """Rows in a file that another process writes; 0 while its end is torn."""
-    with suppress(Exception):
-        return len(drawn(path)["command"][0])
-    return 0
-
-
 @pytest.mark.slow
 def test_a_killed_process_or_a_full_disk_leaves_a_file_that_opens(tmp_path: Path) -> None:
-    killed = Flying(tmp_path, tmp_path / "killed.rrd", 100_000, "killed")
-    full = Flying(tmp_path, tmp_path / "full.rrd", 600, "full")
-    written = until(lambda: rows_so_far(tmp_path / "killed.rrd"))
-    killed.process.kill()
-    killed.process.wait(PATIENCE)
-    assert written <= len(drawn(tmp_path / "killed.rrd")["command"][0]) <= killed.rows + 1
-    full.process.wait(PATIENCE)
-    assert "full.rrd failed" in full.printed[-1]
-    assert len(drawn(tmp_path / "full.rrd")["command"][0]) == 501
+    places = {name: tmp_path / f"{name}.rrd" for name in ("killed", "full")}
+    flights = {
+        name: subprocess.Popen([sys.executable, "-c", FLYING, str(place), name], stdout=subprocess.PIPE, text=True)
+        for name, place in places.items()
+    }
 
+    def rows_so_far() -> int:
+        with suppress(Exception):  # its end is torn
+            return len(drawn(places["killed"])["command"][0])
+        return 0
 
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-@pytest.mark.slow
-def test_a_viewer_that_is_not_there_delays_nothing(tmp_path: Path) -> None:
-    flight = Flying(tmp_path, f"rerun+http://127.0.0.1:{free_port()}/proxy", 500, "absent")
-    assert flight.process.wait(PATIENCE) == 0
-    assert flight.rows == 500
-    # Rerun's own client would wait for ten seconds at the end.
-    assert "connected" not in flight.printed
-    closed = flight.printed[-1]
-    assert "there is no viewer at rerun+http" in closed
+    written = until(rows_so_far)
+    flights["killed"].kill()
+    printed, _ = flights["killed"].communicate()
+    assert written <= len(drawn(places["killed"])["command"][0]) <= len(printed.splitlines()) + 1
+    printed, _ = flights["full"].communicate(timeout=PATIENCE)
+    assert "full.rrd failed" in printed.splitlines()[-1]
+    assert len(drawn(places["full"])["command"][0]) >= 501
 
 
 @pytest.mark.parametrize("url", ["", "127.0.0.1:9876", "http://127.0.0.1:9876/proxy", "rerun+http://:1/proxy"])
@@ -654,14 +529,19 @@ def test_without_a_screen_something_must_be_asked_for(monkeypatch: pytest.Monkey
     assert isinstance(viewer, Viewer)
 
 
-def listening(server: WebServer) -> set[tuple[str, int]]:
-    own = psutil.Process(server.process.pid)
-    return {
-        tuple(connection.laddr)
-        for process in (own, *own.children(recursive=True))
-        for connection in process.net_connections("inet")
-        if connection.status == psutil.CONN_LISTEN
-    }
+def test_a_viewer_that_is_not_there_is_not_connected_to(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Rerun's own client would keep all rows, and wait for ten seconds at the end.
+    monkeypatch.setattr(rr.RecordingStream, "connect_grpc", lambda *_: pytest.fail("connected"))
+    with LiveView(CHANNELS, [Viewer(f"rerun+http://127.0.0.1:{free_port()}/proxy")]) as view:
+        view.put(50.0, 0, OUTPUTS[0], INPUTS[0])
+        until(lambda: view.troubles)
+        assert "there is no viewer at rerun+http" in view.troubles[0]
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
 
 
 def until(happens):
@@ -673,104 +553,48 @@ def until(happens):
     return answer
 
 
-@pytest.mark.slow
-def test_the_server_is_reached_from_this_machine_only() -> None:
-    port, page_port = free_port(), free_port()
-    server = WebServer(port, page_port)
-    with LiveView(CHANNELS, [server]) as view:
-        sockets = until(lambda: len(listening(server)) == 2 and listening(server))
-        assert sockets == {("127.0.0.1", port), ("127.0.0.1", page_port)}
-        for i in range(100):
-            view.put(TIME[i], 0, OUTPUTS[i], INPUTS[i])
-        until(lambda: not view.troubles)
-        with urllib.request.urlopen(server.page) as page:
-            assert b"rerun" in page.read().lower()
-        # In a notebook, Rerun's page reports nothing to Rerun.
-        assert parse_qs(urlsplit(server.page).query)["notebook"] == ["1"]
-        with pytest.raises(OSError, match=f"port {port} of 127.0.0.1 is taken"):
-            WebServer(port, page_port)
-    assert server.process.poll() is not None
+def listening(process: psutil.Process) -> set[tuple[str, int]]:
+    return {
+        tuple(connection.laddr)
+        for one in (process, *process.children(recursive=True))
+        for connection in one.net_connections("inet")
+        if connection.status == psutil.CONN_LISTEN
+    }
 
 
 SERVING = """
 import sys, time
 from mavdem.view.live import WebServer
 server = WebServer(*map(int, sys.argv[1:]))
+print(server.page, flush=True)
 time.sleep(3600)
 """
 
 
-def taken(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
-
-
 @pytest.mark.slow
-def test_the_server_ends_with_who_started_it_however_that_ends_and_reports_to_nobody(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_server_is_reached_from_this_machine_only_reports_to_nobody_and_ends_with_who_started_it(
+    tmp_path: Path,
 ) -> None:
     ports = free_port(), free_port()
     unset = ("CI", "XDG_CONFIG_HOME", "XDG_DATA_HOME")
     environment = {name: value for name, value in os.environ.items() if name not in unset}
     environment |= {"HOME": str(tmp_path), "FORCE_RERUN_ANALYTICS": "1"}
-    with subprocess.Popen([sys.executable, "-c", SERVING, *map(str, ports)], env=environment) as owner:
-        until(lambda: all(map(taken, ports)))
-        # What reports begins with a file that says who it is.
+    command = [sys.executable, "-c", SERVING, *map(str, ports)]
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True) as owner:
+        process = psutil.Process(owner.pid)
+        sockets = until(lambda: len(listening(process)) == 2 and listening(process))
+        assert sockets == {("127.0.0.1", port) for port in ports}
+        page = owner.stdout.readline().strip()
+        with LiveView(CHANNELS, [Viewer(f"rerun+http://127.0.0.1:{ports[0]}/proxy")]) as view:
+            view.put(50.0, 0, OUTPUTS[0], INPUTS[0])
+            until(lambda: not view._threads[0]._rows)
+        assert view.troubles == []
+        with urllib.request.urlopen(page) as document:
+            assert b"rerun" in document.read().lower()
+        # In a notebook, Rerun's page reports nothing to Rerun; what reports begins with a file that says who it is.
+        assert parse_qs(urlsplit(page).query)["notebook"] == ["1"]
         assert not [path for path in tmp_path.rglob("*") if path.is_file()]
+        with pytest.raises(OSError, match=f"port {ports[0]} of 127.0.0.1 is taken"):
+            WebServer(*ports)
         owner.kill()
-    until(lambda: not any(map(taken, ports)))
-
-
-@pytest.mark.slow
-def test_a_file_gets_its_table_without_a_report(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("CI", "XDG_CONFIG_HOME", "XDG_DATA_HOME"):
-        monkeypatch.delenv(name, raising=False)
-    monkeypatch.setenv("HOME", str(tmp_path))
-    with LiveView(CHANNELS, [RecordingFile(tmp_path / "flight.rrd")]) as view:
-        view.put(50.0, 0, OUTPUTS[0], INPUTS[0])
-    assert [path.name for path in tmp_path.rglob("*") if path.is_file()] == ["flight.rrd"]
-    assert RrdReader(tmp_path / "flight.rrd").store() is not None
-
-
-def serving(port: int) -> subprocess.Popen[bytes]:
-    """A server without a window."""
-    silent = subprocess.DEVNULL
-    command = [sys.executable, "-m", "rerun", "--serve-grpc", "--bind", "127.0.0.1", "--port", str(port)]
-    return subprocess.Popen(command, start_new_session=True, stdout=silent, stderr=silent)
-
-
-@pytest.mark.slow
-def test_a_viewer_that_comes_goes_and_comes_again_is_shown_what_it_can_be() -> None:
-    port = free_port()
-    with LiveView(CHANNELS, [Viewer(f"rerun+http://127.0.0.1:{port}/proxy")]) as view:
-
-        def put_and(wanted):
-            view.put(time.monotonic(), 0, OUTPUTS[0], INPUTS[0])
-            return wanted()
-
-        until(lambda: put_and(lambda: "there is no viewer" in "".join(view.troubles)))
-        for _ in range(2):
-            viewer = serving(port)
-            until(lambda: put_and(lambda: not view.troubles))
-            os.killpg(viewer.pid, signal.SIGKILL)
-            viewer.wait()
-            until(lambda: put_and(lambda: view.troubles))
-        began = time.monotonic()
-    # It waits for nobody who is gone.
-    assert time.monotonic() - began < PATIENCE / 2
-
-
-@pytest.mark.slow
-def test_a_viewer_that_hangs_holds_up_the_end_for_seconds_only(tmp_path: Path) -> None:
-    port = free_port()
-    viewer = serving(port)
-    try:
-        until(lambda: not socket.socket().connect_ex(("127.0.0.1", port)))
-        flight = Flying(tmp_path, f"rerun+http://127.0.0.1:{port}/proxy", 600)
-        until(lambda: flight.rows > 300)
-        os.killpg(viewer.pid, signal.SIGSTOP)
-        assert flight.process.wait(PATIENCE) == 0
-        assert "does not respond" in flight.printed[-1]
-    finally:
-        os.killpg(viewer.pid, signal.SIGKILL)
-        viewer.wait()
+    until(lambda: all(socket.socket().connect_ex(("127.0.0.1", port)) for port in ports))

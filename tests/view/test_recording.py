@@ -12,13 +12,13 @@ from rerun.chunk import RrdReader
 from rerun_file import chunks, views
 
 import mavdem
-from mavdem.dem.graybox.gusts import DetectedGust
+from mavdem.dem.graybox.wind import DetectedGust
 from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import markdown
 from mavdem.report.numbers import AxisCommand
 from mavdem.report.screen import key_figures, screen, title
 from mavdem.view import show, write_recording
-from mavdem.view.learning import prior_outweighs_data
+from mavdem.view.plots import prior_outweighs_data
 from mavdem.view.recording import FlightSeries
 
 FLIGHT = mavdem.read_flight(Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog")
@@ -44,13 +44,13 @@ def recording(learned: mavdem.Learned, tmp_path_factory: pytest.TempPathFactory)
     return path
 
 
-def lines(path: Path, timeline: str = "flight time") -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Times, s, or iterations, and values of every line of a timeline, by entity path without its place in order."""
+def lines(path: Path) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Times, s, and values of every line over flight time, by entity path without its place in order."""
     found = {}
     for name, chunk, batch in chunks(path):
-        if "Scalars:scalars" in batch.schema.names and timeline in chunk.timeline_names:
+        if "Scalars:scalars" in batch.schema.names and "flight time" in chunk.timeline_names:
             folder, line = name.rsplit("/", 1)
-            times = np.array(batch.column(timeline).cast("int64")) / (1e9 if timeline == "flight time" else 1)
+            times = np.array(batch.column("flight time").cast("int64")) / 1e9
             found[f"{folder}/{line.split(' ', 1)[1]}"] = times, np.ravel(batch.column("Scalars:scalars").to_pylist())
     return found
 
@@ -125,39 +125,43 @@ def test_gusts_are_shaded_when_they_blew(learned: mavdem.Learned) -> None:
     series.learned.physical.identifiable = True
     plot = series.wind()
     assert plot is not None
-    (gust,) = [line for line in plot.lines if line.name.startswith("gust")]
+    (time,) = [time for lines, time, _ in plot.lines if lines.names[0].startswith("gust")]
     start = PARTS[1].time[20] - START  # sample 400 of both parts
-    assert (gust.time.min(), gust.time.max()) == pytest.approx((start, start + 0.5))
+    assert (time.min(), time.max()) == pytest.approx((start, start + 0.5))
 
 
-def test_free_parameters_are_drawn_by_iteration_in_degrees(recording: Path, learned: mavdem.Learned) -> None:
-    drawn, theta = lines(recording, "iteration"), learned.learning.theta
+def iterations(path: Path) -> dict[str, np.ndarray]:
+    """Values (I + 1, k) of the lines of each entity by iteration."""
+    return {
+        name.removeprefix("learning/"): np.array(batch.column("Scalars:scalars").to_pylist())
+        for name, chunk, batch in chunks(path)
+        if "iteration" in chunk.timeline_names
+    }
+
+
+def test_what_is_free_is_drawn_by_iteration_in_degrees(recording: Path, learned: mavdem.Learned) -> None:
+    drawn, theta = iterations(recording), learned.learning.theta
     # θ = [vec(Aᵀ); vec(Bᵀ); …]: the rate's row of A and of B; that a rate is a rate is known beforehand.
-    expected = {f"A/roll rate ← {state}": theta[:, 2 + i] for i, state in enumerate(("roll", "roll rate"))}
-    for i, motor in enumerate(("front right", "rear left", "front left", "rear right")):
-        expected[f"B/roll rate ← {motor}"] = np.degrees(theta[:, 8 + i])
-    root = "learning/parameters/"
-    found = {name.removeprefix(root): values for name, (_, values) in drawn.items() if name.startswith(root)}
-    assert found.keys() == expected.keys()
-    for name, values in expected.items():
-        np.testing.assert_allclose(found[name], values, rtol=1e-9)
-    assert drawn["learning/free_energy/F̄"][0].tolist() == list(range(len(learned.free_energy)))
-    for name, term in {"F̄": learned.free_energy.total, **learned.free_energy.terms}.items():
-        shown = drawn[f"learning/free_energy/{name.removeprefix('prediction ')}"][1]
-        np.testing.assert_allclose(shown, term - term[-1], atol=1e-9)
+    np.testing.assert_allclose(drawn["parameters/A"], theta[:, 2:4], rtol=1e-9)
+    np.testing.assert_allclose(drawn["parameters/B"], np.degrees(theta[:, 8:12]), rtol=1e-9)
+    assert set(drawn) == {"free_energy", "lambda", "parameters/A", "parameters/B"}
+    terms = np.stack([learned.free_energy.total, *learned.free_energy.terms.values()], axis=-1)
+    np.testing.assert_allclose(drawn["free_energy"], terms - terms[-1], atol=1e-9)
     # The prior fixes those of the measurement noise.
-    for i, name in ((2, "w of roll"), (3, "w of roll rate")):
-        np.testing.assert_allclose(drawn[f"learning/lambda/{name}"][1], learned.learning.lambda_[:, i], rtol=1e-9)
-    assert sum(name.startswith("learning/lambda") for name in drawn) == 2
+    np.testing.assert_allclose(drawn["lambda"], learned.learning.lambda_[:, 2:], rtol=1e-9)
+    results = documents(recording)["/learning/results"]
+    for name in ("roll rate ← roll", "roll rate ← front right", "w of roll", "F̄"):
+        assert f"| {name} |" in results
 
 
 @pytest.mark.slow
 def test_what_is_learnt_under_a_prior_that_knows_nothing(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
     write(path, mavdem.learn(PARTS, mavdem.Settings.paper()))
-    drawn = lines(path, "iteration")
-    assert sum("/parameters/" in name for name in drawn) == 2 * 2 + 2 * 4 + 2 * 2
-    assert {"learning/lambda/z, measurement", "learning/lambda/w, process"} & drawn.keys()
+    drawn = iterations(path)
+    assert [drawn[f"parameters/{name}"].shape[1] for name in "ABC"] == [2 * 2, 2 * 4, 2 * 2]
+    results = documents(path)["/learning/results"]
+    assert "z, measurement" in results or "w, process" in results
     assert {line for line in lines(path) if line.startswith("process_noise/")} == {
         "process_noise/state 1",
         "process_noise/state 2",
@@ -192,9 +196,11 @@ def test_the_words_are_those_of_the_screen(recording: Path, learned: mavdem.Lear
 def test_the_one_blueprint_in_the_file_shows_what_is_there(recording: Path) -> None:
     shown = views(recording)
     entities = {str(chunk.entity_path).replace("\\", "") for chunk in RrdReader(recording).stream()}
-    assert {"outputs/roll", "wind", "command", "effect", "learning/free_energy", "learning/parameters/B"} <= set(shown)
+    assert {"outputs/roll", "wind", "command", "effect/bars", "learning/gap", "learning/parameters/B"} <= set(shown)
     for origin in shown:
-        assert any(f"{entity}/".startswith(f"/{origin}/") for entity in entities), f"the view of {origin} is empty"
+        assert any(f"{entity}/".startswith(f"/{origin.strip('/')}/") for entity in entities), (
+            f"the view of {origin} is empty"
+        )
 
 
 def test_a_write_that_fails_leaves_what_was_there(

@@ -10,8 +10,7 @@ from mavdem.dem.engine.gauss_newton import Damping, Quadratic, resumable_gauss_n
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.resumable import Resumable, run_to_end
 from mavdem.dem.forecast.mixer import mixer_priors
-from mavdem.dem.graybox.coloured import FIRST_ORDER, GUSTS
-from mavdem.dem.graybox.likelihood import FlightWindows, Parameters
+from mavdem.dem.graybox.likelihood import FIRST_ORDER, GUSTS, FlightWindows, Parameters
 
 WINDS = ((FIRST_ORDER,), (FIRST_ORDER, GUSTS), (GUSTS, GUSTS))
 """Winds to choose from: turbulence, turbulence with smooth gusts, two kinds of smooth gusts, the slow ones first."""

@@ -1,15 +1,18 @@
-"""Physical parameters (gray-box model) of a flight: each motor's effect, the damping, and the motors' lag."""
+"""Physical parameters (gray-box model) of a flight, and the windows of the flight that they are estimated from."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.graybox.coloured import Coloured
 from mavdem.dem.graybox.identifiability import PARAMETERS, Status
+from mavdem.dem.graybox.likelihood import Coloured, FlightWindows
+from mavdem.dem.priors import derivative_pairs
+from mavdem.dem.record import Record
 
 
 class WindComponent(NamedTuple):
@@ -30,7 +33,7 @@ class PhysicalInterval(NamedTuple):
 
 
 class WindowTable(NamedTuple):
-    """FlightWindows of the flight, W of them, each with an estimate of its own, to first order about that of all.
+    """Windows of the flight, W of them, each with an estimate of its own, to first order about that of all.
 
     Attributes:
         start: (W,) s of the given samples before it.
@@ -87,7 +90,7 @@ class Physical(NamedTuple):
     windows: WindowTable
 
     def mean_effect(self, level: float = LEVEL) -> tuple[float, float]:
-        """Mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.
+        """Returns the mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.
 
         Narrower than the motors' own: the motors move together, and their mean is known better than each.
 
@@ -111,7 +114,7 @@ class Physical(NamedTuple):
         return None if self.identifiable else f"The motors' effect is not identifiable. {self.reasons['effect']}"
 
     def interval(self, level: float = LEVEL) -> PhysicalInterval:
-        """Half widths of intervals that hold each parameter with probability ``level``; a likely bias widens them.
+        """Returns half widths of intervals of probability ``level``; a likely bias widens them.
 
         Raises:
             ValueError: a level that is no probability between 0 and 1.
@@ -125,3 +128,62 @@ class Physical(NamedTuple):
         )
         delay = np.nan if self.status["lag"] == "not identifiable" else half[-1]
         return PhysicalInterval(effect, float(damping), float(lag), float(delay))
+
+
+WINDOW_SECONDS, SHORTEST_WINDOW_SECONDS = 7.0, 2.0
+MIN_SAMPLES = 200
+FEWEST_RATE = 39.0
+"""Hz: of fewer samples, a lag and damping of tens of milliseconds are no more than a guess. A grid of 40 Hz may have a
+little less."""
+FASTEST_RATE = 199.0  # Hz: of twice that or more, every so many samples are taken
+
+
+def windows_of(record: Record) -> FlightWindows:
+    """Cuts a record into windows of one length, with one trim and one unit of the inputs.
+
+    Raises:
+        ValueError: no output is the rate of another, there are too few samples, or no motor moves.
+    """
+    if 1 / record.dt < FEWEST_RATE:
+        raise ValueError(
+            "motors' effect, damping, lag and poles show at several Hz, which needs 40 samples a second, not "
+            f"{1 / record.dt:.3g}"
+        )
+    if not record.inputs.std(axis=0).any():
+        raise ValueError("physical parameters need motors that move: all inputs are constant")
+    rate = rate_column(record)
+    samples = _window_samples(record)
+    inputs = record.inputs[samples]
+    inputs = inputs - inputs.mean(axis=(0, 1))
+    unit = float(np.sqrt(np.mean(inputs**2)))
+    if not unit:
+        raise ValueError("physical parameters need motors that move: all inputs are constant")
+    dt = float(samples[0, 1] - samples[0, 0]) * record.dt
+    return FlightWindows(inputs / unit, record.outputs[samples, rate], dt, np.asarray(record.dt * samples[:, 0]), unit)
+
+
+def rate_column(record: Record) -> int:
+    """Returns which output is the rate: the derivative of another, or the only one; ``ValueError`` where none is."""
+    if record.outputs.shape[1] == 1:
+        return 0
+    pairs = derivative_pairs(record)
+    if not pairs:
+        raise ValueError("physical parameters need an angle and its rate: no output is the derivative of another")
+    return pairs[0][1]
+
+
+def _window_samples(record: Record) -> NDArray[np.intp]:
+    """(W, N) samples of each window."""
+    step = max(1, int(1 / record.dt / FASTEST_RATE))
+    shortest = max(step * MIN_SAMPLES, round(SHORTEST_WINDOW_SECONDS / record.dt))
+    if record.longest < shortest:
+        raise ValueError(
+            f"physical parameters need at least {shortest} samples without long gaps, not {record.longest}"
+        )
+    # Up to half as long again, or down to what there is, so that as little as possible is left over.
+    usual = min(round(WINDOW_SECONDS / record.dt), record.longest)
+    lengths = [length for length in range(usual, int(1.5 * usual) + 1, max(1, usual // 50)) if length <= record.longest]
+    length = max(lengths, key=lambda length: sum(whole // length for whole in record.lengths) * length)
+    segments = zip(record.starts, record.lengths, strict=True)
+    begins = np.concatenate([start + length * np.arange(whole // length) for start, whole in segments])
+    return np.asarray(begins[:, None] + np.arange(0, length - step + 1, step), np.intp)

@@ -10,8 +10,7 @@ from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
 from mavdem.dem.closed_loop.gaussian_path import GaussianPath
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import discretize, recursion
-from mavdem.dem.graybox.coloured import step_covariance
-from mavdem.dem.graybox.likelihood import delayed
+from mavdem.dem.graybox.likelihood import delayed, step_covariance
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record

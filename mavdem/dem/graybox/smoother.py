@@ -18,8 +18,7 @@ import numpy as np
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import recursion
-from mavdem.dem.graybox.likelihood import delayed, steady_covariance
-from mavdem.dem.graybox.plant import Plant
+from mavdem.dem.graybox.likelihood import Plant, delayed, steady_covariance
 
 NEGLIGIBLE = 1e-12  # of a variance: what is less of it no longer counts
 

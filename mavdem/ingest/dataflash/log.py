@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from math import isfinite
 from typing import Any
 
@@ -92,24 +93,17 @@ def _decoded(definition: FormatDefinition, lines: _Lines) -> MessageTable:
         return EMPTY
     # A text that is the last field may hold commas.
     rows = [(number, [value.strip() for value in values.split(b",", count - 1)]) for number, values in lines]
-    numeric = [i for i, character in enumerate(definition.characters) if character not in TEXTS + "aM"]
-    rows = [(number, row) for number, row in rows if all(_is_number(row[i]) for i in numeric)]
-    place = np.array([number for number, _ in rows], dtype=np.int64)
-    columns = {name: _column([row[i] for _, row in rows], i in numeric) for i, name in enumerate(definition.fields)}
-    return MessageTable(place, columns)
-
-
-def _is_number(value: bytes) -> bool:
-    try:
-        float(value)
-    except ValueError:
-        return False
-    return True
-
-
-def _column(values: list[bytes], numeric: bool) -> NDArray[Any]:
-    # As objects: an array of bytes would give all texts the room of the longest.
-    return np.array([float(value) for value in values]) if numeric else np.array(values, dtype=np.object_)
+    numeric = {i for i, character in enumerate(definition.characters) if character not in TEXTS + "aM"}
+    places, whole = [], []
+    for number, row in rows:
+        with suppress(ValueError):
+            whole.append([float(value) if i in numeric else value for i, value in enumerate(row)])
+            places.append(number)
+    columns: dict[str, NDArray[Any]] = {}
+    for i, name in enumerate(definition.fields):
+        # Texts as objects: an array of bytes would give all the room of the longest.
+        columns[name] = np.array([row[i] for row in whole], dtype=np.float64 if i in numeric else np.object_)
+    return MessageTable(np.array(places, dtype=np.int64), columns)
 
 
 CLOCKS = {"TimeUS": 1e6, "TimeMS": 1e3}  # Fields with the time stamp and their units in a second
@@ -145,9 +139,11 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
     parameters = _parameters(recording.table("PARM"))
     texts = _texts(recording.table("MSG"), "Message")
     kind, dropouts = _mav_type(texts, parameters), _dropouts(recording.table("DSF"))
-    made = translated(tables, kind, _copter_version(texts))
+    version = next((found for text in texts if (found := _COPTER_VERSION.match(text))), None)
+    made = translated(tables, kind, (int(version[1]), int(version[2])) if version else None)
     if recording.bytes_skipped:
         repairs = (f"{recording.bytes_skipped} bytes that belong to no message were skipped.", *repairs)
+    lost = (dropouts, f"The logger had no room for {dropouts} messages (DSF): they are missing.")
     system_ids = ("MAV_SYSID", "SYSID_THISMAV")  # from ArduPilot 4.7 on, and before
     vehicle = Telemetry(
         system=next((int(parameters[name]) for name in system_ids if 1 <= parameters.get(name, 0) <= 255), 1),
@@ -157,7 +153,7 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
         messages=made.messages,
         parameters=parameters,
         source=source,
-        repairs=recording.repairs + repairs + made.notes + _lost(dropouts),
+        repairs=recording.repairs + repairs + made.notes + repair_sentences(lost),
         translated_from="DataFlash",
         firmware=next((text.strip() for text in texts if _FIRMWARE.match(text)), ""),
         dropouts=dropouts,
@@ -226,10 +222,6 @@ def _dropouts(logged: MessageTable) -> int:
     return int(np.nansum(np.maximum(np.diff(counts), 0)))
 
 
-def _lost(dropouts: int) -> tuple[str, ...]:
-    return repair_sentences((dropouts, f"The logger had no room for {dropouts} messages (DSF): they are missing."))
-
-
 def _mav_type(texts: Sequence[str], parameters: Mapping[str, float]) -> int:
     """The vehicle's MAV_TYPE, from the texts of MSG and its parameters; ``UNKNOWN`` (GENERIC) where neither has it."""
     firmwares = [found[1].lower() for text in texts if (found := _FIRMWARE.match(text))]
@@ -242,12 +234,6 @@ def _mav_type(texts: Sequence[str], parameters: Mapping[str, float]) -> int:
         return FRAME_CLASSES.get(int(parameters["FRAME_CLASS"]), multirotor)
     frames = [found[1] for text in texts if (found := _FRAME.match(text))]
     return FRAME_NAMES.get(frames[0], multirotor) if frames else multirotor
-
-
-def _copter_version(texts: Sequence[str]) -> tuple[int, int] | None:
-    """Major and minor version of ArduCopter from MSG ("ArduCopter V4.5.7"); None for other firmware."""
-    found = [version for text in texts if (version := _COPTER_VERSION.match(text))]
-    return (int(found[0][1]), int(found[0][2])) if found else None
 
 
 def _no_flight(source: str, recording: DataflashRecording) -> str:

@@ -1,25 +1,23 @@
-"""Content: turns rows into the entities of a recording, batch by batch."""
+"""Content: what a live view is given, and how it becomes the entities of a recording, batch by batch."""
 
 from __future__ import annotations
 
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from mavdem.dem import Estimate
-from mavdem.dem.graybox.gusts import LEVEL_SECONDS, gusts
+from mavdem.dem import Estimate, Learned, LinearModel
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.model import pack
+from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts
 from mavdem.dem.record import Record
 from mavdem.report.numbers import place, readable
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
-from mavdem.view.live.line_group import BOOT_CLOCK, LineGroup
-from mavdem.view.live.model_lines import ModelLines
-from mavdem.view.live.rows import Channels, LogLine, ViewRow
-from mavdem.view.time_plot import faint
-
-Array = NDArray[np.float64]
+from mavdem.view.plots import BOOT_CLOCK, Lines, faint, free_parameters, free_precisions
 
 AHEAD_SECONDS = 0.25  # horizon shown, before errors say which is useful
 CHANGE_SECONDS = 10.0  # for which a horizon is shown at least
@@ -27,61 +25,110 @@ GUST_SECONDS = 60.0  # of the latest torque, which gusts are found in
 BEYOND = 0.3  # how far predictions and bands are drawn beyond what was measured, in spans of it
 
 
-class Content:
+class Channels(NamedTuple):
+    """The channels of a live flight.
+
+    Attributes:
+        title: of the recording: vehicle and link.
+        dt: sampling step, s.
+        horizons: the learner's, in steps.
+        input_names, output_names, input_units, output_units: as of a ``Flight``.
+        command: weights of the inputs in the command of the axis; empty where they are not known.
+    """
+
+    title: str
+    dt: float
+    horizons: tuple[int, ...]
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    input_units: tuple[str, ...]
+    output_units: tuple[str, ...]
+    command: tuple[float, ...] = ()
+
+
+class ViewRow(NamedTuple):
+    """A sample and its estimate."""
+
+    time: float  # on the timeline, s
+    shift: float  # timeline minus boot clock, s
+    segment: int  # changes where samples are missing or the vehicle rebooted
+    outputs: Array  # (m,)
+    inputs: Array  # (r,)
+    estimate: Estimate | None  # of this sample; ``None`` without a learner
+    learned: Learned | None  # the learner's last batch result
+    channels: Channels  # of outputs and inputs
+
+
+class LogLine(NamedTuple):
+    """A sentence ``text`` at a ``time`` on the timeline, s, with a ``level``: "INFO", "WARN" or "ERROR"."""
+
+    time: float
+    level: str
+    text: str
+
+    def send(self, recording: rr.RecordingStream) -> None:
+        """Writes it into the log."""
+        recording.set_time(BOOT_CLOCK, duration=self.time)
+        recording.log("log", rr.TextLog(self.text, level=self.level))
+
+
+class LiveWriter:
     """Writes rows of one set of channels into one recording, below the entity ``root``, which may be empty."""
 
     def __init__(self, channels: Channels, root: str = "") -> None:
-        self.root = root
-        self._channels = channels
-        self._model = ModelLines(channels, root)
+        self.root, self._channels = root, channels
+        self._units = [readable(unit) for unit in channels.output_units]
         self._torques: deque[tuple[float, float, float]] = deque(maxlen=round(GUST_SECONDS / channels.dt))
         self._gusts_until = -np.inf
         self._segment: int | None = None
-        self._units = [readable(unit) for unit in channels.output_units]
-        self._horizon, self._since = shown_horizon(channels), -np.inf
-        self._seen: dict[
-            str, tuple[float, float]
-        ] = {}  # by the entity of a plot, the least and most that were measured
+        self._seen: dict[str, tuple[float, float]] = {}  # by plot, the least and most that were measured
         self._unusual = False
-        self.groups = {group.path: group.under(root) for group in _groups(channels)}
+        self._model: LinearModel | None = None
+        seconds = np.array(channels.horizons) * channels.dt
+        self._horizon, self._since = int(np.abs(seconds - AHEAD_SECONDS).argmin()), -np.inf
+        self.lines = {lines.path: lines.under(root) for lines in self._all_lines()}
+
+    def _all_lines(self) -> list[Lines]:
+        """All lines but those of the model, predictions as far ahead as the horizon that is shown."""
+        channels = self._channels
+        names = ("motors' difference",) if channels.command else tuple(map(place, channels.input_names))
+        colours = (COMMAND,) if channels.command else tuple(map(distinct, range(len(names))))
+        lines = [
+            Lines("command", names, colours),
+            Lines("free_energy_of_samples", ("F(t)",), (MEASURED,)),
+            Lines("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED)),
+            Lines("surprise/unusual", ("unusual",), (BAD,), 4.0, marked=True),
+            Lines("wind/0_band", ("90 % band",), (faint(DISTURBANCE, BAND_OPACITY),), filled=True),
+            Lines("wind/1_torque", ("torque",), (DISTURBANCE,)),
+        ]
+        for name in channels.output_names:
+            plot = rr.new_entity_path(["outputs", name])
+            ahead = f"{channels.horizons[self._horizon] * channels.dt:.2g} s ahead"
+            lines += [
+                Lines(f"{plot}/0_band", ("90 % band",), (faint(PREDICTED, BAND_OPACITY),), filled=True),
+                Lines(f"{plot}/1_measured", ("measured",), (MEASURED,), 1.2),
+                Lines(f"{plot}/2_predicted", (ahead,), (PREDICTED,), 1.8),
+            ]
+        return lines
 
     def begin(self, recording: rr.RecordingStream) -> None:
         """Sends the styles; once a recording, before the first row."""
-        for group in self.groups.values():
-            group.send_style(recording)
-        self._model.begin()
+        for lines in self.lines.values():
+            lines.send_style(recording)
 
     def rows(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
         """Draws rows in the order of their times, and what happens in them."""
-        if not rows:
-            return
-        time = np.array([row.time for row in rows])
+        time, inputs = np.array([row.time for row in rows]), np.array([row.inputs for row in rows])
         segments = [self._segment, *(row.segment for row in rows)]
         self._segment = rows[-1].segment
         breaks = np.array([i for i in range(len(rows)) if segments[i] not in (None, segments[i + 1])], np.intp)
         self._outputs(recording, rows, time, breaks)
-        inputs = np.array([row.inputs for row in rows])
         command = inputs @ np.array(self._channels.command)[:, None] if self._channels.command else inputs
         self._draw(recording, "command", time, command, breaks)
-        learned = [row for row in rows if row.estimate is not None]
-        self._judgement(recording, [row for row in learned if row.estimate and np.isfinite(row.estimate.seen)])
-        self._wind(recording, learned)
-        self._model.add(recording, rows)
-
-    def log(self, recording: rr.RecordingStream, line: LogLine) -> None:
-        """Writes a line of the log."""
-        recording.set_time(BOOT_CLOCK, duration=line.time)
-        recording.log("log", rr.TextLog(line.text, level=line.level))
-
-    def status(self, recording: rr.RecordingStream, time: float, document: str, figures: Sequence[str]) -> None:
-        """Shows a Markdown document, and one for each of some figures, from ``time``, s, on."""
-        recording.set_time(BOOT_CLOCK, duration=time)
-        for path, text in (*((f"figures/{i}", text) for i, text in enumerate(figures)), ("status", document)):
-            recording.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
-
-    def end(self, recording: rr.RecordingStream) -> None:
-        """Sends what still waits."""
-        self._model.send(recording)
+        estimates = [(row.estimate, row.shift) for row in rows if row.estimate is not None]
+        self._judgement(recording, [pair for pair in estimates if np.isfinite(pair[0].seen)])
+        self._wind(recording, estimates)
+        self._models(recording, rows)
 
     def _draw(
         self, recording: rr.RecordingStream, path: str, time: Array, values: Array, breaks: NDArray[np.intp]
@@ -90,7 +137,7 @@ class Content:
         if len(breaks):
             values = np.insert(values, breaks, np.nan, axis=0)
             time = np.insert(time, breaks, time[breaks] - self._channels.dt / 2)
-        self.groups[path].send(recording, time, values)
+        self.lines[path].send(recording, time, values)
 
     def _outputs(
         self, recording: rr.RecordingStream, rows: list[ViewRow], time: Array, breaks: NDArray[np.intp]
@@ -101,19 +148,19 @@ class Content:
         def column(part: Callable[[Estimate], Array]) -> Array:
             return np.array([nothing if row.estimate is None else part(row.estimate) for row in rows])
 
-        ahead, half = column(lambda one: one.ahead[h]), column(lambda one: one.ahead_band[h])
+        ahead, half = column(lambda now: now.ahead[h]), column(lambda now: now.ahead_band[h])
         measured = np.array([row.outputs for row in rows])
         horizon = self._channels.horizons[h] * self._channels.dt
         later = np.array(
             [row.time + horizon if row.estimate is None else row.estimate.ahead_times[h] + row.shift for row in rows]
         )
         for i, (name, unit) in enumerate(zip(self._channels.output_names, self._units, strict=True)):
-            root, drawn = rr.new_entity_path(["outputs", name]), unit.scale * measured[:, i]
+            plot, drawn = rr.new_entity_path(["outputs", name]), unit.scale * measured[:, i]
             then = unit.scale * np.stack([ahead[:, i] - half[:, i], ahead[:, i] + half[:, i], ahead[:, i]], axis=-1)
-            then = self._in_sight(root, drawn, then)
-            self._draw(recording, f"{root}/0_band", later, then[:, :2], breaks)
-            self._draw(recording, f"{root}/1_measured", time, drawn[:, None], breaks)
-            self._draw(recording, f"{root}/2_predicted", later, then[:, 2:], breaks)
+            then = self._in_sight(plot, drawn, then)
+            self._draw(recording, f"{plot}/0_band", later, then[:, :2], breaks)
+            self._draw(recording, f"{plot}/1_measured", time, drawn[:, None], breaks)
+            self._draw(recording, f"{plot}/2_predicted", later, then[:, 2:], breaks)
 
     def _in_sight(self, plot: str, measured: Array, values: Array) -> Array:
         """Values cut off beyond what was measured so far, or they would decide about the range of the axis."""
@@ -132,30 +179,27 @@ class Content:
         if useful == self._horizon or row.time - self._since < CHANGE_SECONDS:
             return
         self._horizon, self._since = useful, row.time
-        for group in _groups(self._channels, useful):
-            if group.path.endswith("/2_predicted"):
-                self.groups[group.path] = group.under(self.root)
-                self.groups[group.path].send_style(recording)
+        for lines in self._all_lines():
+            if lines.path.endswith("/2_predicted"):
+                self.lines[lines.path] = lines.under(self.root)
+                self.lines[lines.path].send_style(recording)
 
-    def _wind(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
-        """Draws the wind's torque with its band at the times it is of, and logs gusts; NaN where it is not known."""
-        scale, known = readable("rad/s²").scale, []
-        for row in rows:
-            now = row.estimate
-            if now is None or not np.isfinite(now.wind_time):
-                continue
-            known.append((now.wind_time + row.shift, now.wind_torque, now.wind_torque_band))
-            if not np.isfinite(now.wind_torque):
-                self._torques.clear()
-                continue
-            self._torques.append(known[-1])
+    def _wind(self, recording: rr.RecordingStream, estimates: Sequence[tuple[Estimate, float]]) -> None:
+        """Draws the wind torque with its band at the times it is of, and logs gusts; NaN where it is not known."""
+        scale, torques = readable("rad/s²").scale, []
+        for now, shift in estimates:
+            if np.isfinite(now.wind_time):
+                torques.append((now.wind_time + shift, now.wind_torque, now.wind_torque_band))
+                if np.isfinite(now.wind_torque):
+                    self._torques.append(torques[-1])
+                else:
+                    self._torques.clear()
         self._log_gusts(recording)
-        if known:
-            time, torque, half = np.array(known).T
+        if torques:
+            time, torque, half = np.array(torques).T
             edges = np.stack([torque - half, torque + half], axis=-1)
-            edges = self._in_sight("wind", scale * torque, scale * edges)
-            self.groups["wind/0_band"].send(recording, time, edges)
-            self.groups["wind/1_torque"].send(recording, time, scale * torque[:, None])
+            self.lines["wind/0_band"].send(recording, time, self._in_sight("wind", scale * torque, scale * edges))
+            self.lines["wind/1_torque"].send(recording, time, scale * torque[:, None])
 
     def _log_gusts(self, recording: rr.RecordingStream) -> None:
         """Logs the gusts of the latest torque that have ended since the last time, about once a second."""
@@ -168,46 +212,43 @@ class Content:
             end = gust.sample + round(gust.length / dt)
             if end < len(time) and time[end] > before:
                 text = f"gust: {readable('rad/s²').scale * gust.size:+.0f} °/s² for {gust.length:.2g} s"
-                self.log(recording, LogLine(float(time[gust.sample]), "WARN", text))
+                LogLine(float(time[gust.sample]), "WARN", text).send(recording)
 
-    def _judgement(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
-        """Draws F(t) and surprise at the centres of their windows, and logs marks; NaN breaks incomplete windows."""
-        estimates = [row.estimate for row in rows if row.estimate is not None]
-        seen = np.array([estimate.seen for estimate in estimates]) + [row.shift for row in rows]
-        surprise = np.array([estimate.surprise for estimate in estimates])
-        energy = np.array([estimate.free_energy for estimate in estimates])
-        self.groups["free_energy_of_samples"].send(recording, seen, energy[:, None])
-        self.groups["surprise/samples"].send(recording, seen, np.stack([np.ones(len(seen)), surprise], axis=-1))
-        unusual = np.array([estimate.unusual for estimate in estimates], dtype=np.bool_)
-        self.groups["surprise/unusual"].send(recording, seen[unusual], surprise[unusual, None])
-        for i in np.flatnonzero(unusual & ~np.append(self._unusual, unusual[:-1])):
-            self.log(recording, LogLine(float(seen[i]), "WARN", f"unusual motion: surprise {surprise[i]:.2g}"))
-        self._unusual = bool(unusual[-1]) if len(unusual) else self._unusual
+    def _judgement(self, recording: rr.RecordingStream, estimates: Sequence[tuple[Estimate, float]]) -> None:
+        """Draws F(t) and surprise at the centres of their windows, and logs marks."""
+        if not estimates:
+            return
+        rows = [(now.seen + shift, now.free_energy, now.surprise, now.unusual) for now, shift in estimates]
+        time, energy, surprise, unusual = np.array(rows, np.float64).T
+        marked = unusual > 0
+        self.lines["free_energy_of_samples"].send(recording, time, energy[:, None])
+        self.lines["surprise/samples"].send(recording, time, np.stack([np.ones(len(time)), surprise], axis=-1))
+        self.lines["surprise/unusual"].send(recording, time[marked], surprise[marked, None])
+        for i in np.flatnonzero(marked & ~np.append(self._unusual, marked[:-1])):
+            LogLine(float(time[i]), "WARN", f"unusual motion: surprise {surprise[i]:.2g}").send(recording)
+        self._unusual = bool(marked[-1])
 
-
-def shown_horizon(channels: Channels) -> int:
-    """The index of the horizon nearest to ``AHEAD_SECONDS``."""
-    return min(range(len(channels.horizons)), key=lambda i: abs(channels.horizons[i] * channels.dt - AHEAD_SECONDS))
-
-
-def _groups(channels: Channels, horizon: int | None = None) -> list[LineGroup]:
-    """All lines except the model's, predictions as far ahead as the ``horizon``, or the first to be shown."""
-    seconds = channels.horizons[shown_horizon(channels) if horizon is None else horizon] * channels.dt
-    names = ("motors' difference",) if channels.command else tuple(map(place, channels.input_names))
-    colours = (COMMAND,) if channels.command else tuple(map(distinct, range(len(names))))
-    groups = [
-        LineGroup("command", names, colours),
-        LineGroup("free_energy_of_samples", ("F(t)",), (MEASURED,)),
-        LineGroup("surprise/samples", ("worst of 20", "surprise"), (BOUND, PREDICTED)),
-        LineGroup("surprise/unusual", ("unusual",), (BAD,), 4.0, marked=True),
-        LineGroup("wind/0_band", ("90 % band",), (faint(DISTURBANCE, BAND_OPACITY),), filled=True),
-        LineGroup("wind/1_torque", ("torque",), (DISTURBANCE,)),
-    ]
-    for name in channels.output_names:
-        root = rr.new_entity_path(["outputs", name])
-        groups += [
-            LineGroup(f"{root}/0_band", ("90 % band",), (faint(PREDICTED, BAND_OPACITY),), filled=True),
-            LineGroup(f"{root}/1_measured", ("measured",), (MEASURED,), 1.2),
-            LineGroup(f"{root}/2_predicted", (f"{seconds:.2g} s ahead",), (PREDICTED,), 1.8),
-        ]
-    return groups
+    def _models(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
+        """Draws F̄, λ and what the prior leaves free of A, B and C: a point for each new model."""
+        points: dict[Lines, list[tuple[float, Array]]] = defaultdict(list)
+        for row in rows:
+            now = row.estimate
+            if now is None or now.model is None or now.model is self._model:
+                continue
+            self._model = now.model
+            action = Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0)
+            points[action].append((row.time, np.array([now.free_energy_action])))
+            if row.learned is not None:
+                noise = free_precisions(self._channels, row.learned)
+                drawn = [("noise_precisions", noise, now.log_precisions)]
+                for matrix, entries in free_parameters(self._channels, row.learned).items():
+                    drawn.append((f"parameters/{matrix}", entries, pack(*now.model[:3])))
+                for path, entries, values in drawn:
+                    lines = Lines(path, entries.names, tuple(map(distinct, range(len(entries.names)))), 2.0)
+                    points[lines].append((row.time, entries.shown(values)))
+        for lines, dated in points.items():
+            lines = lines.under(self.root)
+            if self.lines.get(lines.path) != lines:
+                self.lines[lines.path] = lines
+                lines.send_style(recording)
+            lines.send(recording, np.array([time for time, _ in dated]), np.array([values for _, values in dated]))

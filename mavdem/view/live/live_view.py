@@ -1,14 +1,21 @@
-"""LiveView: shows a flight while it is learned from."""
+"""LiveView: shows a flight while it is learned from, by a thread for each place that it is sent to.
+
+A slow or hanging viewer delays neither learning nor a file: rows wait for each sink in a bounded queue, which drops the
+oldest, and Rerun is called from the sinks' threads only.
+"""
 
 from __future__ import annotations
 
 import atexit
 import time as wall
+from collections import deque
 from collections.abc import Sequence
+from contextlib import suppress
+from itertools import groupby
 from math import isfinite
-from threading import Lock
+from threading import Event, Lock, Thread
 from types import TracebackType
-from uuid import uuid4
+from uuid import UUID, uuid4
 
 import numpy as np
 import rerun as rr
@@ -16,13 +23,19 @@ from numpy.typing import ArrayLike
 
 from mavdem.dem import Estimate, Learned
 from mavdem.live import SessionStatus
-from mavdem.view.live.rows import Channels, LogLine, ViewRow
-from mavdem.view.live.sink_thread import SinkThread
-from mavdem.view.live.sinks import Sink
+from mavdem.view.live.blueprint import figures, live_blueprint, status_document
+from mavdem.view.live.content import Channels, LiveWriter, LogLine, ViewRow
+from mavdem.view.plots import BOOT_CLOCK, utf8
+from mavdem.view.viewer import Sink
 
 CLOSE_SECONDS = 3.0  # how long ``close`` waits for slow sinks
 REBOOT_SECONDS = 2.0  # a clock that falls by more has been restarted; log lines may be a little older
 REBOOT_GAP_SECONDS = 1.0  # shown between the last row before a reboot and the first after it
+MAX_ROWS = 8192  # rows that wait for a sink: 20 s at 400 Hz, about 20 MB
+MAX_LINES = 1000  # log lines that wait for a sink
+STATUS_SECONDS = 1.0  # between two status documents
+RETRY_SECONDS = 1.0  # between two attempts to reach a viewer
+FLUSH_SECONDS = 5.0  # time limit for sending a batch; a slower one is still under way
 
 
 class Timeline:
@@ -34,7 +47,7 @@ class Timeline:
         self._started = False
 
     def place(self, time: float | None) -> float:
-        """The place of a boot-clock time on the timeline, s; the latest one for ``None`` and non-finite times."""
+        """Returns a boot-clock time on the timeline, s; the latest one for ``None`` and non-finite times."""
         if time is None or not isfinite(time):
             return self.latest
         if self._started and time + self.shift < self.latest - REBOOT_SECONDS:
@@ -44,17 +57,159 @@ class Timeline:
         return time + self.shift
 
 
+class SinkThread:
+    """Sends rows, log lines and the status to a sink, a few times a second; one that cannot be opened gets nothing."""
+
+    def __init__(self, sink: Sink, channels: Channels, recording_id: UUID) -> None:
+        self.sink, self._channels, self._id = sink, channels, recording_id
+        self._rows: deque[ViewRow] = deque(maxlen=MAX_ROWS)
+        self._lines: deque[LogLine] = deque(maxlen=MAX_LINES)
+        self._lock = Lock()  # held for an append or a swap only
+        self.dropped = 0  # rows
+        self.status = SessionStatus()
+        self.trouble = ""  # why nothing arrives, one sentence
+        self._writers = {channels: LiveWriter(channels)}
+        self._recording: rr.RecordingStream | None = None
+        self._last: ViewRow | None = None
+        self._until: float | None = None  # time of the last sample that the latest model was trained on, s
+        self._reported_drops, self._next_status, self._next_try = 0, 0.0, 0.0
+        self._closing = Event()
+        self._thread = Thread(target=self._run, name=f"to {sink.name}", daemon=True)
+        self._thread.start()
+
+    def put(self, item: ViewRow | LogLine) -> None:
+        """Adds a row or a log line; drops the oldest if too many wait."""
+        with self._lock:
+            if isinstance(item, LogLine):
+                self._lines.append(item)
+            else:
+                self.dropped += len(self._rows) == self._rows.maxlen
+                self._rows.append(item)
+
+    def _take(self) -> tuple[list[ViewRow], list[LogLine]]:
+        """Removes and returns all that waits, oldest first."""
+        with self._lock:
+            rows, lines = list(self._rows), list(self._lines)
+            self._rows.clear()
+            self._lines.clear()
+        return rows, lines
+
+    def end(self) -> None:
+        """Starts to send the rest and to close; see :meth:`ended`."""
+        self._closing.set()
+
+    def ended(self, within: float) -> bool:
+        """Returns whether all is sent and the sink closed within so many seconds from now."""
+        self._thread.join(within)
+        if self._thread.is_alive():
+            self.trouble = f"{self.sink.name} does not respond; the last rows may be missing"
+        return not self._thread.is_alive()
+
+    def _run(self) -> None:
+        # Here, since Rerun takes a third of a second the first time, in which the caller receives samples.
+        if not self.sink.retried:
+            try:
+                self._open()
+            except (RuntimeError, OSError) as error:
+                self._give_up(f"{self.sink.name} cannot be written: {error}")
+        while not self._closing.wait(self.sink.period):
+            self._send_batch()
+        self._next_status = 0.0
+        self._send_batch()
+        if self._recording is not None:
+            self._recording.disconnect()
+            self._recording = None
+
+    def _send_batch(self) -> None:
+        """Sends what waits; gives up a sink that fails, or retries it later."""
+        try:
+            if self._recording is None:
+                now = wall.monotonic()
+                if not self.sink.retried or now < self._next_try:
+                    return
+                self._next_try = now + RETRY_SECONDS
+                if not self._open():
+                    return
+            assert self._recording is not None
+            self._send(self._recording)
+            self._recording.flush(timeout_sec=FLUSH_SECONDS)
+            self.sink.delivered()
+            self.trouble = ""
+        except (RuntimeError, OSError) as error:
+            if "timed out" in str(error):
+                self.trouble = f"{self.sink.name} does not respond"
+                return
+            self._give_up(f"{self.sink.name} failed: {error}")
+        except Exception as error:  # a row that cannot be drawn ends neither the view nor the flight
+            self.put(LogLine(self._last.time if self._last else 0.0, "ERROR", f"not drawn: {error}"))
+
+    def _give_up(self, trouble: str) -> None:
+        self.trouble = trouble
+        if self._recording is not None:
+            # A failed recording disconnects without waiting, and writes nothing more.
+            self._recording.disconnect()
+            self._recording = None
+            with suppress(OSError):
+                self.sink.failed()
+
+    def _open(self) -> bool:
+        recording = rr.RecordingStream("mavdem", recording_id=self._id)
+        recording.set_log_time_enabled(False)
+        recording.set_log_tick_enabled(False)
+        if not self.sink.open(recording):
+            self.trouble = f"there is no viewer at {self.sink.name}"
+            return False
+        self._recording = recording
+        recording.send_recording_name(self._channels.title)
+        for writer in self._writers.values():
+            writer.begin(recording)
+        recording.send_blueprint(live_blueprint(self._channels, self._writers[self._channels].root))
+        recording.flush(timeout_sec=FLUSH_SECONDS)
+        self.sink.delivered()
+        return True
+
+    def _send(self, recording: rr.RecordingStream) -> None:
+        rows, lines = self._take()
+        for channels, batch in groupby(rows, key=lambda row: row.channels):
+            if channels != self._channels:
+                # Drawn apart from those before.
+                self._channels = channels
+                if channels not in self._writers:
+                    self._writers[channels] = LiveWriter(channels, f"setup_{len(self._writers) + 1}")
+                    self._writers[channels].begin(recording)
+                recording.send_blueprint(live_blueprint(channels, self._writers[channels].root))
+            same = list(batch)
+            self._last = same[-1]
+            models = (row.estimate.until for row in reversed(same) if row.estimate and row.estimate.model)
+            self._until = next(models, self._until)
+            self._writers[channels].rows(recording, same)
+        for line in lines:
+            line.send(recording)
+        now = wall.monotonic()
+        if self._last is not None and now >= self._next_status:
+            self._next_status = now + STATUS_SECONDS
+            dropped = self.dropped
+            if dropped > self._reported_drops:
+                text = f"{dropped - self._reported_drops} rows are not shown here: this view is too slow"
+                LogLine(self._last.time, "WARN", text).send(recording)
+                self._reported_drops = dropped
+            about = self._channels, self.status, self._last, self._until
+            documents = {f"figures/{i}": text for i, text in enumerate(figures(*about))}
+            recording.set_time(BOOT_CLOCK, duration=self._last.time)
+            for path, text in {**documents, "status": status_document(*about, dropped)}.items():
+                recording.log(path, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+
+
 class LiveView:
     """Takes rows from the learning thread, log lines and statuses from any thread; never makes one wait.
 
-    It opens its sinks without waiting; ``troubles`` reports those that cannot be written. Each sink has a thread and a
-    bounded queue, which drops the oldest rows if the sink is too slow. Use it with ``with``, or call :meth:`close`;
-    otherwise it is closed when Python ends.
+    It opens its sinks without waiting; ``troubles`` reports those that cannot be written. Use it with ``with``, or call
+    :meth:`close`; otherwise it is closed when Python ends.
     """
 
     def __init__(self, channels: Channels, sinks: Sequence[Sink]) -> None:
         self._timeline, self._lock = Timeline(), Lock()
-        self._channels, self._closed, self._marked = channels, False, 0  # Alarms that are marked
+        self._channels, self._closed, self._marked = channels, False, 0  # alarms that are marked
         recording_id = uuid4()
         self._threads = [SinkThread(sink, channels, recording_id) for sink in sinks]
         atexit.register(self.close)
@@ -86,7 +241,7 @@ class LiveView:
         y, u = np.array(outputs, np.float64), np.array(inputs, np.float64)
         row = ViewRow(shown, shift, segment, y, u, estimate, learned, self._channels)
         for thread in self._threads:
-            thread.rows.put(row)
+            thread.put(row)
 
     def log(self, text: str, level: str = "INFO", time: float | None = None) -> None:
         """Shows one sentence, ``text``, in the log, with a ``level`` of "INFO", "WARN" or "ERROR".
@@ -97,7 +252,7 @@ class LiveView:
             self._log(self._place(time)[0], level, text)
 
     def _place(self, time: float | None) -> tuple[float, float]:
-        """The place of a boot-clock time on the timeline, and the shift, s."""
+        """A boot-clock time on the timeline, and the shift, s."""
         with self._lock:
             before = self._timeline.shift
             shown, shift = self._timeline.place(time), self._timeline.shift
@@ -106,10 +261,8 @@ class LiveView:
         return shown, shift
 
     def _log(self, shown: float, level: str, text: str) -> None:
-        # Names from a link need not be valid UTF-8, which Rerun requires.
-        line = LogLine(shown, level, text.encode(errors="replace").decode())
         for thread in self._threads:
-            thread.lines.put(line)
+            thread.put(LogLine(shown, level, utf8(text)))
 
     def status(self, status: SessionStatus) -> None:
         """Shows the latest ``status``, once a second."""
@@ -126,7 +279,7 @@ class LiveView:
     @property
     def dropped(self) -> dict[str, int]:
         """Number of rows dropped for each sink, by name."""
-        return {thread.sink.name: thread.rows.dropped for thread in self._threads}
+        return {thread.sink.name: thread.dropped for thread in self._threads}
 
     @property
     def troubles(self) -> list[str]:

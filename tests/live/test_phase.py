@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hover import Hover, changed, columns
 from live_hover import Flight, replay
 from mavlink_streams import SHARED
 
 import mavdem
-from mavdem.alignment.phases import TRANSIENT_SECONDS
+from mavdem.alignment.phases import REPORT_SECONDS, TRANSIENT_SECONDS
+from mavdem.alignment.signals import Signals
 from mavdem.ingest.formats import read_stream
+from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import ARDUPILOT, ARMED, CUSTOM_MODE, IN_AIR, LANDING, ON_GROUND, PX4
-from mavdem.live.phase import LivePhase
+from mavdem.live.decisions import Phase
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
 
@@ -20,11 +23,19 @@ STANDBY, ACTIVE = 3, 4  # MAV_STATE
 IN_FLIGHT, ON_THE_GROUND = 0.58, 0.22
 
 
+HOVER = Hover()
+
+
+def reporting(time: np.ndarray, state: np.ndarray | int) -> Telemetry:
+    landed = columns(time, landed_state=np.broadcast_to(state, time.shape))
+    return changed(HOVER.telemetry(), "EXTENDED_SYS_STATE", **landed)
+
+
 class Vehicle:
     """Sends the collective at 100 Hz and HEARTBEATs at 1 Hz; it took off at 0 s."""
 
     def __init__(self) -> None:
-        self.phase, self.time = LivePhase(), -3.0
+        self.phase, self.time = Phase(), -3.0
         self.fly(3.0, collective=0.0)
 
     def fly(
@@ -34,10 +45,12 @@ class Vehicle:
             if round(100 * self.time) % 100 == 0:
                 self.phase.take_heartbeat(self.time, autopilot, ARMED | CUSTOM_MODE, mode, state)
                 if landed is not None:
-                    self.phase.take_landed_state(self.time, landed)
+                    self.phase.take("landed_state", self.time, landed)
             if climb is not None and round(100 * self.time) % 10 == 0:
-                self.phase.take_climb("VFR_HUD", self.time, climb)
-            self.phase.take_collective(self.time, collective)
+                self.phase.take("VFR_HUD", self.time, climb)
+            self.phase.take("collective", self.time, collective)
+            if round(100 * self.time) % 10 == 0:
+                self.phase.review(self.time)
             self.time += 0.01
         return self.phase.settled(self.time)
 
@@ -59,7 +72,7 @@ def test_the_vertical_speed_is_better_evidence_than_the_mode():
 def test_another_message_of_the_vertical_speed_takes_over_where_the_preferred_one_stops():
     one = Vehicle()
     for number in range(3):
-        one.phase.take_climb("LOCAL_POSITION_NED", one.time + number / 10, 0.0)
+        one.phase.take("LOCAL_POSITION_NED", one.time + number / 10, 0.0)
     assert one.fly(20.0, climb=0.0)
     assert not one.fly(5.0, climb=-0.6)
 
@@ -71,19 +84,22 @@ def test_a_vertical_speed_that_is_no_number_is_no_evidence():
 
 
 def test_the_first_heartbeat_dates_what_is_taken_back_and_of_two_landings_the_earlier_counts():
-    phase = LivePhase()
+    phase = Phase()
     for time in np.arange(0.0, 20.0, 0.01).tolist():
-        phase.take_collective(time, IN_FLIGHT)
+        phase.take("collective", time, IN_FLIGHT)
+    phase.review(19.0)
     assert phase.settled(19.0)
     phase.take_heartbeat(20.0, ARDUPILOT, 0)
-    assert phase.taken_back() == 20.0 - TRANSIENT_SECONDS
+    assert phase.landing() == 20.0 - TRANSIENT_SECONDS
     one = Vehicle()
     one.fly(20.0, landed=IN_AIR)
     first = one.time
     one.fly(2.0, landed=ON_GROUND)
     one.fly(20.0, landed=IN_AIR)
     one.fly(2.0, landed=ON_GROUND)
-    assert one.phase.taken_back() == pytest.approx(first - TRANSIENT_SECONDS, abs=1.0)
+    assert one.phase.landing() == pytest.approx(first - 1.0 - TRANSIENT_SECONDS), (
+        "the last report in the air, as offline"
+    )
 
 
 def test_motors_that_no_longer_carry_the_vehicle_show_that_it_has_landed():
@@ -91,29 +107,31 @@ def test_motors_that_no_longer_carry_the_vehicle_show_that_it_has_landed():
     assert one.fly(20.0)
     touched_down = one.time
     assert not one.fly(0.5, ON_THE_GROUND)
-    since = one.phase.taken_back()
+    since = one.phase.landing()
     assert since == pytest.approx(touched_down - TRANSIENT_SECONDS, abs=0.5)
     assert not one.fly(20.0, ON_THE_GROUND), "for as long as it idles there"
-    assert one.phase.taken_back() is None
+    assert one.phase.landing() is None
 
 
 def test_standby_after_active_is_on_the_ground_but_not_where_it_is_always_on_standby():
     one, always = Vehicle(), Vehicle()
     assert one.fly(20.0) and not one.fly(3.0, state=STANDBY)
-    always = LivePhase()
+    always = Phase()
     for time in np.arange(-3.0, 20.0, 0.01).tolist():
         if round(100 * time) % 100 == 0:
             always.take_heartbeat(time, ARDUPILOT, ARMED | CUSTOM_MODE, GUIDED, STANDBY)
-        always.take_collective(time, IN_FLIGHT * (time > 0))
+        always.take("collective", time, IN_FLIGHT * (time > 0))
+        if round(100 * time) % 10 == 0:
+            always.review(time)
     assert always.settled(20.0)
 
 
 def test_the_last_seconds_before_any_landing_are_taken_back():
     one = Vehicle()
-    assert one.fly(20.0, landed=IN_AIR) and one.phase.taken_back() is None
+    assert one.fly(20.0, landed=IN_AIR) and one.phase.landing() is None
     end = one.time
     assert not one.fly(2.0, landed=ON_GROUND)
-    assert one.phase.taken_back() == pytest.approx(end - TRANSIENT_SECONDS, abs=1.0)
+    assert one.phase.landing() == pytest.approx(end - 1.0 - TRANSIENT_SECONDS)
 
 
 def test_a_late_first_landed_state_keeps_the_flight_and_landing_is_in_the_air_but_not_settled():
@@ -122,6 +140,51 @@ def test_a_late_first_landed_state_keeps_the_flight_and_landing_is_in_the_air_bu
     assert not one.fly(2.0, landed=LANDING) and one.phase.flying
     other = Vehicle()
     assert other.fly(20.0) and other.fly(1.0, landed=IN_AIR), "it has not just taken off"
+
+
+def live(telemetry: Telemetry) -> dict[float, tuple[bool, bool]]:
+    """Whether it flies, and is settled, by the time."""
+    thrust, state = Signals(telemetry).collective, telemetry.messages["EXTENDED_SYS_STATE"]
+    assert thrust is not None
+    sent = [
+        (time, "collective", share) for time, share in zip(thrust.time.tolist(), thrust.values.tolist(), strict=True)
+    ]
+    reports = zip(state["time"].tolist(), state["landed_state"].tolist(), strict=True)
+    sent += [(time, "landed_state", value) for time, value in reports]
+    phase, flying = Phase(), {}
+    for time, kind, value in sorted(sent):
+        phase.take(kind, time, value)
+        if len(flying) % 10 == 0:
+            phase.review(time)
+        flying[time] = phase.flying, phase.settled(time)
+    return flying
+
+
+def test_reports_count_for_as_long_as_they_come():
+    late = live(reporting(np.arange(HOVER.sinking, HOVER.end, 0.1), 4))
+    assert late[10.0][0] and late[20.0] == (True, True) and late[HOVER.sinking + 1] == (True, False)
+    stopped = live(reporting(np.array([1.0, 2.0]), 1))
+    assert not stopped[2.0 + REPORT_SECONDS - 1][0] and stopped[2.0 + REPORT_SECONDS + 2][0]
+    undefined = live(reporting(np.array([1.0, 2.0, 2.5]), np.array([1, 1, 0])))
+    assert undefined[9.0][0]
+
+
+def test_a_vehicle_flies_on_little_of_its_motors_range_where_the_autopilot_idles_lower():
+    for parameters, flies in (({}, False), ({"MOT_SPIN_MIN": 0.06}, True)):
+        phase = Phase()
+        phase.parameters = parameters
+        for row in range(500):
+            phase.take("collective", 0.01 * row, 0.17)
+        phase.review(5.0)
+        assert phase.flying == flies
+
+
+@pytest.mark.parametrize("share, landed", [(0.51, False), (0.49, True)])
+def test_a_touchdown_is_where_motors_fall_to_less_than_half_of_their_level(share, landed):
+    one = Vehicle()
+    assert one.fly(20.0)
+    assert one.fly(0.5, share * IN_FLIGHT) == (not landed)
+    assert (one.phase.landing() is not None) == landed
 
 
 @pytest.mark.slow

@@ -1,23 +1,32 @@
-"""The scalar system ẋ = A x + B v + w, y = x + z, and the generative model that learns it.
+"""The scalar system ẋ = A x + B v + w, y = x + z, the generative model that learns it, and F̄ᵒ over A and B.
 
 Input and noises are sums of harmonics, so states, outputs and all derivatives are exact, whatever the sampling step.
+
+``python -m mavdem.paper.scalar_system`` prints a Markdown table of the settings that lead from η = (−8, 8) to A = −2,
+B = 2, and of those that do not: with twenty noises each, the mean of the ends of the ascents, its scatter, the
+posterior standard deviation, how often the 95 % region contains the truth, and the iterations until A stays within a
+posterior standard deviation of its end.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, e
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mavdem.dem.engine.ascent import plain_rounds
 from mavdem.dem.engine.coordinates import embed, temporal_precision
+from mavdem.dem.engine.free_energy import Belief, optimal_terms
 from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
 from mavdem.dem.engine.linalg import inverse
+from mavdem.dem.engine.steps import with_optimal_precisions
 
 Array = NDArray[np.float64]
 
-A, B = -2.0, 2.0  # what there is to find (1/s)
+A, B = -2.0, 2.0  # the true ones, 1/s
 INPUT_FREQUENCIES = np.array([0.7, 1.9, 3.1])  # rad/s; about the corner at 2 rad/s, to distinguish A and B
 INPUT_HARMONICS = np.array([1.0, -1.0j, 0.6])
 
@@ -36,7 +45,7 @@ class ScalarWorld:
     amplitude: float = 3.0  # of the input; 1 moves the state about as far as its own unit
 
     def generalized(self, order: int, seed: int) -> tuple[Array, Array]:
-        """Exact ỹ and ṽ at every sample, (T, order + 1) each."""
+        """Returns exact ỹ and ṽ at every sample, (T, order + 1) each."""
         rng = np.random.default_rng(seed)
         number = round(self.duration / self.step)
         # At half a kernel width a step, e^-39 of the noise's power lies beyond what the steps can hold.
@@ -136,3 +145,101 @@ def truth_within(theta: Array, covariance: Array) -> bool:
     """Whether (A, B) lies in the 95 % region of a posterior: an ellipse, since A and B are correlated."""
     error = theta[:2] - [A, B]
     return bool(error @ inverse(covariance[:2, :2]) @ error < -2 * np.log(0.05))
+
+
+def value_at(model: GenerativeModel, samples: SufficientStatistics, belief: Belief, a: float, b: float) -> float:
+    """Returns F̄ᵒ (nats) at A = a, B = b, with the belief's states, λ and C held, and every covariance optimal there."""
+    there = belief._replace(theta=np.array([a, b, belief.theta[2]]))
+    return sum(optimal_terms(model, samples, with_optimal_precisions(model, there)).values())
+
+
+def peak(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> float:
+    """Returns F̄ᵒ (nats) at the belief's own A and B."""
+    return value_at(model, samples, belief, *belief.theta[:2])
+
+
+def curvature(belief: Belief) -> float:
+    """Returns the curvature of F̄ᵒ along A at the belief: the A entry of Π^θ, Eq. ``Picurvature``."""
+    return float(np.linalg.inv(belief.theta_covariance[:2, :2])[0, 0])
+
+
+NOISES, ITERATIONS = 20, 200  # of each case
+
+CASES: dict[str, tuple[ScalarSettings, ScalarWorld]] = {
+    # A little too sure, since q takes x̃ and θ for independent.
+    "these settings": (ScalarSettings(), ScalarWorld()),
+    # The prior's sd is 0.14 and it is 6 off: its bias is several posterior deviations.
+    "… P^θ = e⁴": (replace(ScalarSettings(), theta_precision=PAPER.theta_precision), ScalarWorld()),
+    # With D's last row zero, A x″ counts as noise: that draws A to 0, B after it, and λʷ down.
+    "… q = p": (replace(ScalarSettings(), q=2), ScalarWorld()),
+    # 18 times the samples, but not the information: smooth noise is autocorrelated. Too sure by √18.
+    "… every sample used": (replace(ScalarSettings(), spacing=0.1), ScalarWorld()),
+    # x′ lies half a sample from x and v.
+    "… p = 1, d = 0, q = 0": (replace(ScalarSettings(), p=1, d=0, q=0), ScalarWorld()),
+    # The prior's bias, D's last row, and consecutive samples taken for independent; one iteration.
+    "the paper's settings": (PAPER, PAPER_WORLD),
+    # At λʷ = 0 the tight prior outweighs the data, then the misfit counts as noise: it stays at the prior.
+    "the authors' priors: λ from 0 with P^λ = e³, P^θ = e⁶, p = 6, d = 2, s = 0.5": (
+        replace(
+            PAPER,
+            p=6,
+            d=2,
+            q=6,
+            smoothness=0.5,
+            lambda_mean=(0.0, 0.0),
+            lambda_precision=(e**3, e**3),
+            theta_precision=(e**6, e**6, CERTAIN),
+        ),
+        replace(PAPER_WORLD, smoothness=0.5, lambda_z=6.0),
+    ),
+}
+
+
+class CaseResult(NamedTuple):
+    """Where the ascents of one case ended.
+
+    Attributes:
+        mean, scatter, posterior: (2,) of A and B: of the ends, and the mean posterior standard deviation.
+        within: ascents whose 95 % region holds the truth.
+        iterations: median, until A stays within a posterior standard deviation of its end.
+    """
+
+    mean: Array
+    scatter: Array
+    posterior: Array
+    within: int
+    iterations: float
+
+
+def run_case(settings: ScalarSettings, world: ScalarWorld, iterations: int = ITERATIONS) -> CaseResult:
+    """Runs a case once for each noise, for so many iterations."""
+    model = settings.model()
+    theta, deviations, within, needed = [], [], 0, []
+    for seed in range(NOISES):
+        beliefs = plain_rounds(model, settings.samples(world, seed), iterations)
+        end = beliefs[-1]
+        theta.append(end.theta[:2])
+        deviations.append(np.sqrt(np.diag(end.theta_covariance)[:2]))
+        within += truth_within(end.theta, end.theta_covariance)
+        away = [abs(belief.theta[0] - end.theta[0]) > deviations[-1][0] for belief in beliefs]
+        needed.append(np.flatnonzero(away).max(initial=-1) + 1)
+    return CaseResult(
+        np.mean(theta, axis=0), np.std(theta, axis=0), np.mean(deviations, axis=0), within, float(np.median(needed))
+    )
+
+
+def main() -> None:
+    """Prints the table."""
+    print("| settings | A, scatter | B, scatter | posterior sd of A, B | truth within | iterations |")
+    print("|---|---|---|---|---|---|")
+    for name, case in CASES.items():
+        end = run_case(*case)
+        a, b = (f"{mean:.3f} ± {scatter:.3f}" for mean, scatter in zip(end.mean, end.scatter, strict=True))
+        posterior = "{:.3f}, {:.3f}".format(*end.posterior)
+        # One that still moves at the end has come within a deviation of it only just before.
+        iterations = f"{end.iterations:.0f}" if end.iterations < ITERATIONS / 2 else f"not converged in {ITERATIONS}"
+        print(f"| {name} | {a} | {b} | {posterior} | {end.within} of {NOISES} | {iterations} |")
+
+
+if __name__ == "__main__":
+    main()

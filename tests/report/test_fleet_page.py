@@ -6,14 +6,18 @@ import asyncio
 import random
 import re
 from dataclasses import replace
+from typing import Any
 
+import numpy as np
 import pytest
 from devtools import CHROMIUM, Browser
 from fleet_rows import HOSTILE, fleet_rows, flight_row
 
-from mavdem.fleet.row import FlightRow
-from mavdem.page.fleet_page import FIRST_SHOWN, fleet_page
+from mavdem.fleet.row import FlightRow, flights_of
 from mavdem.report.blocks import Sentence
+from mavdem.report.figures.flights import vehicle_figure
+from mavdem.report.fleet_page import FIRST_SHOWN, fleet_page
+from mavdem.report.palette import BAD
 
 
 def parts(text: str) -> dict[str, str]:
@@ -43,7 +47,7 @@ def test_a_fleet_without_a_flight_and_one_with_a_single_flight_have_a_page():
     assert "No log holds a flight" in fleet_page([FlightRow(file="a.bin", status="It is empty.")])
     assert "No log holds a flight" in fleet_page([])
     alone = fleet_page([flight_row("quad", 0)])
-    assert "<polyline" not in alone and parts(alone) == {}
+    assert "<svg" not in alone and parts(alone) == {}
 
 
 def test_flights_that_do_not_say_whose_they_are_are_drawn_as_nobodys():
@@ -56,31 +60,48 @@ def test_what_changed_since_the_baseline_stands_with_its_vehicle():
     assert "motor 3&#39;s effect −18 % ± 6 %." in parts(text)["quad-2"]
 
 
-def test_a_quantity_that_is_not_known_of_one_flight_leaves_a_gap_and_of_none_no_chart():
+def panels(rows: list[FlightRow]) -> dict[str, Any]:
+    """The axes of the figure of a vehicle, by title."""
+    return {axes.get_title(loc="left"): axes for axes in vehicle_figure(flights_of(rows)).axes if axes.get_visible()}
+
+
+def test_a_quantity_that_is_not_known_of_one_flight_leaves_a_gap_and_of_none_no_panel():
     rows = [flight_row("quad", number, damping=None if number == 3 else 0.5 + number, lag=None) for number in range(8)]
-    part = parts(fleet_page(rows))["quad"]
-    chart = part.split("<h3>Damping (1/s)</h3>")[1].split("</figure>")[0]
-    assert [len(line.split()) for line in re.findall(r'<polyline points="([^"]*)"', chart)] == [3, 4]
-    assert "Lag of the motors" not in part
+    drawn = panels(rows)
+    values = drawn["Rate damping (1/s)"].lines[0].get_ydata()
+    assert np.flatnonzero(np.isnan(values)).tolist() == [3] and values[7] == 7.5
+    assert "Motor time constant (ms)" not in drawn
 
 
 def test_a_motor_whose_effect_is_not_identifiable_is_not_drawn():
     rows = [flight_row("quad", number, effect_status="not identifiable") for number in range(3)]
-    assert "Effect on" not in fleet_page(rows)
+    assert not any("Effectiveness" in title for title in panels(rows))
 
 
 def test_effects_per_unit_of_a_motor_and_of_the_demand_are_not_one_line():
     by_motors = [flight_row("quad", number, inputs="motors", input_unit="µs") for number in range(2)]
     demand = {"inputs": "demand", "input_unit": "", "effect": (400.0,), "effect_interval": (9.0,)}
-    text = fleet_page([*by_motors, *(flight_row("quad", number, **demand) for number in (2, 3))])
-    titles = re.findall(r"<h3>(.*?)</h3>", text)
-    assert {"Effect on roll (°/s² per µs)", "Effect on roll (°/s² per unit of demand)"} <= set(titles)
-    chart = text.split("<h3>Effect on roll (°/s² per µs)</h3>")[1].split("</figure>")[0]
-    assert [len(line.split()) for line in re.findall(r'<polyline points="([^"]*)"', chart)] == [2] * 4
+    drawn = panels([*by_motors, *(flight_row("quad", number, **demand) for number in (2, 3))])
+    for unit, known in (("µs", [True, True, False, False]), ("unit of demand", [False, False, True, True])):
+        line = drawn[f"Effectiveness on roll (°/s² per {unit})"].lines[0]
+        assert np.isfinite(line.get_ydata()).tolist() == known
+
+
+@pytest.mark.parametrize("flights", [3, 60])
+def test_a_fault_is_marked_above_its_flight_and_intervals_are_drawn(flights):
+    rows = [flight_row("quad", number, health="fault" if number == 2 else "ok") for number in range(flights)]
+    axes = panels(rows)["Rate damping (1/s)"]
+    assert [line.get_xdata()[0] for line in axes.lines if line.get_color() == BAD] == [2]
+    low, high = axes.get_ylim()
+    assert low <= 0.4 and high >= 0.8
 
 
 def hostile() -> list[FlightRow]:
-    names = {"motors": (HOSTILE,) * 4, "health_reason": HOSTILE, "warnings": (HOSTILE,)}
+    names = {
+        "motors": tuple(rf"{HOSTILE}$\nothing{{$ {number}" for number in range(4)),
+        "health_reason": HOSTILE,
+        "warnings": (HOSTILE,),
+    }
     rows = [
         flight_row(HOSTILE, number, file=f"/logs/{HOSTILE}{number}.tlog", page="javascript:alert(1)", **names)
         for number in range(3)
@@ -93,7 +114,8 @@ def test_what_comes_from_a_log_is_text_and_no_script_scheme_is_linked():
     text = fleet_page(hostile())
     assert text.count("<script>") == 1 and "<b>" not in text
     assert "javascript:" not in text and 'href="javascript%3Aalert%281%29"' in text
-    assert "://" not in text and "@import" not in text and "src=" not in text
+    assert set(re.findall(r"\w+://[^/]*", text)) == {"http://www.w3.org"}  # of SVG's own names
+    assert "@import" not in text and "src=" not in text and "\\nothing" in text
 
 
 def in_browser(text, folder, do, width=1600):

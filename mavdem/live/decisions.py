@@ -1,0 +1,388 @@
+"""The slow path: whether the vehicle flies, and which inputs drive it, by the offline functions on the last seconds.
+
+A few times a second the messages of the last seconds become the columns that ``alignment`` reads. What those seconds
+alone do not show is carried on: when the flight began, since when it is settled, and the extremes of the outputs.
+
+Offline, hindsight shows a landing; here it is known only once it has happened, and the last seconds before it are taken
+back. While the autopilot does not report whether it is in the air, a vehicle that descends may be landing, and its
+motors keep turning on the ground for a moment. Then nothing is settled until it has not descended for
+``TRANSIENT_SECONDS``. Without a vertical speed it may be landing in a mode that lands, on standby, and when its motors
+fall far below their level in flight.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import inf, isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.alignment import phases
+from mavdem.alignment.drive import (
+    AXES,
+    DEMAND_MESSAGE,
+    MOTOR_MESSAGES,
+    PORT_CHANNELS,
+    WIDE_PORT_CHANNELS,
+    Signal,
+)
+from mavdem.alignment.phases import AVERAGING_SECONDS, CLIMB_OUT_SPEED, REPORT_SECONDS, TRANSIENT_SECONDS, both
+from mavdem.alignment.signals import CLIMB_FIELDS, Signals, motors_or_demand
+from mavdem.ingest.motors import MotorGeometry, OutputScale
+from mavdem.ingest.telemetry import Columns, Telemetry
+from mavdem.ingest.vocabulary import ACTIVE, ARMED, CUSTOM_MODE, IN_AIR, LANDING_MODES, STANDBY
+from mavdem.live.history import FLIGHT_UNKNOWN, NOT_FLYING
+from mavdem.live.messages import Values
+from mavdem.live.rows import KEPT_SECONDS
+
+PHASE_SECONDS, REPORTS_SECONDS = 2 * AVERAGING_SECONDS, 2 * REPORT_SECONDS
+"""Of thrust and vertical speed, and of reports, that are looked back on."""
+REPORTED = ("armed", "landed_state")
+TOUCHDOWN_SHARE, TOUCHDOWN_SECONDS = 0.5, 0.2
+"""Of the collective in flight, and over how long: in the air a multirotor carries its weight, on the ground it idles at
+a third."""
+MAX_PORTS = 4  # Of a message of outputs that are read; PX4 has two
+MIN_STEP_SECONDS = 0.005  # Between two rows of outputs that are looked back on
+MAX_ROWS = 4096  # Samples of each kind that are looked back on: 2 s at 2 kHz
+
+Rows = deque[tuple[float, Values]]
+"""Time, s, and values of messages of one kind."""
+
+
+@dataclass(frozen=True, eq=False)
+class Setup:
+    """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
+
+    Attributes:
+        segment, boot: number of the segment and of the boot.
+        dt: step, s.
+        attitude, motors: names of the messages.
+        layout, scale: of the inputs.
+        rates: Hz of attitude and motors that decided the step.
+        start: first point of the grid, s; the first row may be a few seconds later.
+    """
+
+    segment: int
+    boot: int
+    dt: float
+    attitude: str
+    motors: str
+    layout: MotorGeometry
+    scale: OutputScale
+    rates: tuple[float, ...]
+    start: float
+
+
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """The inputs of the model, from one ``message``: for each its port and its place in the message's channels."""
+
+    message: str
+    layout: MotorGeometry
+    scale: OutputScale
+    picks: tuple[tuple[int, int], ...]
+    collective: Signal | None  # of the last seconds
+
+    @property
+    def ports(self) -> tuple[int, ...]:
+        """The ports with inputs, the one with most of them first."""
+        ports = [port for port, _ in self.picks]
+        return tuple(sorted(set(ports), key=lambda port: (-ports.count(port), port)))
+
+    @property
+    def key(self) -> tuple[object, ...]:
+        """What must not change within a segment."""
+        return self.message, self.layout.channels, self.picks
+
+    def share(self, value: float) -> float:
+        """An output as a share of its range."""
+        return (value - self.scale.low) / (self.scale.high - self.scale.low)
+
+
+class OutputMessages:
+    """The motor outputs and demands of the last seconds, and of each channel the rows with its extremes.
+
+    These show which channels move, and on which scale, also while they hold still.
+    """
+
+    def __init__(self) -> None:
+        self._recent: dict[str, dict[int, Rows]] = {name: {} for name in (*MOTOR_MESSAGES, DEMAND_MESSAGE)}
+        self._extremes: dict[tuple[str, int], list[tuple[float, Values]]] = {}
+
+    def take(self, message: str, port: int, time: float, values: Values) -> bool:
+        """Adds a message; returns False where its port is one too many."""
+        ports = self._recent[message]
+        if port not in ports:
+            if len(ports) >= MAX_PORTS:
+                return False
+            ports[port] = deque(maxlen=MAX_ROWS)
+        rows = ports[port]
+        if rows and 0 <= time - rows[-1][0] < MIN_STEP_SECONDS:
+            return True
+        rows.append((time, values))
+        while rows[0][0] < time - KEPT_SECONDS:
+            rows.popleft()
+        return True
+
+    def restart(self) -> None:
+        """Drops the rows after a reboot; which channels move stays."""
+        for ports in self._recent.values():
+            for rows in ports.values():
+                rows.clear()
+        for key, kept in self._extremes.items():
+            self._extremes[key] = [(-1.0 - row, values) for row, (_, values) in enumerate(kept)]
+
+    def choose(
+        self, vehicle: Telemetry, axis: str, inputs: str | None, staying: str | None, rates: Mapping[str, float]
+    ) -> Inputs | None:
+        """The inputs by the rule of ``Signals.drive``; None without any.
+
+        ``vehicle`` has the identity and the parameters, ``axis`` and ``inputs`` are as for ``Signals``, ``staying`` is
+        the only message to consider where there is one, ``rates`` are Hz by message.
+        """
+        messages, oldest = {}, inf
+        for name in self._recent if staying is None else (staying,):
+            columns, since = self._columns(name)
+            oldest = min(oldest, since)
+            if columns is not None:
+                messages[name] = columns
+        inputs = "demand" if staying == DEMAND_MESSAGE else inputs
+        signals = Signals(replace(vehicle, messages=messages), axis, inputs)
+        drive, collective = signals.drive, signals.collective
+        if inputs is None:
+            # Motors that do not move count too: before take-off they have not moved yet.
+            motor_rate = max(rates.get(name, 0.0) for name in MOTOR_MESSAGES)
+            drive = motors_or_demand(signals.motors, signals.demand, motor_rate, rates.get(DEMAND_MESSAGE, 0.0))
+        if drive is None:
+            return None
+        width, columns = PORT_CHANNELS, messages[drive.message]
+        if any(np.any(columns[f"servo{n}_raw"]) for n in range(9, 17) if f"servo{n}_raw" in columns):
+            width = WIDE_PORT_CHANNELS
+        picks = [(0, channel - 1) for channel in drive.layout.channels]
+        if drive.message == DEMAND_MESSAGE:
+            picks = [(0, AXES.index(axis))]
+        elif drive.message == "SERVO_OUTPUT_RAW":
+            picks = [divmod(channel - 1, width) for channel in drive.layout.channels]
+        if collective is not None:
+            now = collective.time >= oldest
+            collective = Signal(collective.time[now], collective.boot[now], collective.values[now])
+        return Inputs(drive.message, drive.layout, drive.scale, tuple(picks), collective)
+
+    def _columns(self, name: str) -> tuple[Columns | None, float]:
+        """The rows of a message as columns, None without any, and the time of the oldest recent one, s."""
+        tables, times, ports = [], [], []
+        oldest = inf
+        for port, recent in sorted(self._recent[name].items()):
+            if recent:
+                oldest = min(oldest, recent[0][0])
+                rows = [*self._extremes.get((name, port), ()), *recent]
+                tables.append(np.array([values for _, values in rows]))
+                times += [time for time, _ in rows]
+                ports += [port] * len(rows)
+                self._extremes[name, port] = [rows[row] for row in _extreme_rows(tables[-1])]
+        if not tables:
+            return None, oldest
+        table = np.concatenate(tables)
+        columns = {"time": np.array(times), "boot": np.zeros(len(times), dtype=np.int64)}
+        if name == "SERVO_OUTPUT_RAW":
+            return columns | {"port": np.array(ports)} | {f"servo{n + 1}_raw": table[:, n] for n in range(16)}, oldest
+        return columns | {"actuator" if name == "ACTUATOR_OUTPUT_STATUS" else "controls": table}, oldest
+
+
+def _extreme_rows(table: NDArray[np.float64]) -> list[int]:
+    """The rows of (N, k) with the least and the largest output of each channel beside 0, which is "no output yet"."""
+    sent = (table != 0) & np.isfinite(table)
+    least, most = np.where(sent, table, inf).argmin(axis=0), np.where(sent, table, -inf).argmax(axis=0)
+    found: list[int] = np.unique([least, most]).tolist()
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _PhaseSignals(Signals):
+    """The signals of the last seconds, two of which are not from messages."""
+
+    armed_states: Signal | None = None
+    shares: Signal | None = None
+
+    @cached_property
+    def armed(self) -> Signal | None:
+        return self.armed_states
+
+    @cached_property
+    def collective(self) -> Signal | None:
+        return self.shares
+
+
+class Phase:
+    """Whether one boot is armed, airborne and settled, from its messages so far.
+
+    ``flying``: whether it is airborne and, if that is reported, armed. ``steady``: whether it also neither takes off
+    nor lands where that is reported. Both are as of the last ``review``. ``idle``: whether outputs come and none has
+    moved so far. ``parameters``: of the autopilot.
+    """
+
+    def __init__(self) -> None:
+        self.flying = self.steady = self.idle = False
+        self.parameters: Mapping[str, float] = {}
+        self._rows: dict[str, deque[tuple[float, float]]]
+        self._rows = {kind: deque(maxlen=MAX_ROWS) for kind in ("armed", "collective", "landed_state", *CLIMB_FIELDS)}
+        self._start = self._reviewed = -inf
+        self._settled_from: float | None = None
+        self._beat: tuple[float, bool] | None = None
+        self._was_active = self._may_land = False
+        self._level, self._levels = 0.0, 0  # Mean collective in settled flight, and of how many values
+        self._landing: float | None = None
+
+    @property
+    def obstacle(self) -> str:
+        """Why it is not flying, one sentence; empty if it is."""
+        known = self.idle or self._rows["collective"] or self._rows["landed_state"] or not self._armed
+        return "" if self.flying else NOT_FLYING if known else FLIGHT_UNKNOWN
+
+    def settled(self, time: float) -> bool:
+        """Whether ``time``, s, is in settled flight, apart from the tilt."""
+        return self.steady and self._settled_from is not None and time >= self._settled_from
+
+    def evident(self, time: float) -> bool:
+        """Whether EXTENDED_SYS_STATE or a vertical speed comes at ``time``, s."""
+        climbs = (self._rows[kind][-1][0] for kind in CLIMB_FIELDS if self._rows[kind])
+        return time <= max(self._reported_until, *(last + REPORT_SECONDS for last in climbs), -inf)
+
+    @property
+    def _reported_until(self) -> float:
+        """While EXTENDED_SYS_STATE comes, it decides; otherwise the motors' thrust."""
+        time, state = self._rows["landed_state"][-1] if self._rows["landed_state"] else (-inf, 0)
+        return time + REPORT_SECONDS if state > 0 else -inf
+
+    @property
+    def _armed(self) -> bool:
+        return not self._rows["armed"] or bool(self._rows["armed"][-1][1])
+
+    def landing(self) -> float | None:
+        """The time, s, since which samples that counted as settled were of a landing; None if there is no new one."""
+        since, self._landing = self._landing, None
+        return since
+
+    def take_heartbeat(self, time: float, autopilot: int, base_mode: int, mode: int = 0, state: int = 0) -> None:
+        """A HEARTBEAT of the vehicle's own type and autopilot: only two equal ones in a row change the state.
+
+        It contains the MAV_AUTOPILOT, the base mode, the custom ``mode`` and the MAV_STATE.
+        """
+        # Some vehicles are on standby always.
+        self._was_active |= state == ACTIVE
+        lands = bool(base_mode & CUSTOM_MODE) and mode in LANDING_MODES.get(autopilot, ())
+        lands |= self._was_active and state == STANDBY
+        if lands and self._may_land and not self.evident(time):
+            self._unsettle(time)
+        self._may_land = lands
+        armed = bool(base_mode & ARMED)
+        since, before = self._beat or (time, armed)
+        self._beat = time, armed
+        if before == armed:
+            changed = armed != self._armed or not self._rows["armed"]
+            if changed:
+                self._rows["armed"].append((since, armed))
+            if since < time:
+                self._rows["armed"].append((time, armed))
+            if changed:
+                self.review(time)
+
+    def take(self, kind: str, time: float, value: float) -> None:
+        """A "landed_state", a vertical speed by its message, or the "collective" of the motors, 0 to 1."""
+        if not isfinite(value):
+            return
+        rows = self._rows[kind]
+        changed = kind == "landed_state" and (not rows or rows[-1][1] != value)
+        rows.append((time, value))
+        if changed:
+            self.review(time)
+
+    def restart_collective(self, collective: Signal | None) -> None:
+        """Starts again with the collective of the last seconds: which motors there are or their scale has changed."""
+        self._rows["collective"].clear()
+        if collective is not None:
+            self._rows["collective"].extend(zip(collective.time.tolist(), collective.values.tolist(), strict=True))
+
+    def review(self, now: float) -> None:
+        """Decides the phase at ``now``, s."""
+        signals = self._signals(now)
+        armed, climb = phases.armed(signals, 0), signals.climb_rate
+        self.flying = any(start < now <= end for start, end in both(armed, phases.airborne(signals, 0)))
+        flights = both(armed, phases.in_states(signals, 0, (IN_AIR,)))
+        flight = next((flight for flight in flights if flight[0] < now <= flight[1]), None)
+        if self.steady and (flight is None or flight[0] > self._reviewed):
+            self._take_back(max((end for _, end in flights if end < now), default=now))
+            self.steady, self._settled_from = False, None
+            self._level, self._levels = 0.0, 0
+        if flight is not None:
+            # The take-off is carried on once the mean collective around it is known; later it is no longer in sight.
+            if not self.steady or (isfinite(flight[0]) and now < self._start + AVERAGING_SECONDS):
+                self._start = flight[0]
+            self.steady = True
+            self._settle(now, climb)
+        self._check_touchdown(now)
+        self._reviewed = now
+
+    def _signals(self, now: float) -> Signals:
+        """What the last seconds show, as signals of boot 0."""
+        columns: dict[str, Columns] = {}
+        found: dict[str, Signal | None] = {}
+        for kind, rows in self._rows.items():
+            while len(rows) > 2 * (kind == "armed") and rows[0][0] < now - (
+                REPORTS_SECONDS if kind in REPORTED else PHASE_SECONDS
+            ):
+                rows.popleft()
+            reports = list(rows)
+            if kind == "landed_state" and now <= self._reported_until:
+                reports.append((now, reports[-1][1]))
+            time, values = np.array(reports).reshape(-1, 2).T
+            boot = np.zeros(len(time), dtype=np.int64)
+            found[kind] = Signal(time, boot, values) if reports else None
+            if kind in CLIMB_FIELDS and reports:
+                columns[kind] = {"time": time, "boot": boot, CLIMB_FIELDS[kind][0]: values}
+            if kind == "landed_state" and reports:
+                columns["EXTENDED_SYS_STATE"] = {"time": time, "boot": boot, kind: values}
+        telemetry = Telemetry(0, 0, "UNKNOWN", "", columns, self.parameters)
+        return _PhaseSignals(telemetry, armed_states=found["armed"], shares=found["collective"])
+
+    def _settle(self, now: float, climb: Signal | None) -> None:
+        """Decides since when the flight is settled; means are known half of their window later."""
+        known = now if climb is None else now - AVERAGING_SECONDS / 2
+        if self._settled_from is None:
+            level = phases.between_transients((self._start, inf), climb)
+            if level is not None and level[0] <= known:
+                self._settled_from = level[0]
+        elif climb is not None:
+            sinks = phases.average(climb) <= -CLIMB_OUT_SPEED
+            since = self._reviewed - AVERAGING_SECONDS / 2
+            sinking = climb.time[sinks & (climb.time > max(since, self._reported_until)) & (climb.time <= known)]
+            if len(sinking):
+                self._unsettle(float(sinking[-1]))
+
+    def _check_touchdown(self, now: float) -> None:
+        """Without better evidence, motors far below their level in flight show that the vehicle stands."""
+        shares = [share for time, share in self._rows["collective"] if time > now - TOUCHDOWN_SECONDS]
+        if not shares:
+            return
+        share = sum(shares) / len(shares)
+        if share < TOUCHDOWN_SHARE * self._level and not self.evident(now):
+            if self.settled(now):
+                self._take_back(now)
+            self._unsettle(now)
+        elif self.settled(now):
+            self._levels += 1
+            self._level += (share - self._level) / self._levels
+
+    def _unsettle(self, time: float) -> None:
+        """It may be landing at ``time``."""
+        if self._settled_from is not None:
+            self._settled_from = max(self._settled_from, time + TRANSIENT_SECONDS)
+
+    def _take_back(self, time: float) -> None:
+        """It landed at ``time``; the earlier of two landings counts where neither was fetched."""
+        since = time - TRANSIENT_SECONDS
+        self._landing = since if self._landing is None else min(since, self._landing)

@@ -1,0 +1,430 @@
+"""The fast path: messages on the boot clock, and their samples on a uniform grid, row by row.
+
+It decides nothing that can wait: ``decisions`` does that a few times a second, with the offline functions. Time stamps
+of attitude are the reference, and all others are placed nearest to the latest of them, which undoes their wraps. The
+grid starts where that of ``align`` would, given the first seconds of both streams, and each stream is sampled in the
+way ``align`` chooses from those seconds. A point is complete as soon as both streams have passed it.
+
+Latency on the boot clock, beside that of the link: none where samples are kept, at most one interval of the slower
+stream where they are interpolated, ``FILTER_EDGE_STEPS`` grid steps (50 ms at 100 Hz) where one is low-passed.
+
+One difference from ``align``: when a message is lost, ``align`` interpolates the whole segment, this only beside the
+loss. A kept sample lies within ``STAMP_SECONDS`` of its point.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Sequence
+from math import inf, isfinite, isnan, nan
+from statistics import median
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mavdem.alignment.align import (
+    FILTER_EDGE_STEPS,
+    MAX_GAP_SECONDS,
+    MEDIAN_STEPS,
+    STAMP_SECONDS,
+    grid_of,
+    impulse_response,
+    is_low_passed,
+    kept_rows,
+    mean_rate,
+    step,
+)
+from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE
+from mavdem.ingest.mavlink.clocks import MAX_OFFSET, MIN_RESET_STAMPS, OTHER_EPOCH, STEP_BACK, WRAP_GAP
+from mavdem.live.messages import Message, Values
+
+MAX_HELD = 40 * MIN_RESET_STAMPS  # Messages held back; beyond it the oldest are dropped
+KEPT_SECONDS, MAX_SAMPLES = 2.5, 8192  # Of each stream: enough to decide rates and steps, also of hostile stamps
+DECISION_SECONDS = 2.0  # Duration of both streams from which the step and the sampling are decided
+RESUME_SECONDS = 0.25  # Duration of both streams after a gap, after which the grid starts again with the previous step
+STAMP_RESOLUTION_SECONDS = 1e-6  # The finest stamps: a point no further behind the latest sample coincides with it
+OTHER_RATE_RATIO = 1.3  # A rate that differs by this factor from the one that decided the step is another rate
+
+
+class AlignedRow(NamedTuple):
+    """One point of the grid, as a row of the ``Flight`` that ``align`` returns.
+
+    Attributes:
+        time: s on the boot clock.
+        inputs: (r,) motor outputs in the unit of the stream, or the demand.
+        outputs: (2,) angle, rad, and body rate, rad/s.
+        segment: number of the segment, from 0 on; rows of one segment are one step apart.
+        received: UNIX s at which the bytes that completed it were received.
+        settled: whether the vehicle was in settled flight, as far as is known by then.
+    """
+
+    time: float
+    inputs: NDArray[np.float64]
+    outputs: NDArray[np.float64]
+    segment: int
+    received: float
+    settled: bool
+
+
+class PlacedMessage(NamedTuple):
+    """A ``message`` at ``time`` s of boot number ``boot``; ``stamped`` if the time is from its own stamp."""
+
+    message: Message
+    time: float
+    boot: int
+    stamped: bool
+
+
+class BootClock:
+    """Places the messages of one vehicle on its boot clock; ``report`` is called with each sentence about it.
+
+    A stamp that does not continue the clock is held back, with all messages that follow. If the next attitude stamps
+    continue from there, the clock has changed, and the held messages are placed on the new clock. If one continues the
+    old clock, the held stamps were outliers and are dropped.
+
+    ``now``: the latest reference stamp, s; NaN before the first. ``boot``: number of the boot, from 0 on. ``outliers``:
+    messages dropped for their stamps.
+    """
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self.now, self.boot, self.outliers = nan, 0, 0
+        self._latest, self._turns, self._accepted = nan, 0, 0
+        self._held: list[Message] = []
+        self._run: list[float] = []
+        self._shifts: dict[str, float] = {}
+        self._far: dict[str, list[tuple[int, float]]] = {}
+        self._report = report
+
+    def place(self, message: Message) -> list[PlacedMessage]:
+        """What can be placed after this message: itself, and messages held back before."""
+        if not message.stamp > 0:
+            return [] if isnan(self._latest) else [PlacedMessage(message, self._latest, self.boot, False)]
+        if message.name in ATTITUDE_MESSAGES:
+            return self._place_reference(message)
+        time = self._time_of(message)
+        return self._hold(message) if time is None else [self._stamp(message, time)]
+
+    def _stamp(self, message: Message, time: float) -> PlacedMessage:
+        self._latest = time
+        return PlacedMessage(message, time, self.boot, True)
+
+    def _place_reference(self, message: Message) -> list[PlacedMessage]:
+        time = message.stamp + self._turns * message.period if self._turns else message.stamp
+        if time < self.now - STEP_BACK and time + message.period - self.now <= WRAP_GAP:
+            time += message.period
+        if _continues(time, self.now):
+            self._turns = round((time - message.stamp) / message.period) if isfinite(message.period) else 0
+            self.now = max(self.now, time)
+            self._accepted += 1
+            self.outliers += len(self._held)
+            self._held, self._run = [], []
+            return [self._stamp(message, time)]
+        if self._run and not _continues(message.stamp, self._run[-1]):
+            self._run = []
+        self._run.append(message.stamp)
+        self._hold(message)
+        return self._restart() if len(self._run) >= MIN_RESET_STAMPS else []
+
+    def _restart(self) -> list[PlacedMessage]:
+        """Starts the clock again at the first of the held stamps that continue each other."""
+        first, before = self._run[0], self.now
+        if first < before:
+            self.boot += 1
+            self._report(f"The vehicle rebooted when its clock read {before:.1f} s.")
+        elif not isnan(before):
+            self._report(
+                f"Nothing was received for {first - before:.1f} s of the vehicle's clock, from {before:.1f} s on."
+            )
+        held, self._held, self._run = self._held, [], []
+        self._turns, self.now = 0, first
+        self._far.clear()
+        placed, started = [], False
+        for message in held:
+            if message.name in ATTITUDE_MESSAGES:
+                # Held stamps that do not continue the run belong to no clock.
+                time = message.stamp if _continues(message.stamp, self.now) else None
+                if time is not None:
+                    started, self.now = True, max(self.now, time)
+            else:
+                time = self._time_of(message)
+            if time is not None and (started or time >= first - STEP_BACK):
+                placed.append(self._stamp(message, time))
+        self.outliers += len(held) - len(placed)
+        return placed
+
+    def _time_of(self, message: Message) -> float | None:
+        """The time of another message by the reference; None if it is far off."""
+        if isnan(self.now):
+            return None
+        time = message.stamp + self._shifts.get(message.name, 0.0)
+        if isfinite(message.period):
+            time += message.period * round((self.now - time) / message.period)
+        if abs(time - self.now) <= MAX_OFFSET:
+            self._far.pop(message.name, None)
+            return time
+        # Count each accepted reference stamp once: otherwise it may be the reference that is about to change.
+        far = self._far.setdefault(message.name, [])
+        if not far or far[-1][0] != self._accepted:
+            if far and abs(message.stamp - self.now - far[-1][1]) > MAX_OFFSET:
+                far.clear()
+            far.append((self._accepted, message.stamp - self.now))
+        if len(far) > MIN_RESET_STAMPS:
+            away = median(offset for _, offset in self._far.pop(message.name))
+            self._shifts[message.name] = -away if abs(away) > OTHER_EPOCH else 0.0
+            self._report(
+                f"The time stamps of {message.name} are of another clock, {away:.6g} s away; they are moved to the "
+                "boot clock."
+            )
+        return None
+
+    def _hold(self, message: Message) -> list[PlacedMessage]:
+        self._held.append(message)
+        if len(self._held) > MAX_HELD:
+            del self._held[0]
+            self.outliers += 1
+        return []
+
+
+def _continues(time: float, before: float) -> bool:
+    return -STEP_BACK < time - before <= MAX_OFFSET
+
+
+class Samples:
+    """Stamps and values of the last ``KEPT_SECONDS`` of one stream since the last gap, in the order of their stamps.
+
+    ``time``: (N,) s, ascending. ``values``: (N,) tuples. ``gap``: the step, s, before the latest sample, if longer than
+    ``MAX_GAP_SECONDS``; else 0. ``added``: number of samples so far. ``late``: number of samples that came after the
+    row they belong to. ``used_until``: s; rows up to it are complete, and samples before it are late.
+    """
+
+    def __init__(self) -> None:
+        self.time: list[float] = []
+        self.values: list[Values] = []
+        self.gap, self.added, self.late = 0.0, 0, 0
+        self.used_until = -inf
+        self._recent: list[float] = []
+
+    def add(self, time: float, values: Values) -> bool:
+        """Adds a sample; returns False for a copy, a repeated stamp, a late sample and values that are not finite."""
+        if not all(map(isfinite, values)):
+            return False
+        self.gap = 0.0
+        if not self.time or time > self.time[-1]:
+            if self.time and time - self.time[-1] > MAX_GAP_SECONDS:
+                self.gap = time - self.time[-1]
+                self.clear()
+            self.time.append(time)
+            self.values.append(values)
+        else:
+            row = bisect_left(self.time, time)
+            if self.time[row] == time:
+                return False
+            if time <= self.used_until or row == 0:
+                self.late += 1
+                return False
+            self.time.insert(row, time)
+            self.values.insert(row, values)
+        self.added += 1
+        self._recent.append(self.time[-1])
+        # Only now and then: deleting from the front of a list moves all of it.
+        if len(self._recent) > 2 * MAX_SAMPLES or self.added % 64 == 0:
+            for stamps in (self.time, self._recent):
+                drop = max(bisect_left(stamps, stamps[-1] - KEPT_SECONDS), len(stamps) - MAX_SAMPLES)
+                del stamps[:drop]
+            del self.values[: len(self.values) - len(self.time)]
+        return True
+
+    def clear(self) -> None:
+        """Removes the samples; the rate stays."""
+        self.time.clear()
+        self.values.clear()
+
+    def count(self, now: float) -> int:
+        """Samples in the ``DECISION_SECONDS`` before ``now``."""
+        return len(self._recent) - bisect_left(self._recent, now - DECISION_SECONDS)
+
+    def rate(self, now: float) -> float:
+        """Hz over the ``DECISION_SECONDS`` before ``now``, gaps included; 0 with fewer than two samples."""
+        since = self._recent[bisect_left(self._recent, now - DECISION_SECONDS) :]
+        return mean_rate(np.array(since)) if len(since) > 1 and since[-1] > since[0] else 0.0
+
+    def usual_step(self) -> float | None:
+        """Mean, s, of the middle half of the last steps, robust to jitter and to one lost in five; None if few."""
+        if len(self.time) <= MEDIAN_STEPS:
+            return None
+        steps = np.sort(np.diff(self.time[-MEDIAN_STEPS - 1 :]))
+        return float(steps[MEDIAN_STEPS // 4 : MEDIAN_STEPS - MEDIAN_STEPS // 4].mean())
+
+    def interpolate(self, time: float) -> Values:
+        """Linear interpolation at ``time``, which must lie between the first and the last sample."""
+        after = bisect_left(self.time, time)
+        if self.time[after] == time:
+            return self.values[after]
+        before = after - 1
+        start, span = self.time[before], self.time[after] - self.time[before]
+        return tuple(
+            (right - left) / span * (time - start) + left
+            for left, right in zip(self.values[before], self.values[after], strict=True)
+        )
+
+    def nearest(self, time: float) -> Values | None:
+        """The sample nearest to ``time``; None if it is farther than ``STAMP_SECONDS``."""
+        after = bisect_left(self.time, time)
+        rows = [row for row in (after - 1, after) if 0 <= row < len(self.time)]
+        row = min(rows, key=lambda row: abs(self.time[row] - time), default=None)
+        return None if row is None or abs(self.time[row] - time) > STAMP_SECONDS else self.values[row]
+
+    def filtered(self, time: float, weights: NDArray[np.float64], offsets: NDArray[np.float64]) -> Values:
+        """The values low-passed at ``time`` by ``weights`` (L,) at ``offsets`` (L,) s from it."""
+        first = max(bisect_left(self.time, time + offsets[0]) - 1, 0)
+        rows = slice(first, bisect_left(self.time, time + offsets[-1]) + 1)
+        even = [np.interp(time + offsets, self.time[rows], column) for column in np.array(self.values[rows]).T]
+        return tuple((np.array(even) @ weights).tolist())
+
+
+class _Sampling(NamedTuple):
+    """How a stream is sampled: kept, interpolated, or low-passed by ``weights`` at ``offsets`` s."""
+
+    keeps: bool
+    weights: NDArray[np.float64] | None = None
+    offsets: NDArray[np.float64] | None = None
+
+
+class Grid:
+    """The grid of one boot, segment by segment.
+
+    ``segment``: number of the latest segment, from 0 on; -1 before the first. ``running``: whether the segment
+    continues. ``dt``: step, s; None before it is decided. ``rates``: Hz of the streams that decided it. ``start``:
+    first point of the segment's grid, s.
+    """
+
+    def __init__(self) -> None:
+        self.segment, self.running, self.start = -1, False, 0.0
+        self.dt: float | None = None
+        self.rates: tuple[float, ...] = ()
+        self._streams: tuple[Samples, ...] = ()
+        self._samplings: tuple[_Sampling, ...] = ()
+        self._usual_steps: tuple[float | None, ...] = ()
+        self._next = 0
+        self._latest = self._try_from = self._steady_from = -inf
+        self._steps: list[float] = []
+
+    def end(self) -> None:
+        """Ends the segment; the step stays."""
+        self.running = False
+        self._try_from = -inf
+
+    def forget_step(self) -> None:
+        """Ends the segment; the next one decides the step again."""
+        self.end()
+        self.dt = None
+
+    def restart(self) -> None:
+        """Resets the clock after a reboot; the segment's number and the steps used so far stay."""
+        self.forget_step()
+        self._latest = self._steady_from = -inf
+
+    def begin(self, streams: Sequence[Samples]) -> bool:
+        """Starts a segment if the streams, attitude first, are long enough; returns whether it did."""
+        first = max((stream.time[0] if stream.time else inf) for stream in streams)
+        last = min((stream.time[-1] if stream.time else -inf) for stream in streams)
+        first = max(first, self._latest + STAMP_RESOLUTION_SECONDS, self._steady_from)
+        if last < self._try_from or last - first < (DECISION_SECONDS if self.dt is None else RESUME_SECONDS):
+            return False
+        times = [np.array(stream.time) for stream in streams]
+        times = [time[(time >= first - STAMP_SECONDS) & (time <= last + STAMP_SECONDS)] for time in times]
+        if min(map(len, times)) < 3:
+            return False
+        if self.dt is None:
+            rates = tuple(mean_rate(time) for time in times)
+            if min(rates) < MINIMUM_RATE:
+                self._try_from = last + DECISION_SECONDS / 4
+                return False
+            if not all(_is_steady(time, first, last) for time in times):
+                # Decided from stamps of both rates, the step would be neither's, and stay.
+                self._steady_from = last
+                return False
+            self.dt, self.rates = self._step(rates), rates
+            self._usual_steps = tuple(stream.usual_step() for stream in streams)
+        grid = grid_of(times[0], times[1], self.dt)
+        self._samplings = tuple(_sampling(time, grid, self.dt) for time in times)
+        self._streams = tuple(streams)
+        self.start = float(grid[0])
+        # Only the end of the deciding seconds becomes rows: a learner must not start with seconds to catch up on.
+        self._next = int(np.searchsorted(grid, last - RESUME_SECONDS - STAMP_RESOLUTION_SECONDS))
+        self.segment += 1
+        self.running = True
+        return True
+
+    def points(self) -> Iterator[tuple[float, list[Values]]]:
+        """The points that all streams have passed since the last call: s, and the values of each stream."""
+        assert self.dt is not None
+        while self.running:
+            time = self.start + self.dt * self._next
+            values = []
+            for stream, sampling in zip(self._streams, self._samplings, strict=True):
+                if not stream.time or time < stream.time[0] - STAMP_SECONDS:
+                    self.end()  # one stream was ahead of the other for longer than samples are kept
+                    return
+                value = _value_at(stream, sampling, time, self.dt)
+                if value is None:
+                    return
+                values.append(value)
+            self._next += 1
+            self._latest = time
+            for stream in self._streams:
+                stream.used_until = time
+            yield time, values
+
+    def former_rate(self, stream: Samples) -> float | None:
+        """The rate, Hz, of a stream when the step was decided, if it has changed since; else None."""
+        if not self.running or stream not in self._streams:
+            return None
+        before, now = self._usual_steps[self._streams.index(stream)], stream.usual_step()
+        if before is None or now is None or 1 / OTHER_RATE_RATIO < now / before < OTHER_RATE_RATIO:
+            return None
+        return 1 / before
+
+    def _step(self, rates: tuple[float, ...]) -> float:
+        """The step for these rates: one used before if the rates are about the same.
+
+        Lost samples make the measured step a little longer, and the model learned so far has the earlier one.
+        """
+        new = step(rates)
+        for before in self._steps:
+            if 1 / OTHER_RATE_RATIO < new / before < OTHER_RATE_RATIO:
+                return before
+        self._steps.append(new)
+        return new
+
+
+def _is_steady(time: NDArray[np.float64], first: float, last: float) -> bool:
+    """Whether as many of the stamps (N,) lie in each quarter of the time; lost messages aside."""
+    counts, _ = np.histogram(time, bins=4, range=(first, last))
+    return bool(counts.max() < OTHER_RATE_RATIO * counts.min())
+
+
+def _sampling(time: NDArray[np.float64], grid: NDArray[np.float64], dt: float) -> _Sampling:
+    if is_low_passed(time, dt):
+        rate = mean_rate(time)
+        weights = impulse_response(rate, dt)
+        reach = len(weights) // 2
+        return _Sampling(False, weights, np.arange(-reach, reach + 1) / rate)
+    return _Sampling(kept_rows(grid, time) is not None)
+
+
+def _value_at(stream: Samples, sampling: _Sampling, time: float, dt: float) -> Values | None:
+    """The stream's values at ``time``; None if they are not known yet."""
+    last = stream.time[-1]
+    if sampling.weights is not None and sampling.offsets is not None:
+        if last < time + FILTER_EDGE_STEPS * dt - STAMP_SECONDS:
+            return None
+        return stream.filtered(time, sampling.weights, sampling.offsets)
+    # Where two samples may lie within STAMP_SECONDS of one point, wait for the later one too.
+    until = time - STAMP_SECONDS if dt >= 3 * STAMP_SECONDS else time
+    if sampling.keeps and last >= until and (near := stream.nearest(time)) is not None:
+        return near
+    if last < time - STAMP_RESOLUTION_SECONDS:
+        return None
+    return stream.interpolate(max(min(time, last), stream.time[0]))

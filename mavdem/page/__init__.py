@@ -1,1 +1,0 @@
-"""Page: the index of a fleet."""

@@ -1,0 +1,104 @@
+"""Figures of the experiments: lines, forecasts beside what was measured, and errors from many priors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.stats import norm
+
+from mavdem.dem.engine.linalg import Array
+from mavdem.evaluate.windows import Window
+from mavdem.report.figures.style import legend_above, not_blown_up, picture
+from mavdem.report.palette import BOUND, HELD_OUT_OPACITY, MEASURED, PREDICTED, distinct
+
+SHOWN_BEFORE = 100  # samples of training that are shown before a forecast
+ROW_HEIGHT = 1.7  # inches
+
+
+def lines(
+    panels: Mapping[str, Mapping[str, Array]],
+    x_label: str,
+    *,
+    first: int = 0,
+    scale: str = "linear",
+    bounds: Sequence[float] = (),
+) -> Figure:
+    """Draws panels, by title, of lines, by name; values (N,) are at whole numbers from ``first`` on."""
+    with picture() as figure:
+        for axes, (title, series) in zip(
+            figure.subplots(1, len(panels), squeeze=False)[0], panels.items(), strict=True
+        ):
+            for number, (name, values) in enumerate(series.items()):
+                axes.plot(
+                    first + np.arange(len(values)), values, ".-", markersize=3, color=distinct(number), label=name
+                )
+            for bound in bounds:
+                axes.axhline(bound, color=BOUND, linewidth=0.8)
+            axes.set(title=title, xlabel=x_label, yscale=scale)
+            if all(series):
+                axes.legend(fontsize=7)
+        return figure
+
+
+def forecasts(window: Window, panels: Mapping[str, Mapping[str, Array]], one_step: Array | None = None) -> Figure:
+    """Draws forecasts (H, m) of the test data, by the title of their column and by name, with what was measured.
+
+    ``one_step``: (T, m) predictions of the training data, all of which is then shown.
+    """
+    train, test = window.train, window.test
+    count, before = train.outputs.shape[1], slice(None) if one_step is not None else slice(-SHOWN_BEFORE, None)
+    time = np.concatenate([train.time[before], test.time]) - train.time[0]
+    with picture(ROW_HEIGHT * count) as figure:
+        rows = figure.subplots(count, len(panels), sharex=True, sharey="row", squeeze=False)
+        for output, row in enumerate(rows):
+            measured = np.concatenate([train.outputs[before, output], test.outputs[:, output]])
+            for axes, (title, by_name) in zip(row, panels.items(), strict=True):
+                axes.axvspan(*(test.time[[0, -1]] - train.time[0]), color=MEASURED, alpha=HELD_OUT_OPACITY, linewidth=0)
+                axes.plot(time, measured, color=MEASURED, label="measured")
+                if one_step is not None:
+                    axes.plot(
+                        time[1 : len(train)], one_step[1:, output], color=PREDICTED, label="one step", linewidth=0.7
+                    )
+                for number, (name, forecast) in enumerate(by_name.items(), 1):
+                    axes.plot(test.time - train.time[0], forecast[:, output], color=distinct(number), label=name)
+                # A forecast that diverges would flatten all others.
+                not_blown_up(axes, measured)
+                axes.set_title(title if output == 0 else "")
+            row[0].set_ylabel(f"{test.output_names[output]}, {test.output_units[output]}")
+        for axes in rows[-1]:
+            axes.set_xlabel("time, s")
+        legend_above(rows[0, -1])
+        return figure
+
+
+def errors(panels: Mapping[str, Mapping[str, Iterable[Array]]], groups: Sequence[str], label: str = "MSPE") -> Figure:
+    """Draws errors, one dot each, by the title of their panel, by method and by group; a bar is the median."""
+    jitter = np.random.default_rng(0)
+    with picture(ROW_HEIGHT * len(panels)) as figure:
+        column = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, (title, methods) in zip(column, panels.items(), strict=True):
+            width = 0.8 / len(methods)
+            for number, (name, by_group) in enumerate(methods.items()):
+                x = np.arange(len(groups)) + (number - (len(methods) - 1) / 2) * width
+                axes.bar(x, [np.median(values) for values in by_group], 0.9 * width, color=distinct(number), alpha=0.35)
+                for at, values in zip(x, by_group, strict=True):
+                    near = at + width * jitter.uniform(-0.3, 0.3, len(values))
+                    axes.plot(near, values, ".", markersize=3, color=distinct(number))
+                axes.plot([], [], "s", color=distinct(number), label=name)
+            axes.set(title=title, ylabel=label, yscale="log", xticks=range(len(groups)), xticklabels=groups)
+        legend_above(column[0], 4)
+        return figure
+
+
+def histograms(series: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> Figure:
+    """Draws the densities of series over the edges of their bins, by name, each with a Gaussian of unit variance."""
+    grid = np.linspace(-4, 4, 161)
+    with picture(0.8 * len(series)) as figure:
+        panels = figure.subplots(len(series), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, (name, (density, edges)) in zip(panels, series.items(), strict=True):
+            axes.stairs(density, edges, fill=True, color=PREDICTED, alpha=0.55)
+            axes.plot(grid, norm.pdf(grid), color=MEASURED)
+            axes.set_title(name)
+        return figure

@@ -1,0 +1,168 @@
+"""Flights of one vehicle: each quantity over them, in order of date, as small multiples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from mavdem.dem.engine.linalg import Array
+from mavdem.fleet.row import AXIS_ORDER, DEMAND, Flight, FlightRow, worst_health
+from mavdem.report.figures.style import HAIRLINE, WIDTH, band, not_blown_up, picture
+from mavdem.report.numbers import readable, short
+from mavdem.report.palette import BAD, LIMITED, distinct
+
+FEW = 25  # flights, up to which each has a dot and its own interval
+COLUMNS, PANEL_INCHES = 3, 1.6
+MARKS = {"fault": ("o", BAD), "drift": ("^", LIMITED)}
+"""Above the flights in which they were found; the shapes differ too, so that colour is not needed."""
+AXES = AXIS_ORDER[:2]
+DEGREES = readable("rad/s²")
+NOT_IDENTIFIABLE = "not identifiable"
+
+
+class Panel(NamedTuple):
+    """One quantity: its title with the unit, values and half widths (flights, 2) by line, NaN where not known."""
+
+    title: str
+    lines: dict[str, Array]
+    reference: float = np.nan
+
+    @property
+    def values(self) -> Array:
+        """Of all lines."""
+        return np.concatenate([np.empty(0), *(line[:, 0] for line in self.lines.values())])
+
+
+def input_unit(row: FlightRow) -> str:
+    """Returns the unit of the model's inputs in words: an effectiveness is for one of them."""
+    return "unit of demand" if row.inputs == DEMAND else row.input_unit or "unit of input"
+
+
+def vehicle_figure(flights: Sequence[Flight]) -> Figure:
+    """Draws what is known of at least one flight, with 90 % intervals.
+
+    Args:
+        flights: of one vehicle in order of date, the rows of each.
+
+    Raises:
+        ValueError: nothing is known.
+    """
+    panels = [
+        panel for panel in _panels(flights) if any(np.isfinite(line[:, 0]).any() for line in panel.lines.values())
+    ]
+    if not panels:
+        raise ValueError("no quantity of its flights is known")
+    rows = -(-len(panels) // COLUMNS)
+    days = [f"{flight[0].date:%Y-%m-%d}" if flight[0].date else "" for flight in flights]
+    marks = [(place, health) for place, flight in enumerate(flights) if (health := worst_health(flight)) in MARKS]
+    with picture(PANEL_INCHES * rows) as figure:
+        height = PANEL_INCHES * rows
+        figure.set_size_inches(1.8 * WIDTH, height)
+        figure.set_layout_engine("none")  # a figure of so many panels takes it long
+        room = {
+            "left": 0.05,
+            "right": 0.99,
+            "bottom": 0.22 / height,
+            "top": 1 - 0.36 / height,
+            "hspace": 0.75,
+            "wspace": 0.2,
+        }
+        grid = figure.subplots(rows, COLUMNS, squeeze=False, gridspec_kw=room).ravel()
+        for axes, panel in zip(grid, panels, strict=False):
+            _draw(axes, panel)
+            axes.set_xticks([0, len(flights) - 1], [days[0] or "first flight", days[-1] or "last flight"])
+            axes.get_xticklabels()[0].set_ha("left")
+            axes.get_xticklabels()[1].set_ha("right")
+            axes.set_xlim(-0.5, len(flights) - 0.5)
+            for place, health in marks:
+                shape, colour = MARKS[health]
+                at = axes.get_xaxis_transform()
+                axes.plot(place, 1.0, shape, color=colour, markersize=4, clip_on=False, transform=at)
+        for axes in grid[len(panels) :]:
+            axes.set_visible(False)
+    return figure
+
+
+def plain(text: str) -> str:
+    """Returns a text of a log as matplotlib shows it letter by letter: as no formula."""
+    return text.replace("$", r"\$")
+
+
+def _draw(axes: Axes, panel: Panel) -> None:
+    """Lines that break where a flight has no value, and their intervals, which widen the axis only so far."""
+    if np.isfinite(panel.reference):
+        axes.axhline(panel.reference, **HAIRLINE)
+    for number, (name, line) in enumerate(panel.lines.items()):
+        values, halves = line.T
+        flights, colour = np.arange(len(values), dtype=np.float64), distinct(number)
+        few = len(values) <= FEW
+        axes.plot(flights, values, "o-" if few else "-", color=colour, label=plain(name), markersize=3, linewidth=1)
+        if few:  # one path for all intervals
+            ends = np.column_stack([values - halves, values + halves, np.full_like(values, np.nan)]).ravel()
+            axes.plot(np.repeat(flights, 3), ends, color=colour, alpha=0.5, linewidth=0.8)
+        else:
+            band(axes, flights, values - halves, values + halves, colour)
+    axes.set_title(plain(panel.title), fontsize=8, pad=12.0)
+    not_blown_up(axes, [*panel.values, panel.reference])
+    if len(panel.lines) > 1:
+        axes.legend(
+            fontsize=6.5, ncols=4, loc="lower left", bbox_to_anchor=(0.0, 0.99), handlelength=1, columnspacing=0.8
+        )
+
+
+def _panels(flights: Sequence[Flight]) -> Iterator[Panel]:
+    with_model = [row for flight in flights for row in flight if row.effect or row.damping is not None]
+    motors = next((row.motors for flight in reversed(flights) for row in flight if row.motors), ())
+    shares = {short(name): _line(flights, "trim_share", entry=(i, len(motors))) for i, name in enumerate(motors)}
+    yield Panel("Motor shares (1: all alike)", shares, 1.0)
+    kinds = sorted({input_unit(row) for row in with_model})
+    for unit in kinds:
+        for axis in AXES:
+            count = max((len(row.effect) for row in with_model if row.effect and input_unit(row) == unit), default=0)
+            names = [*map(short, motors)] if count == len(motors) else [f"input {i + 1}" for i in range(count)]
+            # The size of an effectiveness, whose sign is only where the motor is.
+            lines = {
+                name: np.abs(DEGREES.scale * _line(flights, "effect", axis, unit, (i, count)))
+                for i, name in enumerate(names)
+            }
+            yield Panel(f"Effectiveness on {axis} ({DEGREES.name} per {unit})", lines)
+        # Both are the model's: with the demand as its input the time constant has the mixer's in it.
+        beside = f", per {unit}" if len(kinds) > 1 else ""
+        for title, name, scale in (("Rate damping (1/s)", "damping", 1.0), ("Motor time constant (ms)", "lag", 1e3)):
+            yield Panel(f"{title}{beside}", {axis: scale * _line(flights, name, axis, unit) for axis in AXES})
+    torque = {axis: DEGREES.scale * _line(flights, "wind_torque_sd", axis) for axis in AXES}
+    yield Panel(f"Wind torque, sd ({DEGREES.name})", torque)
+    residual = {axis: DEGREES.scale * _line(flights, "residual_mean", axis) for axis in AXES}
+    for axis in AXES:
+        # That of healthy flights: about 0, and how far from it.
+        usual = DEGREES.scale * _line(flights, "residual_mean_interval", axis)[:, 0]
+        residual[f"usual on {axis}"] = np.column_stack([0.0 * usual, usual])
+    yield Panel(f"Residual mean ({DEGREES.name})", residual, 0.0)
+    yield Panel("Error ratio (1: as the mean)", {axis: _line(flights, "error_ratio", axis) for axis in AXES}, 1.0)
+
+
+def _line(
+    flights: Sequence[Flight], name: str, axis: str = "", unit: str = "", entry: tuple[int, int] | None = None
+) -> Array:
+    """The value and half width of each flight (flights, 2), of its row of this axis and unit, or of any.
+
+    ``entry``: which of how many entries, of a column of lists.
+    """
+    line = np.full((len(flights), 2), np.nan)
+    for place, flight in enumerate(flights):
+        for row in flight:
+            value = getattr(row, name)
+            half = getattr(row, f"{name}_interval", None) if name not in ("wind_torque_sd", "residual_mean") else None
+            if entry is not None:
+                which, count = entry
+                value = value[which] if value is not None and len(value) == count else None
+                half = half[which] if half is not None and len(half) == count else None
+            refused = getattr(row, f"{name}_status", None) == NOT_IDENTIFIABLE
+            wanted = axis in ("", row.axis) and unit in ("", input_unit(row))
+            if value is not None and wanted and not refused and np.isnan(line[place, 0]):
+                line[place] = value, np.nan if half is None else half
+    return line

@@ -1,0 +1,176 @@
+"""The index of a fleet: what was found in words, each vehicle's figures over its flights, and all flights."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from math import isfinite
+from pathlib import PurePath
+from typing import Any
+from urllib.parse import quote
+
+from markupsafe import Markup
+
+from mavdem.errors import advice, downstream
+from mavdem.fleet.row import DEMAND, HEALTHS, OK, UNKNOWN, FlightRow, flights_of, vehicles_of
+from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.flights import (
+    TROUBLE,
+    cut,
+    fleet_blocks,
+    had_trouble,
+    is_one_vehicle,
+    vehicle_health,
+    vehicle_words,
+)
+from mavdem.report.numbers import plus_minus, readable, rounded
+from mavdem.report.page import environment
+
+MIN_FLIGHTS = 2  # of a vehicle whose figures are drawn
+MAX_DRAWN = 20  # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
+FIRST_SHOWN = 200  # lines of the table until all are asked for: a browser lays out so many at once
+MAX_OPEN = 4  # vehicles whose figures are open when nothing is wrong with them
+RATING = {"fault": "bad", "drift": "fair", OK: "good", UNKNOWN: "none"}
+"""The class of a colour, beside the word."""
+NOT_USED = "not used"  # in the place of the health of a log without a flight
+MAX_NOTE = 160  # letters of the notes of a line: the page of the flight has all
+NOT_IDENTIFIABLE = "not identifiable"
+DEGREES = readable("rad/s²").scale
+
+
+def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]] | None = None) -> str:
+    """Returns the HTML of a fleet's index. The same rows give the same bytes, in whatever order they come.
+
+    Args:
+        rows: of ``mavdem.fleet.store.read_rows``.
+        changes: what changed since a baseline, by vehicle.
+    """
+    since = dict(changes or {})
+    # Flights that do not say whose they are may be those of several vehicles.
+    vehicles = {name: flights for name, flights in vehicles_of(rows).items() if is_one_vehicle(name, flights)}
+    healths = {name: vehicle_health(flights) for name, flights in vehicles.items()}
+    ranked = sorted(vehicles, key=lambda name: (HEALTHS.index(healths[name]), name))
+    flown_often = [name for name in ranked if len(vehicles[name]) >= MIN_FLIGHTS]
+    drawn = flown_often[:MAX_DRAWN]
+    hint = advice("Drawing the figures of this page", "plot")
+    parts = [
+        {
+            "name": name,
+            "flights": len(vehicles[name]),
+            "health": healths[name],
+            "rating": RATING[healths[name]],
+            "words": vehicle_words(vehicles[name]),
+            "changes": since.get(name, ()),
+            "figure": _svg(vehicles[name], name) if name in drawn and not hint else "",
+            "is_open": healths[name] in TROUBLE or len(drawn) <= MAX_OPEN,
+        }
+        for name in ranked
+        if name in drawn or name in since or had_trouble(vehicles[name])
+    ]
+    flights = flights_of(rows)
+    dated = [flight for flight in flights if flight[0].date is not None]
+    newest = [row for flight in (*reversed(dated), *flights[len(dated) :]) for row in flight]
+    table, kinds = flight_table(newest)
+    # A colon in a link would make what comes before it a scheme.
+    links = [("" if row.page is None else quote(row.page, safe="/"), row.file) for row in newest]
+    return (
+        environment()
+        .get_template("fleet.html")
+        .render(
+            blocks=[*fleet_blocks(rows), *([Sentence(hint, "Not drawn:")] if hint and drawn else [])],
+            vehicles=parts,
+            not_drawn=len(flown_often) - len(drawn),
+            table=table,
+            kinds=kinds,
+            links=links,
+            first_shown=FIRST_SHOWN,
+            severity=(*TROUBLE, NOT_USED, *HEALTHS[len(TROUBLE) :]),
+        )
+    )
+
+
+def _svg(flights: Sequence[Sequence[FlightRow]], name: str) -> Markup:
+    try:
+        figure = downstream("report.figures.flights", "vehicle_figure")(flights)
+    except ValueError:  # nothing is known
+        return Markup("")
+    return Markup(downstream("report.figures.style", "svg")(figure, name))
+
+
+def flight_table(rows: Sequence[FlightRow]) -> tuple[Table, list[str]]:
+    """Returns a line for each row, without the columns of which no row knows anything, and what each is sorted as."""
+    cells = [[read(row) for _, read in COLUMNS.values()] for row in rows]
+    kept = [i for i, name in enumerate(COLUMNS) if name in ALWAYS or any(line[i] for line in cells)]
+    table = Table([[*COLUMNS][i] for i in kept], [[line[i] for i in kept] for line in cells])
+    return table, [[*COLUMNS.values()][i][0] for i in kept]
+
+
+def _estimate(name: str, scale: float) -> Callable[[FlightRow], str]:
+    """Reads a column and its interval, rounded to what that bears."""
+
+    def read(row: FlightRow) -> str:
+        value, half = getattr(row, name), getattr(row, f"{name}_interval")
+        if value is None or getattr(row, f"{name}_status") == NOT_IDENTIFIABLE:
+            return ""
+        known = half is not None and isfinite(half)
+        return plus_minus(scale * value, scale * half) if known else rounded(scale * value)
+
+    return read
+
+
+def _number(name: str, scale: float = 1.0, digits: int = 2) -> Callable[[FlightRow], str]:
+    """Reads a column."""
+
+    def read(row: FlightRow) -> str:
+        value = getattr(row, name)
+        return "" if value is None else rounded(scale * value, digits)
+
+    return read
+
+
+def _largest_share(row: FlightRow) -> str:
+    if not row.trim_share:
+        return ""
+    return f"{max(row.trim_share):.3f} (motor {row.trim_share.index(max(row.trim_share)) + 1})"
+
+
+def _effectiveness(row: FlightRow) -> str:
+    """The mean size over the motors, and the unit."""
+    if not row.effect or row.effect_status == NOT_IDENTIFIABLE:
+        return ""
+    unit = "unit of demand" if row.inputs == DEMAND else row.input_unit or "unit of input"
+    return f"{rounded(DEGREES * sum(map(abs, row.effect)) / len(row.effect), 3)} per {unit}"
+
+
+def _residual(row: FlightRow) -> str:
+    """The figure, and how large it is in healthy flights."""
+    half = row.residual_mean_interval
+    usual = "" if half is None else f" (usual ±{rounded(DEGREES * half)})"
+    return "" if row.residual_mean is None else f"{rounded(DEGREES * row.residual_mean)}{usual}"
+
+
+def _notes(row: FlightRow) -> str:
+    reason = row.health_reason if row.health_reason and row.health != OK else ""
+    return cut(row.status if row.status != OK else " ".join([*filter(None, [reason]), *row.warnings]), MAX_NOTE)
+
+
+COLUMNS: dict[str, tuple[str, Callable[[FlightRow], Any]]] = {
+    "flight": ("text", lambda row: PurePath(row.file).name or row.file),
+    "vehicle": ("text", lambda row: "" if row.vehicle == UNKNOWN and row.status != OK else row.vehicle),
+    "date": ("text", lambda row: "" if row.date is None else f"{row.date:%Y-%m-%d %H:%M}"),
+    "axis": ("text", lambda row: row.axis or ""),
+    "tier": ("text", lambda row: row.tier or ""),
+    "health": ("health", lambda row: row.health if row.status == OK else NOT_USED),
+    "motor": ("text", lambda row: "" if row.suspect_motor is None else str(row.suspect_motor)),
+    "settled (s)": ("number", lambda row: _number("duration", digits=3)(row) if row.status == OK else ""),
+    "largest share": ("number", _largest_share),
+    "mean effectiveness (°/s²)": ("number", _effectiveness),
+    "rate damping (1/s)": ("number", _estimate("damping", 1.0)),
+    "motor time constant (ms)": ("number", _estimate("lag", 1e3)),
+    "wind torque (°/s²)": ("number", _number("wind_torque_sd", DEGREES)),
+    "residual mean (°/s²)": ("number", _residual),
+    "error ratio": ("number", _number("error_ratio")),
+    "notes": ("text", _notes),
+}
+"""What each column is sorted as, and its cell of a row: empty where the value is not known."""
+ALWAYS = ("flight", "vehicle", "date", "axis", "tier", "health", "notes")
+"""Columns that are there even if they are empty."""

@@ -1,0 +1,232 @@
+"""Plots: lines and filled areas over the seconds of a flight, recorded or live, and the ranges of their axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from math import ceil
+from typing import Any, NamedTuple
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from mavdem.dem import Learned
+from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.model import pack
+from mavdem.dem.priors import hyperparameter_groups, hyperparameter_prior
+from mavdem.report import palette
+from mavdem.report.numbers import Labelled, entries, left_free, place, readable, rounded, state_names, state_rate_units
+
+FLIGHT_TIME = "flight time"
+"""Timeline of a recording, seconds since the first sample that is shown."""
+BOOT_CLOCK = "boot clock"
+"""Timeline of a live flight, s; see ``mavdem.view.live.live_view.Timeline``."""
+ITERATION = "iteration"
+"""Timeline of what was learned by iteration; 0 is the prior."""
+
+LEGEND_ROOM = 1.16
+"""Length of a time axis, in lengths of its lines: the legend stands beside them."""
+FILL_WIDTH, MAX_STROKES = 2.5, 20_000
+"""The viewer fills nothing: an area is drawn as upright strokes so close to each other that they touch. Points, and how
+many at most, which the viewer draws at once."""
+SPAN_STROKES = 3000  # of all shaded times of a plot
+AXIS_MARGIN = 0.05  # margin beyond the values, as a share of their span
+
+
+@dataclass(frozen=True)
+class Lines:
+    """An entity of k lines over the same times, drawn in the order of the paths; together they cost one chunk a batch.
+
+    Attributes:
+        path: of the entity.
+        names: of the lines, in the legend.
+        colours: of the palette.
+        width: points.
+        marked: whether the values are drawn as markers, not joined.
+        filled: whether the values are the edges of an area, drawn as one line of upright strokes.
+    """
+
+    path: str
+    names: tuple[str, ...]
+    colours: tuple[str, ...]
+    width: float = 1.5
+    marked: bool = False
+    filled: bool = False
+
+    def under(self, root: str) -> Lines:
+        """Returns the same below the entity ``root``, if that is not empty."""
+        return replace(self, path=f"{root}/{self.path}") if root else self
+
+    def send_style(self, recording: rr.RecordingStream) -> None:
+        """Sends how the lines are drawn; once a recording."""
+        names, colours = list(self.names), [palette.channels(colour) for colour in self.colours]
+        widths = [FILL_WIDTH if self.filled else self.width] * len(names)
+        style: rr.SeriesPoints | rr.SeriesLines
+        if self.marked:
+            style = rr.SeriesPoints(names=names, colors=colours, marker_sizes=widths, markers=["circle"] * len(names))
+        else:
+            # Averaging within a pixel would hide gusts, and make a point of a stroke.
+            policy = rr.components.AggregationPolicy.Off
+            style = rr.SeriesLines(names=names, colors=colours, widths=widths, aggregation_policy=policy)
+        recording.log(self.path, style, static=True)
+
+    def send(self, recording: rr.RecordingStream, time: Array, values: Array, timeline: str = BOOT_CLOCK) -> None:
+        """Sends values (N, k), or edges (N, 2), at times (N,), s or iterations; NaN breaks a line."""
+        if not len(time):
+            return
+        if self.filled:
+            time, values = np.repeat(time, 2), values.reshape(-1, 1)
+        columns = rr.Scalars.columns(scalars=values.ravel()).partition([len(self.names)] * len(time))
+        if timeline == ITERATION:
+            index = rr.TimeColumn(timeline, sequence=time.astype(np.int64))
+        else:
+            index = rr.TimeColumn(timeline, duration=time)
+        recording.send_columns(self.path, [index], columns)
+
+
+@dataclass(eq=False)
+class Plot:
+    """A picture over flight time at the entity ``origin``; later lines are drawn over earlier ones.
+
+    The ``range`` of values is in its title, since the viewer numbers hardly an axis of a low plot.
+    """
+
+    origin: str
+    title: str
+    range: tuple[float, float]
+    lines: list[tuple[Lines, Array, Array]] = field(default_factory=list)
+
+    def line(self, name: str, colour: str, time: Array, values: Array, width: float = 1.2) -> None:
+        """Adds a line: values (N,) at times (N,), s; NaN breaks it."""
+        self._add(name, colour, time, values, width)
+
+    def area(self, name: str, colour: str, time: Array, low: Array, high: Array) -> None:
+        """Adds the area between two lines (N,), as far as it is in sight; opaque, since strokes that overlap add up."""
+        least, most = self.range
+        edges = np.clip([low, high], 2 * least - most, 2 * most - least)
+        step = ceil(len(time) / MAX_STROKES)
+        self._add(name, colour, time[::step], edges.T[::step], filled=True)
+
+    def spans(self, name: str, colour: str, times: Sequence[tuple[float, float]]) -> None:
+        """Adds filled spans of time, from start to end, s, over the whole range; nothing if there are none."""
+        spacing = sum(end - start for start, end in times) / SPAN_STROKES
+        parts = [np.linspace(*span, max(2, ceil((span[1] - span[0]) / spacing))) for span in times if spacing]
+        if parts:
+            time, inside = with_gaps(parts, last=True), with_gaps([np.ones(len(part)) for part in parts])
+            self.area(name, colour, time, self.range[0] * inside, self.range[1] * inside)
+
+    def _add(
+        self, name: str, colour: str, time: Array, values: Array, width: float = 1.5, filled: bool = False
+    ) -> None:
+        path = f"{self.origin}/{rr.escape_entity_path_part(f'{len(self.lines)} {name}')}"
+        self.lines.append((Lines(path, (name,), (colour,), width, filled=filled), time, values))
+
+    def draw(self, recording: rr.RecordingStream) -> None:
+        """Draws the lines."""
+        for lines, time, values in self.lines:
+            lines.send_style(recording)
+            lines.send(recording, time, values, FLIGHT_TIME)
+
+    def view(self, end: float) -> rrb.View:
+        """Returns the view over a flight of ``end`` seconds, with a legend where there is more than one line."""
+        low, high = self.range
+        margin = AXIS_MARGIN * max(high - low, 1e-9 * max(abs(low), abs(high), 1.0))
+        start, stop = (rr.TimeRangeBoundary.absolute(seconds=second) for second in (0.0, LEGEND_ROOM * end))
+        return rrb.TimeSeriesView(
+            name=f"{self.title} ({rounded(low, 3)} to {rounded(high, 3)})",
+            origin=self.origin,
+            axis_x=rrb.archetypes.TimeAxis(view_range=rr.TimeRange(start=start, end=stop)),
+            axis_y=rrb.ScalarAxis(range=(low - margin, high + margin)),
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop, visible=len(self.lines) > 1),
+        )
+
+
+class FreeEntries(NamedTuple):
+    """Entries of θ or λ that the data decide: ``names``, ``places`` in it, and ``scale``, by which they are shown."""
+
+    names: tuple[str, ...]
+    places: NDArray[np.intp]
+    scale: Array
+
+    def shown(self, values: Array) -> Array:
+        """Returns the entries of values (…, k), as they are shown."""
+        return np.asarray(values[..., self.places] * self.scale)
+
+
+def free_parameters(labels: Labelled, learned: Learned) -> dict[str, FreeEntries]:
+    """Returns the entries of A, B and C that the prior leaves free, by the name of the matrix; in degrees."""
+    rows = [readable(unit).scale for unit in state_rate_units(labels, learned)]
+    inputs, outputs = [1.0] * len(labels.input_names), [readable(unit).scale for unit in labels.output_units]
+    factors = [np.divide.outer(*pair) for pair in ((rows, rows), (rows, inputs), (outputs, rows))]
+    scale, free, first = pack(*factors), {}, 0
+    for matrix, left in left_free(learned).items():
+        cells, places = entries(labels, learned)[matrix], np.flatnonzero(left)
+        names = tuple(f"{place(cells[i][0])} ← {place(cells[i][1])}" for i in places)
+        if names:
+            free[matrix] = FreeEntries(names, first + places, scale[first + places])
+        first += len(left)
+    return free
+
+
+def free_precisions(labels: Labelled, learned: Learned) -> FreeEntries:
+    """Returns the λ that the prior leaves free: of the measurement noise z, then of the process noise w.
+
+    All of them, where the prior fixes all.
+    """
+    states, outputs, names = state_names(labels, learned), labels.output_names, []
+    groups = hyperparameter_groups(learned.settings, len(states), len(outputs))
+    for noise, whole, channels, group in zip("zw", ("measurement", "process"), (outputs, states), groups, strict=True):
+        several = len(np.unique(group)) > 1
+        for number in np.unique(group):
+            shared = " and ".join(name for name, own in zip(channels, group, strict=True) if own == number)
+            names.append(f"{noise} of {shared}" if several else f"{noise}, {whole}")
+    fixed = prior_outweighs_data(learned)
+    places = np.flatnonzero(fixed if fixed.all() else ~fixed)
+    return FreeEntries(tuple(names[i] for i in places), places, np.ones(len(places)))
+
+
+def prior_outweighs_data(learned: Learned) -> NDArray[np.bool_]:
+    """Returns which λ, (g,), have more precision from the prior than from the data: the prior fixes them in effect."""
+    posterior = 1 / learned.learning.lambda_sd[-1] ** 2
+    m, n = learned.model.C.shape
+    _, prior = hyperparameter_prior(learned.settings, n, m)
+    return np.asarray(posterior < 2 * np.diag(prior))
+
+
+def with_gaps(parts: Sequence[Array] | Array, last: bool = False) -> Array:
+    """Returns parts (N, …) one after the other, after each a NaN, which draws no line, or its ``last`` value again."""
+    return np.concatenate(
+        [np.concatenate([part, part[-1:] if last else np.full_like(part[-1:], np.nan)]) for part in parts]
+    )
+
+
+def faint(colour: str, opacity: float) -> str:
+    """Returns the colour of the palette that one with this opacity has on the viewer's dark ground."""
+    pairs = zip(palette.channels(colour), palette.channels(palette.PAPER_DARK), strict=True)
+    mixed = (opacity * over + (1 - opacity) * under for over, under in pairs)
+    return "#" + bytes(map(round, mixed)).hex()
+
+
+def blueprint(view: rrb.Container, time: rrb.TimePanel | None = None, **options: Any) -> rrb.Blueprint:
+    """Returns a layout of one container with all panels beside it collapsed; ``options`` are of the time panel."""
+    return rrb.Blueprint(
+        view,
+        time or rrb.TimePanel(state="collapsed", timeline=FLIGHT_TIME, **options),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_views=False,
+        auto_layout=False,
+    )
+
+
+def utf8(text: str) -> str:
+    """Returns the text as UTF-8, which a file's name need not be, and what Rerun is given must be."""
+    return text.encode(errors="replace").decode()
+
+
+def range_of(*values: Array) -> tuple[float, float]:
+    """Returns the least and the most of the finite ones of some values."""
+    finite = np.concatenate([one[np.isfinite(one)] for one in values])
+    return (float(finite.min()), float(finite.max())) if len(finite) else (-1.0, 1.0)
