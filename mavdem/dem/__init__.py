@@ -6,8 +6,8 @@ from mavdem.dem.fitting import SmoothnessEstimate, estimate_smoothness
 from mavdem.dem.graybox import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import learn, learn_many
-from mavdem.dem.online.estimate import Estimate
 from mavdem.dem.online.learner import OnlineLearner
+from mavdem.dem.online.tracker import Estimate
 from mavdem.dem.settings import Gaussian, Settings
 
 __all__ = [

@@ -1,9 +1,8 @@
-"""Blocks: the sentences and tables that every report is made of, and their layout as text, Markdown and HTML."""
+"""Blocks: the sentences and tables that every report is made of, and their layout as text and Markdown."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
-from html import escape
 from typing import NamedTuple
 
 
@@ -55,24 +54,3 @@ def _markdown(block: Block) -> str:
         return f"**{block.lead}** {block.text}".rstrip() if block.lead else block.text
     rule = ["---", *["---" if block.words else "---:"] * (len(block.header) - 1)]
     return "\n".join("| " + " | ".join(row) + " |" for row in [block.header, rule, *block.rows])
-
-
-def html_of(blocks: Iterable[Block]) -> str:
-    """Returns ``blocks`` as HTML for notebooks, with no style sheet: paragraphs and tables, every text escaped."""
-    return f"<div>{''.join(map(_html, blocks))}</div>"
-
-
-def _html(block: Block) -> str:
-    if isinstance(block, Sentence):
-        lead = f"<b>{escape(block.lead)}</b> " if block.lead else ""
-        return f"<p>{lead}{escape(block.text)}</p>"
-
-    def row(cells: list[str], tag: str) -> str:
-        sides = ["left" if block.words or not column else "right" for column in range(len(cells))]
-        shown = (
-            f'<{tag} style="text-align: {side}">{escape(cell)}</{tag}>' for side, cell in zip(sides, cells, strict=True)
-        )
-        return f"<tr>{''.join(shown)}</tr>"
-
-    body = "".join(row(cells, "td") for cells in block.rows)
-    return f"<table><thead>{row(block.header, 'th')}</thead><tbody>{body}</tbody></table>"

@@ -1,13 +1,12 @@
 """One screen: what a vehicle does in wind, how sure that is, and what must be known before the model is used.
 
 ``analysis_blocks`` is the screen of a log, ``screen`` that of a model alone; ``vehicle_blocks`` has all axes of a
-vehicle, ``key_figures`` the few figures to see at a glance. A notebook shows the same of a flight and of a model.
+vehicle, ``key_figures`` the few figures to see at a glance.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isfinite
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +18,7 @@ from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut
 from mavdem.flight import Flight
-from mavdem.report.blocks import Block, Sentence, Table, html_of, text_of
+from mavdem.report.blocks import Block, Sentence, Table, text_of
 from mavdem.report.condition import condition_sentences, identity_sentence, tier_sentences
 from mavdem.report.numbers import Labels, listed, named, plus_minus, readable, rounded, short
 
@@ -282,27 +281,3 @@ def parameter_reasons(physical: Physical | None) -> list[str]:
     for name, reason in physical.reasons.items():
         parameters.setdefault(reason, []).append(f"{PARAMETER_WORDS[name]} {physical.status[name]}")
     return [f"{listed(names).capitalize()}: {reason}" for reason, names in parameters.items() if reason]
-
-
-def flight_html(flight: Flight) -> str:
-    """Returns where a ``flight`` is from and how long it is, and a row a channel, as HTML; in degrees."""
-    rows = []
-    channels = (
-        ("input", flight.input_names, flight.input_units, flight.inputs),
-        ("output", flight.output_names, flight.output_units, flight.outputs),
-        ("setpoint", flight.setpoint_names, flight.setpoint_units, flight.setpoints),
-    )
-    for kind, names, units, values in channels:
-        for name, unit, column in zip(names, map(readable, units), () if values is None else values.T, strict=True):
-            known = [unit.scale * value for value in column if isfinite(value)]
-            figures = (np.mean(known), np.std(known), min(known), max(known)) if known else ()
-            cells = [rounded(float(figure), 3) for figure in figures] or ["-"] * 4
-            rows.append([named(name, unit.name), kind, *cells])
-    return html_of([title([flight]), Table(["channel", "is", "mean", "sd", "lowest", "highest"], rows)])
-
-
-def learned_html(learned: Learned) -> str:
-    """Returns the screen of what the ``learned`` model alone knows, as HTML."""
-    record = learned.record
-    what = f"{len(learned.model.A)} states, from {len(record) * record.dt:.0f} s at {1 / record.dt:.0f} Hz."
-    return html_of([Sentence(what, "Learned model:"), *screen(learned)])

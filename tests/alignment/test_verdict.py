@@ -15,7 +15,6 @@ from mavdem.alignment import quality
 from mavdem.alignment.align import Segment, align, settled_segments
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import DOUBTFUL_CONSISTENCY, DOUBTFUL_SNR, cautions_of, too_slow, verdict_of
-from mavdem.cli.commands import mavdem
 from mavdem.ingest import Component
 from mavdem.ingest.telemetry import Telemetry
 
@@ -109,12 +108,6 @@ def test_sentences_call_messages_by_their_names_in_the_log():
         verdict = verdict_of(Signals(telemetry, inputs=inputs))
         said = f"{verdict.reason} {verdict.remedy}"
         assert not any(name in said for name in ("ATTITUDE", *names)), said
-
-
-def test_a_remedy_names_no_command_that_is_not_there():
-    for autopilot in ("PX4", "ARDUPILOTMEGA", "INVALID"):
-        remedy = verdict_of(Signals(HOVER.telemetry(4.0, 4.0, autopilot=autopilot))).remedy
-        assert remedy and set(re.findall(r"`mavdem (\w+)", remedy)) <= set(mavdem.commands)
 
 
 def test_fifty_hz_with_a_tenth_lost_is_enough():
@@ -299,13 +292,6 @@ def test_a_vehicle_never_armed_is_refused_for_that_and_not_for_motors_that_stand
     )
     verdict = verdict_of(Signals(disarmed))
     assert verdict.reason == "The vehicle was never armed." and verdict.remedy.startswith("Record a flight")
-
-
-def test_what_drops_out_is_a_logger_or_a_link():
-    short = Hover(hovering=2.0).telemetry()
-    assert "with a link that does not drop out" in verdict_of(Signals(short)).remedy
-    logged = dataclasses.replace(short, translated_from="DataFlash")
-    assert "with a logger that does not drop out" in verdict_of(Signals(logged)).remedy
 
 
 @pytest.mark.parametrize(

@@ -18,10 +18,11 @@ from mavdem.evaluate import compare, windows
 from mavdem.evaluate.comparison import Method
 from mavdem.evaluate.truth import ComparedParameter, ComparedWind, TruthComparison
 from mavdem.ingest import read_log
-from mavdem.report.blocks import Sentence, Table, html_of, markdown
+from mavdem.report.blocks import Sentence, Table, markdown
 from mavdem.report.comparison import comparison_report
 from mavdem.report.condition import log_blocks
 from mavdem.report.flights import truth_blocks
+from mavdem.report.page import notebook_html
 from mavdem.report.screen import analysis_blocks, key_figures
 
 LOGS = Path(__file__).parents[2] / "logs"
@@ -101,7 +102,7 @@ def test_a_notebook_shows_what_a_model_is_good_for(flight):
 
 def test_every_text_is_escaped():
     evil = "<script>alert(1)</script>&"
-    shown = html_of([Sentence(evil, evil), Table([evil], [[evil]])])
+    shown = notebook_html([Sentence(evil, evil), Table([evil], [[evil]])])
     assert "<script" not in shown and shown.count("&lt;script&gt;") == 4
     time = np.arange(5.0)
     flight = mavdem.Flight(time, time, time, input_names=(evil,), provenance={"source": f"/tmp/{evil}"})
