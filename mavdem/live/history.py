@@ -16,7 +16,7 @@ import numpy as np
 
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
-from mavdem.health.motor_watch import MotorAlarm
+from mavdem.health.in_flight import MotorAlarm
 
 
 def sentence(text: str) -> str:

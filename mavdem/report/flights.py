@@ -42,7 +42,7 @@ from mavdem.fleet.row import (
     vehicles_of,
     worst_health,
 )
-from mavdem.health.motor_watch import FALSE_ALARMS_BASIS
+from mavdem.health.in_flight import FALSE_ALARMS_BASIS
 from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import listed, named, plus_minus, readable, rounded, short, with_unit

@@ -11,7 +11,7 @@ import pytest
 
 import mavdem
 from mavdem.report.blocks import Sentence, Table
-from mavdem.report.html import html_of
+from mavdem.report.page import notebook_html
 
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
 
@@ -46,7 +46,7 @@ def test_a_model_shows_what_it_is_good_for(flight):
 
 def test_every_text_is_escaped():
     evil = "<script>alert(1)</script>&"
-    shown = html_of([Sentence(evil, evil), Table([evil], [[evil]])])
+    shown = notebook_html([Sentence(evil, evil), Table([evil], [[evil]])])
     assert "<script" not in shown and shown.count("&lt;script&gt;") == 4
     time = np.arange(5.0)
     flight = mavdem.Flight(time, time, time, input_names=(evil,), provenance={"source": f"/tmp/{evil}"})
