@@ -22,7 +22,7 @@ from mavdem.condition import Condition, Identity
 from mavdem.condition.hover import HoverFigures, hover_of
 from mavdem.condition.inventory import Tier
 from mavdem.confidence import LEVEL
-from mavdem.dem import Learned, Physical, WindTorque, physical
+from mavdem.dem import Learned, NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.wind import wind
 from mavdem.dem.record import Record
@@ -31,7 +31,7 @@ from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LA
 from mavdem.evaluate.scores import error_over, mspe
 from mavdem.evaluate.truth import TruthComparison
 from mavdem.flight import Flight
-from mavdem.health.motor_watch import MotorAlarm, alarm_figures
+from mavdem.health.in_flight import MotorAlarm, alarm_figures
 from mavdem.ingest import Component, read_log
 
 ALL = "all"  # of an axis: roll, pitch and yaw
@@ -240,8 +240,8 @@ def wind_values(wind: WindTorque | None) -> dict[str, Any] | None:
     kept = ("mean", "mean_band", "sd", "scale_error", "resolved", "reason", "gust_threshold", "false_gusts_per_minute")
     return {
         **{name: getattr(wind, name) for name in kept},
-        "answered": _or_none(wind.answered),
-        "answered_below_1_hz": _or_none(wind.answered_slow),
+        "answered": _or_none(wind.cancelled_share),
+        "answered_below_1_hz": _or_none(wind.cancelled_share_slow),
         "gusts": [gust._asdict() for gust in wind.gusts],
         "spectrum": {name: values.tolist() for name, values in wind.spectrum._asdict().items()},
     }
@@ -283,10 +283,9 @@ def axis_figures(signals: Signals, components: Sequence[Component] = ()) -> Axis
     if not flights:
         return AxisFigures((), None, None, str(NotLearnable(verdict.reason, verdict.remedy)))
     record = Record.of(flights)
-    try:
-        parameters = physical(record)
-    except ValueError as error:
-        return AxisFigures(flights, None, None, f"{str(error)[:1].upper()}{str(error)[1:]}.")
+    parameters = physical(record)
+    if isinstance(parameters, NotIdentifiable):
+        return AxisFigures(flights, None, None, parameters.reason)
     try:
         return AxisFigures(flights, parameters, wind(parameters, record), "")
     except ValueError:  # LinAlgError is one

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from mavdem.baselines.identified import required_order
 from mavdem.confidence import LEVEL, half_width, require_probability
-from mavdem.dem.closed_loop.autoregression import RIDGE
-from mavdem.dem.closed_loop.joint_model import JointModel
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.engine.model import STABILITY_TOLERANCE
+from mavdem.dem.forecast.var import RIDGE, Forecast, Var
 from mavdem.dem.record import Record, UniformRecord, required_steps
 from mavdem.dem.validation import is_number
 
@@ -21,7 +21,7 @@ from mavdem.dem.validation import is_number
 def var(train: UniformRecord | Sequence[UniformRecord], order: int = 10, ridge: float = RIDGE) -> JointAutoregression:
     """Outputs and inputs as one autoregression of ``order`` lags, with a prior towards a random walk.
 
-    Least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.closed_loop`). Unlike the
+    Least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.forecast.var`). Unlike the
     other methods it can predict without the inputs; given them, it infers the outputs from what they show of the
     motion, by a Kalman filter.
 
@@ -39,7 +39,7 @@ def var(train: UniformRecord | Sequence[UniformRecord], order: int = 10, ridge: 
         raise ValueError(f"ridge must be a positive number, not {ridge!r}")
     record = Record.of(train)
     with one_thread():
-        return JointAutoregression(f"joint VAR({order})", JointModel.of(record, order, ridge), record)
+        return JointAutoregression(f"joint VAR({order})", Var.learn(record, order, ridge), record)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,12 +48,12 @@ class JointAutoregression:
 
     Attributes:
         method: its name, such as ``joint VAR(10)``.
-        joint: the model.
+        model: its parameters.
         record: the training data.
     """
 
     method: str
-    joint: JointModel
+    model: Var
     record: Record
 
     def __repr__(self) -> str:
@@ -76,7 +76,7 @@ class JointAutoregression:
     @cached_property
     def spectral_radius(self) -> float:
         """The largest magnitude among the eigenvalues of the step from sample to sample, autopilot included."""
-        return self.joint.model.spectral_radius
+        return self.model.spectral_radius
 
     @property
     def stable(self) -> bool:
@@ -85,7 +85,7 @@ class JointAutoregression:
 
     def one_step(self) -> Array:
         """(T, m): each training sample from those before it in its segment, and the inputs up to the sample itself."""
-        return self.joint.one_step(self.record)
+        return self.model.one_step(self.record)
 
     def predict(self, steps: int) -> Array:
         """(steps, m): the outputs after the training data, inputs unknown; row 0 is the first sample after it.
@@ -93,7 +93,7 @@ class JointAutoregression:
         Raises:
             ValueError: no positive whole number of steps.
         """
-        return self.joint.predicted(required_steps(steps)).mean
+        return self._predicted(steps).mean
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """(H, m): the samples after the training data, by a new prediction from every ``steps``-th of them on.
@@ -103,7 +103,7 @@ class JointAutoregression:
         Raises:
             ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
         """
-        return self.joint.predicted_every(steps, *self.record.following(steps, inputs, outputs))
+        return self.model.predict_every(self._past, steps, *self.record.following(steps, inputs, outputs))
 
     def predict_band(self, steps: int, level: float = LEVEL) -> Array:
         """(steps, m) half width, about :meth:`predict`, of the band that holds a sample with probability ``level``.
@@ -114,7 +114,7 @@ class JointAutoregression:
             ValueError: no positive whole number of steps, or a level that is no probability between 0 and 1.
         """
         require_probability(level)
-        return half_width(self.joint.predicted(required_steps(steps)).variance, level)
+        return half_width(self._predicted(steps).variance, level)
 
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
         """(H, m): the outputs after the training data given the recorded ``inputs`` (H, r), as measurements.
@@ -125,11 +125,12 @@ class JointAutoregression:
         Raises:
             ValueError: inputs of another width, or not finite.
         """
-        return self.joint.inferred(self.record.following_inputs(inputs), smooth, from_zero).mean
+        past = np.tile(self.model.units.center, (self.model.lags, 1)) if from_zero else self._past
+        return self.model.infer(past, self.record.following_inputs(inputs), smooth).mean
 
     def forecast_variance(self, inputs: ArrayLike) -> Array:
         """(H, m) expected squared error of :meth:`forecast` with ``inputs`` (H, r), as if parameters were exact."""
-        return self.joint.inferred(self.record.following_inputs(inputs)).variance
+        return self.model.infer(self._past, self.record.following_inputs(inputs)).variance
 
     def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
         """(H, m) half width, about :meth:`forecast`, of the band that holds a sample with probability ``level``.
@@ -150,7 +151,7 @@ class JointAutoregression:
         Raises:
             ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
         """
-        return self.joint.inferred_every(steps, *self.record.following(steps, inputs, outputs))
+        return self.model.infer_every(self._past, steps, *self.record.following(steps, inputs, outputs)).mean
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """Refused: this model has no plant whose ``inputs`` could be commanded.
@@ -162,3 +163,13 @@ class JointAutoregression:
             f"{self.method} takes the inputs for the autopilot's answer to the motion, and has no plant to command: "
             "use Learned.simulate"
         )
+
+    @cached_property
+    def _past(self) -> Array:
+        """(lags, k) the last samples of the training data."""
+        return self.model.past(self.record)
+
+    def _predicted(self, steps: int) -> Forecast:
+        m = self.record.outputs.shape[1]
+        mean, variance = self.model.predict(self._past, required_steps(steps))
+        return Forecast(mean[:, :m], variance[:, :m])

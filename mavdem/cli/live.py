@@ -20,7 +20,7 @@ from mavdem.cli.signals import asked_to_end, ending_at_once
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
 from mavdem.files import atomic_write
-from mavdem.health.motor_watch import alarm_figures
+from mavdem.health.in_flight import alarm_figures
 from mavdem.live import LiveStream, SessionStatus, Setup
 from mavdem.live.history import ACCOUNT, horizons, sentence
 from mavdem.live.link import Link, RawRecording

@@ -3,11 +3,11 @@
 from mavdem.dem.engine.model import LinearModel
 from mavdem.dem.engine.trace import FreeEnergy, Learning
 from mavdem.dem.fitting import SmoothnessEstimate, estimate_smoothness
-from mavdem.dem.graybox import Physical, WindTorque, physical
+from mavdem.dem.graybox import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.learned import Learned
 from mavdem.dem.learning import learn, learn_many
-from mavdem.dem.online.estimate import Estimate
 from mavdem.dem.online.learner import OnlineLearner
+from mavdem.dem.online.tracker import Estimate
 from mavdem.dem.settings import Gaussian, Settings
 
 __all__ = [
@@ -18,6 +18,7 @@ __all__ = [
     "Learning",
     "LinearModel",
     "OnlineLearner",
+    "NotIdentifiable",
     "Physical",
     "Settings",
     "SmoothnessEstimate",

@@ -10,17 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mavdem.confidence import LEVEL, half_width, require_probability
-from mavdem.dem.closed_loop.mixture import ClosedLoop
-from mavdem.dem.closed_loop.prediction import Prediction
 from mavdem.dem.document import from_text, to_text
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.engine.trace import FreeEnergy, Learning
 from mavdem.dem.fitting import generalized
+from mavdem.dem.forecast.forecasts import BandedForecast, Forecasts, PlantForecasts, TrainingForecasts
 from mavdem.dem.forecast.simulation_error import SimulationFit
-from mavdem.dem.forecasts import BandedForecast, Forecasts, TrainingForecasts
-from mavdem.dem.graybox import Physical, physical
+from mavdem.dem.graybox import NotIdentifiable, Physical, physical
 from mavdem.dem.graybox.simulation import simulated
 from mavdem.dem.graybox.wind import WindTorque, wind
 from mavdem.dem.record import Record, required_steps
@@ -126,24 +124,22 @@ class Learned(LearnedDownstream):
             return self._arranged(np.full(len(self.theta_covariance), np.nan))
         return self._arranged(self.scatter.half_width(level))
 
-    @cached_property
+    @property
     def physical(self) -> Physical | None:
         """The gray-box model of motors, damping and lag; ``None`` where none can be fitted.
 
         See :func:`mavdem.dem.physical`.
         """
-        try:
-            return physical(self.record)
-        except ValueError:
-            return None
+        return self._gray_box if isinstance(self._gray_box, Physical) else None
 
     @property
     def physical_reason(self) -> str:
         """Why no physical parameters can be fitted, one sentence; empty where they can."""
-        try:
-            return "" if self.physical is not None or physical(self.record) else ""
-        except ValueError as error:
-            return f"{str(error)[:1].upper()}{str(error)[1:]}."
+        return self._gray_box.reason if isinstance(self._gray_box, NotIdentifiable) else ""
+
+    @cached_property
+    def _gray_box(self) -> Physical | NotIdentifiable:
+        return physical(self.record)
 
     @cached_property
     def wind(self) -> WindTorque | None:
@@ -181,13 +177,13 @@ class Learned(LearnedDownstream):
     def predict(self, steps: int) -> Array:
         """(steps, m): what comes next, inputs unknown; row 0 is the first sample after the training data.
 
-        By joint autoregressions of outputs and inputs, shrunk towards the training mean at each horizon by what such
-        predictions are worth inside the training data (``mavdem.dem.closed_loop.prediction``).
+        By vector autoregressions of outputs and inputs, the last sample and the training mean, mixed by the error each
+        is to expect (``mavdem.dem.forecast.forecasts``).
 
         Raises:
             ValueError: no positive whole number of steps.
         """
-        return self.prediction.after(self.prediction.past, required_steps(steps))
+        return self.prediction.unknown(required_steps(steps)).mean
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
         """(H, m): the samples after the training data, by a new prediction from every ``steps``-th of them on.
@@ -197,23 +193,27 @@ class Learned(LearnedDownstream):
         Raises:
             ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
         """
-        return self.prediction.every(steps, *self.record.following(steps, inputs, outputs))
+        return self.prediction.unknown_every(steps, *self.record.following(steps, inputs, outputs)).mean
 
     def predict_band(self, steps: int, level: float = LEVEL) -> Array:
         """(steps, m) half width, about :meth:`predict`, of the band that holds each sample with probability ``level``.
 
-        From the errors of such predictions inside the training data, by models that were fitted without that part.
+        From the errors of such predictions inside the training data, by models that were fitted without that part, and
+        from how far they are apart.
 
         Raises:
             ValueError: no positive whole number of steps, or a level that is no probability between 0 and 1.
         """
         require_probability(level)
-        return self.prediction.half_width(required_steps(steps), level)
+        variance = self.prediction.unknown(required_steps(steps)).variance
+        return self.prediction.half_widths(variance, level, motors=False)
 
     @cached_property
-    def prediction(self) -> Prediction:
-        """What :meth:`predict` computes with, learnt from :attr:`record` when it is first asked for."""
-        return Prediction.of(self.record)
+    def prediction(self) -> Forecasts:
+        """What :meth:`predict` and :meth:`forecast` compute with; what takes long is learned when it is first used."""
+        shrink, fit = self.settings.forecasts != "model", self.simulation_fit
+        plant = PlantForecasts(self.record, self.scaling, self.predictor, fit, self.training_forecasts, shrink)
+        return Forecasts(plant, self.model.B[-1], self.settings.forecasts == "mixed" and bool(self.scaling.known.all()))
 
     @may_overflow
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
@@ -221,12 +221,12 @@ class Learned(LearnedDownstream):
 
         ``inputs`` (H, r) are the motor outputs over the forecast, in the unit of the training inputs; the result is
         (H, m). The motors cause motion, and answer it: with "mixed" ``forecasts`` in the settings, those of the model
-        and of joint autoregressions of outputs and motors are mixed by the error each is to expect
-        (``mavdem.dem.closed_loop.mixture``). Each sample is forecast with the motors up to it; with ``smooth`` the
+        and of vector autoregressions of outputs and motors are mixed by the error each is to expect
+        (``mavdem.dem.forecast.forecasts``). Each sample is forecast with the motors up to it; with ``smooth`` the
         autoregressions use all of them.
 
-        The model's own forecast continues from its state at the end of training. It is shrunk
-        towards the trim by the posterior variance of θ (``mavdem.dem.forecast.shrinkage``) or, without a
+        The model's own forecast continues from its state at the end of training. It is shrunk towards the trim by the
+        posterior variance of θ or, without a
         simulation-error fit, by the weight that is best inside the training data. ``from_zero`` gives it alone, from
         state 0 at row 0 (the outputs at their trim), as the paper's figures do.
 
@@ -235,8 +235,8 @@ class Learned(LearnedDownstream):
         """
         following = self.record.following_inputs(inputs)
         if from_zero:
-            return self._plant_forecasts.following(following, from_zero).mean
-        return self._forecasts.following(following, smooth).mean
+            return self.prediction.plant.following(following, from_zero).mean
+        return self.prediction.known(following, smooth).mean
 
     @may_overflow
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
@@ -249,12 +249,12 @@ class Learned(LearnedDownstream):
         Raises:
             ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
         """
-        return self._forecasts.every(steps, *self.record.following(steps, inputs, outputs)).mean
+        return self.prediction.known_every(steps, *self.record.following(steps, inputs, outputs)).mean
 
     @may_overflow
     def forecast_variance(self, inputs: ArrayLike) -> Array:
         """(H, m) expected squared error, rad² and (rad/s)², of :meth:`forecast` with ``inputs`` (H, r)."""
-        return self._forecasts.following(self.record.following_inputs(inputs)).variance
+        return self.prediction.known(self.record.following_inputs(inputs)).variance
 
     @may_overflow
     def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
@@ -267,7 +267,7 @@ class Learned(LearnedDownstream):
             ValueError: as :meth:`forecast`, or a level that is no probability between 0 and 1.
         """
         require_probability(level)
-        return self._forecasts.half_widths(self.forecast_variance(inputs), level)
+        return self.prediction.half_widths(self.forecast_variance(inputs), level)
 
     @may_overflow
     def forecast_every_with_band(
@@ -281,19 +281,8 @@ class Learned(LearnedDownstream):
             ValueError: as :meth:`forecast_every`, or a level that is no probability between 0 and 1.
         """
         require_probability(level)
-        mean, variance = self._forecasts.every(steps, *self.record.following(steps, inputs, outputs))
-        return BandedForecast(mean, variance, self._forecasts.half_widths(variance, level, steps))
-
-    @cached_property
-    def _plant_forecasts(self) -> Forecasts:
-        shrink, fit = self.settings.forecasts != "model", self.simulation_fit
-        return Forecasts(self.record, self.scaling, self.predictor, fit, self.training_forecasts, shrink)
-
-    @cached_property
-    def _forecasts(self) -> ClosedLoop:
-        if not (self.settings.forecasts == "mixed" and self.scaling.known.all()):
-            return ClosedLoop(self._plant_forecasts, ())
-        return ClosedLoop.of(self._plant_forecasts, self.model.B[-1])
+        mean, variance = self.prediction.known_every(steps, *self.record.following(steps, inputs, outputs))
+        return BandedForecast(mean, variance, self.prediction.half_widths(variance, level, steps))
 
     def simulate(self, inputs: ArrayLike) -> Array:
         """(H, m): what if these ``inputs`` (H, r) were commanded: the plant alone, from :attr:`physical`.
@@ -305,10 +294,10 @@ class Learned(LearnedDownstream):
             ValueError: no physical parameters can be fitted, outputs other than an angle and its rate, or inputs of
                 another width, or not finite.
         """
-        read = self._physical_or_error()
-        if read.caution is not None:
-            warn(f"This simulation may be far off. {read.caution}", stacklevel=2)
-        return simulated(read, self.record, self.record.following_inputs(inputs)).mean
+        physical = self._physical_or_error()
+        if physical.caution is not None:
+            warn(f"This simulation may be far off. {physical.caution}", stacklevel=2)
+        return simulated(physical, self.record, self.record.following_inputs(inputs)).mean
 
     def simulate_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
         """(H, m) half width, about :meth:`simulate`, of the band that holds each sample with probability ``level``.
@@ -321,15 +310,17 @@ class Learned(LearnedDownstream):
                 probability between 0 and 1.
         """
         require_probability(level)
-        read = self._physical_or_error()
-        if read.caution is not None:
-            raise ValueError(f"there is no band of this simulation: {read.caution}")
-        variance = simulated(read, self.record, self.record.following_inputs(inputs)).variance
+        physical = self._physical_or_error()
+        if physical.caution is not None:
+            raise ValueError(f"there is no band of this simulation: {physical.caution}")
+        variance = simulated(physical, self.record, self.record.following_inputs(inputs)).variance
         return half_width(variance, level)
 
     def _physical_or_error(self) -> Physical:
         """The physical parameters, or the ``ValueError`` that says why there are none."""
-        return self.physical or physical(self.record)
+        if isinstance(self._gray_box, NotIdentifiable):
+            raise ValueError(self._gray_box.reason)
+        return self._gray_box
 
     @property
     def places(self) -> NDArray[np.intp]:

@@ -15,9 +15,9 @@ from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overfl
 from mavdem.dem.engine.resumable import run_to_end
 from mavdem.dem.engine.trace import FreeEnergy, Learning
 from mavdem.dem.fitting import Fit, Start, fit, generalized, held_by_prior, of_vehicle, predictor_of
+from mavdem.dem.forecast.forecasts import TrainingForecasts, training_forecasts
 from mavdem.dem.forecast.noise_model import lags_of, resumable_noise_model
 from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, horizon_of, resumable_simulation_fit
-from mavdem.dem.forecasts import TrainingForecasts, training_forecasts
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.priors import hyperparameter_groups

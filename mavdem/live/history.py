@@ -12,7 +12,7 @@ import numpy as np
 
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
-from mavdem.health.motor_watch import MotorAlarm
+from mavdem.health.in_flight import MotorAlarm
 
 NOT_FLYING = "The vehicle is on the ground."
 FLIGHT_UNKNOWN = "Nothing shows yet whether the vehicle flies."

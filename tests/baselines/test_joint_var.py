@@ -1,4 +1,4 @@
-"""The joint VAR as a forecaster; its model and its paths are tested in tests/dem/test_closed_loop.py."""
+"""The joint VAR as a forecaster; its model and its paths are tested in tests/dem/test_var.py."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from closed_loop_flight import in_closed_loop
 from peculiar_flights import NOTHING_NEW, TEST, TRAIN, back_from_other_units, in_other_units, with_inputs
 
 from mavdem import Forecaster, baselines, evaluate
-from mavdem.dem.closed_loop.autoregression import LagStatistics
+from mavdem.dem.forecast.var import LagStatistics
 from mavdem.dem.record import Record
 
 SEGMENTS = [TRAIN[:300], TRAIN[400:]]
@@ -38,29 +38,24 @@ def test_motors_show_the_motion_and_later_ones_show_more():
 def test_forecasts_begin_anew_at_every_so_many_samples(model):
     every = model.forecast_every(20, TEST.inputs, TEST.outputs)
     np.testing.assert_allclose(every[:20], model.forecast(TEST.inputs)[:20], rtol=1e-9)
-    later = baselines.var(TRAIN)
-    units, lags = later.joint.units, later.joint.model.lags
-    both = np.hstack([TEST.outputs, TEST.inputs])[20 - lags : 20]
-    moved = later.joint._replace(past=units.scaled(both))
-    np.testing.assert_allclose(every[20:40], moved.inferred(TEST.inputs[20:40]).mean, rtol=1e-9)
+    past = np.hstack([TEST.outputs, TEST.inputs])[10:20]
+    np.testing.assert_allclose(every[20:40], model.model.infer(past, TEST.inputs[20:40]).mean, rtol=1e-9)
     np.testing.assert_allclose(model.forecast_every(999, TEST.inputs, TEST.outputs), model.forecast(TEST.inputs))
 
 
 def test_one_step_is_the_forecast_of_each_sample_from_those_before(model):
     one = model.one_step()
     assert one.shape == TRAIN.outputs.shape
-    shorter = baselines.var(TRAIN)
-    past = shorter.joint.units.scaled(np.hstack([TRAIN.outputs, TRAIN.inputs])[490:500])
-    ahead = shorter.joint._replace(past=past).inferred(TRAIN.inputs[500:501])
+    ahead = model.model.infer(np.hstack([TRAIN.outputs, TRAIN.inputs])[490:500], TRAIN.inputs[500:501])
     np.testing.assert_allclose(one[500], ahead.mean[0], rtol=1e-9)
 
 
 def test_no_lag_reaches_across_a_gap():
     found = baselines.var(SEGMENTS, order=4)
     record = Record.of(SEGMENTS)
-    units = found.joint.units
+    units = found.model.units
     alone = [LagStatistics.of([units.segments(record)[number]], 4) for number in (0, 1)]
-    np.testing.assert_allclose(found.joint.model.precision[:-1, :-1], (alone[0] + alone[1]).gram[:24, :24], rtol=0.01)
+    np.testing.assert_allclose(found.model.precision[:-1, :-1], (alone[0] + alone[1]).gram[:24, :24], rtol=0.01)
     assert found.one_step().shape == (600, 2)
     # Each segment begins with what is known without a past.
     jumped = [SEGMENTS[0], SEGMENTS[1], SEGMENTS[0]]
@@ -109,7 +104,9 @@ def test_too_few_samples_and_wrong_steps_are_named(model):
 
 
 def test_bands_are_those_of_the_gaussian_path(model):
-    np.testing.assert_allclose(model.predict_band(30), 1.6449 * np.sqrt(model.joint.predicted(30).variance), rtol=1e-4)
+    np.testing.assert_allclose(
+        model.predict_band(30), 1.6449 * np.sqrt(model.model.predict(model._past, 30).variance[:, :2]), rtol=1e-4
+    )
     variance = model.forecast_variance(TEST.inputs)
     np.testing.assert_allclose(model.forecast_band(TEST.inputs, 0.5), 0.67449 * np.sqrt(variance), rtol=1e-4)
     assert (model.predict_band(30)[-1] > model.predict_band(30)[0]).all()
@@ -125,5 +122,5 @@ def test_it_does_not_simulate_and_says_what_does(model):
 def test_predictions_begin_anew_at_every_so_many_samples(model):
     every = model.predict_every(20, TEST.inputs, TEST.outputs)
     np.testing.assert_allclose(every[:20], model.predict(20), rtol=1e-9)
-    past = model.joint.units.scaled(np.hstack([TEST.outputs, TEST.inputs])[10:20])
-    np.testing.assert_allclose(every[20:40], model.joint._replace(past=past).predicted(20).mean, rtol=1e-9)
+    past = np.hstack([TEST.outputs, TEST.inputs])[10:20]
+    np.testing.assert_allclose(every[20:40], model.model.predict(past, 20).mean[:, :2], rtol=1e-9)

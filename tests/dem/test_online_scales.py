@@ -8,8 +8,14 @@ from mavlink_streams import SHARED
 from scipy.stats import norm
 
 import mavdem
-from mavdem.dem.online.bands import SECONDS, ErrorBands
-from mavdem.dem.online.surprise import FALSE_MARK_SECONDS, PEAK_SECONDS, Marks, Surprise
+from mavdem.dem.online.tracker import (
+    BAND_SECONDS,
+    FALSE_MARK_SECONDS,
+    PEAK_SECONDS,
+    AnomalyMarks,
+    ErrorBands,
+    Surprise,
+)
 from mavdem.ingest.formats import read_stream
 from mavdem.live import LiveStream
 from sitl_scenarios.dynamics import Four
@@ -44,7 +50,7 @@ def test_a_band_forgets_by_the_number_of_errors_and_not_by_their_size():
     errors[1000:1200] *= 1e6
     half = fed(ErrorBands((1,), 1, DT), errors)
     assert half[1000:].max() < 20
-    after = 1200 + round(SECONDS / DT) + 10
+    after = 1200 + round(BAND_SECONDS / DT) + 10
     np.testing.assert_allclose(half[after:], norm.ppf(0.95), rtol=0.2)
 
 
@@ -92,7 +98,7 @@ def surprises(rng: np.random.Generator, seconds: float) -> np.ndarray:
     return (low - np.log(2.0)) / (np.log(20.0) - np.log(2.0))
 
 
-def marked(marks: Marks, surprise: np.ndarray) -> np.ndarray:
+def marked(marks: AnomalyMarks, surprise: np.ndarray) -> np.ndarray:
     return DT * np.flatnonzero([marks.add(value) for value in surprise])
 
 
@@ -104,7 +110,7 @@ def test_marks_without_a_change_are_as_rare_as_stated():
         for start in range(0, len(surprise), 600):
             surprise[start : start + 30] += size
         expected = 7200.0 / FALSE_MARK_SECONDS
-        assert len(marked(Marks(DT), surprise)) <= expected + 4 * np.sqrt(expected)
+        assert len(marked(AnomalyMarks(DT), surprise)) <= expected + 4 * np.sqrt(expected)
 
 
 def test_a_change_is_marked_promptly_and_so_is_the_next():
@@ -112,13 +118,13 @@ def test_a_change_is_marked_promptly_and_so_is_the_next():
     surprise, failures = surprises(rng, 120.0), np.array([40.0, 80.0])
     for at in failures:
         surprise[round(at / DT) : round(at / DT) + 200] += 1000.0
-    np.testing.assert_allclose(marked(Marks(DT), surprise), failures, atol=0.5)
+    np.testing.assert_allclose(marked(AnomalyMarks(DT), surprise), failures, atol=0.5)
 
 
 def test_nothing_is_marked_before_there_are_peaks_to_compare_with():
     surprise = np.full(3000, 1e6)
-    assert not len(marked(Marks(DT), surprise[: round(3 * PEAK_SECONDS / DT)]))
-    assert not Marks(DT).add(np.nan)
+    assert not len(marked(AnomalyMarks(DT), surprise[: round(3 * PEAK_SECONDS / DT)]))
+    assert not AnomalyMarks(DT).add(np.nan)
 
 
 class TwiceFailing(Simulation):

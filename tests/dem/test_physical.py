@@ -9,21 +9,30 @@ from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_are
 from mavdem import Flight
 from mavdem.dem import physical
 from mavdem.dem.graybox.fitting import WINDS, directed, fitted
-from mavdem.dem.graybox.identifiability import PARAMETERS, IdentifiabilityFigures, judged
-from mavdem.dem.graybox.instruments import exogenous, instrumental
+from mavdem.dem.graybox.identifiability import (
+    LARGEST_DAMPING,
+    MAX_ALIAS_SHARE,
+    PARAMETERS,
+    RELATIVE_SD,
+    RESOLVED_LAG,
+    SLOWEST_RATE,
+    SPECTRUM_RANGE,
+    WIND_SHARE,
+    IdentifiabilityFigures,
+    NotIdentifiable,
+    identifiability,
+)
 from mavdem.dem.graybox.likelihood import (
     BLOCK,
     FIRST_ORDER,
     GUSTS,
-    SMOOTH,
     FlightWindows,
     Parameters,
     delayed,
     followed,
+    smooth,
     steady_covariance,
 )
-from mavdem.dem.graybox.parameters import cut
-from mavdem.dem.record import Record
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load
 from sitl_scenarios.simulation import fly
@@ -87,7 +96,7 @@ def scenario(name: str, seed: int) -> tuple[Flight, np.ndarray, float]:
     ("noise", "autocorrelation", "error"),
     [
         (FIRST_ORDER, lambda tau: np.exp(-tau), 1e-6),
-        (SMOOTH, lambda tau: np.exp(-(tau**2) / 4), 2e-3),
+        (smooth(8), lambda tau: np.exp(-(tau**2) / 4), 2e-3),
         (GUSTS, lambda tau: np.exp(-(tau**2) / 4), 0.04),
     ],
     ids=["first order", "smooth", "gusts"],
@@ -135,8 +144,8 @@ def test_innovations_of_its_own_model_are_white_and_of_the_variance_it_says(wind
         known = transition.input_now[0] @ [before[k, 0], 0.7] + transition.input_next[0] @ [after[k, 0], 0.7]
         state = transition.state[0] @ state + known + root @ rng.standard_normal(n)
         rates[k + 1] = state[0]
-    measured = rates + np.exp(theta[model.of_noise]) * rng.standard_normal(samples)
-    errors, variance = model.innovations(theta[None], FlightWindows(inputs[None], measured[None], DT))
+    measured = rates + np.exp(theta[model.noise_index]) * rng.standard_normal(samples)
+    errors, variance = model.innovations(theta[None], FlightWindows(inputs[None], measured[None], DT, np.zeros(1), 1.0))
     number = errors.shape[2]
     assert errors[0].var() / variance[0] == pytest.approx(1.0, abs=4 * np.sqrt(2 / number))
     assert abs(errors[0].mean()) < 4 * np.sqrt(variance[0] / number)
@@ -171,7 +180,8 @@ def test_no_command_helps_to_predict_the_sample_that_it_answers(steps):
 def windowed(flight: Flight, count: int) -> FlightWindows:
     length = len(flight) // count
     inputs = flight.inputs[: count * length].reshape(count, length, -1)
-    return FlightWindows(inputs - inputs.mean(axis=(0, 1)), flight.outputs[: count * length, 1].reshape(count, -1), DT)
+    rate = flight.outputs[: count * length, 1].reshape(count, -1)
+    return FlightWindows(inputs - inputs.mean(axis=(0, 1)), rate, DT, np.zeros(count), 1.0)
 
 
 def test_scores_of_windows_are_the_slopes_of_their_likelihoods():
@@ -222,49 +232,48 @@ def test_nothing_is_identifiable_where_motors_only_react_to_the_wind():
     assert "not identifiable" in str(found.caution)
 
 
-def by_name(*values: float) -> dict[str, float]:
-    return dict(zip(PARAMETERS, values, strict=True))
-
-
 SOUND = IdentifiabilityFigures(
     wind_share=0.1,
-    aliased=0.01,
+    alias_share=0.01,
     sd=dict.fromkeys(PARAMETERS, 0.05),
-    changed=dict.fromkeys(PARAMETERS, 0.02),
-    spread=dict.fromkeys(PARAMETERS, 0.02),
-    prior={"effect": np.inf, "damping": 1.0, "lag": 1.0},
+    window_sd=dict.fromkeys(PARAMETERS, 0.02),
+    spectrum_range=dict.fromkeys(PARAMETERS, 0.02),
     damping=2.0,
     lag=0.03,
     dt=0.01,
 )
 
 
-@pytest.mark.parametrize(
-    ("wrong", "status", "reason"),
-    [
-        ({}, ("reported",) * 3, ""),
-        ({"wind_share": 0.3}, ("biased",) * 3, "wind has 30%"),
-        ({"wind_share": 0.5}, ("not identifiable",) * 3, "wind has 50%"),
-        ({"aliased": 0.3}, ("not identifiable",) * 3, "too fast for 100 Hz"),
-        ({"dt": 0.02}, ("biased",) * 3, "low by about 8%"),
-        ({"damping": 20.0}, ("reported", "not identifiable", "reported"), "at the bound"),
-        ({"lag": 0.004}, ("reported", "reported", "not identifiable"), "shorter than half a step"),
-        (
-            {"sd": {"effect": 0.15, "damping": 0.9, "lag": 0.05}},
-            ("biased", "not identifiable", "biased"),
-            "hardly more",
-        ),
-        (
-            {"spread": {"effect": 0.2, "damping": 1.0, "lag": 0.1}},
-            ("biased", "not identifiable", "biased"),
-            "spectrum",
-        ),
-    ],
-)
-def test_each_rule_has_its_case_and_its_reason(wrong, status, reason):
-    found, reasons = judged(SOUND._replace(**wrong))
-    assert tuple(found[name] for name in PARAMETERS) == status
-    assert reason in " ".join(reasons.values())
+def edges():
+    """Each limit with the figure, the parameter it belongs to, and its status on either side."""
+    for figure, limits in (("sd", RELATIVE_SD), ("spectrum_range", SPECTRUM_RANGE)):
+        for name, (reported, biased) in limits.items():
+            if reported < biased:
+                yield figure, name, reported, "reported", "biased"
+            yield figure, name, biased, "biased" if reported < biased else "reported", "not identifiable"
+    for name in PARAMETERS:
+        yield "wind_share", name, WIND_SHARE.reported, "reported", "biased"
+        yield "wind_share", name, WIND_SHARE.biased, "biased", "not identifiable"
+        yield "alias_share", name, MAX_ALIAS_SHARE, "reported", "not identifiable"
+        yield "window_sd", name, RELATIVE_SD[name].reported, "reported", "biased"
+        yield "dt", name, 1 / SLOWEST_RATE, "reported", "biased"
+    yield "damping", "damping", LARGEST_DAMPING, "reported", "not identifiable"
+    yield "lag", "lag", RESOLVED_LAG * SOUND.dt, "not identifiable", "reported"
+
+
+@pytest.mark.parametrize(("figure", "name", "limit", "below", "above"), list(edges()))
+def test_a_status_changes_at_its_limit_and_says_why(figure, name, limit, below, above):
+    for value, expected in ((limit * (1 - 1e-9), below), (limit * (1 + 1e-9), above)):
+        changed = {**getattr(SOUND, figure), name: value} if isinstance(getattr(SOUND, figure), dict) else value
+        statuses, reasons = identifiability(SOUND._replace(**{figure: changed}))
+        assert statuses[name] == expected
+        assert (reasons[name] == "") == (expected == "reported")
+
+
+def test_what_is_wrong_with_the_effect_is_wrong_with_the_rest():
+    statuses, reasons = identifiability(SOUND._replace(sd={**SOUND.sd, "effect": 0.15}))
+    assert statuses == dict.fromkeys(PARAMETERS, "biased")
+    assert "The effect is biased" in reasons["lag"]
 
 
 def test_gaps_are_not_filtered_across():
@@ -319,90 +328,16 @@ def test_simulated_flights_are_identifiable_where_they_steer_and_then_truly(name
             assert abs(found.lag - lag) < half.lag
 
 
-@pytest.mark.slow
-def test_what_cannot_be_fitted_is_said():
-    flight = flown(0, steering=1.0)
-    with pytest.raises(ValueError, match="derivative of another"):
-        physical(Flight(flight.time, flight.inputs, np.column_stack([flight.outputs[:, 1], flight.inputs[:, 0]])))
-    with pytest.raises(ValueError, match="all inputs are constant"):
-        physical(Flight(flight.time, 0 * flight.inputs, flight.outputs))
-    with pytest.raises(ValueError, match="at least 200 samples"):
-        physical(flight[:150])
-    with pytest.raises(ValueError, match="level"):
-        physical(flight).interval(1.5)
-
-
-def piloted(seed: int, stick: float, answering: float = 0.0) -> Flight:
-    """As :func:`flown` in strong wind, steered by a slow stick; the setpoint may answer the rate besides."""
-    rng = np.random.default_rng(seed)
-    samples, wind = 4200, 3.0
-    slow = np.exp(-DT / 0.25)
-    asked = np.zeros(samples)
-    for k in range(1, samples):
-        asked[k] = slow * asked[k - 1] + np.sqrt(1 - slow**2) * stick * rng.standard_normal()
-    state = (0.0,) * 4
-    commands, outputs, setpoints = np.zeros((samples, 4)), np.empty((samples, 2)), np.empty((samples, 1))
-    for k in range(samples):
-        angle, rate, *_ = state
-        outputs[k] = angle, rate + 0.005 * rng.standard_normal()
-        setpoints[k] = asked[k] - answering * angle
-        commands[k] = 12 * (setpoints[k, 0] - 3 * angle - outputs[k, 1]) * MOTORS / (MOTORS @ MOTORS)
-        state = moved(state, commands[max(k - 1, 0)], commands[k], wind, rng)
-    time = DT * np.arange(samples)
-    return Flight(time, 1500 + commands, outputs, setpoints=setpoints, setpoint_names=("roll stick",))
-
-
-def test_a_stick_is_an_instrument_and_a_setpoint_that_answers_the_motion_is_none():
-    for answering, expected in ((0.0, [0]), (5.0, [])):
-        pieces = cut(Record.of(piloted(0, stick=1.0, answering=answering)))
-        assert pieces.setpoints is not None
-        assert exogenous(pieces.setpoints, pieces.outputs, pieces.windows.dt) == expected
-    still = pieces.setpoints * 0
-    assert exogenous(still, pieces.outputs, pieces.windows.dt) == []
-
-
-@pytest.mark.slow
-def test_instruments_hold_the_truth_in_wind_that_has_another_spectrum_than_the_model():
-    """Deviations of log effect, log damping and log lag, in their standard deviations, over flights."""
-    deviations = []
-    for seed in range(4):
-        pieces = cut(Record.of(piloted(seed, stick=1.0)))
-        plain, start = directed(pieces.windows, np.sign(MOTORS))
-        parameters = plain._replace(wind=WINDS[2])
-        wrong = fitted(parameters, pieces.windows, np.append(start[0], parameters.prior[0][1:]))
-        found = instrumental(wrong, pieces.windows, pieces.setpoints, ("roll stick",))
-        assert found is not None
-        true = np.log([np.abs(MOTORS).mean() * pieces.unit, DAMPING, LAG])
-        mean_effect = np.abs(plain.effect(found.theta)).mean()
-        estimate = np.array([np.log(mean_effect), found.theta[5], np.log(plain.lag(found.theta, DT))])
-        deviations.append((estimate - true) / np.sqrt(found.covariance.diagonal()[:3]))
-    # 12 numbers of about unit variance: below this in 99.9 % of cases.
-    assert np.mean(np.square(deviations)) < 2.8
-
-
-@pytest.mark.slow
-def test_setpoints_turn_a_withheld_effect_into_a_reported_one_and_say_so():
-    flight = piloted(3, stick=0.5)
-    alone = physical(Flight(flight.time, flight.inputs, flight.outputs))
-    found = physical(flight)
-    assert alone.status["effect"] != "reported"
-    assert found.status["effect"] == "reported"
-    assert found.reasons["effect"].startswith("Reported with the roll stick as instrument. Without:")
-    # A loop's setpoint is none, and what is not known of it does not matter.
-    unknown = np.full((len(flight), 1), np.nan)
-    names = ("roll setpoint", "roll stick")
-    both = {"setpoints": np.hstack([unknown, flight.setpoints]), "setpoint_names": names}
-    again = physical(Flight(flight.time, flight.inputs, flight.outputs, **both))
-    np.testing.assert_array_equal(again.effect, found.effect)
-    loop = Flight(
-        flight.time, flight.inputs, flight.outputs, setpoints=flight.setpoints, setpoint_names=("roll setpoint",)
-    )
-    assert physical(loop).status == alone.status
-    assert np.all(np.abs(found.effect - MOTORS) < found.interval(0.99).effect)
-
-
-def test_of_fast_streams_every_so_many_samples_are_taken():
-    flight = flown(0, steering=1.0, samples=1600)
-    fast = Flight(flight.time / 5, flight.inputs, flight.outputs * [1, 5])
-    assert cut(Record.of(fast)).windows.dt == pytest.approx(0.004)
-    assert cut(Record.of(flight)).windows.dt == DT
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda f: Flight(f.time, f.inputs, f.outputs[:, [1, 1]]), "derivative of another"),
+        (lambda f: Flight(f.time, 0 * f.inputs, f.outputs), "all inputs are constant"),
+        (lambda f: f[:150], "at least 200 samples"),
+        (lambda f: Flight(4 * f.time, f.inputs, f.outputs), "40 samples a second"),
+    ],
+)
+def test_what_cannot_be_fitted_is_said(change, reason):
+    found = physical(change(flown(0, steering=1.0)))
+    assert isinstance(found, NotIdentifiable)
+    assert reason in found.reason and found.reason[0].isupper() and found.reason[-1] == "."

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mavdem import Flight
-from mavdem.dem.graybox.likelihood import FIRST_ORDER, SMOOTH, Coloured, Plant, delayed, plant
+from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, Plant, delayed, plant, smooth
 from mavdem.dem.graybox.smoother import SteadyFilter
 from mavdem.dem.graybox.wind import THRESHOLD, _Spectra, gusts, wind
 from mavdem.dem.record import Record
@@ -20,7 +20,7 @@ from sitl_scenarios.truth import truth
 
 DT = 0.01
 EFFECT = np.array([-0.06, 0.06, 0.06, -0.06])
-TURBULENCE = ((FIRST_ORDER, 1.5, 0.3), (SMOOTH, 0.7, 0.06))
+TURBULENCE = ((FIRST_ORDER, 1.5, 0.3), (smooth(8), 0.7, 0.06))
 
 
 class Parameters(NamedTuple):
@@ -33,7 +33,6 @@ class Parameters(NamedTuple):
     covariance: np.ndarray = np.zeros((7, 7))
     components: tuple[tuple[Coloured, float, float], ...] = TURBULENCE
     noise: float = 0.004
-    status: dict[str, str] = {"effect": "reported"}  # noqa: RUF012
 
 
 def root_of(covariance: np.ndarray) -> np.ndarray:
@@ -155,20 +154,6 @@ def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
     assert np.all(unsure.band >= sure.band)
 
 
-def test_an_effect_that_is_not_identifiable_makes_the_size_uncertain():
-    known = Parameters()
-    flight, _ = flown(4, 1500, known, steady=-3.0)
-    sure, unsure = (
-        wind(known._replace(status={"effect": status}), Record.of(flight))
-        for status in ("reported", "not identifiable")
-    )
-    assert sure.scale_error == 0.0
-    # What moves too fast for the motors does not depend on their effect.
-    assert 0.15 < unsure.scale_error <= 0.3
-    assert unsure.mean_band == pytest.approx(1.645 * 0.3 * abs(sure.mean), rel=0.05)
-    assert unsure.resolved
-
-
 def test_an_unknown_effect_leaves_the_course_resolved_where_motors_answer_the_wind():
     known = Parameters(covariance=np.zeros((7, 7)))
     known.covariance[:4, :4] = 0.8**2 * np.outer(EFFECT, EFFECT)
@@ -223,13 +208,16 @@ def test_outputs_without_a_rate_have_no_wind():
         wind(Parameters(), Record.of(Flight(flight.time, flight.inputs, flight.outputs[:, [0, 0]])))
 
 
-def test_the_answered_share_is_that_of_the_motors_that_follow_the_wind():
+def test_the_cancelled_share_is_that_of_the_motors_that_follow_the_wind():
     frequency = np.linspace(0, 50, 401)
     density = 1 / (1 + frequency**2)
     # The answer is 0.8 of the wind, and as much again that has nothing to do with it.
     spectra = _Spectra(frequency, density, 0.64 * density + 0.05 * density, 0.8 * density, 1000.0)
-    assert spectra.answered(np.inf) == pytest.approx(1 - 0.2**2, abs=1e-3)
-    assert np.isnan(spectra._replace(answer=500 * density).answered(np.inf))
+    assert spectra.cancelled_share(np.inf) == pytest.approx(1 - 0.2**2, abs=1e-3)
+    # Where its scatter is just below, and just above, a tenth of the wind.
+    for extra, known in ((0.0999, True), (0.1001, False)):
+        scattered = spectra._replace(answer=(0.64 + 999 * extra) * density)
+        assert np.isfinite(scattered.cancelled_share(np.inf)) == known
 
 
 def gaussian(seed: int, samples: int) -> np.ndarray:

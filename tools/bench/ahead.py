@@ -21,14 +21,12 @@ import numpy as np
 from forecasts import DEMAND_LOGS, SCENARIOS, HalvedFlight, simulated
 
 import mavdem
-from mavdem.dem.closed_loop.autoregression import ChannelUnits, LagStatistics, autoregression
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.resumable import run_to_end
+from mavdem.dem.forecast.var import Var
 from mavdem.dem.online.ahead import PredictionsAhead
-from mavdem.dem.online.autoregression import Maps, resumable_maps
-from mavdem.dem.online.bands import ErrorBands
 from mavdem.dem.online.learner import BLOCK_SECONDS, HORIZONS
 from mavdem.dem.online.memory import Memory
+from mavdem.dem.online.tracker import ErrorBands
 from mavdem.dem.record import Record
 from mavdem.paper.flights import SHARED, recorded_flights
 
@@ -60,11 +58,10 @@ def var4(flight: mavdem.Flight) -> Array:
     found = np.full((len(outputs), len(HORIZONS), m), np.nan)
     for now in range(2 * second, len(outputs), second):
         past = slice(max(0, now - most), now)
-        units = ChannelUnits.of(Record(inputs[past], outputs[past], flight.dt, (now - past.start,)))
-        model = autoregression(LagStatistics.of([units.scaled(channels[past])], LAGS), LAGS)
-        maps = Maps(units.center, units.scale, *run_to_end(resumable_maps(model, HORIZONS, m)))
-        for row in range(now, min(now + second, len(outputs))):
-            found[row] = maps.predicted(channels[row - LAGS + 1 : row + 1])
+        model = Var.learn(Record(inputs[past], outputs[past], flight.dt, (now - past.start,)), LAGS)
+        rows = np.arange(now, min(now + second, len(outputs)))
+        before = channels[rows[:, None] + np.arange(1 - LAGS, 1)]
+        found[rows] = model.predict_mean(before, HORIZONS[-1])[:, np.array(HORIZONS) - 1, :m]
     return found
 
 
@@ -84,7 +81,7 @@ def ours(flight: mavdem.Flight, model: bool) -> tuple[Array, Array]:
     ahead, errors = PredictionsAhead(flight.dt, block, HORIZONS, r, m), ErrorBands(HORIZONS, m, flight.dt)
     for row, (time, outputs, inputs) in enumerate(rows):
         closed = memory.add(inputs, outputs, time)
-        found[row], bands[row] = ahead.predict(memory, None), errors.half_widths[1:]
+        found[row], bands[row] = ahead.predict(memory), errors.half_widths[1:]
         errors.add(outputs, np.full(m, np.nan), found[row])
         if closed:
             errors.update()
@@ -145,9 +142,7 @@ def print_summary(rows: list[dict[str, Any]]) -> None:
 
 @click.command(help=__doc__)
 @click.option("--seconds", type=float, default=np.inf, help="Of each flight.  [default: all]")
-@click.option(
-    "--without-model", is_flag=True, help="Without the state-space model among what is mixed: ten times faster."
-)
+@click.option("--without-model", is_flag=True, help="Without the state-space model beside it: ten times faster.")
 @click.option("--name", default="", help="Only flights whose name contains this.")
 @click.option("--half", default="AB", show_default=True)
 @click.option("--json", "to", type=click.Path(path_type=Path), help="Also write each flight's figures there.")

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from physical_flights import Case, cases, flown
 
 from mavdem import Flight, read_flight
-from mavdem.dem import Physical, physical
+from mavdem.dem import NotIdentifiable, Physical, physical
 from mavdem.errors import NotLearnable, Unreadable
 from mavdem.paper.flights import SHARED, recorded_flights
 
@@ -103,10 +103,9 @@ def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
             log(f"{case}: refused: {reason}")
             continue
         for window, part in [(None, flight.flight), *enumerate(windows_of(flight.flight))]:
-            try:
-                found = physical(part)
-            except ValueError as reason:
-                log(f"{case}: refused: {reason}")
+            found = physical(part)
+            if isinstance(found, NotIdentifiable):
+                log(f"{case}: refused: {found.reason}")
                 continue
             estimate = Estimate(case, window, found, flight.true(part))
             log(str(estimate))
@@ -179,10 +178,9 @@ def other_logs() -> Iterator[tuple[str, Flight]]:
 def row_of(label: Sequence[str], flight: Flight) -> list[str]:
     """A row of a table without a truth: estimates with their intervals, marked unless they are reported."""
     row = [*label, f"{flight.dt * len(flight):.0f}", f"{1 / flight.dt:.0f}"]
-    try:
-        found = physical(flight)
-    except ValueError as reason:
-        return [*row, str(reason), *[""] * 5]
+    found = physical(flight)
+    if isinstance(found, NotIdentifiable):
+        return [*row, found.reason, *[""] * 5]
     for name in PARAMETERS:
         value, half = estimate_of(found, name)
         scale = 1e3 if name == "lag" else 1.0

@@ -1,7 +1,8 @@
 """Gray-box model: physical parameters of the vehicle, with the wind as a coloured state."""
 
 from mavdem.dem.graybox.estimation import physical
+from mavdem.dem.graybox.identifiability import NotIdentifiable
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.graybox.wind import DetectedGust, WindTorque
 
-__all__ = ["DetectedGust", "Physical", "WindTorque", "physical"]
+__all__ = ["DetectedGust", "NotIdentifiable", "Physical", "WindTorque", "physical"]

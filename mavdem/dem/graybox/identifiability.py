@@ -1,7 +1,8 @@
 """Identifiability: whether a flight determines effect, damping and lag, and the reason where it does not.
 
-The limits were chosen on simulated flights of three vehicles in seven winds, steered in three ways and not at all, and
-tried on as many others (``tools/validation/physical.py``; docs/physical.md).
+All limits and model errors of the room stand here. They were chosen on simulated flights of three vehicles in seven
+winds, steered in four ways and not at all, and tried on as many others (``tools/validation/physical.py``;
+docs/physical.md).
 """
 
 from __future__ import annotations
@@ -13,27 +14,68 @@ import numpy as np
 
 Status = Literal["reported", "biased", "not identifiable"]
 PARAMETERS = ("effect", "damping", "lag")
+CHANGED = "It differs from window to window by more than chance"
 
-REPORTED_SHARE, BIASED_SHARE = 0.25, 0.40
-"""Wind's share, up to which parameters are reported, and reported with a bias."""
-REPORTED_SD, BIASED_SD = {"effect": 0.10, "damping": 0.50, "lag": 0.25}, {"effect": 0.20, "damping": 0.50, "lag": 0.35}
-"""Relative standard deviation, likewise."""
-REPORTED_SPREAD = {"effect": 0.10, "damping": 0.60, "lag": 0.40}
-BIASED_SPREAD = {"effect": 0.30, "damping": 0.90, "lag": 0.60}
-"""Range of the logarithm over the wind's possible spectra, likewise."""
-MAX_ALIASED = 0.12  # share of the commands' variance above half of the Nyquist frequency
+
+class Limit(NamedTuple):
+    """The largest figure up to which a parameter is reported, and up to which it is reported with a bias."""
+
+    reported: float
+    biased: float
+
+    def status(self, figure: float) -> Status:
+        """Returns what a figure makes of its parameter."""
+        return "reported" if figure <= self.reported else "biased" if figure <= self.biased else "not identifiable"
+
+
+WIND_SHARE = Limit(0.25, 0.40)  # of the wind, in the torque's variance
+RELATIVE_SD = {"effect": Limit(0.10, 0.20), "damping": Limit(0.50, 0.50), "lag": Limit(0.25, 0.35)}
+SPECTRUM_RANGE = {"effect": Limit(0.10, 0.30), "damping": Limit(0.60, 0.90), "lag": Limit(0.40, 0.40)}
+"""Of the logarithm of the estimate, over the spectra that the wind may have. An effect cannot be told from its lag."""
+MAX_ALIAS_SHARE = 0.12  # of the commands' variance, above half of the Nyquist frequency
 SLOWEST_RATE = 80.0  # Hz, below which the commands between samples matter
-SLOW_BIAS = -0.08  # of the effect, typically, there
-SLOW_SD = 0.3  # relative standard deviation of what that does to damping and lag
-WIND_BIAS_SD = 0.1
-"""Relative standard deviation of the effect's bias between ``REPORTED_SHARE`` and ``BIASED_SHARE``: more often it comes
-out high than low."""
 LARGEST_DAMPING = 15.0  # 1/s, beyond which the estimate is near its bound
 RESOLVED_LAG = 0.5  # steps of the stream
-BOUND = 0.8  # of the prior's standard deviation: what little the flight says of a parameter
 
 
-CHANGED = "It differs from window to window by more than chance"
+class ModelErrors(NamedTuple):
+    """Standard deviations of what the model leaves out, by which estimates differ from the truth besides by chance.
+
+    By so much simulated flights differ from the same vehicle linearised, sampled at every step of their controller:
+    the effect changes with the tilt in wind, and rotors spin up twice as fast as they slow down.
+
+    Attributes:
+        effect: of all motors together, as a share of the effect.
+        motor: of each by itself, likewise.
+        damping: 1/s.
+        lag: as a share of the lag.
+        delay: s.
+        unknown_effect: of an effect that is not identifiable, as a share of it.
+        wind_bias: of the effect where it is biased by the wind, as a share; more often it comes out high than low.
+        slow_bias: the effect's likely error below ``SLOWEST_RATE``, as a share.
+        slow: of damping and lag there, as a share.
+        wind: of the wind's torque, as a share of its standard deviation: drag and cross-coupling are not modelled.
+    """
+
+    effect: float = 0.025
+    motor: float = 0.015
+    damping: float = 0.3
+    lag: float = 0.05
+    delay: float = 0.002
+    unknown_effect: float = 0.3
+    wind_bias: float = 0.1
+    slow_bias: float = -0.08
+    slow: float = 0.3
+    wind: float = 0.15
+
+
+MODEL_ERRORS = ModelErrors()
+
+
+class NotIdentifiable(NamedTuple):
+    """There are no physical parameters: ``reason``, one sentence, says why."""
+
+    reason: str
 
 
 class IdentifiabilityFigures(NamedTuple):
@@ -41,84 +83,70 @@ class IdentifiabilityFigures(NamedTuple):
 
     Attributes:
         wind_share: of the wind's torque, in the variance of its sum with the motors', in the band of the roll motion.
-        aliased: share of the commands' variance that is above half of the Nyquist frequency.
+        alias_share: share of the commands' variance that is above half of the Nyquist frequency.
         sd: relative standard deviation of the estimate by itself.
-        changed: relative standard deviation that the spread between windows adds to that of their mean.
-        spread: range of the logarithm over the wind's possible spectra.
-        prior: standard deviation of the logarithm beforehand.
+        window_sd: relative standard deviation that the spread between windows adds to that of their mean.
+        spectrum_range: range of the logarithm over the wind's possible spectra.
         damping: estimate, 1/s.
         lag: estimate beyond the shortest that a stream can hold, s.
         dt: step of the stream, s.
-        steered: share of the torque's variance that the setpoints explain; ``None`` where there are none.
     """
 
     wind_share: float
-    aliased: float
+    alias_share: float
     sd: dict[str, float]
-    changed: dict[str, float]
-    spread: dict[str, float]
-    prior: dict[str, float]
+    window_sd: dict[str, float]
+    spectrum_range: dict[str, float]
     damping: float
     lag: float
     dt: float
-    steered: float | None = None
 
 
-def judged(figures: IdentifiabilityFigures) -> tuple[dict[str, Status], dict[str, str]]:
-    """Status and reason by name of parameter; the reason is empty where nothing is to be said."""
+def identifiability(figures: IdentifiabilityFigures) -> tuple[dict[str, Status], dict[str, str]]:
+    """Returns status and reason by name of parameter; the reason is empty where nothing is to be said."""
     statuses: dict[str, Status] = {}
     reasons: dict[str, str] = {}
     for name in PARAMETERS:
-        found = list(_obstacles(name, figures))
+        obstacles = [each for each in _obstacles(name, figures) if each[0] != "reported"]
         effect = statuses.get("effect", "reported")
-        if effect != "reported" and not any(status == effect for status, _ in found):
+        if effect != "reported" and not any(status == effect for status, _ in obstacles):
             # A wrong effect is made up for by a wrong lag.
-            found.append((effect, f"The effect is {effect}, and what is wrong with it is wrong with this."))
+            obstacles.append((effect, f"The effect is {effect}, and what is wrong with it is wrong with this."))
         order: tuple[Status, ...] = ("not identifiable", "biased")
-        statuses[name] = next((status for status in order if any(status == each for each, _ in found)), "reported")
-        reasons[name] = " ".join(reason for status, reason in found if status == statuses[name])
+        statuses[name] = next((status for status in order if status in dict(obstacles)), "reported")
+        reasons[name] = " ".join(reason for status, reason in obstacles if status == statuses[name])
     return statuses, reasons
 
 
 def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Status, str]]:
-    share, sd, spread = figures.wind_share, figures.sd[name], figures.spread[name]
-    if share > REPORTED_SHARE:
-        too_much = share > BIASED_SHARE
-        yield (
-            "not identifiable" if too_much else "biased",
-            f"The wind has {share:.0%} of the torque's variance, and the motors answer it (closed loop): fly quick "
-            f"inputs on this axis (doublets, or a sweep of about 3°) in calm air, until it has {REPORTED_SHARE:.0%}."
-            + (
-                ""
-                if too_much or name != "effect"
-                else f" The effect may be off by {2 * WIND_BIAS_SD:.0%}, mostly high."
-            ),
-        )
-    if figures.aliased > MAX_ALIASED:
+    share, sd, spread = figures.wind_share, figures.sd[name], figures.spectrum_range[name]
+    by_wind = WIND_SHARE.status(share)
+    high = f" The effect may be off by {2 * MODEL_ERRORS.wind_bias:.0%}, mostly high."
+    yield (
+        by_wind,
+        f"The wind has {share:.0%} of the torque's variance, and the motors answer it (closed loop): fly quick "
+        f"inputs on this axis (doublets, or a sweep of about 3°) in calm air, until it has {WIND_SHARE.reported:.0%}."
+        + (high if by_wind == "biased" and name == "effect" else ""),
+    )
+    if figures.alias_share > MAX_ALIAS_SHARE:
         yield (
             "not identifiable",
-            f"{figures.aliased:.0%} of the motor commands' variance is too fast for {1 / figures.dt:.0f} Hz: record "
-            "faster, or steer more.",
+            f"{figures.alias_share:.0%} of the motor commands' variance is too fast for {1 / figures.dt:.0f} Hz: "
+            "record faster, or steer more.",
         )
-    if sd > BOUND * figures.prior[name]:
-        yield "not identifiable", "The flight says hardly more of it than is known of any multirotor: steer more."
-    elif sd > BIASED_SD[name]:
-        yield "not identifiable", f"Its standard deviation is {sd:.0%}: fly longer, or steer more."
-    elif sd > REPORTED_SD[name]:
-        yield "biased", f"Its standard deviation is {sd:.0%}: fly longer, or steer more."
-    if figures.changed[name] > REPORTED_SD[name]:
+    yield RELATIVE_SD[name].status(sd), f"Its standard deviation is {sd:.0%}: fly longer, or steer more."
+    if figures.window_sd[name] > RELATIVE_SD[name].reported:
         yield "biased", f"{CHANGED}: the table over time shows when."
-    if spread > REPORTED_SPREAD[name]:
-        yield (
-            "not identifiable" if spread > BIASED_SPREAD[name] else "biased",
-            f"It changes by {_factor(spread)} with the spectrum that the wind is taken to have: steer more, or fly in "
-            "calmer air.",
-        )
-    if name == "effect" and figures.spread["lag"] > REPORTED_SPREAD["lag"]:
+    yield (
+        SPECTRUM_RANGE[name].status(spread),
+        f"It changes by {_factor(spread)} with the spectrum that the wind is taken to have: steer more, or fly in "
+        "calmer air.",
+    )
+    if name == "effect" and figures.spectrum_range["lag"] > SPECTRUM_RANGE["lag"].reported:
         yield (
             "not identifiable",
-            f"The lag changes by {_factor(figures.spread['lag'])} with the spectrum that the wind is taken to have, "
-            "and the effect cannot be told from it: steer more, or fly in calmer air.",
+            f"The lag changes by {_factor(figures.spectrum_range['lag'])} with the spectrum that the wind is taken to "
+            "have, and the effect cannot be told from it: steer more, or fly in calmer air.",
         )
     if name == "damping" and figures.damping > LARGEST_DAMPING:
         yield "not identifiable", f"It is at the bound of what rotors in air can do, {LARGEST_DAMPING:.0f} 1/s."
@@ -131,8 +159,8 @@ def _obstacles(name: str, figures: IdentifiabilityFigures) -> Iterator[tuple[Sta
         yield (
             "biased",
             f"At {1 / figures.dt:.0f} Hz the commands between samples are not known: the effect is low by about "
-            f"{-SLOW_BIAS:.0%}, damping and lag may be off by {2 * SLOW_SD:.0%}. Record at {SLOWEST_RATE:.0f} Hz or "
-            "more.",
+            f"{-MODEL_ERRORS.slow_bias:.0%}, damping and lag may be off by {2 * MODEL_ERRORS.slow:.0%}. Record at "
+            f"{SLOWEST_RATE:.0f} Hz or more.",
         )
 
 

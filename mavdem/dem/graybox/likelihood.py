@@ -6,11 +6,8 @@ torque and wind per moment of inertia, rad/s², the rate measured with white noi
 two components. Each window has a constant of its own, which balances its trim, and a level of its own of wind and noise
 together; both are solved for. What remains is the same in all windows. Maximising the likelihood of the one-step
 prediction errors is consistent in closed loop as far as the wind's spectrum is right (Ljung, System Identification, 2nd
-ed., secs. 8.4, 13.4).
-
-Coloured noise as a state that white noise drives: turbulence, and the smooth noise of generalized coordinates.
-
-The plant of one axis: its rate, the motors' torque and the wind's, from sample to sample.
+ed., secs. 8.4, 13.4). The same plant, sampled, is what the wind's torque is smoothed with once its parameters are
+known.
 """
 
 from __future__ import annotations
@@ -59,8 +56,8 @@ def _autoregressive(coefficients: Array) -> Coloured:
     return Coloured(A * size / size[:, None], drive, np.eye(order)[0])
 
 
-def _smooth(order: int) -> Coloured:
-    """Noise of the Gaussian kernel whose width is the unit of time, of spectrum exp(−ω²).
+def smooth(order: int) -> Coloured:
+    """Returns noise of the Gaussian kernel whose width is the unit of time, of spectrum exp(−ω²).
 
     1/exp(ω²) by Taylor's series in the denominator: Hartikainen and Särkkä, "Kalman filtering and smoothing solutions
     to temporal Gaussian process regression models", MLSP 2010, sec. 3.3.
@@ -73,12 +70,9 @@ def _smooth(order: int) -> Coloured:
 
 FIRST_ORDER = _autoregressive(np.ones(2))  # autocorrelation exp(−|τ|): turbulence along its mean wind
 
-SMOOTH = _smooth(8)
-"""Autocorrelation exp(−τ²/4): noise with a Gaussian kernel, the noise of generalized coordinates (Eq. ``Smatrix``)."""
-
-GUSTS = _smooth(4)
-"""The same to fourth order, with half of the states: enough for the spectrum where there is power."""
-
+GUSTS = smooth(4)
+"""Autocorrelation exp(−τ²/4), nearly: noise with a Gaussian kernel, the noise of generalized coordinates (Eq.
+``Smatrix``), to an order that is enough for the spectrum where there is power."""
 
 SETTLING_SECONDS = 0.25  # of each window, whose prediction errors do not count: the filter finds the state
 MAX_DOUBLINGS = 40  # of the steps over which the filter becomes steady
@@ -101,15 +95,25 @@ share of the lag, by how much rotors spin up faster than down."""
 
 
 class FlightWindows(NamedTuple):
-    """FlightWindows of equal length: N samples of each of W."""
+    """W windows of a flight, of N samples each.
 
-    inputs: Array  # (W, N, r) deviations from the trim, in units of their common standard deviation
-    rate: Array  # (W, N) rad/s
+    Attributes:
+        inputs: (W, N, r) deviations from the trim, in units of their common standard deviation.
+        rate: (W, N) rad/s.
+        dt: step, s.
+        starts: (W,) s of the record before each.
+        unit: of the inputs, in the unit of the record's.
+    """
+
+    inputs: Array
+    rate: Array
     dt: float
+    starts: Array
+    unit: float
 
-    def of(self, places: slice | NDArray[np.intp]) -> FlightWindows:
-        """Some of them."""
-        return FlightWindows(self.inputs[places], self.rate[places], self.dt)
+    def of(self, some: slice | NDArray[np.intp]) -> FlightWindows:
+        """Returns some of them."""
+        return FlightWindows(self.inputs[some], self.rate[some], self.dt, self.starts[some], self.unit)
 
 
 class Parameters(NamedTuple):
@@ -133,22 +137,22 @@ class Parameters(NamedTuple):
     @property
     def prior(self) -> tuple[Array, Array]:
         """Mean and standard deviation (k,)."""
-        of_wind = [each for time in TIMES[: len(self.wind)] for each in (SIZE, time)]
-        of_motors = [(0.0, self.deviation)] * self.motors
+        wind = [each for time in TIMES[: len(self.wind)] for each in (SIZE, time)]
+        deviations = [(0.0, self.deviation)] * self.motors
         refined = [REFINEMENTS[name] for name in self.refinements]
-        mean, sd = np.array([EFFECT, *of_motors, DAMPING, LAG, DELAY, *of_wind, NOISE, *refined]).T
+        mean, sd = np.array([EFFECT, *deviations, DAMPING, LAG, DELAY, *wind, NOISE, *refined]).T
         return mean, sd
 
     @property
-    def of_noise(self) -> int:
-        """Place of the log noise."""
+    def noise_index(self) -> int:
+        """Index of the log noise."""
         return self.motors + 4 + 2 * len(self.wind)
 
     @property
     def logarithms(self) -> list[int]:
-        """Places of logarithms."""
+        """Indices of logarithms."""
         r = self.motors
-        return [0, r + 1, r + 2, *range(r + 4, self.of_noise + 1)]
+        return [0, r + 1, r + 2, *range(r + 4, self.noise_index + 1)]
 
     def effect(self, thetas: Array) -> Array:
         """(…, r) effect of each motor, rad/s² per unit of ``FlightWindows.inputs``."""
@@ -164,11 +168,11 @@ class Parameters(NamedTuple):
 
     def sizes(self, theta: Array) -> Array:
         """(…, components) standard deviations of the wind's components, rad/s²."""
-        return np.exp(theta[..., self.motors + 4 : self.of_noise : 2])
+        return np.exp(theta[..., self.motors + 4 : self.noise_index : 2])
 
     def times(self, theta: Array) -> Array:
         """(…, components) their times, s."""
-        return np.exp(theta[..., self.motors + 5 : self.of_noise : 2])
+        return np.exp(theta[..., self.motors + 5 : self.noise_index : 2])
 
     def filters(self, thetas: Array, dt: float) -> tuple[Transition, Array, Array]:
         """Transition, gain (b, n) and variance (b,) of the innovations of the steady filter, for parameters (b, k).
@@ -182,14 +186,14 @@ class Parameters(NamedTuple):
         B[:, 1, 0], B[:, 0, 1] = rate, 1.0
         start = 2
         for each, size, time in zip(self.wind, self.sizes(thetas).T, self.times(thetas).T, strict=True):
-            of = slice(start, start + len(each.A))
-            A[:, of, of] = each.A / time[:, None, None]
-            drive[:, of, of] = each.drive / time[:, None, None]
-            A[:, 0, of] = each.C * size[:, None]
-            start = of.stop
+            states = slice(start, start + len(each.A))
+            A[:, states, states] = each.A / time[:, None, None]
+            drive[:, states, states] = each.drive / time[:, None, None]
+            A[:, 0, states] = each.C * size[:, None]
+            start = states.stop
         transition = discretize(A, B, dt)
         process = step_covariance(A, drive, dt)
-        noise = np.exp(2 * thetas[:, self.of_noise]) + self.least_noise**2
+        noise = np.exp(2 * thetas[:, self.noise_index]) + self.least_noise**2
         P = steady_covariance(transition.state, process, noise)
         variance = P[:, 0, 0] + noise
         return transition, (transition.state @ P[:, :, :1])[:, :, 0] / variance[:, None], variance
@@ -197,7 +201,7 @@ class Parameters(NamedTuple):
     def commanded(self, theta: Array, windows: FlightWindows) -> Array:
         """(W, N) the torque that the motors would settle at, rad/s², refinements included."""
         inputs = windows.inputs
-        for name, value in zip(self.refinements, theta[self.of_noise + 1 :], strict=True):
+        for name, value in zip(self.refinements, theta[self.noise_index + 1 :], strict=True):
             if name == "thrust curve":
                 inputs = inputs + value * windows.inputs**2 / 2
             else:
@@ -329,13 +333,13 @@ def plant(damping: float, lag: float, components: Sequence[tuple[Coloured, float
     ``components`` of the wind are colour, standard deviation in rad/s², and time in s of each.
     """
     colours = [(colour.A / time, colour.drive / time) for colour, _, time in components]
-    A = block_diag(np.array([[-damping, 1.0], [0.0, -1 / lag]]), *(own for own, _ in colours))
+    A = block_diag(np.array([[-damping, 1.0], [0.0, -1 / lag]]), *(noise for noise, _ in colours))
     drive, stationary, wind = np.zeros_like(A), np.zeros_like(A), np.zeros(len(A))
-    places = np.cumsum([2, *(len(own) for own, _ in colours)])
-    for (colour, size, _), (own, noise), (start, stop) in zip(components, colours, pairwise(places), strict=True):
+    bounds = pairwise(np.cumsum([2, *(len(noise) for noise, _ in colours)]))
+    for (colour, size, _), (noise, intensity), (start, stop) in zip(components, colours, bounds, strict=True):
         wind[start:stop] = size * colour.C
-        drive[start:stop, start:stop] = noise
-        stationary[start:stop, start:stop] = solve_continuous_lyapunov(own, -noise)
+        drive[start:stop, start:stop] = intensity
+        stationary[start:stop, start:stop] = solve_continuous_lyapunov(noise, -intensity)
     A[0] += wind
     step = discretize(A, np.eye(len(A))[:, 1:2] / lag, dt)
     process = step_covariance(A, drive, dt)

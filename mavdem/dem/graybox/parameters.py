@@ -1,7 +1,4 @@
-"""Physical parameters (gray-box model) of a flight: each motor's effect, the damping, and the motors' lag.
-
-Windows of a flight for the gray-box model: one length, one trim, one unit of the inputs.
-"""
+"""Physical parameters (gray-box model) of a flight, and the windows of the flight that they are estimated from."""
 
 from __future__ import annotations
 
@@ -36,7 +33,7 @@ class PhysicalInterval(NamedTuple):
 
 
 class WindowTable(NamedTuple):
-    """FlightWindows of the flight, W of them, each with an estimate of its own, to first order about that of all.
+    """Windows of the flight, W of them, each with an estimate of its own, to first order about that of all.
 
     Attributes:
         start: (W,) s of the given samples before it.
@@ -93,7 +90,7 @@ class Physical(NamedTuple):
     windows: WindowTable
 
     def mean_effect(self, level: float = LEVEL) -> tuple[float, float]:
-        """Mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.
+        """Returns the mean magnitude of the motors' effect, and its half width, NaN where it is not identifiable.
 
         Narrower than the motors' own: the motors move together, and their mean is known better than each.
 
@@ -117,7 +114,7 @@ class Physical(NamedTuple):
         return None if self.identifiable else f"The motors' effect is not identifiable. {self.reasons['effect']}"
 
     def interval(self, level: float = LEVEL) -> PhysicalInterval:
-        """Half widths of intervals that hold each parameter with probability ``level``; a likely bias widens them.
+        """Returns half widths of intervals of probability ``level``; a likely bias widens them.
 
         Raises:
             ValueError: a level that is no probability between 0 and 1.
@@ -141,28 +138,8 @@ little less."""
 FASTEST_RATE = 199.0  # Hz: of twice that or more, every so many samples are taken
 
 
-class Cut(NamedTuple):
-    """A record in W windows of N samples.
-
-    Attributes:
-        windows: what is fitted.
-        starts: (W,) s of the record before each.
-        unit: of the windows' inputs, in the unit of the record's.
-        outputs: (W, N, m).
-        setpoints: (W, N, q), NaN where they are not known; ``None`` where there are none.
-        setpoint_names: of their columns.
-    """
-
-    windows: FlightWindows
-    starts: Array
-    unit: float
-    outputs: Array
-    setpoints: Array | None
-    setpoint_names: tuple[str, ...]
-
-
-def cut(record: Record) -> Cut:
-    """Cuts a record into windows.
+def windows_of(record: Record) -> FlightWindows:
+    """Cuts a record into windows of one length, with one trim and one unit of the inputs.
 
     Raises:
         ValueError: no output is the rate of another, there are too few samples, or no motor moves.
@@ -175,26 +152,18 @@ def cut(record: Record) -> Cut:
     if not record.inputs.std(axis=0).any():
         raise ValueError("physical parameters need motors that move: all inputs are constant")
     rate = rate_column(record)
-    places = _places(record)
-    inputs = record.inputs[places]
+    samples = _window_samples(record)
+    inputs = record.inputs[samples]
     inputs = inputs - inputs.mean(axis=(0, 1))
     unit = float(np.sqrt(np.mean(inputs**2)))
     if not unit:
         raise ValueError("physical parameters need motors that move: all inputs are constant")
-    step = int(places[0, 1] - places[0, 0])
-    windows = FlightWindows(inputs / unit, record.outputs[places, rate], step * record.dt)
-    return Cut(
-        windows,
-        np.asarray(record.dt * places[:, 0]),
-        unit,
-        record.outputs[places],
-        None if record.setpoints is None else record.setpoints[places],
-        record.setpoint_names,
-    )
+    dt = float(samples[0, 1] - samples[0, 0]) * record.dt
+    return FlightWindows(inputs / unit, record.outputs[samples, rate], dt, np.asarray(record.dt * samples[:, 0]), unit)
 
 
 def rate_column(record: Record) -> int:
-    """Which output is the rate: the derivative of another, or the only one; ``ValueError`` where none is."""
+    """Returns which output is the rate: the derivative of another, or the only one; ``ValueError`` where none is."""
     if record.outputs.shape[1] == 1:
         return 0
     pairs = derivative_pairs(record)
@@ -203,7 +172,7 @@ def rate_column(record: Record) -> int:
     return pairs[0][1]
 
 
-def _places(record: Record) -> NDArray[np.intp]:
+def _window_samples(record: Record) -> NDArray[np.intp]:
     """(W, N) samples of each window."""
     step = max(1, int(1 / record.dt / FASTEST_RATE))
     shortest = max(step * MIN_SAMPLES, round(SHORTEST_WINDOW_SECONDS / record.dt))
@@ -214,8 +183,7 @@ def _places(record: Record) -> NDArray[np.intp]:
     # Up to half as long again, or down to what there is, so that as little as possible is left over.
     usual = min(round(WINDOW_SECONDS / record.dt), record.longest)
     lengths = [length for length in range(usual, int(1.5 * usual) + 1, max(1, usual // 50)) if length <= record.longest]
-    length = max(lengths, key=lambda length: sum(own // length for own in record.lengths) * length)
-    begins = np.concatenate(
-        [start + length * np.arange(own // length) for start, own in zip(record.starts, record.lengths, strict=True)]
-    )
+    length = max(lengths, key=lambda length: sum(whole // length for whole in record.lengths) * length)
+    segments = zip(record.starts, record.lengths, strict=True)
+    begins = np.concatenate([start + length * np.arange(whole // length) for start, whole in segments])
     return np.asarray(begins[:, None] + np.arange(0, length - step + 1, step), np.intp)

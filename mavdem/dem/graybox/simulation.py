@@ -7,9 +7,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
 
-from mavdem.dem.closed_loop.gaussian_path import GaussianPath
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import discretize, recursion
+from mavdem.dem.forecast.var import Forecast
 from mavdem.dem.graybox.likelihood import delayed, step_covariance
 from mavdem.dem.graybox.parameters import Physical
 from mavdem.dem.priors import derivative_pairs
@@ -18,7 +18,7 @@ from mavdem.dem.record import Record
 RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
 
 
-def simulated(physical: Physical, record: Record, inputs: Array) -> GaussianPath:
+def simulated(physical: Physical, record: Record, inputs: Array) -> Forecast:
     """Mean and variance (H, m) of an angle and its rate under commanded ``inputs`` (H, r), after the training data.
 
     It begins with the last measured sample, and with the torque that the last commands left in the motors. The steady
@@ -40,7 +40,7 @@ def simulated(physical: Physical, record: Record, inputs: Array) -> GaussianPath
     variance = np.einsum("iht,ij,jht->ht", slopes, physical.covariance[:-1, :-1], slopes)
     variance += _of_wind(physical, record.dt, len(inputs))
     back = np.argsort(order)
-    return GaussianPath(mean[:, back], variance[:, back])
+    return Forecast(mean[:, back], variance[:, back])
 
 
 def _mean(theta: Array, delay: float, record: Record, order: list[int], inputs: Array) -> Array:

@@ -12,7 +12,6 @@ Gusts: where the wind's torque leaves its running level by more than its turbule
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -22,10 +21,18 @@ from scipy.signal import csd, detrend
 
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.graybox.identifiability import MODEL_ERRORS
 from mavdem.dem.graybox.likelihood import Coloured, plant
 from mavdem.dem.graybox.parameters import rate_column
 from mavdem.dem.graybox.smoother import SteadyFilter
 from mavdem.dem.record import Record
+
+RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
+MAX_ERROR_SHARE = 0.5  # of the estimate's variance, that its errors may have before it is not resolved
+MAX_SCATTER = 0.1  # of the cancelled share: with more, the motors do too much else for it to be known
+SPECTRUM_SECONDS = 8.0  # of the windows whose spectra are averaged, with half of each in the next
+INDEPENDENT = 18 / 19  # of windows by Hann with half of each in the next, as many count (Welch, 1967)
+SLOW_HERTZ = 1.0  # below which the slow wind's answer counts
 
 LEVEL_SECONDS = 10.0  # of the running median, which a gust stands out from
 LEVEL_STEP_SECONDS = 0.1  # between samples of that median
@@ -33,86 +40,6 @@ THRESHOLD = 4.0  # standard deviations from it, by the median absolute deviation
 END = 0.5  # of the threshold, within which a gust begins and ends
 CERTAIN = 2.0  # half widths of the band, which a gust exceeds: errors in quick manoeuvres are no gusts
 NORMAL_MEDIAN = 0.6745  # absolute deviation of a normal distribution, in standard deviations
-
-
-class DetectedGust(NamedTuple):
-    """Wind that leaves its running level by ``THRESHOLD`` standard deviations.
-
-    Attributes:
-        sample: the first of it, in the record.
-        start: that sample's time since the record's first, s; gaps between segments do not count.
-        length: s, for which it stays beyond half the threshold.
-        size: its largest distance from the level, with its sign, rad/s².
-    """
-
-    sample: int
-    start: float
-    length: float
-    size: float
-
-
-class Gusts(NamedTuple):
-    """What was found, the threshold in rad/s², and how many a minute Gaussian turbulence alone would give."""
-
-    found: tuple[DetectedGust, ...]
-    threshold: float
-    false_per_minute: float
-
-
-def gusts(torque: Array, band: Array, record: Record) -> Gusts:
-    """Of the wind's ``torque`` (T,) in a record, and no less than twice the half width of its ``band`` (T,).
-
-    The rate of false ones is that at which a Gaussian process of the same variance and the same variance of its
-    derivative crosses the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
-    """
-    parts, bands = np.split(torque, record.starts[1:]), np.split(band, record.starts[1:])
-    away = [part - _level(part, record.dt) for part in parts]
-    sd = float(np.median(np.abs(np.concatenate(away)))) / NORMAL_MEDIAN
-    if sd == 0.0:
-        return Gusts((), 0.0, 0.0)
-    slopes = np.concatenate([np.diff(part) for part in away]) / record.dt
-    # Likewise by the median, so that gusts do not count.
-    crossings = float(np.median(np.abs(slopes))) / NORMAL_MEDIAN / sd / (2 * np.pi)
-    false = 2 * 60 * crossings * float(np.exp(-(THRESHOLD**2) / 2))
-    found = []
-    for first, part, width in zip(record.starts.tolist(), away, bands, strict=True):
-        outside = np.concatenate([[False], np.abs(part) > END * THRESHOLD * sd, [False]])
-        # A change of sign ends a gust.
-        edges = np.flatnonzero(np.diff(outside * np.sign(np.concatenate([[0], part, [0]]))))
-        for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-            peak = start + int(np.argmax(np.abs(part[start:stop])))
-            if abs(part[peak]) > max(THRESHOLD * sd, CERTAIN * width[peak]):
-                sample = first + start
-                found.append(DetectedGust(sample, sample * record.dt, (stop - start) * record.dt, float(part[peak])))
-    return Gusts(tuple(found), THRESHOLD * sd, false)
-
-
-def _level(part: Array, dt: float) -> Array:
-    """(T,) the running median of a segment."""
-    stride = max(1, round(LEVEL_STEP_SECONDS / dt))
-    coarse = part[::stride]
-    width = min(len(coarse), round(LEVEL_SECONDS / (stride * dt)))
-    median = median_filter(coarse, width | 1, mode="nearest")
-    return np.interp(np.arange(len(part)), np.arange(len(coarse)) * stride, median)
-
-
-RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
-MAX_ERROR_SHARE = 0.5  # of the estimate's variance, that its errors may have before it is not resolved
-LAG_ERROR, DELAY_ERROR, WIND_ERROR = 0.1, 0.15, 0.15
-"""Errors of the model, standard deviations: of the motors' lag, as a share of it; of their delay, as a share of the
-sampling step; and of the wind's torque, as a share of its own. Rotors that spin up faster than they slow down, commands
-between samples, thrust that changes with the flow through the rotor, and a spectrum that two components only
-approximate: chosen so that bands hold nine of ten samples of simulated flights, with other seeds than those of
-``tools/validation/wind.py``, where the motors' effect is within a tenth of the truth."""
-
-EFFECT_ERROR = {"reported": 0.0, "biased": 0.08, "not identifiable": 0.3}
-"""Standard deviation of the effect's error by its status, relative, besides its covariance, in those flights: the bias
-of the closed loop."""
-
-MAX_ANSWER_SCATTER = 0.1  # of the answered share: with more, the motors do too much else for it to be known
-SPECTRUM_SECONDS = 8.0  # of the windows whose spectra are averaged, with half of each in the next
-INDEPENDENT = 18 / 19  # of windows by Hann with half of each in the next, as many count (Welch, 1967)
-SLOW_HERTZ = 1.0  # below which the slow wind's answer counts
 
 
 class PlantParameters(Protocol):
@@ -135,8 +62,22 @@ class PlantParameters(Protocol):
     def components(self) -> tuple[tuple[Coloured, float, float], ...]: ...  # noqa: D102
     @property
     def noise(self) -> float: ...  # noqa: D102
-    @property
-    def status(self) -> Mapping[str, str]: ...  # noqa: D102
+
+
+class DetectedGust(NamedTuple):
+    """Wind that leaves its running level by ``THRESHOLD`` standard deviations.
+
+    Attributes:
+        sample: the first of it, in the record.
+        start: that sample's time since the record's first, s; gaps between segments do not count.
+        length: s, for which it stays beyond half the threshold.
+        size: its largest distance from the level, with its sign, rad/s².
+    """
+
+    sample: int
+    start: float
+    length: float
+    size: float
 
 
 class WindSpectrum(NamedTuple):
@@ -165,8 +106,8 @@ class WindTorque:
         gust_threshold: rad/s² from the running level.
         false_gusts_per_minute: to expect of Gaussian turbulence with the same spectrum, without gusts.
         spectrum: of the estimate and of the model.
-        answered: share of its variance that the motors had cancelled; NaN where they steer too much for it to be known.
-        answered_slow: likewise of its variance below 1 Hz.
+        cancelled_share: of its variance, by the motors; NaN where they steer too much for it to be known.
+        cancelled_share_slow: likewise of its variance below 1 Hz.
         resolved: whether its course is larger than its errors, but for those of its size.
         reason: why not, one sentence; ``None`` where it is.
         dt: sampling step, s.
@@ -183,8 +124,8 @@ class WindTorque:
     gust_threshold: float
     false_gusts_per_minute: float
     spectrum: WindSpectrum
-    answered: float
-    answered_slow: float
+    cancelled_share: float
+    cancelled_share_slow: float
     resolved: bool
     reason: str | None
     dt: float
@@ -234,11 +175,8 @@ def wind(physical: PlantParameters, record: Record) -> WindTorque:
             ]
         )
     size, levels = float(torques.torque.var()), slopes.mean(axis=1)
-    covariance = physical.covariance.copy()
-    covariance[-2, -2] += (LAG_ERROR * physical.lag) ** 2
-    covariance[-1, -1] += (DELAY_ERROR * record.dt) ** 2
-    covariance[:-3, :-3] += EFFECT_ERROR[physical.status["effect"]] ** 2 * np.outer(physical.effect, physical.effect)
-    own = torques.variance + WIND_ERROR**2 * size
+    covariance = physical.covariance
+    own = torques.variance + MODEL_ERRORS.wind**2 * size
 
     def with_parameters(slopes: Array) -> Array:
         return np.asarray(own + np.einsum("it,ij,jt->t", slopes, covariance, slopes))
@@ -275,8 +213,8 @@ def wind(physical: PlantParameters, record: Record) -> WindTorque:
         gust_threshold=found.threshold,
         false_gusts_per_minute=found.false_per_minute,
         spectrum=spectrum,
-        answered=spectra.answered(np.inf),
-        answered_slow=spectra.answered(SLOW_HERTZ),
+        cancelled_share=spectra.cancelled_share(np.inf),
+        cancelled_share_slow=spectra.cancelled_share(SLOW_HERTZ),
         resolved=resolved,
         reason=reason,
         dt=record.dt,
@@ -327,7 +265,7 @@ class _Spectra(NamedTuple):
     across: Array
     windows: float  # independent ones
 
-    def answered(self, highest: float) -> float:
+    def cancelled_share(self, highest: float) -> float:
         """Share of the wind's variance up to a frequency, Hz, that the motors' torque cancels.
 
         With the transfer G = across / wind from the wind to the answer, |1 − G|² of the density is left over. So what
@@ -339,7 +277,7 @@ class _Spectra(NamedTuple):
         all_of_it = float(wind.sum())
         left = float((np.abs(wind - across) ** 2 / wind).sum())
         scatter = float((answer - np.abs(across) ** 2 / wind).sum()) / max(self.windows - 1, 1)
-        if not scatter <= MAX_ANSWER_SCATTER * all_of_it:
+        if not scatter <= MAX_SCATTER * all_of_it:
             return float("nan")
         return 1 - (left - scatter) / all_of_it if all_of_it else float("nan")
 
@@ -371,3 +309,48 @@ def _model_density(physical: PlantParameters, frequency: Array) -> Array:
         )[:, :, 0]
         density += 2 * size**2 * np.einsum("fi,ij,fj->f", across, colour.drive / time, across.conj()).real
     return density
+
+
+class Gusts(NamedTuple):
+    """What was found, the threshold in rad/s², and how many a minute Gaussian turbulence alone would give."""
+
+    found: tuple[DetectedGust, ...]
+    threshold: float
+    false_per_minute: float
+
+
+def gusts(torque: Array, band: Array, record: Record) -> Gusts:
+    """Of the wind's ``torque`` (T,) in a record, and no less than twice the half width of its ``band`` (T,).
+
+    The rate of false ones is that at which a Gaussian process of the same variance and the same variance of its
+    derivative crosses the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).
+    """
+    parts, bands = np.split(torque, record.starts[1:]), np.split(band, record.starts[1:])
+    away = [part - _level(part, record.dt) for part in parts]
+    sd = float(np.median(np.abs(np.concatenate(away)))) / NORMAL_MEDIAN
+    if sd == 0.0:
+        return Gusts((), 0.0, 0.0)
+    slopes = np.concatenate([np.diff(part) for part in away]) / record.dt
+    # Likewise by the median, so that gusts do not count.
+    crossings = float(np.median(np.abs(slopes))) / NORMAL_MEDIAN / sd / (2 * np.pi)
+    false = 2 * 60 * crossings * float(np.exp(-(THRESHOLD**2) / 2))
+    found = []
+    for first, part, width in zip(record.starts.tolist(), away, bands, strict=True):
+        outside = np.concatenate([[False], np.abs(part) > END * THRESHOLD * sd, [False]])
+        # A change of sign ends a gust.
+        edges = np.flatnonzero(np.diff(outside * np.sign(np.concatenate([[0], part, [0]]))))
+        for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+            peak = start + int(np.argmax(np.abs(part[start:stop])))
+            if abs(part[peak]) > max(THRESHOLD * sd, CERTAIN * width[peak]):
+                sample = first + start
+                found.append(DetectedGust(sample, sample * record.dt, (stop - start) * record.dt, float(part[peak])))
+    return Gusts(tuple(found), THRESHOLD * sd, false)
+
+
+def _level(part: Array, dt: float) -> Array:
+    """(T,) the running median of a segment."""
+    stride = max(1, round(LEVEL_STEP_SECONDS / dt))
+    coarse = part[::stride]
+    width = min(len(coarse), round(LEVEL_SECONDS / (stride * dt)))
+    median = median_filter(coarse, width | 1, mode="nearest")
+    return np.interp(np.arange(len(part)), np.arange(len(coarse)) * stride, median)

@@ -1,25 +1,41 @@
-"""PredictionsAhead: predictions of a stream with its future inputs unknown, and how good such predictions were.
+"""Predictions of a stream with its future inputs unknown: one vector autoregression that forgets, or the last sample.
 
-Five predictions are mixed: those of a long and a short joint autoregression of outputs and inputs, the last sample,
-the mean so far, and the state-space model's with its inputs held.
+Nothing is known of future inputs: they follow from the motion, since the autopilot answers it. The autoregression of
+outputs and inputs is fitted again every second to sums that are forgotten exponentially. The last sample is held before
+the first fit, and at horizons where it lately erred less. No prediction is farther from the last sample than the
+vehicle lately went in as many samples.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
+from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.dem.engine.linalg import Array
-from mavdem.dem.online.autoregression import LONG, SHORT, OnlineAutoregression
+from mavdem.dem.engine.linalg import Array, one_thread_if_free
+from mavdem.dem.forecast.var import LagStatistics, Var, initial_lags
 from mavdem.dem.online.memory import Memory, MemoryBlock
-from mavdem.dem.online.mixture import Mixture
 
-PREDICTIONS = 5
-HELD, MEAN, STATE = 2, 3, 4  # after the autoregressions
+LAG_SECONDS = 0.15  # of samples that a prediction follows from
+FEWEST_LAGS, MOST_LAGS = 4, 16
+MOST_REGRESSORS = 100  # a fit of so many takes a millisecond
+MEMORY_SECONDS = 30.0  # time constant of forgetting
+RIDGE = 0.002  # of the autoregression's prior, for its channels in units of what is remembered
+REFIT_SECONDS = 1.0  # of samples before the first fit, and from one fit to the next
+SMALLEST_SCALE = 1e-6  # of a channel that became still, in units of its first second
 LARGEST_SECONDS = 20.0  # of samples whose largest change over a horizon bounds the next
 ERROR_SECONDS = 10.0  # time constant of the squared errors that are compared
+
+
+class _Maps(NamedTuple):
+    """Predictions as linear maps of the latest samples, in units of their own."""
+
+    center: Array  # (k,)
+    scale: Array  # (k,)
+    lags: Array  # (H, m, lags k), the latest lag first
+    constant: Array  # (H, m)
 
 
 class PredictionsAhead:
@@ -27,113 +43,111 @@ class PredictionsAhead:
 
     def __init__(self, dt: float, block: int, horizons: tuple[int, ...], inputs: int, outputs: int) -> None:
         """Begins without a sample; ``horizons`` are steps of ``dt``, s, and a ``block`` is so many samples."""
-        self._dt, self._horizons = dt, np.array(horizons)
-        self._shape = len(horizons), outputs, PREDICTIONS
-        self._joint = [OnlineAutoregression(dt, (1, *horizons), inputs, outputs, how) for how in (LONG, SHORT)]
-        self._lags = max(joint.lags for joint in self._joint)
-        self._mixture = Mixture(dt, horizons, outputs, PREDICTIONS)
+        most = max(FEWEST_LAGS, min(MOST_LAGS, MOST_REGRESSORS // (inputs + outputs)))
+        self.lags = int(np.clip(round(LAG_SECONDS / dt), FEWEST_LAGS, most))
+        self._dt, self._horizons, self._outputs = dt, np.array(horizons), outputs
+        self._maps: _Maps | None = None
         # What was predicted, in a ring: a sample is compared with what was predicted of it horizons ago.
-        self._ring = np.full((horizons[-1] + 1, len(horizons), outputs, PREDICTIONS + 1), np.nan)
+        self._ring = np.full((horizons[-1] + 1, len(horizons), outputs, 4), np.nan)
         self._place = 0
         self._errors: list[Array] = []
-        self._block: tuple[Array, Array] | None = None  # errors of the last block, before they are weighed
-        self._one_step: list[Array] = []
-        self._next = np.full(outputs, np.nan)
         self._changes: deque[Array] = deque(maxlen=max(1, round(LARGEST_SECONDS / dt / block)))
-        self._largest = np.zeros(self._shape[:2])
-        self._number, self._mean = 0, np.zeros(outputs)
-        self._squared = np.full((*self._shape[:2], 3), np.nan)
-
-    def predict(self, memory: Memory, state: Array | None) -> Array:
-        """(H, m): predictions at the horizons from the latest sample of the ``memory``.
-
-        ``state`` (H, m) is the state-space model's, ``None`` where there is none.
-        """
-        inputs, outputs = memory.latest(self._lags)
-        latest = outputs[-1]
-        self._compare(latest)
-        self._number += 1
-        self._mean += (latest - self._mean) / self._number
-        predictions = np.empty(self._shape)
-        predictions[..., HELD], predictions[..., MEAN] = latest, self._mean
-        for place, joint in enumerate(self._joint):
-            found = joint.ahead(inputs, outputs)
-            predictions[..., place] = self._bounded(latest, None if found is None else found[1:])
-            if place == 0:
-                self._next = latest.copy() if found is None else found[0]
-        predictions[..., STATE] = predictions[..., 0] if state is None else self._bounded(latest, state)
-        mixed = self._mixture.of(predictions)
-        self._ring[self._place, ..., :-1], self._ring[self._place, ..., -1] = predictions, mixed
-        self._place = (self._place + 1) % len(self._ring)
-        return mixed
-
-    def advance(self) -> None:
-        """One step of learning, of at most about a millisecond."""
-        if self._block is not None:
-            self._weigh(*self._block)
-            self._block = None
-            return
-        for joint in self._joint:
-            if joint.waits:
-                joint.advance()
-                return
-
-    def add(self, block: MemoryBlock) -> None:
-        """Learns from the block that was just closed, whose samples were predicted from."""
-        if self._errors:
-            if self._block is not None:  # where a block is one sample, or segments are short
-                self._weigh(*self._block)
-            self._block = np.array(self._errors), np.array(self._one_step)
-            self._errors.clear()
-            self._one_step.clear()
-        for joint in self._joint:
-            joint.add(block)
-
-    def end_segment(self) -> None:
-        """A gap follows: no sample after it is compared with predictions before it."""
-        self._ring[:], self._next = np.nan, np.full_like(self._next, np.nan)
+        self._largest = np.zeros((len(horizons), outputs))
+        self.begin_with(())
 
     def begin_with(self, blocks: Iterable[MemoryBlock]) -> None:
         """Learns anew from these blocks: later samples were not what they seemed to be."""
-        blocks = list(blocks)
-        for joint in self._joint:
-            joint.begin_with(blocks)
-        self._mixture.forget()
+        self._statistics: LagStatistics | None = None
+        self._before, self._waiting = np.empty((0, 0)), deque(blocks)
+        self._units: tuple[Array, Array] | None = None  # of the first second, in which rows are summed
+        self._uncounted = 0
         self._errors.clear()
-        self._one_step.clear()
-        self._block = None
-        self._changes.clear()
-        self._largest[:] = 0.0
-        self._squared[:] = np.nan
-        outputs = [block.outputs for block in blocks]
-        self._number = sum(map(len, outputs))
-        self._mean = np.concatenate(outputs).mean(axis=0) if blocks else np.zeros_like(self._mean)
+        self._squared = np.full((*self._largest.shape, 4), np.nan)
+        self._number = sum(len(block.outputs) for block in self._waiting)
+        self._mean = np.zeros(self._outputs)
+        if self._waiting:
+            self._mean = np.concatenate([block.outputs for block in self._waiting]).mean(axis=0)
+
+    def add(self, block: MemoryBlock) -> None:
+        """Learns from the block that was just closed, whose samples were predicted from."""
+        self._waiting.append(block)
+        if self._errors:
+            errors = np.array(self._errors)
+            self._errors.clear()
+            changes = np.abs(errors[..., 1])
+            self._changes.append(np.where(np.isfinite(changes), changes, 0.0).max(axis=0))
+            self._largest = np.max(self._changes, axis=0)
+            self._average(errors**2)
+
+    def end_segment(self) -> None:
+        """A gap follows: no sample after it is compared with predictions before it."""
+        self._ring[:] = np.nan
+
+    def predict(self, memory: Memory) -> Array:
+        """Returns (H, m): predictions at the horizons from the latest sample of the ``memory``."""
+        inputs, outputs = memory.latest(self.lags)
+        latest = outputs[-1]
+        before = self._ring[(self._place - self._horizons) % len(self._ring), np.arange(len(self._horizons))]
+        self._errors.append(latest[:, None] - before)
+        self._number += 1
+        self._mean += (latest - self._mean) / self._number
+        held = predicted = np.broadcast_to(latest, self._largest.shape)
+        if self._maps is not None:
+            center, scale, lags, constant = self._maps
+            m = self._outputs
+            past = ((initial_lags(np.hstack([outputs, inputs]), self.lags) - center) / scale)[::-1].ravel()
+            with np.errstate(over="ignore", invalid="ignore"):
+                ahead = center[:m] + scale[:m] * (lags @ past + constant)
+            ahead = np.where(np.isfinite(ahead), ahead, latest)
+            predicted = np.clip(ahead, latest - self._largest, latest + self._largest)
+        shown = np.where(self._squared[..., 3] > self._squared[..., 1], held, predicted)
+        self._ring[self._place] = np.stack([shown, held, np.broadcast_to(self._mean, held.shape), predicted], axis=-1)
+        self._place = (self._place + 1) % len(self._ring)
+        return shown
+
+    def advance(self) -> None:
+        """Counts the waiting blocks and fits when that is due, unless another thread is computing."""
+        if not self._waiting:
+            return
+        if self._units is None:
+            if sum(len(block.outputs) for block in self._waiting) * self._dt < REFIT_SECONDS:
+                return
+            channels = np.concatenate([np.hstack([block.outputs, block.inputs]) for block in self._waiting])
+            scale = channels.std(axis=0)
+            self._units = channels.mean(axis=0), np.where(scale > 0, scale, 1.0)
+        center, scale = self._units
+        while self._waiting:
+            block = self._waiting.popleft()
+            channels = (np.hstack([block.outputs, block.inputs]) - center) / scale
+            if not block.begins and len(self._before):
+                channels = np.vstack([self._before, channels])
+            self._before = channels[-self.lags :]
+            self._uncounted += len(block.outputs)
+            new = LagStatistics.of([channels], self.lags)
+            if self._statistics is not None:
+                new += self._statistics.forgotten(float(np.exp(-new.rows * self._dt / MEMORY_SECONDS)))
+            self._statistics = new
+        if self._uncounted * self._dt < REFIT_SECONDS or self._statistics is None or self._statistics.rows < 1:
+            return
+        with one_thread_if_free() as free:
+            if free:
+                self._uncounted = 0
+                self._fit(self._statistics, center, scale)
+
+    def _fit(self, statistics: LagStatistics, center: Array, scale: Array) -> None:
+        scaled, units = statistics.in_own_units(self.lags, SMALLEST_SCALE)
+        try:
+            maps = Var.fit(scaled, self.lags, RIDGE).ahead(tuple(self._horizons.tolist()), self._outputs)
+        except np.linalg.LinAlgError:  # of this fit; the next has other samples
+            return
+        self._maps = _Maps(center + scale * units.center, scale * units.scale, *maps)
 
     @property
     def error_ratio(self) -> Array:
         """(H, m): recent squared error over that of the better of the last sample held and the mean; NaN at first."""
-        ours, *others = np.moveaxis(self._squared, -1, 0)
+        ours, held, mean, _ = np.moveaxis(self._squared, -1, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(ours / np.minimum(*others))
-
-    def _weigh(self, errors: Array, one_step: Array) -> None:
-        self._mixture.add(errors[..., :-1], one_step)
-        changes = np.abs(errors[..., HELD])
-        self._changes.append(np.where(np.isfinite(changes), changes, 0.0).max(axis=0))
-        self._largest = np.max(self._changes, axis=0)
-        self._average(errors[..., [PREDICTIONS, HELD, MEAN]] ** 2)
-
-    def _compare(self, latest: Array) -> None:
-        before = self._ring[(self._place - self._horizons) % len(self._ring), np.arange(len(self._horizons))]
-        self._errors.append(latest[:, None] - before)
-        self._one_step.append(latest - self._next)
-
-    def _bounded(self, latest: Array, predicted: Array | None) -> Array:
-        """(H, m): within the largest change over each horizon that was seen; the last sample where there is none."""
-        if predicted is None:
-            return np.broadcast_to(latest, self._shape[:2])
-        held = np.where(np.isfinite(predicted), predicted, latest)
-        return np.clip(held, latest - self._largest, latest + self._largest)
+            return np.asarray(ours / np.minimum(held, mean))
 
     def _average(self, squared: Array) -> None:
         known = np.isfinite(squared).all(axis=-1, keepdims=True)

@@ -1,44 +1,50 @@
-"""OnlineLearner: the same model, fitted in small steps while the samples come.
+"""OnlineLearner: the same model on a stream, learned again from the latest samples whenever that is due.
 
-With each block of samples the model is fitted on by a few rounds of D, E and M steps, to the statistics of the latest
-samples: where these stay the same, it converges to the result of :func:`mavdem.learn`. Calls of ``learn`` in between
-check that the samples support a model, and give its cautions and intervals.
+``learn`` runs in an executor, from the last result on, whenever its last call is done and two seconds have passed. In
+between every sample is filtered and predicted by the newest model.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Executor, Future
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.learned import Learned
-from mavdem.dem.learning import FEWEST_SAMPLES, choices, learn, leaves_open
+from mavdem.dem.learning import FEWEST_SAMPLES, learn
 from mavdem.dem.online.ahead import PredictionsAhead
-from mavdem.dem.online.bands import ErrorBands
-from mavdem.dem.online.estimate import Estimate
-from mavdem.dem.online.memory import Memory
-from mavdem.dem.online.refit import OnlineRefit
-from mavdem.dem.online.surprise import Marks, Surprise
-from mavdem.dem.online.tracker import Tracker
+from mavdem.dem.online.memory import Memory, drop_since
+from mavdem.dem.online.tracker import AnomalyMarks, ErrorBands, Estimate, Surprise, Tracker, Tracking
 from mavdem.dem.online.wind import OnlineWind
-from mavdem.dem.record import LARGEST, SHORTEST_STEP
-from mavdem.dem.settings import CompleteSettings, Settings
+from mavdem.dem.record import LARGEST, SHORTEST_STEP, Record
+from mavdem.dem.settings import Settings
 from mavdem.dem.validation import is_number, is_whole, real_numbers
 
-BLOCK_SECONDS = 0.1  # of samples, after which the model is fitted on
-FIRST_LEARNING_SECONDS = 2.0
-"""Of samples, before the first call of ``learn``, and the next after a failure; otherwise one whenever there are twice
-as many samples, and with a full memory whenever all of it is new."""
+BLOCK_SECONDS = 0.1  # of samples, which are remembered and forgotten together
+LEARNING_SECONDS = 2.0  # of samples, before the first call of ``learn``, and between two
 HORIZONS = (1, 5, 10, 25, 50)
 """Default steps ahead."""
 FILTER_SECONDS = 1.0  # of samples, over which a new model's filter finds the state
 MAX_GAPS = 5  # in a row, after which ``dt`` is wrong rather than samples missing
 TOO_FEW = "there are not enough samples yet"
 FIRST_RUNS = "the first learning is still running"
-REFIT_STEP_SECONDS = 0.01  # of samples for one step of a refit, which takes about a millisecond
+
+
+class _Result(NamedTuple):
+    """A finished call of ``learn``, and the time of the last sample it was given, s."""
+
+    learned: Learned
+    tracking: Tracking
+    until: float
+
+
+def _learn(record: Record, settings: Settings, start: Learned | None, until: float) -> _Result:
+    learned = learn(record, settings, start)
+    return _Result(learned, Tracking.of(learned), until)
 
 
 class OnlineLearner:
@@ -46,7 +52,7 @@ class OnlineLearner:
 
     Attributes:
         horizons: steps ahead of ``Estimate.ahead``.
-        learned: the last result of ``learn``, with cautions and intervals; ``None`` before, and for complete settings.
+        learned: the last result of ``learn``, whose model is in use; ``None`` before.
         obstacle: why there is no model, or no newer one; one sentence without its full stop, empty without a reason.
     """
 
@@ -70,7 +76,7 @@ class OnlineLearner:
             memory: seconds of samples that the model is fitted to; older ones are dropped.
             horizons: steps ahead to predict, increasing.
             executor: of processes, where ``learn`` runs; unless given, it runs inside an update, which then takes as
-                long. With one of threads the model does not change meanwhile, and an update may wait for them.
+                long. With one of threads an update may wait for them.
             effect_directions: (r,) relative effect of each input on the axis, where the mixer geometry is known.
 
         Raises:
@@ -101,16 +107,17 @@ class OnlineLearner:
         self._memory = Memory(dt, block, most, n_inputs, n_outputs, directions)
         self._most = most * block
         self._samples = 0
-        self._next_choice = self._first_choice = max(round(FIRST_LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
-        self._pending: Future[Learned] | None = None
-        self._refit: OnlineRefit | None = None
+        self._first = max(round(LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
+        # The settings are chosen anew with twice as many samples, and when all samples in the memory are new.
+        self._next = self._next_choice = self._first
+        self._pending: Future[_Result] | None = None
         self._tracker: Tracker | None = None
         self._last: float | None = None
         self._gaps = 0
         self._bands = ErrorBands(self.horizons, n_outputs, self._dt)
         self._ahead = PredictionsAhead(self._dt, block, self.horizons, n_inputs, n_outputs)
         self._wind = OnlineWind(self._dt, block, executor, directions)
-        self._surprise, self._marks = Surprise(self._dt), Marks(self._dt)
+        self._surprise, self._marks = Surprise(self._dt), AnomalyMarks(self._dt)
 
     def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike) -> Estimate:
         """Takes the next sample, ``outputs`` (m,) and ``inputs`` (r,) at a ``time`` in s.
@@ -148,8 +155,7 @@ class OnlineLearner:
             self._bands.update()
             self._surprise.update_quantiles()
             self._remember()
-        self._choose()
-        self._advance()
+        self._relearn()
         self._ahead.advance()
         if self._gaps >= MAX_GAPS:
             coming = f"come every {step:.3g} s" if step > 0 else "do not go on in time"
@@ -159,34 +165,28 @@ class OnlineLearner:
     def forget_since(self, time: float) -> None:
         """Takes back the samples of the latest segments from ``time``, s, on: they were not what they seemed to be.
 
-        The model is fitted anew to those before; a running call of ``learn`` is not waited for.
+        The model is learned anew from those before; a running call of ``learn`` is not waited for.
         """
         self._begin_segment()
-        if not self._memory.drop_since(time):
+        if not drop_since(self._memory.blocks, time):
             return
         self._ahead.begin_with(self._memory.blocks)
         self._wind.drop_since(time)
         if self._pending is not None:
             self._pending.cancel()
-            self._pending, self._next_choice = None, self._samples
-        if self._refit is not None:
-            # Without a sample left there is nothing to fit: as in the beginning, but the model stays.
-            settings, self._refit = self._refit.settings, None
-            if self._memory.blocks:
-                self._refit = OnlineRefit(settings, self._memory, self._dt)
-                self._refit.begin()
-            else:
-                self._next_choice = self._samples + self._first_choice
+            self._pending = None
+        # Without a sample left there is nothing to learn from: as in the beginning, but the model stays.
+        self._next = self._next_choice = self._samples + (0 if self._memory.blocks else self._first)
 
     def learn_now(self) -> Learned:
-        """The result of ``learn`` on the samples in the memory, with the settings in use.
+        """Returns the result of ``learn`` on the samples in the memory, with the settings in use.
 
         Raises:
             ValueError: they do not support one, or there is no full block of samples yet.
         """
         if not self._memory.blocks:
             raise ValueError(TOO_FEW)
-        return learn(self._memory.record(), self._settings if self._refit is None else self._refit.settings)
+        return learn(self._memory.record(), self._settings if self.learned is None else self.learned.settings)
 
     def _checked(self, time: float, inputs: ArrayLike, outputs: ArrayLike) -> tuple[float, Array, Array]:
         now, u, y = real_numbers(time, "time"), real_numbers(inputs, "inputs"), real_numbers(outputs, "outputs")
@@ -211,11 +211,10 @@ class OnlineLearner:
         self._last = None
 
     def _estimate(self, time: float, u: Array, y: Array) -> Estimate:
-        tracker, expected, held = self._tracker, np.full_like(y, np.nan), None
+        tracker, expected = self._tracker, np.full_like(y, np.nan)
         if tracker is not None:
             expected = tracker.filter(self._last is None, u, y)
-            held = tracker.ahead(u)
-        ahead = self._ahead.predict(self._memory, held)
+        ahead = self._ahead.predict(self._memory)
         expected_band, *ahead_band = self._bands.half_widths
         self._bands.add(y, expected, ahead)
         later = time + self._dt * np.array(self.horizons), ahead, np.array(ahead_band), self._ahead.error_ratio
@@ -225,7 +224,7 @@ class OnlineLearner:
         energy, disturbance = tracker.evaluate(self._memory)
         surprise = self._surprise.add(energy) if np.isfinite(energy) else np.nan
         delay = (tracker.window - 1 - tracker.window // 2) * self._dt
-        now = tracker.now
+        learned = tracker.learned
         return Estimate(
             time,
             expected,
@@ -235,94 +234,65 @@ class OnlineLearner:
             free_energy=energy,
             surprise=surprise,
             disturbance=disturbance,
-            free_energy_action=now.free_energy_action,
-            model=now.model,
-            model_sd=now.model_sd,
-            log_precisions=now.log_precisions,
-            until=now.until,
+            free_energy_action=float(learned.free_energy[-1]),
+            model=learned.model,
+            model_sd=tracker.model_sd,
+            log_precisions=tracker.tracking.log_precisions,
+            until=tracker.until,
             unusual=self._marks.add(surprise),
         )
 
     def _remember(self) -> None:
-        """Learns from the block that was just closed; starts a refit, unless one is running."""
+        """Learns what comes next, and the wind's torque, from the block that was just closed."""
         self._ahead.add(self._memory.blocks[-1])
         self._wind.add(self._memory.blocks[-1])
-        if self._refit is not None:
-            self._refit.statistics.add(self._memory.blocks[-1])
-            if not self._refit.running:
-                self._refit.begin()
 
     def _missing(self) -> str:
         """Why there is no model yet; empty where there is one."""
         if self._tracker is not None:
             return ""
-        return TOO_FEW if self._refit is None and self._pending is None else FIRST_RUNS
+        return TOO_FEW if self._pending is None else FIRST_RUNS
 
-    def _advance(self) -> None:
-        """The steps of a running refit that a sample leaves time for."""
-        for _ in range(max(1, round(self._dt / REFIT_STEP_SECONDS))):
-            if self._refit is None or not self._refit.running:
-                return
-            self._advance_once(self._refit)
-
-    def _advance_once(self, refit: OnlineRefit) -> None:
-        try:
-            snapshot = refit.advance()
-        except (ValueError, np.linalg.LinAlgError) as error:
-            self.obstacle = (
-                f"{'the first fit failed' if self._tracker is None else 'the model stays as it was'}: {error}"
-            )
-            return
-        if snapshot is not None:
-            self.obstacle = ""
-            learned = self.learned
-            weight = (
-                None if learned is None or learned.simulation_fit is not None else learned.training_forecasts.weight
-            )
-            self._tracker = Tracker(snapshot, refit, self.horizons, weight)
-            self._tracker.find_state(*self._memory.latest(round(FILTER_SECONDS / self._dt)))
-
-    def _choose(self) -> None:
+    def _relearn(self) -> None:
+        """Adopts what was learned meanwhile; calls ``learn`` again where that is due."""
         if self._pending is not None and self._pending.done():
             pending, self._pending = self._pending, None
             self._adopt(pending.result)
-        if self._samples < self._next_choice or self._pending is not None or not self._memory.blocks:
+        if self._samples < self._next or self._pending is not None or not self._memory.blocks:
             return
-        if self._refit is not None and self._refit.begins:
-            return  # Another choice would begin the fit anew.
-        record = self._memory.record()
-        self._next_choice = self._samples + min(len(record), self._most)
+        record, until = self._memory.record(), self._memory.blocks[-1].until
+        self._next = self._samples + round(LEARNING_SECONDS / self._dt)
+        settings, start = self._settings, None
+        if self.learned is not None and self._samples < self._next_choice:
+            settings, start = self.learned.settings, self.learned
+        else:
+            self._next_choice = self._samples + min(len(record), self._most)
+        if self._executor is None:
+            self._adopt(lambda: _learn(record, settings, start, until))
+            return
         try:
-            if not leaves_open(self._settings):
-                self._take(choices(self._settings, record)[0])
-            elif self._executor is None:
-                self._adopt(lambda: learn(record, self._settings))
-            else:
-                self._pending = self._executor.submit(learn, record, self._settings)
-                if self.obstacle == TOO_FEW:
-                    self.obstacle = self._missing()
-        except (ValueError, RuntimeError) as error:  # RuntimeError: the executor's processes are gone
+            self._pending = self._executor.submit(_learn, record, settings, start, until)
+        except RuntimeError as error:  # the executor's processes are gone
             self._put_off(error)
+        if self.obstacle == TOO_FEW:
+            self.obstacle = self._missing()
 
-    def _adopt(self, result: Callable[[], Learned]) -> None:
+    def _adopt(self, result: Callable[[], _Result]) -> None:
         try:
-            self.learned = result()
+            learned, tracking, until = result()
         except (ValueError, RuntimeError, CancelledError) as error:
             self._put_off(error)
             return
-        self._take(self.learned.settings)
+        if self.learned is not None and self.learned.settings != learned.settings:
+            self._surprise = Surprise(self._dt)
+        self.learned, self.obstacle = learned, ""
+        self._tracker = Tracker(learned, tracking, until)
+        self._tracker.find_state(*self._memory.latest(round(FILTER_SECONDS / self._dt)))
 
     def _put_off(self, error: BaseException) -> None:
         """Tries again soon, with half the memory: a vehicle on the ground may have taken off since."""
-        self.obstacle = str(error) or "the whole learning was given up"
-        self._next_choice = self._samples + self._first_choice
-        if isinstance(error, ValueError) and self._refit is None:
+        reason = str(error) or "the whole learning was given up"
+        self.obstacle = reason if self._tracker is None else f"the model stays as it was: {reason}"
+        self._next = self._next_choice = self._samples + self._first
+        if isinstance(error, ValueError) and self._tracker is None:
             self._memory.drop_half()
-
-    def _take(self, settings: CompleteSettings) -> None:
-        """Fits with these complete settings from now on; goes on where they are the same."""
-        if self._refit is None or self._refit.settings != settings:
-            self._refit = OnlineRefit(settings, self._memory, self._dt)
-            self._refit.begin()
-            self.obstacle = self._missing()
-            self._surprise = Surprise(self._dt)

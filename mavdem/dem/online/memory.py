@@ -1,7 +1,4 @@
-"""The latest samples of a stream, in blocks, and the second moments of their generalized vectors.
-
-When a new block is full the oldest one is dropped.
-"""
+"""The latest samples of a stream, in blocks: when a new one is full the oldest one is dropped."""
 
 from __future__ import annotations
 
@@ -11,13 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.dem.engine.coordinates import embed, taylor_weights
-from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.resumable import Resumable
 from mavdem.dem.record import Record
-from mavdem.dem.scaling import Scaling
-from mavdem.dem.settings import CompleteSettings
 
 
 class MemoryBlock(NamedTuple):
@@ -30,7 +22,7 @@ class MemoryBlock(NamedTuple):
 
 
 def record_of(blocks: Iterable[MemoryBlock], dt: float, effect_directions: Array | None) -> Record:
-    """The samples of consecutive blocks, of which there is one at least, every ``dt`` seconds."""
+    """Returns the samples of consecutive blocks, of which there is one at least, every ``dt`` seconds."""
     blocks = list(blocks)
     lengths: list[int] = []
     for block in blocks:
@@ -91,16 +83,12 @@ class Memory:
         for _ in range(len(self.blocks) // 2):
             self.blocks.popleft()
 
-    def drop_since(self, time: float) -> bool:
-        """Drops the latest blocks that end after ``time``, s, of the same clock; returns whether there were any."""
-        return drop_since(self.blocks, time)
-
     def record(self) -> Record:
-        """The samples of all blocks, of which there is one at least."""
+        """Returns the samples of all blocks, of which there is one at least."""
         return record_of(self.blocks, self._dt, self._effect_directions)
 
     def latest(self, number: int) -> tuple[Array, Array]:
-        """Inputs and outputs of so many of the latest samples since the last gap; fewer where there are fewer.
+        """Returns inputs and outputs of so many of the latest samples since the last gap; fewer where there are fewer.
 
         They are valid until the next sample is added.
         """
@@ -118,84 +106,3 @@ class Memory:
         rows = slice(self._open, self._end)
         self.blocks.append(MemoryBlock(self._inputs[rows].copy(), self._outputs[rows].copy(), self._begins, self._time))
         self._open, self._begins = self._end, False
-
-
-class SlidingStatistics:
-    """Σ g gᵀ over g = [ỹ; η̃; 1] of the recorded channels, less the first sample of all, in their own units.
-
-    A sample counts in the block in which its window ends; windows across a gap do not count. Blocks are summed anew
-    each time: subtracting dropped ones from a running sum would accumulate rounding.
-    """
-
-    def __init__(self, memory: Memory, settings: CompleteSettings, dt: float) -> None:
-        """Takes the blocks of a ``memory``, complete ``settings`` and the sampling step ``dt``, s."""
-        self._orders, self._window, self._dt = (settings.p, settings.d), settings.window, dt
-        self._weights = [taylor_weights(order, dt, self._window, self._window // 2) for order in self._orders]
-        first = memory.blocks[0]
-        self._reference = (first.outputs[0], first.inputs[0])
-        self._blocks: deque[tuple[int, Array]] = deque(maxlen=memory.blocks.maxlen)
-        self._before = tuple(channel[:0] for channel in (first.outputs, first.inputs))
-        self._waiting = deque(memory.blocks)
-
-    def add(self, block: MemoryBlock) -> None:
-        """Queues the next block of the memory; it counts after :meth:`catch_up`."""
-        self._waiting.append(block)
-
-    def catch_up(self) -> Resumable[None]:
-        """Counts the queued blocks, resumably."""
-        while self._waiting:
-            self._count(self._waiting.popleft())
-            yield
-
-    def _count(self, block: MemoryBlock) -> None:
-        channels = (block.outputs, block.inputs)
-        if not block.begins:
-            channels = tuple(np.concatenate(pair) for pair in zip(self._before, channels, strict=True))  # type: ignore[assignment]
-        self._before = tuple(channel[max(len(channel) - self._window + 1, 0) :] for channel in channels)
-        if len(channels[0]) < self._window:
-            self._blocks.append((0, np.zeros((self._size, self._size))))
-            return
-        tables = [
-            embed(channel - reference, order, self._dt, self._window, self._window // 2)
-            for channel, reference, order in zip(channels, self._reference, self._orders, strict=True)
-        ]
-        g = np.hstack([*tables, np.ones((len(tables[0]), 1))])
-        self._blocks.append((len(g), g.T @ g))
-
-    def of_window(self, outputs: Array, inputs: Array) -> Array:
-        """G of the sample at the centre of a window (window, m), (window, r)."""
-        y, v = (
-            weights @ (channel - reference)
-            for weights, channel, reference in zip(self._weights, (outputs, inputs), self._reference, strict=True)
-        )
-        return np.concatenate([y.ravel(), v.ravel(), [1.0]])
-
-    def total(self) -> tuple[int, Array]:
-        """Number of samples, and Σ g gᵀ over them, of the counted blocks."""
-        return sum(count for count, _ in self._blocks), np.sum([gram for _, gram in self._blocks], axis=0)
-
-    def to_engine(self, scaling: Scaling) -> Array:
-        """T (dim [ỹ; η̃], dim g) with [ỹ; η̃] = T g in the engine's units."""
-        (p, d), (y0, u0) = self._orders, self._reference
-        m, r = len(y0), len(u0)
-        rows_y, rows_v = (p + 1) * m, (d + 1) * (r + scaling.constant)
-        T = np.zeros((rows_y + rows_v, self._size))
-        T[:rows_y, :rows_y] = np.diag(np.tile(1 / scaling.output_scale, p + 1))
-        T[:m, -1] = (y0 - scaling.output_trim) / scaling.output_scale
-        unit = np.where(scaling.known, 1 / scaling.input_scale, 0.0)
-        places = rows_y + np.arange(rows_v).reshape(d + 1, -1)
-        T[places[:, :r].ravel(), rows_y : rows_y + (d + 1) * r] = np.diag(np.tile(unit, d + 1))
-        T[places[0, :r], -1] = (u0 - scaling.input_trim) * unit
-        if scaling.constant:
-            T[places[0, r], -1] = 1.0
-        return T
-
-    @property
-    def _size(self) -> int:
-        return sum((order + 1) * len(first) for order, first in zip(self._orders, self._reference, strict=True)) + 1
-
-
-def engine_statistics(total: tuple[int, Array], to_engine: Array) -> SufficientStatistics:
-    """Statistics of the engine's [ỹ; η̃] from a ``SlidingStatistics.total`` and the map ``to_engine`` of g."""
-    number, gram = total
-    return SufficientStatistics(number, to_engine @ gram @ to_engine.T)

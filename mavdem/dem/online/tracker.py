@@ -1,36 +1,182 @@
-"""Tracking: a learnt model's state along the samples, its predictions, and how well each sample agrees with them."""
+"""Following a stream with a learned model: its state, its predictions, and how well each sample agrees with them.
+
+Bands are of the latest errors of the predictions themselves. Surprise standardises F(t) by its recent past, and marks
+are where it stays above what is usual for this vehicle in this flight.
+"""
 
 from __future__ import annotations
 
-import numpy as np
+from collections import deque
+from typing import NamedTuple
 
+import numpy as np
+from scipy.stats import t as student
+
+from mavdem.confidence import LEVEL
+from mavdem.dem.engine.ascent import CoordinateAscent
+from mavdem.dem.engine.coordinates import taylor_weights
+from mavdem.dem.engine.free_energy import Belief, SampleEnergy
+from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics
 from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.model import LinearModel, unpack
+from mavdem.dem.engine.steps import with_optimal_precisions
+from mavdem.dem.fitting import generalized, generative_model
+from mavdem.dem.graybox.parameters import Physical
+from mavdem.dem.learned import Learned
 from mavdem.dem.online.memory import Memory
-from mavdem.dem.online.refit import OnlineRefit, Snapshot
+
+BAND_SECONDS = 6.0
+"""Of errors: fewer give no steady quantile, and a change of the vehicle widens bands for this long."""
+MIN_ERRORS = 20  # before a half width is reported
+MIN_KEPT = 100  # errors, at however long steps
+MAX_MEDIANS = 12.0
+"""Of a half width, in median errors. Of normal errors it is 2.4, where manoeuvres alternate with hover up to 12; a
+failure gives hundreds, by errors that say nothing of the model that follows it."""
+
+SURPRISE_SECONDS = 10.0  # of F(t), by which the next value is standardised
+LOW_QUANTILE = 0.05  # its distance from the median is the unit of surprise
+MAX_QUARTILES = 3.0
+"""Of the unit, in distances of the lower quartile from the median. Of normal values it is 2.4; larger ones come of a
+failure that lasts, which must not hide the next."""
+MIN_UNIT = 1e-6  # nats; values of F(t) that differ by less are the same but for rounding
+MIN_PAST = 100  # values before a surprise is reported
+
+FALSE_MARK_SECONDS = 300.0
+"""Mean time between marks in a flight that goes on as before, manoeuvres included."""
+EVIDENCE_SECONDS = 1.0
+PEAK_SECONDS = 5.0
+PEAKS = 24  # the latest that the limit is computed of: two minutes
+MIN_PEAKS = 3
+MIN_SPREAD = 0.12  # standard deviation of peaks, which a few that happen to be equal do not show
+REFRACTORY_SECONDS = 20.0  # of no other mark: as long as the learner's memory holds what came before the change
+
+USEFUL_RATIO = 0.5  # of squared errors, below which a prediction is worth showing
+
+
+class Estimate(NamedTuple):
+    """Predictions, model and disturbance as of a sample; NaN, or ``None``, where there is none yet.
+
+    H horizons, m outputs, n states, g noise precisions; physical units.
+
+    Attributes:
+        time: of the sample, s.
+        expected: (m,) the sample, predicted from those before it and from its own inputs.
+        expected_band: (m,) half width of its 90 % band: the quantile of the latest errors.
+        ahead_times: (H,) times of the next two, s: the learner's horizons from here.
+        ahead: (H, m) predictions of the samples then, inputs unknown, by an autoregression, or the last sample before
+            its first fit. From the first sample on, also without a model.
+        ahead_band: (H, m) likewise, of the errors of ``ahead``.
+        ahead_ratio: (H, m) squared error of ``ahead``, averaged over about 10 s, over that of the better of the last
+            sample held and the mean so far; NaN before errors are known.
+        seen: time of the next three, s: the centre of the latest embedding window.
+        free_energy: F(t) without the prior and entropy terms of θ and λ, which are the same at every sample and change
+            only with the model.
+        surprise: standardised drop of F(t) below the median of its last 10 s, in units of its 5 % quantile's: above 1
+            in about one of 20 samples without a change; tens to thousands of units with a failing motor.
+        disturbance: (n,) w of each state, in its unit per second; of a rate, rad/s².
+        free_energy_action: F̄ᵒ of the memory.
+        model: the current one.
+        model_sd: DEM's own posterior standard deviations of A, B and C; too small, see ``Learned.model_sd``.
+        log_precisions: (g,) λ of the noises.
+        until: time of the last sample the model was learnt from, s.
+        unusual: whether this sample is marked: surprise stays above what is usual in this flight. Without a change, one
+            mark in five minutes is expected; see ``AnomalyMarks``.
+        wind_torque: the wind's torque, rad/s², steady part included, ``mavdem.dem.online.wind.DELAY_SECONDS`` before
+            this sample; by the physical parameters as of the last fit, NaN before the first.
+        wind_torque_band: half width of its 90 % band.
+        wind_time: the time it is of, s.
+        physical: the physical parameters as of the last fit.
+    """
+
+    time: float
+    expected: Array
+    expected_band: Array
+    ahead_times: Array
+    ahead: Array
+    ahead_band: Array
+    ahead_ratio: Array
+    seen: float
+    free_energy: float
+    surprise: float
+    disturbance: Array
+    free_energy_action: float
+    model: LinearModel | None
+    model_sd: LinearModel | None
+    log_precisions: Array
+    until: float
+    unusual: bool = False
+    wind_torque: float = np.nan
+    wind_torque_band: float = np.nan
+    wind_time: float = np.nan
+    physical: Physical | None = None
+
+    @property
+    def useful(self) -> int | None:
+        """Index of the longest horizon with a mean ``ahead_ratio`` below ``USEFUL_RATIO``; ``None`` without one."""
+        places = np.flatnonzero(self.ahead_ratio.mean(axis=-1) < USEFUL_RATIO)
+        return int(places[-1]) if len(places) else None
+
+    def __repr__(self) -> str:
+        if self.model is None:
+            return f"<Estimate: at {self.time:.6g} s, no model yet>"
+        expected, band = (np.array2string(values, precision=3) for values in (self.expected, self.expected_band))
+        return (
+            f"<Estimate: at {self.time:.6g} s, expected {expected} ± {band}, surprise {self.surprise:.3g}, by a model "
+            f"learnt until {self.until:.6g} s>"
+        )
+
+
+class Tracking(NamedTuple):
+    """What following a stream with a learned model takes beside it; made where it is learned."""
+
+    log_precisions: Array
+    energy: SampleEnergy
+    disturbance: Array  # (n, dim X) w from X, in the states' physical units per second
+
+    @classmethod
+    def of(cls, learned: Learned) -> Tracking:
+        """Evaluates the model's belief on its training data again, at the same θ."""
+        record, settings = learned.record, learned.settings
+        model = generative_model(settings, learned.scaling, record)
+        samples = SufficientStatistics.of(*generalized(settings, learned.scaling, record))
+        moments = GeneralizedMoments.of(model, samples, learned.state_map)
+        belief = Belief(moments, *(np.empty(0),) * 5)._replace(
+            theta=learned.theta, lambda_=learned.learning.lambda_[-1]
+        )
+        belief = with_optimal_precisions(model, belief)
+        if learned.simulation_fit is not None:
+            belief = CoordinateAscent(model, samples).at_theta(learned.theta, belief).belief
+        A, B, _ = unpack(belief.theta, *model.sizes)
+        # w = x′ − A x − B v, at order 0.
+        disturbance = np.zeros((model.n, len(learned.state_map)))
+        if model.p:
+            disturbance[:, model.n : 2 * model.n] = np.eye(model.n)
+        disturbance[:, : model.n] -= A
+        disturbance[:, model.n * (model.p + 1) :][:, : model.r] -= B
+        scale = learned.scaling.state_scale(model.n)[:, None]
+        return cls(belief.lambda_, SampleEnergy.of(model, belief), disturbance * scale)
 
 
 class Tracker:
-    """The filter of a snapshot; its ``state`` (n,) is the next sample's, ``None`` before a segment's first."""
+    """The filter of a learned model; its ``state`` (n,) is the next sample's, ``None`` before a segment's first."""
 
-    def __init__(self, snapshot: Snapshot, refit: OnlineRefit, horizons: tuple[int, ...], weight: Array | None) -> None:
-        self.now, self.window, self._statistics = snapshot, refit.settings.window, refit.statistics
+    def __init__(self, learned: Learned, tracking: Tracking, until: float) -> None:
+        """Takes the model and the time of the last sample it was learned from, s."""
+        self.learned, self.tracking, self.until = learned, tracking, until
+        self.window, self.model_sd = learned.settings.window, learned.model_sd
         self.state: Array | None = None
-        self._of_state, self._of_inputs = snapshot.predictor.ahead(horizons)
-        if weight is not None:
-            # Forecasts are shrunk towards the trim.
-            shrunk = weight[np.minimum(horizons, len(weight)) - 1][:, :, None]
-            self._of_state, self._of_inputs = self._of_state * shrunk, self._of_inputs * shrunk
+        orders = learned.settings.p, learned.settings.d
+        self._weights = [taylor_weights(order, learned.dt, self.window, self.window // 2) for order in orders]
 
     def find_state(self, inputs: Array, outputs: Array) -> None:
         """Filters the latest samples, (T, r) and (T, m)."""
         if len(outputs):
-            scaling = self.now.scaling
-            u, y = scaling.scale_inputs(inputs), scaling.scale_outputs(outputs)
-            self.state = self.now.predictor.at_end(u, y)
+            scaling = self.learned.scaling
+            self.state = self.learned.predictor.at_end(scaling.scale_inputs(inputs), scaling.scale_outputs(outputs))
 
     def filter(self, begins: bool, inputs: Array, outputs: Array) -> Array:
         """Advances the state by a sample; returns the sample's prediction (m,), NaN where a segment ``begins``."""
-        scaling, predictor = self.now.scaling, self.now.predictor
+        scaling, predictor = self.learned.scaling, self.learned.predictor
         if self.state is None or begins:
             self.find_state(inputs[None], outputs[None])
             return np.full(len(outputs), np.nan)
@@ -39,18 +185,130 @@ class Tracker:
         self.state = predictor.following(self.state, u, y)
         return scaling.physical_outputs(expected)
 
-    def ahead(self, inputs: Array) -> Array:
-        """(H, m): predictions at the horizons, with the inputs held."""
-        assert self.state is not None
-        u = self.now.scaling.scale_inputs(inputs[None])[0]
-        return self.now.scaling.physical_outputs(self._of_state @ self.state + self._of_inputs @ u)
-
     def evaluate(self, memory: Memory) -> tuple[float, Array]:
-        """F(t) less its priors and disturbance, at the centre of the latest window; NaN where there is no whole one."""
-        inputs, outputs = memory.latest(self.window)
+        """Returns F(t) less its priors, and the disturbance, at the centre of the latest window; NaN without one."""
+        (inputs, outputs), (_, energy, disturbance) = memory.latest(self.window), self.tracking
         if len(outputs) < self.window:
-            return np.nan, np.full(len(self.now.disturbance), np.nan)
-        data = self.now.to_engine @ self._statistics.of_window(outputs, inputs)
-        states = self.now.state_map @ data
-        energy = float(self.now.energy.at(data[None], states[None])[0]) - self.now.energy.priors
-        return energy, self.now.disturbance @ states
+            return np.nan, np.full(len(disturbance), np.nan)
+        scaling = self.learned.scaling
+        scaled = scaling.scale_outputs(outputs), scaling.scale_inputs(inputs)
+        data = np.concatenate([(weights @ table).ravel() for weights, table in zip(self._weights, scaled, strict=True)])
+        states = self.learned.state_map @ data
+        return float(energy.at(data[None], states[None])[0]) - energy.priors, disturbance @ states
+
+
+class ErrorBands:
+    """Of predictions at several horizons, of which none had seen the sample, and of each sample by those before it.
+
+    An error counts as long as any other, whatever its size: bands recover as soon as predictions have.
+    """
+
+    def __init__(self, horizons: tuple[int, ...], outputs: int, dt: float) -> None:
+        """Takes the ``horizons`` in steps, increasing, the number m of ``outputs`` and the sampling step ``dt``, s."""
+        self._horizons = horizons
+        kept = max(round(BAND_SECONDS / dt), MIN_KEPT)
+        self._errors = np.full((1 + len(horizons), outputs, kept), np.nan)
+        self._next = 0
+        self._waiting: deque[Array] = deque(maxlen=horizons[-1])
+        self.half_widths = np.full(self._errors.shape[:2], np.nan)
+        """(1 + H, m): of the sample itself, and at each horizon; NaN where there are too few errors."""
+
+    def add(self, sample: Array, expected: Array, ahead: Array) -> None:
+        """Compares a sample (m,) with predictions of it; takes those (H, m) that begin with it.
+
+        ``expected`` (m,) is the prediction of the sample by those before it. Errors that are not finite are ignored.
+        """
+        latest = self._errors[:, :, self._next]
+        latest[:] = np.nan
+        latest[0] = sample - expected
+        for row, horizon in enumerate(self._horizons):
+            if horizon <= len(self._waiting):
+                latest[row + 1] = sample - self._waiting[-horizon][row]
+        self._next = (self._next + 1) % self._errors.shape[2]
+        self._waiting.append(ahead)
+
+    def end_segment(self) -> None:
+        """A gap follows: predictions whose sample has not come are dropped."""
+        self._waiting.clear()
+
+    def update(self) -> None:
+        """Computes the half widths again; done once a block, since it takes all errors."""
+        sizes = np.sort(np.where(np.isfinite(self._errors), np.abs(self._errors), np.nan))  # NaN last
+        number = np.isfinite(sizes).sum(axis=-1, keepdims=True)
+        # The next error is below the k-th of n with probability k/(n + 1).
+        places = np.clip(np.ceil(LEVEL * (number + 1)).astype(np.intp), 1, np.maximum(number, 1)) - 1
+        level, median = (np.take_along_axis(sizes, place, axis=-1) for place in (places, number // 2))
+        half = np.minimum(level, MAX_MEDIANS * median)
+        self.half_widths = np.where(number >= MIN_ERRORS, half, np.nan)[:, :, 0]
+
+
+class Surprise:
+    """Standardises F(t) by the median and the low quantile of its past.
+
+    Not by a standard deviation: F(t) has a long lower tail, and one gust would hide the next.
+    """
+
+    def __init__(self, dt: float) -> None:
+        """Begins without a past, of values every ``dt`` s."""
+        self._past: deque[float] = deque(maxlen=max(round(SURPRISE_SECONDS / dt), 2 * MIN_PAST))
+        self._median, self._unit = np.nan, np.nan
+
+    def add(self, value: float) -> float:
+        """Takes the next value; returns its distance below the median, in units of the low quantile's."""
+        self._past.append(value)
+        return (self._median - value) / self._unit
+
+    def update_quantiles(self) -> None:
+        """Computes the quantiles again; done once a block, since it takes the whole past."""
+        if len(self._past) >= MIN_PAST:
+            low, quartile, self._median = np.quantile(self._past, [LOW_QUANTILE, 0.25, 0.5])
+            unit = min(self._median - low, MAX_QUARTILES * (self._median - quartile))
+            self._unit = max(unit, MIN_UNIT)
+
+
+class AnomalyMarks:
+    """Which samples to mark: where surprise stays above what is usual for this vehicle in this flight.
+
+    The evidence is log(1 + surprise), averaged over ``EVIDENCE_SECONDS``: a short manoeuvre gives less than a change
+    that lasts, and a failure more than all. Its largest values in every ``PEAK_SECONDS`` are the vehicle's own. The
+    limit is what the next of them exceeds once in ``FALSE_MARK_SECONDS``: by Student's t about their median, in units
+    of their median deviation, so that few peaks give a high limit and none gives no mark.
+    """
+
+    def __init__(self, dt: float) -> None:
+        """Begins without a past, of samples every ``dt`` s."""
+        self._share = min(1.0, dt / EVIDENCE_SECONDS)
+        self._block, self._rest = (max(1, round(seconds / dt)) for seconds in (PEAK_SECONDS, REFRACTORY_SECONDS))
+        self._peaks: deque[float] = deque(maxlen=PEAKS)
+        self._evidence, self._peak, self._limit = 0.0, 0.0, np.inf
+        self._samples, self._marked = 0, -np.inf
+
+    def add(self, surprise: float) -> bool:
+        """Takes a sample's surprise; returns whether to mark it, at most once in ``REFRACTORY_SECONDS``.
+
+        A surprise that is not finite, beside a gap, is ignored.
+        """
+        if not np.isfinite(surprise):
+            return False
+        self._samples += 1
+        self._evidence += self._share * (np.log1p(max(surprise, 0.0)) - self._evidence)
+        self._peak = max(self._peak, self._evidence)
+        mark = self._evidence > self._limit and self._samples - self._marked >= self._rest
+        if mark:
+            self._marked = self._samples
+        if self._samples % self._block == 0:
+            # A mark counts as the limit, whatever its size: one failure must not hide the next.
+            self._peaks.append(min(self._peak, self._limit))
+            self._peak = self._evidence
+            self._limit = _limit(np.array(self._peaks))
+        return bool(mark)
+
+
+def _limit(peaks: np.typing.NDArray[np.float64]) -> float:
+    number = len(peaks)
+    if number < MIN_PEAKS:
+        return np.inf
+    middle = np.median(peaks)
+    spread = max(1.4826 * float(np.median(np.abs(peaks - middle))), MIN_SPREAD)
+    far = student.ppf(1 - PEAK_SECONDS / FALSE_MARK_SECONDS, number - 1) * np.sqrt(1 + 1 / number)
+    return float(middle + far * spread)

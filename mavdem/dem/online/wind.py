@@ -16,6 +16,7 @@ import numpy as np
 from mavdem.confidence import quantile
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.estimation import physical
+from mavdem.dem.graybox.identifiability import NotIdentifiable
 from mavdem.dem.graybox.likelihood import delayed, plant
 from mavdem.dem.graybox.parameters import Physical, rate_column
 from mavdem.dem.graybox.smoother import SteadyFilter
@@ -62,6 +63,8 @@ def wind_filter(record: Record) -> WindFilter:
         numpy.linalg.LinAlgError: there is no steady filter for them.
     """
     found, column = physical(record), rate_column(record)
+    if isinstance(found, NotIdentifiable):
+        raise ValueError(found.reason)
     whole = wind(found, record)
     filtered = SteadyFilter.of(plant(found.damping, found.lag, found.components, record.dt), found.noise)
     weights = filtered.weights(round(DELAY_SECONDS / record.dt) + 1)

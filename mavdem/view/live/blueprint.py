@@ -9,7 +9,7 @@ import rerun.blueprint as rrb
 
 from mavdem.confidence import LEVEL
 from mavdem.dem.online.learner import TOO_FEW
-from mavdem.dem.online.surprise import FALSE_MARK_SECONDS
+from mavdem.dem.online.tracker import FALSE_MARK_SECONDS
 from mavdem.live import SessionStatus
 from mavdem.live.history import sentence
 from mavdem.report.numbers import named, plus_minus, readable, with_unit

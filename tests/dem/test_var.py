@@ -1,42 +1,42 @@
-"""The joint autoregression against least squares, and its paths against conditioning of the whole Gaussian at once."""
+"""The vector autoregression against least squares, and its paths against conditioning of the whole Gaussian at once."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from mavdem.dem.closed_loop.autoregression import Autoregression, ChannelUnits, LagStatistics, autoregression
-from mavdem.dem.closed_loop.gaussian_path import filtered, past_of, predicted, smoothed
+from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags, lagged
 from mavdem.dem.record import Record
 
 OUTPUTS, INPUTS, LAGS, STEPS = 2, 3, 3, 12
 CHANNELS = OUTPUTS + INPUTS
 
 
-def model(scale: float = 0.12, seed: int = 0) -> Autoregression:
+def model(scale: float = 0.12, seed: int = 0) -> Var:
     rng = np.random.default_rng(seed)
     root = rng.standard_normal((CHANNELS, CHANNELS))
-    return Autoregression(
+    return Var(
         coefficients=scale * rng.standard_normal((LAGS, CHANNELS, CHANNELS)),
         offset=rng.standard_normal(CHANNELS),
         covariance=root @ root.T,
         precision=np.eye(LAGS * CHANNELS + 1),
+        units=ChannelUnits(np.zeros(CHANNELS), np.ones(CHANNELS)),
     )
 
 
-def run(true: Autoregression, samples: int, seed: int = 1) -> np.ndarray:
+def run(true: Var, samples: int, seed: int = 1) -> np.ndarray:
     rng = np.random.default_rng(seed)
     root = np.linalg.cholesky(true.covariance)
-    channels = np.zeros((samples, true.channels))
+    channels = np.zeros((samples, CHANNELS))
     for t in range(true.lags, samples):
         lagged = sum(A @ channels[t - 1 - lag] for lag, A in enumerate(true.coefficients))
-        channels[t] = lagged + true.offset + root @ rng.standard_normal(true.channels)
+        channels[t] = lagged + true.offset + root @ rng.standard_normal(CHANNELS)
     return channels
 
 
-def joint(true: Autoregression, past: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def joint(true: Var, past: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Mean (H k,) and covariance (H k, H k) of all channels after the past, by the map of all innovations."""
-    k, unrolled = true.channels, np.eye(steps * true.channels)
+    k, unrolled = CHANNELS, np.eye(steps * CHANNELS)
     drive = np.tile(true.offset, steps)
     for t in range(steps):
         for lag, A in enumerate(true.coefficients, 1):
@@ -66,14 +66,14 @@ def path():
 
 def test_predictions_are_the_mean_and_variance_of_the_joint_gaussian(path):
     true, past, _, mean, covariance, _ = path
-    found = predicted(true, past, STEPS)
+    found = true.predict(past, STEPS)
     np.testing.assert_allclose(found.mean.ravel(), mean, rtol=1e-9)
     np.testing.assert_allclose(found.variance.ravel(), covariance.diagonal(), rtol=1e-9)
 
 
 def test_filtered_outputs_are_conditioned_on_the_inputs_up_to_their_own_sample(path):
     true, past, inputs, mean, covariance, of_inputs = path
-    found = filtered(true, past, inputs)
+    found = true.infer(past, inputs)
     for step in range(STEPS):
         known, asked = of_inputs[: step + 1], step * CHANNELS + np.arange(OUTPUTS)
         expected = given(mean, covariance, known.ravel(), inputs[: step + 1].ravel(), asked)
@@ -83,30 +83,30 @@ def test_filtered_outputs_are_conditioned_on_the_inputs_up_to_their_own_sample(p
 
 def test_smoothed_outputs_are_conditioned_on_all_inputs(path):
     true, past, inputs, mean, covariance, of_inputs = path
-    found = smoothed(true, past, inputs)
+    found = true.infer(past, inputs, smooth=True)
     asked = (np.arange(STEPS)[:, None] * CHANNELS + np.arange(OUTPUTS)).ravel()
     expected = given(mean, covariance, of_inputs.ravel(), inputs.ravel(), asked)
     np.testing.assert_allclose(found.mean.ravel(), expected[0], rtol=1e-6)
     np.testing.assert_allclose(found.variance.ravel(), expected[1], rtol=1e-6)
 
 
-@pytest.mark.parametrize("answer", [filtered, smoothed])
-def test_several_pasts_are_answered_as_each_by_itself(answer):
+@pytest.mark.parametrize("smooth", [False, True])
+def test_several_pasts_are_answered_as_each_by_itself(smooth):
     true = model()
     samples = np.stack([run(true, LAGS + STEPS, seed) for seed in (1, 2)])
-    together = answer(true, samples[:, :LAGS], samples[:, LAGS:, OUTPUTS:])
+    together = true.infer(samples[:, :LAGS], samples[:, LAGS:, OUTPUTS:], smooth)
     for number, each in enumerate(samples):
-        alone = answer(true, each[:LAGS], each[LAGS:, OUTPUTS:])
+        alone = true.infer(each[:LAGS], each[LAGS:, OUTPUTS:], smooth)
         np.testing.assert_allclose(together.mean[number], alone.mean, rtol=1e-12)
         np.testing.assert_allclose(together.variance[number], alone.variance, rtol=1e-12)
     np.testing.assert_allclose(
-        predicted(true, samples[:, :LAGS], STEPS).mean[1], predicted(true, samples[1, :LAGS], STEPS).mean, rtol=1e-12
+        true.predict(samples[:, :LAGS], STEPS).mean[1], true.predict(samples[1, :LAGS], STEPS).mean, rtol=1e-12
     )
 
 
 def test_coefficients_and_covariance_are_those_of_least_squares_without_a_prior():
     segments = [run(model(), 300, seed) for seed in (1, 2)]
-    found = autoregression(LagStatistics.of(segments, LAGS), LAGS, ridge=1e-12)
+    found = Var.fit(LagStatistics.of(segments, LAGS), LAGS, ridge=1e-12)
     rows = [np.hstack([*(each[LAGS - i : 300 - i] for i in (1, 2, 3)), np.ones((297, 1))]) for each in segments]
     regressors, targets = np.vstack(rows), np.vstack([each[LAGS:] for each in segments])
     expected, squares, *_ = np.linalg.lstsq(regressors, targets)
@@ -118,21 +118,21 @@ def test_coefficients_and_covariance_are_those_of_least_squares_without_a_prior(
 
 def test_the_ridge_is_the_posterior_mean_of_a_random_walk():
     samples, ridge = run(model(), 60), 3.0
-    found = autoregression(LagStatistics.of([samples], LAGS), LAGS, ridge)
+    found = Var.fit(LagStatistics.of([samples], LAGS), LAGS, ridge)
     regressors = np.hstack([*(samples[LAGS - i : 60 - i] for i in (1, 2, 3)), np.ones((57, 1))])
     weights = np.diag([*np.repeat(ridge * np.array([1.0, 4.0, 9.0]), CHANNELS), 1e-8])
     walk = np.eye(len(weights), CHANNELS)
     expected = np.linalg.solve(regressors.T @ regressors + weights, regressors.T @ samples[LAGS:] + weights @ walk)
     np.testing.assert_allclose(found.across.T, expected[:-1], rtol=1e-8)
     # A strong prior leaves the random walk.
-    strong = autoregression(LagStatistics.of([samples], LAGS), LAGS, 1e12)
+    strong = Var.fit(LagStatistics.of([samples], LAGS), LAGS, 1e12)
     np.testing.assert_allclose(strong.across, walk[:-1].T, atol=1e-6)
 
 
 def test_intervals_of_coefficients_hold_as_often_as_they_say():
     true, inside = model(), []
     for seed in range(200):
-        found = autoregression(LagStatistics.of([run(true, 150, seed)], LAGS), LAGS, 1e-6)
+        found = Var.fit(LagStatistics.of([run(true, 150, seed)], LAGS), LAGS, 1e-6)
         sd = np.sqrt(np.outer(found.covariance.diagonal(), np.linalg.inv(found.precision).diagonal()))
         inside.append(np.abs(found.across - true.across) < 1.645 * sd[:, :-1])
     assert 0.88 < np.mean(inside) < 0.92
@@ -150,40 +150,40 @@ def test_statistics_add_up_over_segments_and_come_off_again():
 
 def test_what_no_regression_can_be_made_of_is_refused():
     with pytest.raises(ValueError, match="more than 3 samples"):
-        autoregression(LagStatistics.of([run(model(), LAGS)], LAGS), LAGS)
+        Var.fit(LagStatistics.of([run(model(), LAGS)], LAGS), LAGS)
     with pytest.raises(ValueError, match="must be of 2 lags"):
-        autoregression(LagStatistics.of([run(model(), 50)], LAGS), 2)
+        Var.fit(LagStatistics.of([run(model(), 50)], LAGS), 2)
     with pytest.raises(ValueError, match="at least one segment"):
         LagStatistics.of([], LAGS)
 
 
 def test_inputs_that_are_constant_copied_or_mixed_change_nothing_and_may_move_later():
     samples = run(model(), 400)
-    plain = autoregression(LagStatistics.of([samples], LAGS), LAGS)
+    plain = Var.fit(LagStatistics.of([samples], LAGS), LAGS)
     constant, copy, mixed = np.zeros((400, 1)), samples[:, 2:3], samples[:, 2:4] @ [[1.0], [-1.0]]
     more = np.hstack([samples, constant, copy, mixed])
-    found = autoregression(LagStatistics.of([more], LAGS), LAGS)
+    found = Var.fit(LagStatistics.of([more], LAGS), LAGS)
     ahead = np.random.default_rng(3).standard_normal((40, INPUTS))
     wider = np.hstack([ahead, np.ones((40, 1)), ahead[:, :1], ahead[:, :2] @ [[1.0], [-1.0]]])
-    for answer in (filtered, smoothed):
-        expected, got = answer(plain, samples[-LAGS:], ahead), answer(found, more[-LAGS:], wider)
+    for smooth in (False, True):
+        expected, got = plain.infer(samples[-LAGS:], ahead, smooth), found.infer(more[-LAGS:], wider, smooth)
         assert np.isfinite(got.mean).all()
         # The prior is of other coefficients, so that the posterior is not quite the same.
         np.testing.assert_allclose(got.mean, expected.mean, atol=0.02 * expected.mean.std())
         np.testing.assert_allclose(got.variance, expected.variance, rtol=0.02)
     # Motors that contradict what they always did.
     odd = wider + np.random.default_rng(4).standard_normal(wider.shape)
-    for answer in (filtered, smoothed):
-        assert np.isfinite(answer(found, more[-LAGS:], odd).mean).all()
+    for smooth in (False, True):
+        assert np.isfinite(found.infer(more[-LAGS:], odd, smooth).mean).all()
 
 
 def test_what_overflows_is_the_training_mean_with_infinite_variance():
     growing = model()._replace(coefficients=1e30 * model().coefficients)
     samples = run(model(), LAGS + 40)
     for found in (
-        predicted(growing, samples[:LAGS], 40),
-        filtered(growing, samples[:LAGS], samples[LAGS:, OUTPUTS:]),
-        smoothed(growing, samples[:LAGS], samples[LAGS:, OUTPUTS:]),
+        growing.predict(samples[:LAGS], 40),
+        growing.infer(samples[:LAGS], samples[LAGS:, OUTPUTS:]),
+        growing.infer(samples[:LAGS], samples[LAGS:, OUTPUTS:], smooth=True),
     ):
         assert np.isfinite(found.mean).all()
         assert not np.isnan(found.variance).any()
@@ -192,9 +192,9 @@ def test_what_overflows_is_the_training_mean_with_infinite_variance():
 
 def test_a_past_shorter_than_the_lags_begins_with_its_first_sample():
     samples = run(model(), 5)
-    np.testing.assert_array_equal(past_of(samples, 3), samples[2:])
-    np.testing.assert_array_equal(past_of(samples[:2], 4), samples[[0, 0, 0, 1]])
-    np.testing.assert_array_equal(past_of(samples[:0], 2), np.zeros((2, CHANNELS)))
+    np.testing.assert_array_equal(initial_lags(samples, 3), samples[2:])
+    np.testing.assert_array_equal(initial_lags(samples[:2], 4), samples[[0, 0, 0, 1]])
+    np.testing.assert_array_equal(initial_lags(samples[:0], 2), np.zeros((2, CHANNELS)))
 
 
 def test_units_make_channels_of_deviation_one_and_keep_constants():
@@ -209,3 +209,41 @@ def test_units_make_channels_of_deviation_one_and_keep_constants():
     np.testing.assert_allclose(together.std(axis=0), [1, 1, 1, 1, 0], atol=1e-9)
     np.testing.assert_allclose(units.scaled_inputs(inputs), together[:, 2:])
     np.testing.assert_allclose(units.scaled(record.outputs), together[:, :2])
+
+
+def test_physical_samples_are_answered_in_their_own_units():
+    rng = np.random.default_rng(0)
+    samples = 1500 + 20 * run(model(), 400)
+    record = Record(samples[:, OUTPUTS:], samples[:, :OUTPUTS], 0.01, (400,))
+    physical, units = Var.learn(record, LAGS), ChannelUnits.of(record)
+    scaled = Var.fit(LagStatistics.of(units.segments(record), LAGS), LAGS)
+    past, ahead = units.scaled(physical.past(record)), samples[:30, OUTPUTS:] + rng.standard_normal((30, INPUTS))
+    found, expected = physical.infer(physical.past(record), ahead), scaled.infer(past, units.scaled_inputs(ahead))
+    np.testing.assert_allclose(found.mean, units.center[:2] + units.scale[:2] * expected.mean, rtol=1e-9)
+    np.testing.assert_allclose(found.variance, units.scale[:2] ** 2 * expected.variance, rtol=1e-9)
+
+
+def test_statistics_forgotten_and_in_their_own_units_give_the_same_model():
+    samples = run(model(), 400) * np.linspace(1, 5, CHANNELS) + 7
+    statistics = LagStatistics.of([samples], LAGS)
+    left = statistics.forgotten(0.25)
+    assert left.rows == statistics.rows / 4
+    scaled, units = left.in_own_units(LAGS, 1e-9)
+    np.testing.assert_allclose(units.center, samples[LAGS:].mean(axis=0))
+    np.testing.assert_allclose(units.scale, samples[LAGS:].std(axis=0))
+    expected = LagStatistics.of([units.scaled(samples)], LAGS)
+    np.testing.assert_allclose(scaled.gram, 0.25 * expected.gram, atol=1e-8 * expected.rows)
+
+
+def test_the_maps_ahead_are_the_model_s_own_steps():
+    true = model()
+    samples = run(true, 40)
+    maps, constant = true.ahead((1, 30), OUTPUTS)
+    ahead = true.predict(samples[-LAGS:], 30).mean[:, :OUTPUTS]
+    np.testing.assert_allclose(maps @ samples[: -LAGS - 1 : -1].ravel() + constant, ahead[[0, 29]], rtol=1e-9)
+
+
+def test_rows_of_lags_have_the_latest_first():
+    table = np.arange(12.0).reshape(6, 2)
+    np.testing.assert_array_equal(lagged(table, 2)[0], [2, 3, 0, 1])
+    assert lagged(table, 2).shape == (4, 4) and lagged(table[:1], 2).shape == (0, 4)
