@@ -7,8 +7,7 @@ from datetime import UTC, datetime, timedelta
 
 import numpy as np
 
-from mavdem.health.balance import BalanceFigures
-from mavdem.health.motor_signature import motor_signatures
+from mavdem.health.balance import BalanceFigures, motor_signatures
 from mavdem.health.reference import HealthFigures
 
 MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from os import PathLike
 
-from mavdem.alignment.align import Segment
 from mavdem.alignment.drive import message_counts
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, MINIMUM_RATE, SLOW_MOTION_RATE, Signals
 from mavdem.alignment.verdict import MINIMUM_DURATION, Verdict, segment_verdicts, verdict_of
@@ -76,7 +75,10 @@ def read_segments(
     See Also:
         :func:`mavdem.read_flight`: the longest segment; :func:`mavdem.learn`, which takes them together.
     """
-    flights, _ = learnable_segments(read_log(path), axis, vehicle, inputs)
+    log = read_log(path)
+    flights, verdict = usable_segments(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)
+    if not flights:
+        raise NotLearnable(verdict.reason, verdict.remedy)
     return flights
 
 
@@ -96,25 +98,27 @@ def learnable_flight(
     return replace(verdict.flight, provenance=provenance), verdict
 
 
-def learnable_segments(
-    log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None
-) -> tuple[tuple[Flight, ...], Verdict]:
-    """All usable segments of a log, as :func:`read_segments` gives them, and the verdict on the longest."""
-    flights, verdict = usable_segments(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)
-    if not flights:
-        raise NotLearnable(verdict.reason, verdict.remedy)
-    return flights, verdict
-
-
 def usable_segments(
     signals: Signals, speakers: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
 ) -> tuple[tuple[Flight, ...], Verdict]:
-    """As :func:`learnable_segments`, of ``signals`` that need no more than ``least_rate``, Hz; none where it is no."""
+    """Returns all usable segments, as of :func:`read_segments`, and the verdict on the longest; none if that is no.
+
+    Of ``signals`` that need no more than ``least_rate``, Hz.
+    """
     verdicts = segment_verdicts(signals, speakers, least_rate)
-    usable = [verdict for verdict in verdicts if verdict.learnable]
-    left_out = _left_out(verdicts[0].segments, [verdict.segment for verdict in usable])
+    found, usable = verdicts[0].segments, [verdict for verdict in verdicts if verdict.learnable]
+    lost = [segment.duration for segment in found if segment not in [verdict.segment for verdict in usable]]
+    left_out: tuple[str, ...] = ()
+    if 0 < len(lost) < len(found):
+        seconds = sum(segment.duration for segment in found)
+        left_out = (
+            f"{len(lost)} of {len(found)} segments of settled flight, {sum(lost):.1f} of {seconds:.1f} s, are left "
+            f"out: they are shorter than {MINIMUM_DURATION:.0f} s, come slower than the longest, or cannot be learnt "
+            "from.",
+        )
     flights = [_with_cautions(verdict, left_out) for verdict in usable]
-    return tuple(sorted(flights, key=_when)), verdicts[0]
+    in_time = sorted(flights, key=lambda flight: (flight.provenance["segment"]["boot"], float(flight.time[0])))
+    return tuple(in_time), verdicts[0]
 
 
 def _with_cautions(verdict: Verdict, further: tuple[str, ...] = ()) -> Flight:
@@ -122,21 +126,6 @@ def _with_cautions(verdict: Verdict, further: tuple[str, ...] = ()) -> Flight:
         raise NotLearnable(verdict.reason, verdict.remedy)
     provenance = {**verdict.flight.provenance, "cautions": [*verdict.cautions, *further]}
     return replace(verdict.flight, provenance=provenance)
-
-
-def _left_out(found: Sequence[Segment], used: Sequence[Segment | None]) -> tuple[str, ...]:
-    lost = [segment.duration for segment in found if segment not in used]
-    if not lost or len(lost) == len(found):
-        return ()
-    seconds = sum(segment.duration for segment in found)
-    return (
-        f"{len(lost)} of {len(found)} segments of settled flight, {sum(lost):.1f} of {seconds:.1f} s, are left out: "
-        f"they are shorter than {MINIMUM_DURATION:.0f} s, come slower than the longest, or cannot be learnt from.",
-    )
-
-
-def _when(flight: Flight) -> tuple[int, float]:
-    return flight.provenance["segment"]["boot"], float(flight.time[0])
 
 
 def choose_vehicle(vehicles: Sequence[Telemetry], wanted: str | None = None) -> Telemetry:

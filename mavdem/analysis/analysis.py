@@ -30,7 +30,7 @@ from mavdem.evaluate.paired_test import SIGNIFICANCE, paired
 from mavdem.evaluate.truth import compare_with_truth, truth_of
 from mavdem.evaluate.windows import TEST_SECONDS, Length, fewer_samples, samples_in
 from mavdem.flight import Flight
-from mavdem.health.motor_watch import MotorAlarm, MotorWatch
+from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest import Log
 
 MAX_SLOW_RATIO = 0.9

@@ -31,7 +31,7 @@ from mavdem.evaluate.held_out import BASELINES, CONSTANT_MEAN, FORECAST, HOLD_LA
 from mavdem.evaluate.scores import error_over, mspe
 from mavdem.evaluate.truth import TruthComparison
 from mavdem.flight import Flight
-from mavdem.health.motor_watch import MotorAlarm, alarm_figures
+from mavdem.health.in_flight import MotorAlarm, alarm_figures
 from mavdem.ingest import Component, read_log
 
 ALL = "all"  # of an axis: roll, pitch and yaw

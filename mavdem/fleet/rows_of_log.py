@@ -12,8 +12,7 @@ import numpy as np
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.analysis import LogAnalysis, analyse
-from mavdem.condition import condition_of, identity_of
-from mavdem.errors import NotLearnable, Unreadable
+from mavdem.errors import Unreadable
 from mavdem.fleet.row import DEMAND, FlightRow
 from mavdem.fleet.workers import PAGES, LogRows
 from mavdem.health.balance import BalanceFigures, balance_of_signals
@@ -38,49 +37,49 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
     rows: list[FlightRow] = []
     pages: dict[str, str] = {}
     for telemetry in log.vehicles:
+        system, component = telemetry.system, telemetry.component
         try:
-            analyses, found = _analysed(log, telemetry, str(path))
+            found, analyses = _rows_of_vehicle(log, telemetry, str(path))
         except (MemoryError, OSError, Unreadable):
             raise  # of the whole log
         except Exception as error:  # others in the log keep their rows
             if len(log.vehicles) == 1:
                 raise
             status = f"This should not have happened ({type(error).__name__}: {error})."
-            ids = telemetry.system, telemetry.component
-            rows.append(FlightRow(file=str(path), status=status, system=ids[0], component=ids[1]))
+            rows.append(FlightRow(file=str(path), status=status, system=system, component=component))
             continue
-        name = None
         if analyses and page is not None:
-            name = f"{key[:16]}-{telemetry.system}-{telemetry.component}.html"
+            name = f"{key[:16]}-{system}-{component}.html"
             pages[name] = page(path.name, analyses)
-        rows += [replace(row, page=name and f"{PAGES}/{name}") for row in found]
+            found = [replace(row, page=f"{PAGES}/{name}") for row in found]
+        rows += found
     return LogRows(rows or [FlightRow(file=str(path), status="There is no vehicle in it.")], pages)
 
 
-def _analysed(log: Log, telemetry: Telemetry, file: str) -> tuple[dict[str, LogAnalysis], list[FlightRow]]:
-    """The analyses of a vehicle by axis, none without settled flight, and its rows."""
-    signals = Signals(telemetry, inputs="motors")
-    identity = identity_of(signals, log.receive_time[0])
-    columns: dict[str, Any] = {"file": file, "component": telemetry.component, "date": identity.date}
+def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[FlightRow], dict[str, LogAnalysis]]:
+    """The rows of a vehicle, and its analyses by axis; none without settled flight."""
+    signals, first = Signals(telemetry, inputs="motors"), None
     analyses: dict[str, LogAnalysis] = {}
-    try:
-        for axis in TILT_AXES:
-            analyses[axis] = analyse(log, axis, f"{telemetry.system}:{telemetry.component}")
-    except NotLearnable as error:
-        report = {"identity": identity.as_dict(), "condition": condition_of(signals).as_dict(), "tier": None}
-        return {}, [FlightRow.of(report, status=error.reason, **columns)]
+    for axis in TILT_AXES:
+        analyses[axis] = analyse(log, axis, signals=signals, other_axis=first)
+        first = first or analyses[axis]
+    assert first is not None
+    columns: dict[str, Any] = {"file": file, "component": telemetry.component, "date": first.identity.date}
     if all(analysis.tier.name is None for analysis in analyses.values()):
-        first = analyses[TILT_AXES[0]]
-        unknown = {"axis": None, "tier": None, "tier_reason": None, "attitude_rate": None, "motor_rate": None}
-        return {}, [FlightRow.of(first.as_dict(), status=_why_nothing(first), warnings=(), **unknown, **columns)]
+        unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate", "motor_rate"))
+        return [FlightRow.of(first.as_dict(), status=_why_nothing(first), warnings=(), **unknown, **columns)], {}
     columns |= _balance(balance_of_signals(signals))
     if signals.motors is not None:
         layout = signals.motors.layout
         columns |= {"positions": layout.positions or None, "spins": layout.spins or None}
-    return analyses, [
-        FlightRow.of(analysis.as_dict(), axis=axis, **columns, **_motor_rate(analysis, signals), **_means(analysis))
-        for axis, analysis in analyses.items()
-    ]
+    rows = []
+    for axis, analysis in analyses.items():
+        row = FlightRow.of(analysis.as_dict(), axis=axis, **columns, **_means(analysis))
+        driven = signals.about(axis).drive
+        if driven is not None and driven.scale.name == DEMAND:  # the rate of the analysis is the demand's
+            row = replace(row, motor_rate=None if signals.motors is None else usual_rate(signals.motors) or None)
+        rows.append(row)
+    return rows, analyses
 
 
 def _why_nothing(analysis: LogAnalysis) -> str:
@@ -101,14 +100,6 @@ def _balance(balance: BalanceFigures | None) -> dict[str, Any]:
         "lean_effect": np.ravel(balance.lean_effect),
         "lean_effect_error": np.ravel(balance.lean_effect_error),
     }
-
-
-def _motor_rate(analysis: LogAnalysis, signals: Signals) -> dict[str, Any]:
-    """The motors' rate where that of the analysis is the demand's, which drives its axis."""
-    driven = Signals(signals.telemetry, analysis.verdict.axis).drive
-    if driven is None or driven.scale.name != DEMAND:
-        return {}
-    return {"motor_rate": None if signals.motors is None else usual_rate(signals.motors) or None}
 
 
 def _means(analysis: LogAnalysis) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import t
 
+from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
 from mavdem.files import atomic_write
 from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, Numbers
@@ -21,8 +22,7 @@ from mavdem.fleet.sources import Source, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
 from mavdem.fleet.workers import PAGES, Job, Reader
 from mavdem.health.assessment import assess
-from mavdem.health.balance import Array, BalanceFigures
-from mavdem.health.motor_signature import motor_signatures
+from mavdem.health.balance import BalanceFigures, motor_signatures
 from mavdem.health.reference import HealthFigures, healthy_flights
 
 FEWEST_MODELS = 3  # of healthy flights, from which their scatter gives an interval

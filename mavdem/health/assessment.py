@@ -1,14 +1,34 @@
-"""The assessment of a vehicle's flights: which motor works too hard, by how much and how surely, or why not."""
+"""The assessment of a vehicle's flights: which motor works too hard, by how much and how surely, or why not.
+
+Each verdict comes with its reason in sentences, with their figures.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from mavdem.health import reasons
-from mavdem.health.effort import EffortChange, effort_change
-from mavdem.health.explanations import Candidates, Explanations
-from mavdem.health.reference import FEWEST_FLIGHTS, HealthFigures, deviation, distinct_flights, healthy_flights
+import numpy as np
+
+from mavdem.confidence import quantile
+from mavdem.dem.engine.linalg import Array
+from mavdem.health.balance import AXES
+from mavdem.health.explanations import (
+    DETECTABLE_RISE,
+    Candidates,
+    EffortChange,
+    Explanations,
+    effort_change,
+    lost_thrust,
+)
+from mavdem.health.reference import (
+    FEWEST_FLIGHTS,
+    Deviation,
+    HealthFigures,
+    deviation,
+    distinct_flights,
+    healthy_flights,
+)
 
 Health = Literal["ok", "drift", "fault", "unknown"]
 
@@ -17,6 +37,8 @@ FAULT = 0.5
 flights are by chance, and the same of ``DRIFT``."""
 DRIFT = 0.5  # Probability of any change from which a flight is called a drift
 NAMED = 0.8  # A motor is named if, given that one is faulty, it is that one with this probability
+EVEN = 0.5  # Probability of a change from which it is stated as the likelier
+MIN_LEAN = np.radians(2.0)  # Difference of lean that is worth a sentence
 
 
 class Assessment(NamedTuple):
@@ -59,60 +81,147 @@ def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] |
     named = flights if baseline is None else baseline
     usable = [flight for flight in (healthy_flights(flights) if baseline is None else baseline) if not flight.missing]
     healthy = distinct_flights(usable)
-    found: dict[int, Assessment] = {}
+    verdicts: dict[int, Assessment] = {}
     candidates: dict[object, Candidates] = {}
     before: dict[object, tuple[Explanations, EffortChange | None]] = {}
-    for number in sorted(range(len(flights)), key=lambda number: _when(flights[number])):
+    for number in sorted(range(len(flights)), key=lambda number: flights[number].when):
         flight = flights[number]
         apart = [other for other in healthy if other is not flight and not other.overlaps(flight)]
         others = [other for other in apart if other.layout == flight.layout]
         if flight.missing or flight.signatures is None:
-            found[number] = _unknown(f"Health is unknown: {flight.missing}.")
-        elif len(others) < FEWEST_FLIGHTS:
-            found[number] = _unknown(reasons.too_few(len(others), sum(other is not flight for other in named), chosen))
-        else:
-            if flight.layout not in candidates:
-                candidates[flight.layout] = Candidates(flight.signatures)
-            considered = candidates[flight.layout]
-            # One of unknown date says nothing of what comes next, and one that was chosen as healthy stands alone.
-            alone = flight.date is None or flight in healthy or len(apart) < len(healthy)
-            last, last_effort = (None, None) if alone else before.get(flight.layout, (None, None))
-            away = deviation(flight, others)
-            weighed = considered.after(away, None if last is None else last.candidates)
-            effort = effort_change(flight, others, last_effort)
-            if not alone:
-                before[flight.layout] = weighed, effort
-            compared = reasons.Compared(away, effort, others, chosen)
-            found[number] = _judged(flight, weighed, compared)
-            if found[number].health == "ok" and considered.shown(away) < DRIFT:
-                found[number] = _unknown(
-                    " ".join([reasons.too_unsure(compared), *reasons.conditions(flight, compared)])
-                )
-    return tuple(found[number] for number in range(len(flights)))
-
-
-def _when(flight: HealthFigures) -> tuple[bool, float]:
-    """Sorts by date, flights without one last."""
-    return flight.date is None, 0.0 if flight.date is None else flight.date.timestamp()
+            verdicts[number] = _unknown(f"Health is unknown: {flight.missing}.")
+            continue
+        if len(others) < FEWEST_FLIGHTS:
+            verdicts[number] = _unknown(_too_few(len(others), sum(other is not flight for other in named), chosen))
+            continue
+        if flight.layout not in candidates:
+            candidates[flight.layout] = Candidates(flight.signatures)
+        considered = candidates[flight.layout]
+        # One of unknown date says nothing of what comes next, and one that was chosen as healthy stands alone.
+        alone = flight.date is None or flight in healthy or len(apart) < len(healthy)
+        last, last_effort = (None, None) if alone else before.get(flight.layout, (None, None))
+        away = deviation(flight, others)
+        weighed = considered.after(away, None if last is None else last.candidates)
+        effort = effort_change(flight, others, last_effort)
+        if not alone:
+            before[flight.layout] = weighed, effort
+        reference = "healthy flights" if chosen else "of the vehicle's first flights, taken for healthy"
+        verdict = _verdict(flight, weighed, away, effort, f"{len(others)} {reference}")
+        if verdict.health == "ok" and considered.shown(away) < DRIFT:
+            verdict = _unknown(_too_unsure(away, f"{len(others)} {reference}"))
+        conditions = " ".join([verdict.reason, *_conditions(flight, others, effort)])
+        verdicts[number] = verdict._replace(reason=conditions)
+    return tuple(verdicts[number] for number in range(len(flights)))
 
 
 def _unknown(reason: str) -> Assessment:
     return Assessment("unknown", None, None, None, None, None, reason)
 
 
-def _judged(flight: HealthFigures, weighed: Explanations, compared: reasons.Compared) -> Assessment:
+def _verdict(
+    flight: HealthFigures, weighed: Explanations, away: Deviation, effort: EffortChange | None, reference: str
+) -> Assessment:
+    """The verdict beside the flights of the ``reference``, with what speaks for it."""
     # The effort says nothing of a single motor, and a weak one takes little of it.
-    same = weighed.healthy * (1.0 if compared.effort is None else 1 - compared.effort.probability)
+    change = 1 - weighed.healthy * (1.0 if effort is None else 1 - effort.probability)
     if weighed.fault >= FAULT:
-        named = float(weighed.faults.max()) >= NAMED * weighed.fault
-        harder, low, high = (100 * float(value) for value in weighed.harder[:, weighed.faulty - 1])
-        reason = " ".join([reasons.of_fault(flight, weighed, compared, named), *reasons.conditions(flight, compared)])
-        if not named:
-            return Assessment("fault", weighed.fault, 1 - same, None, None, None, reason)
         likely = float(weighed.faults.max())
-        return Assessment("fault", weighed.fault, 1 - same, weighed.faulty, likely, (harder, low, high), reason)
+        if likely < NAMED * weighed.fault:
+            reason = f"A motor or propeller lost thrust (probability {weighed.fault:.2f}), beside {reference}; which"
+            return Assessment("fault", weighed.fault, change, None, None, None, f"{reason} one is not sure.")
+        name, lost, harder = _motor(flight, weighed, weighed.faulty)
+        reason = (
+            f"{name[0].upper()}{name[1:]} {lost} with probability {likely:.2f}: it then works {harder} harder than in "
+            f"{reference}. That any motor lost thrust has probability {weighed.fault:.2f}."
+        )
+        mean, low, high = (100 * float(value) for value in weighed.harder[:, weighed.faulty - 1])
+        return Assessment("fault", weighed.fault, change, weighed.faulty, likely, (mean, low, high), reason)
     # Whatever the weights of the explanations are, what healthy flights do not show is a change.
-    health: Health = "drift" if 1 - same >= DRIFT or compared.deviation.beyond else "ok"
-    sentence = reasons.of_drift if health == "drift" else reasons.of_none
-    reason = " ".join([sentence(flight, weighed, compared, 1 - same), *reasons.conditions(flight, compared)])
-    return Assessment(health, weighed.fault, 1 - same, None, None, None, reason)
+    if change >= DRIFT or away.beyond:
+        reason = _drift(flight, weighed, away, effort, change, reference)
+        return Assessment("drift", weighed.fault, change, None, None, None, reason)
+    reason = f"No change is seen beside {reference}; probability that something changed {change:.2f}."
+    return Assessment("ok", weighed.fault, change, None, None, None, reason)
+
+
+def _drift(
+    flight: HealthFigures,
+    weighed: Explanations,
+    away: Deviation,
+    effort: EffortChange | None,
+    probability: float,
+    reference: str,
+) -> str:
+    """What changed, with its ``probability``, and what may explain it."""
+    changed = ", ".join(
+        f"{axis} {100 * change:+.1f} % (usual ±{100 * usual:.1f} %)"
+        for axis, change, usual in zip(AXES, away.change, _usual(away), strict=True)
+    )
+    if away.beyond and probability < EVEN:
+        return f"Outside the 99.9 % range of {reference}: {changed}."
+    differs = f"Differs from {reference} (probability {probability:.2f})"
+    balance = 1 - weighed.healthy
+    if effort is not None and effort.probability > balance:
+        more = f"{100 * abs(effort.more):.0f} % {'harder' if effort.more > 0 else 'less hard'}"
+        return f"{differs}: all motors work {more}. The balance differs with probability {balance:.2f}."
+    name, _, harder = _motor(flight, weighed, weighed.suspect)
+    causes = {
+        "a load that shifted": weighed.load,
+        "yaw alone, by a twisted arm or other propellers": weighed.yaw,
+        "several things": weighed.other,
+        f"{name}, which would work {harder} harder": float(weighed.motors.max()),
+    }
+    likeliest = max(causes, key=lambda cause: causes[cause])
+    return f"{differs}: {changed}; most likely {likeliest} ({causes[likeliest]:.2f})."
+
+
+def _motor(flight: HealthFigures, weighed: Explanations, number: int) -> tuple[str, str, str]:
+    """The name of a motor, from 1, how much thrust it lost if it is weak, and by how much it then works harder."""
+    rises = [float(value) for value in weighed.harder[:, number - 1]]
+    mean, low, high = (100 * lost_thrust(rise) for rise in rises)
+    lost = f"lost about {mean:.0f} % of its thrust ({low:.0f} to {high:.0f} %; motor or propeller)"
+    mean, low, high = (100 * rise for rise in rises)
+    return flight.motors[number - 1], lost, f"{mean:.0f} % ({low:.0f} to {high:.0f} %)"
+
+
+def _usual(away: Deviation) -> Array:
+    """(3,) half widths of the interval of 90 % of healthy flights' deviations."""
+    return np.asarray(quantile() * np.hypot(away.scale, away.centre_error))
+
+
+def _too_few(usable: int, others: int, chosen: bool) -> str:
+    """Why nothing is said where of the ``others`` of the vehicle only some are ``usable`` as healthy flights."""
+    many = "is 1 other" if others == 1 else f"are {others or 'no'} others"
+    have = f"there {many} of this vehicle"
+    if others > usable:
+        date = "" if chosen else "no date, "
+        have += f", {others - usable} with {date}other motors, too little settled flight, or the same flight again"
+    remedy = "fly or name more" if chosen else f"name {FEWEST_FLIGHTS} or more with --baseline"
+    return f"Not enough healthy flights: {have}, and it takes {FEWEST_FLIGHTS} to show how much they differ; {remedy}."
+
+
+def _too_unsure(away: Deviation, reference: str) -> str:
+    """Why a flight that looks healthy is not called so."""
+    unsure = ", ".join(f"{axis} ±{100 * usual:.1f} %" for axis, usual in zip(AXES, _usual(away), strict=True))
+    return (
+        f"Health is unknown: a motor that lost {100 * lost_thrust(DETECTABLE_RISE):.0f} % of its thrust would not show "
+        f"beside {reference} ({unsure}), for the flight leans too much or is too short, or they differ too much."
+    )
+
+
+def _conditions(flight: HealthFigures, others: Sequence[HealthFigures], effort: EffortChange | None) -> list[str]:
+    """Conditions that differ from those of the healthy flights, a sentence each."""
+    sentences = []
+    leans = [other.balance.lean for other in others if other.balance is not None]
+    if flight.balance is not None and leans:
+        leaned = flight.balance.lean - np.mean(leans, axis=0)
+        if np.abs(leaned).max() >= MIN_LEAN:
+            by = ", ".join(f"{axis} {np.degrees(angle):+.1f}°" for axis, angle in zip(AXES, leaned, strict=False))
+            sentences.append(f"It leans otherwise ({by}), by wind or speed; the balance is compared level.")
+    if effort is not None and abs(effort.more) >= effort.usual:
+        sentences.append(
+            f"At the same voltage all motors together are commanded {100 * abs(effort.more):.0f} % "
+            f"{'more' if effort.more > 0 else 'less'} (usual ±{100 * effort.usual:.0f} %): another payload, other air, "
+            "or propellers that give another thrust."
+        )
+    return sentences

@@ -1,27 +1,31 @@
 """Explanations of a changed balance, weighed by Bayes' rule: nothing, one weak motor, a shifted load, yaw, anything.
 
-What changed stays changed for some flights: what is probable after one flight is so before the next.
+What changed stays changed for some flights: what is probable after one flight is so before the next. Beside the balance
+stands the effort: how hard all motors together are commanded at the battery's voltage. A rotor's speed goes with its
+command times the voltage, so the collective times the voltage stays as the battery sags. More of it is needed for a
+payload, in thinner air, and with propellers that give less thrust: which, it does not say.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-from mavdem.health.motor_signature import MotorSignatures
-from mavdem.health.reference import Deviation
-
-Array = NDArray[np.float64]
+from mavdem.dem.engine.linalg import Array
+from mavdem.health.balance import MotorSignatures
+from mavdem.health.reference import FEWEST_FLIGHTS, SCATTER_FREEDOM, Deviation, HealthFigures
 
 PRIORS = {"healthy": 0.76, "motor": 0.10, "load": 0.08, "yaw": 0.04, "other": 0.02}
 """Before any flight: that nothing changed, that one of the motors or propellers is weak, that roll and pitch, yaw
 alone, or all three changed in any way."""
-LASTS = 0.5  # Probability that what holds in one flight holds in the next: much is seen and put right on the ground
-HARDER = 0.15
+PERSISTENCE = 0.5
+"""Probability that what holds in one flight holds in the next: much is seen and put right on the ground."""
+MEAN_RISE = 0.15
 """Mean of the exponential prior by how much a weak motor must work harder: what a quarter less thrust takes."""
 SHIFT = 0.05
 """Scale of a changed balance on an axis: a load moved by 15 mm on arms of 160 mm, an arm twisted by 1.5°. Changes
@@ -30,12 +34,19 @@ SHIFT_FREEDOM = 2.0
 YAW_BY_LEAN = 1.0
 """Yaw by a load that shifted, over its roll or pitch and the lean in rad, as far as the flights' effects of lean leave
 it: wind pulls beside the load."""
-FAULTY = 0.08  # A motor that must work so much harder, for which one of four loses an eighth of its thrust, is a fault
-SEEN = 0.2  # What must show in a flight, or it cannot be called healthy: of four motors, a third less thrust
+FAULT_RISE = 0.08
+"""A motor that must work so much harder, for which one of four loses an eighth of its thrust, is a fault."""
+DETECTABLE_RISE = 0.2
+"""What must show in a flight, or it cannot be called healthy: of four motors, a third less thrust."""
 RISES = np.linspace(0.0, 1.0, 401)[1:]
-MISFIT = 4.0  # Scales on any axis from which a deviation is no motor's
-CENTRES, CENTRE_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)  # For the error of the healthy flights' mean, by axis
+MAX_MISFIT = 4.0  # Scales on any axis from which a deviation is no motor's
+CENTRE_ERRORS, CENTRE_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)  # Of the healthy flights' mean, by axis
 TAIL = 0.05  # Outside each end of an interval of 90 %
+
+
+def lost_thrust(rise: float) -> float:
+    """Returns which share of its thrust a motor lost, as thrust goes with the square of a command that rose so much."""
+    return 1 - (1 + rise) ** -2
 
 
 def shift_sizes(scale: float, freedom: float = SHIFT_FREEDOM) -> tuple[Array, Array]:
@@ -59,7 +70,7 @@ class Candidates:
     """
 
     def __init__(self, signatures: MotorSignatures) -> None:
-        centres = np.array(list(product(CENTRES, repeat=3)))
+        centres = np.array(list(product(CENTRE_ERRORS, repeat=3)))
         motors = (signatures.weak_motor[:, None, 1:] * RISES[:, None]).reshape(-1, 3)
         sizes, weights = shift_sizes(SHIFT)
         none = np.zeros((len(sizes), 3))
@@ -73,7 +84,7 @@ class Candidates:
         }
         likely = {
             "healthy": np.prod(list(product(CENTRE_WEIGHTS, repeat=3)), axis=1),
-            "motor": np.tile(np.exp(-RISES / HARDER), len(signatures.weak_motor)),
+            "motor": np.tile(np.exp(-RISES / MEAN_RISE), len(signatures.weak_motor)),
             "load": weights,
             "yaw": weights,
             "other": weights,
@@ -91,7 +102,7 @@ class Candidates:
 
     def after(self, found: Deviation, before: Array | None = None) -> Explanations:
         """What explains a flight's deviation; ``before`` (S,) are the candidates' probabilities after the last."""
-        prior = self.prior if before is None else LASTS * before + (1 - LASTS) * self.prior
+        prior = self.prior if before is None else PERSISTENCE * before + (1 - PERSISTENCE) * self.prior
         # The candidates without a change carry the common error of the mean themselves, and so share it over flights.
         own = np.ones(len(prior), dtype=bool)
         own[self.groups["healthy"]] = False
@@ -101,16 +112,16 @@ class Candidates:
         scale = np.sqrt(found.scale**2 + own[:, None] * found.centre_error**2 + spread**2)
         away = (found.change - self.change - self.centre * found.centre_error) / scale
         likelihood = (stats.t.logpdf(away, found.freedom) - np.log(scale)).sum(axis=1)
-        likelihood[motors][(np.abs(away[motors]) > MISFIT).any(axis=1)] = -np.inf
+        likelihood[motors][(np.abs(away[motors]) > MAX_MISFIT).any(axis=1)] = -np.inf
         posterior = prior * np.exp(likelihood - likelihood.max())
         return self._summed(posterior / posterior.sum())
 
     def shown(self, found: Deviation) -> float:
-        """Probability of a change, on average over the motors, where one had to work ``SEEN`` harder in this flight.
+        """Probability of a change, on average over the motors, where one had to work ``DETECTABLE_RISE`` harder.
 
         By the scale of the flight's deviation: what can be seen in it, whatever it shows.
         """
-        rises = SEEN / np.diag(self.signatures.weak_motor_commands)
+        rises = DETECTABLE_RISE / np.diag(self.signatures.weak_motor_commands)
         weak = self.signatures.weak_motor[:, 1:] * rises[:, None]
         return float(np.mean([1 - self.after(found._replace(change=change)).healthy for change in weak]))
 
@@ -124,7 +135,7 @@ class Candidates:
         shares = np.cumsum(joint, axis=1) / some[:, None]
         low, high = (RISES[(shares < end).sum(axis=1).clip(max=len(RISES) - 1)] for end in (TAIL, 1 - TAIL))
         harder = np.array([joint @ RISES / some, low, high]) * own
-        faults = np.where(np.outer(own, RISES) >= FAULTY, joint, 0.0).sum(axis=1)
+        faults = np.where(np.outer(own, RISES) >= FAULT_RISE, joint, 0.0).sum(axis=1)
         return Explanations(
             each["healthy"], motors, faults, each["load"], each["yaw"], each["other"], harder, posterior
         )
@@ -174,3 +185,55 @@ class Explanations:
     def faulty(self) -> int:
         """Which motor is the likeliest to have to work 8 % harder or more, from 1."""
         return int(self.faults.argmax()) + 1
+
+
+EFFORT_SCATTER = 0.02
+"""Standard deviation over healthy flights before any was seen, as a share: air of 3 % more or less density, 5 K of
+battery temperature, still air or 5 m/s of wind each make 1 to 2 %."""
+EFFORT_CHANGED = 0.1  # Probability before any flight that it changed
+EFFORT_SHIFT = 0.1  # Scale of a change, as a share
+
+
+class EffortChange(NamedTuple):
+    """The effort of a flight beside that of healthy ones.
+
+    Attributes:
+        more: by which share it is greater.
+        usual: half the width of an interval of 90 % of healthy flights.
+        probability: that it changed.
+        candidates: (S,) the probabilities of no change, by the error of the healthy flights' mean, then of changes.
+    """
+
+    more: float
+    usual: float
+    probability: float
+    candidates: Array
+
+
+def effort_change(
+    flight: HealthFigures, healthy: Sequence[HealthFigures], before: EffortChange | None = None
+) -> EffortChange | None:
+    """By how much the effort changed; None where it is not known of the flight and of two healthy ones.
+
+    ``before`` is what the flight before it showed.
+    """
+    efforts = np.log([each.effort for each in healthy if each.effort is not None])
+    if flight.effort is None or len(efforts) < FEWEST_FLIGHTS:
+        return None
+    freedom = SCATTER_FREEDOM + len(efforts) - 1
+    centre = efforts.mean()
+    spread = ((efforts - centre) ** 2).sum()
+    scatter = (SCATTER_FREEDOM * EFFORT_SCATTER**2 + spread) / freedom
+    centre_error = np.sqrt(scatter / len(efforts))
+    more = float(np.log(flight.effort) - centre)
+    sizes, weights = shift_sizes(EFFORT_SHIFT)
+    prior = np.append((1 - EFFORT_CHANGED) * CENTRE_WEIGHTS / CENTRE_WEIGHTS.sum(), EFFORT_CHANGED * weights)
+    if before is not None:
+        prior = PERSISTENCE * before.candidates + (1 - PERSISTENCE) * prior
+    # All flights share the error of the mean: without a change it is a candidate, as in the balance.
+    expected = np.append(CENTRE_ERRORS * centre_error, np.zeros_like(sizes))
+    scale = np.sqrt(scatter + np.append(np.zeros_like(CENTRE_ERRORS), centre_error**2 + sizes**2))
+    posterior = prior * stats.t.pdf((more - expected) / scale, freedom) / scale
+    posterior /= posterior.sum()
+    usual = float(stats.t.ppf(0.95, freedom) * np.hypot(np.sqrt(scatter), centre_error))
+    return EffortChange(float(np.expm1(more)), usual, float(posterior[len(CENTRE_ERRORS) :].sum()), posterior)

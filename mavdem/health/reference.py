@@ -12,13 +12,10 @@ from datetime import datetime
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-from mavdem.health.balance import BalanceFigures
-from mavdem.health.motor_signature import MotorSignatures
-
-Array = NDArray[np.float64]
+from mavdem.dem.engine.linalg import Array
+from mavdem.health.balance import BalanceFigures, MotorSignatures
 
 FEWEST_FLIGHTS = 2  # Of healthy ones: one alone does not show how much they differ
 FIRST_FLIGHTS = 3  # So many of a vehicle's first flights are the reference where none is chosen
@@ -37,7 +34,7 @@ LEAN_EFFECT_SCATTER, LEAN_EFFECT_FREEDOM = 0.2, 1.0
 worth: loads differ, and where a vehicle manoeuvres it also leans without wind."""
 
 
-BEYOND = 0.999  # Of healthy flights: one that is farther off than so many is never like them
+OUTLIER_LEVEL = 0.999  # Of healthy flights: one that is farther off than so many is never like them
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,8 +79,13 @@ class HealthFigures:
         """Whether both are one flight, logged twice: a vehicle that began to fly has not landed as the other begins."""
         if self.date is None or other.date is None or self.balance is None or other.balance is None:
             return False
-        first = min(self, other, key=lambda flight: flight.date or datetime.max)
-        return abs((self.date - other.date).total_seconds()) < _balance(first).seconds
+        first = min(self, other, key=lambda flight: flight.when)
+        return abs(self.when - other.when) < _balance(first).seconds
+
+    @property
+    def when(self) -> float:
+        """By which flights are sorted: UNIX s, those without a date last."""
+        return np.inf if self.date is None else self.date.timestamp()
 
     @property
     def effort(self) -> float | None:
@@ -113,7 +115,7 @@ class Deviation(NamedTuple):
     @property
     def beyond(self) -> bool:
         """Whether it is farther off on some axis than 999 healthy flights in 1000 are."""
-        far = stats.t.ppf((1 + BEYOND) / 2, self.freedom) * np.hypot(self.scale, self.centre_error)
+        far = stats.t.ppf((1 + OUTLIER_LEVEL) / 2, self.freedom) * np.hypot(self.scale, self.centre_error)
         return bool((np.abs(self.change) > far).any())
 
 
@@ -121,7 +123,7 @@ def healthy_flights(flights: Sequence[HealthFigures]) -> tuple[HealthFigures, ..
     """Those a vehicle is compared with where none was chosen: the first three dated ones of each layout of motors."""
     dated = distinct_flights([flight for flight in flights if flight.date is not None and not flight.missing])
     first: dict[object, list[HealthFigures]] = {}
-    for flight in sorted(dated, key=lambda flight: flight.date or datetime.max):
+    for flight in sorted(dated, key=lambda flight: flight.when):
         first.setdefault(flight.layout, []).append(flight)
     return tuple(flight for each in first.values() for flight in each[:FIRST_FLIGHTS])
 

@@ -14,7 +14,7 @@ from mavdem.alignment.drive import DEMAND_MESSAGE, INPUTS, MOTOR_MESSAGES, THRUS
 from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RATE
 from mavdem.alignment.verdict import NO_ATTITUDE, too_slow
-from mavdem.health.motor_watch import MotorAlarm, MotorWatch
+from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest.mavlink.definitions import FrameSender, enum_name
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE

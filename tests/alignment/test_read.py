@@ -12,9 +12,12 @@ import pytest
 from hover import Hover, changed
 
 from mavdem.alignment.align import Segment
-from mavdem.alignment.read import choose_vehicle, learnable_flight, learnable_segments, read_flight, read_segments
+from mavdem.alignment.read import choose_vehicle, learnable_flight, read_flight, read_segments, usable_segments
+from mavdem.alignment.signals import Signals
+from mavdem.alignment.verdict import Verdict
 from mavdem.dem.record import Record
 from mavdem.errors import NotLearnable
+from mavdem.flight import Flight
 from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Telemetry
 
@@ -24,6 +27,10 @@ DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "sh
 
 def log_of(telemetry: Telemetry) -> Log:
     return Log(telemetry.source, (telemetry,), (), (), 0, 0, (0.0, 0.0))
+
+
+def segments_of(log: Log) -> tuple[tuple[Flight, ...], Verdict]:
+    return usable_segments(Signals(log.vehicles[0]), log.components)
 
 
 def test_the_flight_is_the_segment_that_was_judged():
@@ -57,7 +64,7 @@ def without_messages(telemetry: Telemetry, lost) -> Telemetry:
 def test_segments_are_all_of_settled_flight_and_the_longest_is_the_flight():
     gaps = without_messages(HOVER.telemetry(), lambda time: (abs(time - 20) < 0.5) | (abs(time - 33) < 0.5))
     log = log_of(gaps)
-    (first, middle, last), (flight, verdict) = learnable_segments(log)[0], learnable_flight(log)
+    (first, middle, last), (flight, verdict) = segments_of(log)[0], learnable_flight(log)
     assert [round(one.time[0], 2) for one in (middle, last)] == [20.5, 33.5]
     np.testing.assert_array_equal(last.outputs, flight.outputs)
     np.testing.assert_array_equal(last.inputs, flight.inputs)
@@ -72,7 +79,7 @@ def test_segments_have_one_step_also_where_a_link_lost_messages():
     lossy = without_messages(
         HOVER.telemetry(), lambda time: (abs(time - 25) < 0.5) | ((time < 25) & (np.round(100 * time) % 9 == 0))
     )
-    flights, _ = learnable_segments(log_of(lossy))
+    flights, _ = segments_of(log_of(lossy))
     assert [one.dt for one in flights] == [0.01, 0.01]
     assert flights[0].provenance["rates"]["attitude"] == pytest.approx(89, abs=1)
     np.testing.assert_allclose(flights[0].outputs[:, 0], HOVER.roll(flights[0].time), atol=1e-3)
@@ -82,7 +89,7 @@ def test_segments_that_are_too_slow_or_too_short_are_left_out_and_counted():
     hover = Hover(hovering=60.0)
     stamps = np.concatenate([np.arange(0, 30, 1 / 60), np.arange(31, 35, 0.01), np.arange(36, hover.end, 0.01)])
     log = log_of(hover.telemetry(stamps, stamps))
-    (flight,), verdict = learnable_segments(log)
+    (flight,), verdict = segments_of(log)
     assert flight.time[0] == pytest.approx(36) and flight.dt == 0.01
     (caution,) = set(flight.provenance["cautions"]) - set(verdict.cautions)
     assert caution.startswith("2 of 3 segments of settled flight, 2") and "left out" in caution
@@ -92,9 +99,8 @@ def test_segments_of_a_refused_log_are_refused_like_the_flight():
     slow = log_of(HOVER.telemetry(4.0, 4.0))
     with pytest.raises(NotLearnable) as flight:
         learnable_flight(slow)
-    with pytest.raises(NotLearnable) as segments:
-        learnable_segments(slow)
-    assert str(segments.value) == str(flight.value)
+    flights, verdict = segments_of(slow)
+    assert flights == () and f"{verdict.reason} {verdict.remedy}" == str(flight.value)
 
 
 def test_the_longest_recorded_segment_is_the_recorded_flight():

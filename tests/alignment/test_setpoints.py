@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import lzma
 import os
 import pickle
 from pathlib import Path
@@ -11,14 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hover import Hover, changed, columns
-from pyulog import ULog
 
 from mavdem import Flight
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.read import read_segments
 from mavdem.alignment.signals import HOLD_SECONDS, Signals, held, setpoints
 from mavdem.export.tables import columns as table
-from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import quaternion
 
@@ -174,22 +170,3 @@ def test_a_recorded_vehicle_does_what_it_is_asked(name):
         assert flight.setpoint_names[:2] == ("roll rate setpoint", "roll setpoint")
         assert np.isfinite(flight.setpoints).all()
         assert np.corrcoef(flight.setpoints[:, 1], flight.outputs[:, 0])[0, 1] > 0.8
-
-
-@pytest.mark.slow
-def test_how_far_the_stamps_of_rate_setpoints_are_off():
-    """PX4's ATTITUDE_TARGET against the ULog of the same flight: 0 to 8 ms, 4 ms at the 95th percentile."""
-    folder = DATA / "sitl_px4"
-    if not folder.exists():
-        pytest.skip("the shared data are not on this machine")
-    logged = ULog(io.BytesIO(lzma.decompress((folder / "px4_wind5_gust.ulg.xz").read_bytes())))
-    rates = logged.get_dataset("vehicle_rates_setpoint").data
-    asked = zip(*(rates[axis].tolist() for axis in ("roll", "pitch", "yaw")), strict=True)
-    made = dict(zip(asked, rates["timestamp"] / 1e6, strict=True))
-    (vehicle,) = read_log(folder / "px4_wind5_gust.tlog").vehicles
-    sent = vehicle.messages["ATTITUDE_TARGET"]
-    fields = ("body_roll_rate", "body_pitch_rate", "body_yaw_rate")
-    rows = zip(*(sent[field].tolist() for field in (*fields, "time")), strict=True)
-    newer = np.array([made[tuple(values)] - at for *values, at in rows if tuple(values) in made and at > 20])
-    assert len(newer) > 1000 and newer.min() > -1e-3
-    assert np.percentile(newer, 95) < 0.005 and newer.max() < 0.009

@@ -17,7 +17,7 @@ from mavdem.analysis.findings import Finding
 from mavdem.errors import NotLearnable
 from mavdem.evaluate import HeldOut
 from mavdem.evaluate.windows import Length
-from mavdem.health.motor_watch import MotorAlarm
+from mavdem.health.in_flight import MotorAlarm
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.telemetry import selected
 from mavdem.report.screen import analysis_blocks
@@ -62,7 +62,12 @@ def test_the_slow_motion_is_learnt_where_it_predicts_better_and_nothing_faster_i
 def test_a_motor_that_weakened_in_flight_is_told_first(slow):
     assert slow.alarms == ()
     weak = replace(slow, alarms=(MotorAlarm(30.0, 28.5, 2, "motor 2 (rear left)", 0.25, 0.98),))
-    assert str(analysis_blocks(weak)[0]).count("motor 2 (rear left) works 25% harder since 28 s") == 1
+    assert (
+        str(analysis_blocks(weak)[0]).count(
+            "motor 2 (rear left) lost about 36% of its thrust (motor or propeller) since 28 s"
+        )
+        == 1
+    )
     assert "Inspect motor 2 (rear left)" in str(analysis_blocks(weak)[1])
     (said,) = weak.as_dict()["alarms"]
     assert (said["motor"], said["since"]) == (2, 28.5) and "motor 2" in said["sentence"]

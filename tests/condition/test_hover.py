@@ -11,7 +11,8 @@ import pytest
 from hover import Hover, changed
 
 from mavdem import Flight, hover, hover_figures, read_segments
-from mavdem.alignment.read import learnable_segments
+from mavdem.alignment.read import usable_segments
+from mavdem.alignment.signals import Signals
 from mavdem.condition.hover import hover_of_log
 from mavdem.errors import NotLearnable
 from mavdem.ingest import Log
@@ -63,7 +64,7 @@ def test_figures_are_those_of_the_flight_however_slowly_the_motors_come(motor_ra
 def test_flights_give_the_same_figures_and_count_their_motors_once():
     log = log_of(leaning())
     expected = hover_of_log(log)
-    flights = [one for axis in ("roll", "pitch") for one in learnable_segments(log, axis)[0]]
+    flights = [one for axis in ("roll", "pitch") for one in usable_segments(Signals(log.vehicles[0], axis))[0]]
     found = hover_figures(flights)
     assert found.seconds == pytest.approx(expected.seconds, abs=0.1)
     for name in ("trim", "trim_of_range", "trim_share", "headroom", "at_upper_limit"):

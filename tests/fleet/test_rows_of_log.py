@@ -10,13 +10,12 @@ import pytest
 
 import mavdem
 from mavdem.analysis import analyse
-from mavdem.condition import identity_of
 from mavdem.dem import parallel
 from mavdem.errors import Unreadable
 from mavdem.fleet import rows_of_log as module
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.rows_of_log import rows_of_log
-from mavdem.health.motor_watch import MotorAlarm
+from mavdem.health.in_flight import MotorAlarm
 
 LOGS = Path(__file__).parents[2] / "logs"
 SLOW = LOGS / "ardupilot_default_rates.tlog"
@@ -64,12 +63,12 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkey
     (sound,) = log.vehicles
     other = replace(sound, component=7)
 
-    def identity(signals, received):
+    def failing(log, axis, signals, other_axis):
         if signals.telemetry is other:
             raise KeyError("geometry")
-        return identity_of(signals, received)
+        return analyse(log, axis, signals=signals, other_axis=other_axis)
 
-    monkeypatch.setattr(module, "identity_of", identity)
+    monkeypatch.setattr(module, "analyse", failing)
     monkeypatch.setattr(module, "read_log", lambda _: replace(log, vehicles=(other, sound)))
     failed, *rows = rows_of_log(SLOW).rows
     assert "KeyError" in failed.status and failed.component == 7
@@ -79,6 +78,10 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkey
 def test_an_alarm_in_flight_is_among_the_warnings(monkeypatch):
     alarm = MotorAlarm(20.0, 15.0, 2, "motor 2", 0.14, 0.99)
     load = alarm._replace(motor=None, name="")
-    monkeypatch.setattr(module, "analyse", lambda *arguments: replace(analyse(*arguments), alarms=(load, alarm)))
+
+    def alarmed(*arguments, **known):
+        return replace(analyse(*arguments, **known), alarms=(load, alarm))
+
+    monkeypatch.setattr(module, "analyse", alarmed)
     for row in rows_of_log(SLOW).rows:
         assert row.warnings[0] == alarm.sentence and load.sentence not in row.warnings

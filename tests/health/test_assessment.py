@@ -10,8 +10,8 @@ import pytest
 from made_up_vehicle import LEAN_EFFECT, MOTORS, QUAD_X, MadeUpVehicle, undated, weak
 
 from mavdem.health.assessment import assess
-from mavdem.health.explanations import Candidates
-from mavdem.health.motor_signature import motor_signatures
+from mavdem.health.balance import motor_signatures
+from mavdem.health.explanations import Candidates, lost_thrust
 from mavdem.health.reference import Deviation, deviation
 
 VEHICLES = 40
@@ -33,7 +33,7 @@ def test_a_weak_motor_is_found_and_named(motor):
     assert np.mean(covered) > 0.8
     named = next(one for one in found if one.suspect_motor)
     assert named.reason.startswith(f"Motor {motor}")
-    assert "; if so it works" in named.reason
+    assert "of its thrust" in named.reason and "it then works" in named.reason
     assert f"{named.suspect_probability:.2f}" in named.reason
     assert all((one.suspect_probability or 0.0) <= one.fault_probability for one in found)
 
@@ -143,7 +143,7 @@ def test_more_effort_is_a_drift_and_no_fault():
     heavy = [replace(vehicle.flight(), collective=0.5 * more) for more in (1.0, 1.02, 1.12)]
     found = [assess([flight], baseline)[0] for flight in heavy]
     assert [one.health for one in found] == ["ok", "ok", "drift"]
-    assert "most likely the effort" in found[-1].reason
+    assert "all motors work 12 % harder" in found[-1].reason
     probabilities = [one.fault_probability for one in found]
     assert max(probabilities) < 0.1
     unknown = [replace(flight, voltage=None) for flight in heavy]
@@ -224,6 +224,10 @@ def test_wind_from_another_side_makes_the_scale_wider_not_the_change_larger():
     calm, windy_found = deviation(flight, healthy), deviation(windy, healthy)
     assert (np.abs(windy_found.change - calm.change) < 2 * windy_found.scale).all()
     assert windy_found.scale[0] > calm.scale[0]
+
+
+def test_the_thrust_that_a_motor_lost_goes_with_the_square_of_its_command():
+    assert lost_thrust(0.0) == 0 and 1.25**2 * (1 - lost_thrust(0.25)) == pytest.approx(1)
 
 
 def test_probabilities_of_explanations_sum_to_one():

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mavdem.health.balance import balance_figures
-from mavdem.health.motor_signature import motor_signatures
+from mavdem.health.balance import balance_figures, motor_signatures
 
 QUAD_X = motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)], [1, 1, -1, -1])
 MEAN = np.array([0.03, -0.02, 0.01])

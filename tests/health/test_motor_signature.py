@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mavdem.health.motor_signature import motor_signatures
+from mavdem.health.balance import motor_signatures
 from mavdem.ingest.motors import motor_geometry
 
 

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from mavdem.health.motor_watch import MotorAlarm, MotorWatch, alarm_figures
+from mavdem.health.in_flight import MotorAlarm, MotorWatch, alarm_figures
 from mavdem.ingest.motors import motor_geometry
 
 NAMES = tuple(f"motor {n} ({place})" for n, place in enumerate(("front right", "rear left"), 1)) + (
@@ -31,7 +31,10 @@ def test_it_names_the_motor_in_a_sentence():
     watch = MotorWatch(NAMES, (1, 2, 3, 4), X, SPINS)
     [alarm] = watched(watch, *broken([0.0, 0.3, 0.0, 0.0]))
     assert (alarm.motor, alarm.name) == (2, "motor 2 (rear left)")
-    assert alarm.sentence.startswith("Alarm: motor 2 (rear left) works ") and "since 25 s" in alarm.sentence
+    assert (
+        alarm.sentence.startswith("Alarm: motor 2 (rear left) lost about 36% of its thrust")
+        and "since 25 s" in alarm.sentence
+    )
     assert "assumed" not in alarm.sentence
     assert json.loads(json.dumps(alarm.as_dict()))["motor"] == 2
 

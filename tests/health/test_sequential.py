@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from mavdem.health.motor_signature import motor_signatures
-from mavdem.health.sequential import HOURS_TO_FALSE_ALARM, BalanceTest
+from mavdem.health.balance import motor_signatures
+from mavdem.health.in_flight import HOURS_TO_FALSE_ALARM, BalanceTest
 
 RATE, BREAKS = 10.0, 20.0  # Hz, s
 X = np.sqrt(0.5) * np.array([(1, 1), (-1, -1), (1, -1), (-1, 1)])

@@ -14,7 +14,6 @@ from mavlink_streams import flight, frame, heartbeat, tlog
 from pymavlink.dialects.v20 import all as dialect
 
 from mavdem.errors import Unreadable
-from mavdem.export.conversion import convert
 from mavdem.files import atomic_write
 from mavdem.ingest import contents as files
 from mavdem.ingest import read_log
@@ -57,14 +56,6 @@ def test_an_archive_is_not_unpacked_to_tell_its_beginning(tmp_path: Path) -> Non
         assert tracemalloc.get_traced_memory()[1] < 10_000_000
     finally:
         tracemalloc.stop()
-
-
-@pytest.mark.usefixtures("_mapped")
-def test_a_mapped_file_is_converted_and_back_byte_by_byte(tmp_path: Path) -> None:
-    path = written(tmp_path / "flight.tlog", tlog([heartbeat(), *flight(TIMES)]))
-    convert(path, tmp_path / "flight.mcap")
-    convert(tmp_path / "flight.mcap", tmp_path / "back.tlog")
-    assert (tmp_path / "back.tlog").read_bytes() == path.read_bytes()
 
 
 @pytest.mark.usefixtures("_mapped")

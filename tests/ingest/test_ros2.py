@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import random
 import sys
 import time
@@ -20,7 +19,6 @@ from mavlink_streams import SAMPLES, flight, heartbeat
 from mcap.writer import CompressionType
 from mcap_files import Recorder
 from numpy.typing import NDArray
-from pyulog import ULog
 from ros2_files import (
     DEFINITIONS,
     PX4_TYPES,
@@ -35,7 +33,6 @@ from ros2_files import (
     xyzw,
 )
 from scipy.spatial.transform import Rotation
-from ulog_files import shared
 
 import mavdem
 from mavdem.alignment import signals
@@ -44,14 +41,12 @@ from mavdem.alignment.verdict import verdict_of
 from mavdem.errors import MissingExtra, NotLearnable, Unreadable
 from mavdem.export.conversion import convert
 from mavdem.ingest import Log, read_log
-from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mcap.log import mcap_stream
 from mavdem.ingest.px4_topics import NEEDED
 from mavdem.ingest.ros2.messages import RosTopicReader, rewritten
 from mavdem.ingest.telemetry import Telemetry
 
 TLOG = SAMPLES / "px4_wind5_steps.tlog"
-ULOG = "sitl_px4/px4_wind5_gust.ulg.xz"
 COMPRESSIONS = list(CompressionType)
 
 
@@ -141,51 +136,6 @@ def test_the_flight_is_that_of_the_telemetry_log(write: Callable[..., None], axi
     assert ours.provenance["motors"]["channels"] == theirs.provenance["motors"]["channels"]
     assert any("assumed" in caution for caution in ours.provenance["cautions"])
     assert not any("Which motor is which" in caution for caution in theirs.provenance["cautions"])
-
-
-@pytest.mark.slow
-def test_px4s_topics_tell_what_its_own_log_of_them_tells(tmp_path: Path) -> None:
-    source = tmp_path / "beginning.ulg"
-    source.write_bytes(file_bytes(shared(ULOG))[:11_200_000])
-    (theirs,) = read_log(source).vehicles
-    expected = {name: columns for name, columns in theirs.messages.items() if name != "MANUAL_CONTROL"}  # no stamp
-    path = tmp_path / "same.mcap"
-    with Ros2Recorder(path) as recorder:
-        for name, at, fields in topics_of(source):
-            own = {**fields, "system_id": theirs.system} if name == "vehicle_status" else fields
-            recorder.px4(name, at, **own)
-    (ours,) = read_log(path).vehicles
-    assert (ours.system, ours.vehicle, ours.autopilot, ours.repairs) == (theirs.system, "QUADROTOR", "PX4", ())
-    assert set(ours.messages) == set(expected)
-    for name, columns in expected.items():
-        for field, values in columns.items():
-            assert np.array_equal(ours.messages[name][field], values, equal_nan=True), (name, field)
-    one, other = mavdem.read_flight(path), mavdem.read_flight(source)
-    assert np.array_equal(one.inputs, other.inputs) and np.array_equal(one.outputs, other.outputs)
-    assert np.array_equal(one.time, other.time) and len(one) > 3000
-
-
-def topics_of(source: Path) -> list[tuple[str, float, dict[str, Any]]]:
-    """The messages of a ULog that the recording is to have: topic, stamp and fields, in the order of the stamps."""
-    log = ULog(io.BytesIO(file_bytes(source)))
-    told = []
-    for data in log.data_list:
-        if data.name not in PX4_TYPES or data.multi_id:
-            continue
-        columns = {name: values.tolist() for name, values in data.data.items()}
-        arrays = {name.partition("[")[0] for name in columns if name.endswith("]")}
-        plain = [name for name in columns if not name.endswith("]") and "." not in name]
-        nested = [name for name in ("current.valid", "current.type") if name in columns]
-        for row in range(len(columns["timestamp"])):
-            fields: dict[str, Any] = {name: columns[name][row] for name in plain}
-            for name in arrays:
-                count = sum(field.startswith(f"{name}[") for field in columns)
-                fields[name] = [columns[f"{name}[{n}]"][row] for n in range(count)]
-            if nested:
-                fields["current"] = {name.partition(".")[2]: columns[name][row] for name in nested}
-            if fields["timestamp"]:  # a stick that was never moved has none
-                told.append((data.name, fields["timestamp"] / 1e6, fields))
-    return sorted(told, key=lambda one: one[1])
 
 
 # Frames
@@ -541,19 +491,6 @@ def test_damage_never_makes_an_error_or_a_false_message(
         assert set(read or []) <= set(WHOLE)
 
 
-def test_what_a_damaged_chunk_says_is_not_believed(tmp_path: Path) -> None:
-    options = {"compression": CompressionType.NONE, "chunk_size": 2500}
-    path = written(tmp_path, lambda recorder: px4_flight(recorder, TIMES[:60]), **options)
-    content = path.read_bytes()
-    stamp = round(TIMES[30] * 1e6).to_bytes(8, "little")
-    place = content.rindex(stamp) + 20
-    path.write_bytes(content[:place] + b"\x99" + content[place + 1 :])
-    (vehicle,) = read_log(path).vehicles
-    assert any("ROS 2 messages in damaged chunks were left out" in repair for repair in vehicle.repairs)
-    read = attitudes(path)
-    assert read is not None and 30 < len(read) < 60 and set(read) <= set(WHOLE)
-
-
 HOSTILE = {
     "no type": "nonsense\n",
     "code": "__import__('os').system('true') q\n",
@@ -786,22 +723,6 @@ def test_setpoints_of_mavros_are_turned_back(tmp_path: Path) -> None:
     }
     ardupilots = dataclasses.replace(vehicle, autopilot="ARDUPILOTMEGA")
     assert [one.signal.values[0] for one in setpoints(ardupilots, "roll")][-1] == 1600
-
-
-def test_names_of_topics_are_reported_in_one_line(tmp_path: Path) -> None:
-    def write(recorder: Ros2Recorder) -> None:
-        for name in ("\x1b[31m", "a\nb", "x" * 10_000):
-            px4_flight(recorder, prefix=f"/{name}/fmu/out/")
-
-    for vehicle in read_log(written(tmp_path, write)).vehicles:
-        assert all(repair.isprintable() and len(repair) < 200 for repair in vehicle.repairs)
-    path = tmp_path / "other.mcap"
-    with Ros2Recorder(path) as recorder:
-        for name in ("\x1b[31m", "a\nb", "x" * 10_000):
-            recorder.write(f"/{name}/odd", "mavros_msgs/msg/State", {})
-    with pytest.raises(Unreadable) as failure:
-        read_log(path)
-    assert str(failure.value).isprintable() and len(str(failure.value)) < 500 + len(str(path))
 
 
 def test_the_log_counts_what_was_read(tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ from pyulog import ULog
 from ulog_files import (
     OFF,
     REAL,
-    SHARED,
     TIMES,
     data,
     flight,
@@ -28,9 +27,6 @@ import mavdem
 from mavdem.alignment import drive
 from mavdem.alignment.signals import Signals, setpoints, voltage
 from mavdem.ingest import read_log
-from mavdem.ingest.telemetry import Telemetry
-
-GUST = SHARED / "sitl_px4/px4_wind5_gust.ulg.xz"
 
 
 def same(ours: NDArray[np.generic], theirs: NDArray[np.generic]) -> bool:
@@ -66,47 +62,6 @@ def test_values_are_those_pyulog_reads(name: str) -> None:
     expected |= {name: float(value) for _, name, value in plain.changed_parameters}
     assert vehicle.parameters == expected
     assert (vehicle.vehicle, vehicle.autopilot, vehicle.system) == ("QUADROTOR", "PX4", 1)
-
-
-def at_the_same_stamps(ours: Telemetry, theirs: Telemetry, message: str, clock: float) -> tuple[NDArray[np.intp], ...]:
-    stamps = [np.rint(one.messages[message]["time"] * clock).astype(np.int64) for one in (ours, theirs)]
-    _, here, there = np.intersect1d(*stamps, return_indices=True)
-    return here, there
-
-
-@pytest.mark.slow
-def test_the_log_of_a_flight_tells_what_its_telemetry_tells() -> None:
-    shared("sitl_px4/px4_wind5_gust.ulg.xz")
-    (ours,) = read_log(GUST).vehicles
-    (theirs,) = (one for one in read_log(shared("sitl_px4/px4_wind5_gust.tlog")).vehicles)
-    assert (ours.system, ours.vehicle, ours.autopilot) == (theirs.system, theirs.vehicle, theirs.autopilot)
-    for name, fields in (("ATTITUDE_QUATERNION", ("q1", "q2", "q3", "q4")), ("LOCAL_POSITION_NED", ("x", "z", "vz"))):
-        here, there = at_the_same_stamps(ours, theirs, name, 1e3)
-        assert len(there) > 0.9 * len(theirs.messages[name]["time"])
-        for field in fields:
-            assert same(ours.messages[name][field][here], theirs.messages[name][field][there])
-    # The rates that PX4 sends are the last published, which now and then are those of the step before.
-    here, there = at_the_same_stamps(ours, theirs, "ATTITUDE_QUATERNION", 1e3)
-    rates = [one.messages["ATTITUDE_QUATERNION"]["rollspeed"] for one in (ours, theirs)]
-    assert np.mean(rates[0][here].astype(np.float32) == rates[1][there]) > 0.9
-    # PWM are the controls, rounded to 1 µs: where no output is held at its minimum or off, half a step apart at most.
-    sent = theirs.messages["SERVO_OUTPUT_RAW"]
-    pulses = np.column_stack([sent[f"servo{n}_raw"] for n in range(1, 5)]).astype(np.float64)
-    own = ours.messages["HIL_ACTUATOR_CONTROLS"]
-    _, here, there = np.intersect1d(np.rint(own["time"] * 1e6), np.rint(sent["time"] * 1e6), return_indices=True)
-    running = (pulses[there] > 1000).all(axis=1)
-    assert np.count_nonzero(running) > 0.8 * len(pulses)
-    controls = 1000 + 1000 * own["controls"][here, :4].astype(np.float64)
-    assert np.abs(pulses[there] - controls)[running].max() < 0.5 + 1e-3
-    for signal, every in (("armed", 1.0), ("landed_state", 0.2)):
-        mine, said = getattr(Signals(ours), signal), getattr(Signals(theirs), signal)
-        assert mine is not None and said is not None
-        changes = [one.time[1:][np.diff(one.values == max(one.values)) != 0] for one in (mine, said)]
-        # Telemetry tells a change with the next message of its kind, and this message has no stamp of its own.
-        late = changes[1] - changes[0]
-        assert len(late) == 2 and (late > -0.05).all() and (late < every + 0.1).all()
-    differing = [n for n in theirs.parameters if n in ours.parameters and ours.parameters[n] != theirs.parameters[n]]
-    assert len(set(theirs.parameters) & set(ours.parameters)) > 800 and differing in ([], ["EKF2_MAG_DECL"])
 
 
 def test_a_log_can_be_learnt_from(tmp_path: Path) -> None:

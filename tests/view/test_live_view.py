@@ -25,7 +25,7 @@ from rerun_file import chunks, layouts, views
 
 import mavdem
 from mavdem.dem import Estimate, LinearModel
-from mavdem.health.motor_watch import MotorAlarm
+from mavdem.health.in_flight import MotorAlarm
 from mavdem.live import SessionStatus
 from mavdem.view.live import Channels, LiveView, RecordingFile, Viewer, WebServer, sinks_for
 from mavdem.view.live.blueprint import figures, status_document

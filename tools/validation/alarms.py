@@ -19,7 +19,7 @@ import click
 import numpy as np
 from alarm_flights import KINDS, RATE, SHIFTED, SOUND, read
 
-from mavdem.health.motor_watch import MotorAlarm, MotorWatch
+from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest.motors import motor_geometry
 
 IN_TIME = 5.0  # s

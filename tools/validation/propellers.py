@@ -24,10 +24,10 @@ from scipy.spatial.transform import Rotation
 from mavdem.alignment.read import choose_vehicle
 from mavdem.alignment.signals import Signals
 from mavdem.condition import condition_of
-from mavdem.health import effort, reference
+from mavdem.health import reference
 from mavdem.health.assessment import assess
-from mavdem.health.balance import BalanceFigures, balance_figures, balance_of_signals
-from mavdem.health.motor_signature import motor_signatures
+from mavdem.health.balance import BalanceFigures, balance_figures, balance_of_signals, motor_signatures
+from mavdem.health.explanations import EFFORT_SCATTER
 from mavdem.health.reference import HealthFigures
 from mavdem.ingest import read_log
 from sitl_scenarios.dynamics import MAX_PULSE, MIN_PULSE
@@ -116,7 +116,7 @@ def by_chance(healthy: int, vehicles: int) -> None:
     for _ in range(vehicles):
         freedom = reference.SCATTER_FREEDOM
         scatter = reference.SCATTER * np.sqrt(freedom / rng.chisquare(freedom, 3))
-        spread = effort.SCATTER * np.sqrt(freedom / rng.chisquare(freedom))
+        spread = EFFORT_SCATTER * np.sqrt(freedom / rng.chisquare(freedom))
         effect = rng.normal(scale=reference.LEAN_EFFECT)
         baseline = [_made_up(rng, scatter, effect, spread, day) for day in range(healthy)]
         found = assess([_made_up(rng, scatter, effect, spread, 10 + day) for day in range(5)], baseline)
