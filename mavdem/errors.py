@@ -88,7 +88,7 @@ class FlightDownstream:
         return downstream("export.tables", "to_xarray")(self)
 
     def _repr_html_(self) -> str:
-        return str(downstream("report.html", "flight_html")(self))
+        return str(downstream("report.page", "flight_html")(self))
 
 
 class LearnedDownstream:
@@ -121,4 +121,4 @@ class LearnedDownstream:
         return downstream("export.tables", "to_control")(self)
 
     def _repr_html_(self) -> str:
-        return str(downstream("report.html", "learned_html")(self))
+        return str(downstream("report.page", "learned_html")(self))

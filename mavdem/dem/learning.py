@@ -56,14 +56,12 @@ def learn(
 ) -> Learned:
     """Learns a linear model of a flight by Dynamic Expectation Maximization.
 
-    >>> import numpy as np, mavdem
-    >>> rng = np.random.default_rng(0)
-    >>> motors = rng.standard_normal((600, 1)).cumsum(axis=0) % 3  # of a rate that follows one motor after 0.1 s
-    >>> rate = np.convolve(motors[:, 0], 0.1 * np.exp(-np.arange(60) / 10))[:600] + 0.01 * rng.standard_normal(600)
-    >>> flight = mavdem.Flight(0.01 * np.arange(600), motors, rate)
-    >>> learned = mavdem.learn(flight[:500])
-    >>> learned.forecast(flight[500:].inputs).shape
-    (100, 1)
+    >>> flight = mavdem.read_flight("flight.tlog")[:1000]
+    >>> learned = mavdem.learn(flight[:850])
+    >>> learned
+    <Learned: 3 states, 4 inputs, 2 outputs from 850 samples at 100 Hz, F̄ ...>
+    >>> learned.forecast(flight[850:].inputs).shape
+    (150, 2)
 
     Args:
         train: inputs (T, r), outputs (T, m), finite, and the sampling step dt in seconds: a ``Flight``; or a list of
@@ -75,6 +73,9 @@ def learn(
 
     Returns:
         the model, its posterior, the free energy and the forecasts, in physical units.
+
+    See Also:
+        :func:`learn_many` for many flights, :class:`Settings`, :class:`Learned`.
 
     Raises:
         ValueError: too few samples, values that are not finite, or channels that do not vary, with their names; a

@@ -10,7 +10,7 @@ import signal
 import sys
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
-from concurrent.futures import BrokenExecutor, Executor, Future, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from itertools import chain, islice
@@ -23,11 +23,9 @@ Job = TypeVar("Job")
 Result = TypeVar("Result")
 
 FEW = 8  # up to this many jobs are sooner done in this process than by workers, which take about a second to start
-LARGEST_CHUNK = 8  # Jobs sent together at most. What they share is sent once, and so is what their results share.
-JOBS_PER_SIZE = 32  # after this many jobs chunks grow by one job
 
-AHEAD = 8
-"""Chunks per own worker that are sent ahead of the result that is waited for, so that one slow job does not keep the
+AHEAD = 16
+"""Jobs per own worker that are sent ahead of the result that is waited for, so that one slow job does not keep the
 other workers idle; their results are kept until then."""
 
 AHEAD_ELSEWHERE = 256  # the same for a given executor, whose number of workers cannot be asked
@@ -41,50 +39,37 @@ _stop_pipe: Connection | None = None
 def parallel_map(
     work: Callable[[Job], Result], jobs: Iterable[Job], executor: Executor | None = None
 ) -> Generator[Result, None, None]:
-    """``work`` of each of many jobs; yields results in the order of the jobs, as soon as they are there.
+    """Yields ``work`` of each of many jobs, in the order of the jobs, as soon as it is there.
 
     As :func:`mavdem.dem.learn_many`, for any ``work``: for other processes a function of a module, or a ``partial`` of
     one, whose jobs and results pickle.
     """
     jobs = iter(jobs)
-    sent: deque[Future[list[Result]]] = deque()
     if executor is not None:
-        try:
-            yield from _map_on(executor, work, jobs, sent, AHEAD_ELSEWHERE)
-        finally:
-            # Workers that a signal to the whole group has ended break a pool, which before Python 3.13 waits for ever
-            # where jobs are cancelled.
-            if not isinstance(executor, Pool):
-                for future in sent:
-                    future.cancel()
+        yield from _map_on(executor, work, jobs, AHEAD_ELSEWHERE)
         return
     first = list(islice(jobs, FEW + 1))
     workers = spare_cores() if len(first) > FEW else 1
-    jobs = chain(first, jobs)
     if workers == 1:
-        for job in jobs:
-            yield from _map_chunk(work, [job])
+        yield from map(work, chain(first, jobs))
         return
-    with pool(workers) as own:
-        yield from _map_on(own, work, jobs, sent, AHEAD * workers)
+    with pool(workers) as executor:
+        yield from _map_on(executor, work, chain(first, jobs), AHEAD * workers)
 
 
 def _map_on(
-    executor: Executor,
-    work: Callable[[Job], Result],
-    jobs: Iterable[Job],
-    sent: deque[Future[list[Result]]],
-    ahead: int,
+    executor: Executor, work: Callable[[Job], Result], jobs: Iterable[Job], ahead: int
 ) -> Generator[Result, None, None]:
-    """``sent`` holds what is on its way, of which there are at most ``ahead``."""
+    """At most ``ahead`` jobs are on their way."""
+    sent: deque[Future[Result]] = deque()
     try:
-        for chunk in _chunks(jobs):
-            sent.append(executor.submit(partial(_map_chunk, work), chunk))
+        for job in jobs:
+            sent.append(executor.submit(partial(_unless_stopped, work), job))
             while sent and (len(sent) >= ahead or sent[0].done()):
-                yield from sent[0].result()
+                yield sent[0].result()
                 sent.popleft()
         while sent:
-            yield from sent[0].result()
+            yield sent[0].result()
             sent.popleft()
     except BrokenExecutor as error:
         # A broken pool breaks these off itself, and before Python 3.13 it cannot where they are cancelled.
@@ -93,22 +78,23 @@ def _map_on(
             "a worker died: for want of memory, killed, or unable to start. Ask for fewer at a time with an executor "
             "of fewer workers; and where a script calls this, do so below `if __name__ == '__main__':`"
         ) from error
+    finally:
+        # Workers that a signal to the whole group has ended break a pool, which before Python 3.13 waits for ever
+        # where jobs are cancelled.
+        if not isinstance(executor, Pool):
+            for future in sent:
+                future.cancel()
 
 
-def _chunks(jobs: Iterable[Job]) -> Iterator[list[Job]]:
-    """Single jobs first, so that a few jobs reach all workers; more at a time when there are many."""
-    jobs, taken = iter(jobs), 0
-    while chunk := list(islice(jobs, min(1 + taken // JOBS_PER_SIZE, LARGEST_CHUNK))):
-        taken += len(chunk)
-        yield chunk
-
-
-def _map_chunk(work: Callable[[Job], Result], jobs: list[Job]) -> list[Result]:
-    return [work(job) for job in jobs if not stop_requested()]
+def _unless_stopped(work: Callable[[Job], Result], job: Job) -> Result:
+    """``work`` of a job; nothing in a worker whose results nobody waits for, so that it ends soon."""
+    if _stop_pipe is not None and _stop_pipe.poll():  # true once the other end is closed: nothing is ever sent
+        raise CancelledError
+    return work(job)
 
 
 def spare_cores() -> int:
-    """How many workers are worth starting: the cores this process may use, or 1 where it is a worker itself."""
+    """Returns how many workers are worth starting: the cores this process may use, or 1 where it is a worker itself."""
     if _alone or (parent_process() is not None and not _importing_main()):
         return 1
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -138,25 +124,17 @@ def pool(workers: int) -> Iterator[Pool]:
     # semaphores among them: the parent decides what it means. Nor may a signal interrupt the start of a process.
     with _blocked(*ENDS):
         executor = Pool(workers, context, initializer=_begin, initargs=(stop_pipe,))
-    # The parent's end is closed first, which stops the workers; then they are waited for.
-    with stop_pipe, _waited_for(executor), parents_end:
+    try:
         with _blocked(*ENDS):
             for _ in range(workers):
                 executor.submit(os.getpid)
         yield executor
-
-
-@contextmanager
-def _waited_for(executor: Pool) -> Iterator[None]:
-    """Shuts an executor down; signals are handled after that.
-
-    A wait for a thread that an exception interrupts takes the thread for ended (bpo-45274): of the executor's
-    own, that leaves the workers running, and Python waits for them for ever.
-    """
-    try:
-        yield
     finally:
-        with _blocked(*ENDS):
+        # The parent's end is closed first, which stops the workers; then they are waited for. A wait for a thread that
+        # an exception interrupts takes the thread for ended (bpo-45274): of the executor's own, that leaves the workers
+        # running, and Python waits for them for ever. So signals are handled after it.
+        with stop_pipe, _blocked(*ENDS):
+            parents_end.close()
             executor.shutdown()
 
 
@@ -181,11 +159,6 @@ def _blocked(*numbers: signal.Signals) -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         for came in waiting:
             signal.raise_signal(came)
-
-
-def stop_requested() -> bool:
-    """Whether this is a worker of :func:`pool` whose results are no longer waited for."""
-    return _stop_pipe is not None and _stop_pipe.poll()  # true once the other end is closed: nothing is ever sent
 
 
 def _importing_main() -> bool:

@@ -10,7 +10,7 @@ from math import isfinite, sqrt
 from typing import Any
 
 from mavdem.analysis.findings import PREDICTION_LIMITS
-from mavdem.dem.order.choice import OrderChoice
+from mavdem.dem.order_choice import OrderChoice
 from mavdem.evaluate.comparison import GENERALIZED_COORDINATES, Comparison
 from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE, Paired
 from mavdem.evaluate.scores import FROM_ZERO, HORIZONS, KNOWN, UNKNOWN, error_over

@@ -13,14 +13,16 @@ from functools import partial
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+import numpy as np
 from jinja2 import ChoiceLoader, Environment, PackageLoader
 from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
 from mavdem.dem import Learned, Settings
-from mavdem.dem.order.choice import OrderChoice
+from mavdem.dem.order_choice import OrderChoice
 from mavdem.errors import advice, downstream
 from mavdem.evaluate.comparison import Comparison
+from mavdem.flight import Flight
 from mavdem.live import SessionStatus
 from mavdem.live.history import LiveHistory
 from mavdem.report.blocks import Block, Sentence, Table
@@ -28,9 +30,9 @@ from mavdem.report.comparison import comparison_report, order_report
 from mavdem.report.condition import log_blocks
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import event_blocks, live_report
-from mavdem.report.numbers import Labels, listed
+from mavdem.report.numbers import Labels, listed, named, readable, rounded
 from mavdem.report.palette import INK_ON_LIGHT
-from mavdem.report.screen import analysis_blocks, key_figures, screen
+from mavdem.report.screen import analysis_blocks, key_figures, screen, title
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -364,3 +366,33 @@ def live_page(
         ],
         [] if learned is None else key_figures(learned),
     )
+
+
+def notebook_html(blocks: Sequence[Block]) -> str:
+    """Returns paragraphs and tables as HTML by themselves, all text escaped."""
+    shown = environment().get_template("blocks.html").module.shown(blocks)  # type: ignore[attr-defined]
+    return f"<div><style>.words {{ text-align: left; }}</style>{shown}</div>"
+
+
+def flight_html(flight: Flight) -> str:
+    """Returns, for notebooks, which flight it is, and a row a channel; in degrees."""
+    rows = []
+    channels = (
+        ("input", flight.input_names, flight.input_units, flight.inputs),
+        ("output", flight.output_names, flight.output_units, flight.outputs),
+        ("setpoint", flight.setpoint_names, flight.setpoint_units, flight.setpoints),
+    )
+    for kind, names, units, values in channels:
+        for name, unit, column in zip(names, map(readable, units), () if values is None else values.T, strict=True):
+            finite = unit.scale * column[np.isfinite(column)]
+            figures = (finite.mean(), finite.std(), finite.min(), finite.max()) if len(finite) else ()
+            rows.append([named(name, unit.name), kind, *(rounded(figure, 3) for figure in figures)])
+    header = ["channel", "is", "mean", "sd", "lowest", "highest"]
+    return notebook_html([title([flight]), Table(header, [row + ["-"] * (len(header) - len(row)) for row in rows])])
+
+
+def learned_html(learned: Learned) -> str:
+    """Returns, for notebooks, the screen's report of what the model alone knows."""
+    record = learned.record
+    what = f"{len(learned.model.A)} states, from {len(record) * record.dt:.0f} s at {1 / record.dt:.0f} Hz."
+    return notebook_html([Sentence(what, "Learned model:"), *screen(learned)])

@@ -10,7 +10,7 @@ import pytest
 
 from mavdem import read_flight
 from mavdem.cli.commands import main
-from mavdem.dem.order import choose_order
+from mavdem.dem.order_choice import choose_order
 from mavdem.report.blocks import Sentence
 from mavdem.report.comparison import order_report
 from mavdem.report.numbers import THREE_STATES

@@ -10,8 +10,8 @@ from scipy.stats import binom
 from simulated import simulated
 
 from mavdem import Flight
-from mavdem.dem.order.choice import FlightOrders, OrderChoice, choose_order, orders_of
-from mavdem.dem.order.system import BlackBox, embedding_order, kernel_width
+from mavdem.dem.order_choice import FlightOrders, OrderChoice, choose_order, orders_of
+from mavdem.dem.order_search import BlackBox, embedding_order, kernel_width
 from mavdem.dem.record import Record
 
 

@@ -18,7 +18,7 @@ from mavdem.report import palette
 from mavdem.report.figures import Plots
 from mavdem.report.figures.series import correlation, forecast, typical_windows
 from mavdem.report.figures.style import svg
-from mavdem.report.figures.systems import model_systems, physical_systems, uncertain_poles
+from mavdem.report.figures.systems import model_systems, physical_systems
 from mavdem.report.numbers import AxisCommand, Labels
 
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
@@ -140,14 +140,12 @@ def test_the_physical_response_is_late_by_its_delay_and_ends_at_effect_over_damp
     assert systems.b[1:, 2].std() > 0 and (systems.delay > 0).all()
 
 
-def test_a_poles_region_is_that_of_draws(learned):
-    # So certain that the poles are linear in A.
-    certain = replace(learned, scatter=learned.scatter._replace(covariance=1e-8 * learned.scatter.covariance))
-    drawn = np.linalg.eigvals(model_systems(certain, np.ones(4)).A[1:])
-    for pole in uncertain_poles(certain):
-        nearest = drawn[np.arange(len(drawn)), np.abs(drawn - pole.value).argmin(axis=1)] - pole.value
-        spread = np.cov(np.array([nearest.real, nearest.imag])) * (pole.freedom - 2) / pole.freedom  # Student's
-        np.testing.assert_allclose(spread, pole.covariance, atol=0.25 * pole.covariance.max())
+def test_draws_are_as_far_apart_as_the_parameters_are_uncertain(learned):
+    systems, (covariance, freedom) = model_systems(learned, np.ones(4)), learned.scatter
+    np.testing.assert_array_equal(systems.A[0], learned.model.A)
+    n = learned.model.A.size
+    spread = np.cov(systems.A[1:].reshape(-1, n).T) * (freedom - 2) / freedom  # Student's
+    np.testing.assert_allclose(spread, covariance[:n, :n], atol=0.25 * covariance[:n, :n].max())
 
 
 def test_a_correlation_is_found_at_its_lag():

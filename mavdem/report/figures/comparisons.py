@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from mavdem.dem.order.choice import STRONG_EVIDENCE_NATS, OrderChoice
+from mavdem.dem.order_choice import STRONG_EVIDENCE_NATS, OrderChoice
 from mavdem.evaluate.comparison import Comparison
 from mavdem.report.figures.style import HAIRLINE, legend_above, picture
 from mavdem.report.palette import BASELINE, DISTINCT, HELD_OUT_OPACITY, MEASURED, PREDICTED, distinct

@@ -33,7 +33,7 @@ from mavdem.report.figures.style import (
     sample_times,
     with_gaps,
 )
-from mavdem.report.figures.systems import Truth, bode, poles, step
+from mavdem.report.figures.systems import SystemPlots
 from mavdem.report.numbers import AxisCommand, Labelled, Labels, left_free, readable
 from mavdem.report.palette import (
     BAND,
@@ -67,7 +67,7 @@ SMALLEST_GAIN = 1e-3  # nats: less is no more learning
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plots:
+class Plots(SystemPlots):
     """The figures of a learned model; each method returns a ``matplotlib.figure.Figure``.
 
     Notebooks show them, and ``savefig`` writes them: as PNG or, with text that stays text, as SVG.
@@ -79,7 +79,7 @@ class Plots:
     learned: Learned
 
     def __repr__(self) -> str:
-        names = [name for name in vars(type(self)) if not name.startswith("_")]
+        names = [name for name in dir(self) if not name.startswith("_") and name != "learned"]
         return f"<Plots: {', '.join(f'{name}()' for name in names)} of {self.learned!r}>"
 
     def forecast(self, held_out: Flight | HeldOut | None = None, output: int = 0) -> Figure:
@@ -104,38 +104,192 @@ class Plots:
         return forecast(held_out, labels, range(len(labels.output_names))[output])
 
     def residuals(self, output: int = -1) -> Figure:
-        """Draws one-step errors of an output, their autocorrelation and their correlation with the command."""
-        return residuals(self.learned, output)
+        """Draws one-step residuals over time, their autocorrelation and their correlation with the command.
 
-    def bode(self, output: int = -1, truth: Truth | None = None) -> Figure:
-        """Draws magnitude and phase from the axis's command to an ``output``, with 90 % bands.
+        Correlations beyond the 99 % bounds are what the model leaves: of white residuals that do not depend on the
+        command, one in a hundred would be. The bounds of the second allow for autocorrelation of both (Ljung, System
+        Identification, 2nd ed., sec. 16.6).
 
-        ``truth`` is A (n, n), B (n, r) and the delay, s, of a simulated vehicle.
+        Args:
+            output: which, in the order of the flight's outputs; the last one, a rate, unless given.
         """
-        return bode(self.learned, output, truth)
-
-    def step(self, truth: Truth | None = None) -> Figure:
-        """Draws the outputs after a step of the axis's command, with 90 % bands; ``truth`` as for :meth:`bode`."""
-        return step(self.learned, truth)
-
-    def poles(self, truth: Array | None = None) -> Figure:
-        """Draws the poles of the model with their regions; ``truth`` is A (n, n) of a simulated vehicle."""
-        return poles(self.learned, truth)
+        learned = self.learned
+        labels, command, record = Labels.of(learned), AxisCommand.of(learned), learned.record
+        output = range(len(labels.output_names))[output]
+        unit, name = readable(labels.output_units[output]), labels.output_names[output]
+        errors = record.outputs[:, output] - learned.one_step()[:, output]
+        errors[record.starts] = np.nan  # a segment's first is not predicted
+        known = ~np.isnan(errors)
+        centred, driven = np.where(known, errors - errors[known].mean(), 0.0), command.series(record.inputs)
+        lags = round(LAG_SECONDS / learned.dt)
+        auto, driven_auto = correlation(centred, centred, lags), correlation(driven, driven, lags)
+        across = correlation(driven, centred, lags)
+        width = quantile(BOUND_LEVEL) / np.sqrt(known.sum())
+        # The variance of a correlation of two independent series.
+        joint = np.sqrt(max(1 + 2 * float(auto[1:] @ driven_auto[1:]), 1.0))
+        lag = np.arange(lags + 1.0) * learned.dt
+        with picture(3.8) as figure:
+            axes = figure.subplot_mosaic([["time", "time"], ["auto", "across"]], height_ratios=[1, 1.25])
+            time, shown = with_gaps(record, sample_times(record)), with_gaps(record, unit.scale * errors)
+            axes["time"].plot(time, shown, color=PREDICTED, linewidth=0.6)
+            largest = 1.15 * float(np.nanmax(np.abs(shown)))
+            title = f"one-step residual of {name}: RMS {unit.scale * np.nanstd(errors):.2g} {unit.name}"
+            axes["time"].set(xlabel="time since boot (s)", ylabel=f"residual ({unit.name})", ylim=(-largest, largest))
+            axes["time"].set_title(title)
+            for panel, shift, values, bound in (
+                (axes["auto"], lag[1:], auto[1:], width),
+                (axes["across"], lag, across, width * joint),
+            ):
+                panel.axhspan(-bound, bound, color=BOUND, alpha=2 * HELD_OUT_OPACITY, linewidth=0)
+                panel.axhline(0, **HAIRLINE)
+                panel.vlines(shift, 0, values, color=PREDICTED, linewidth=1.3)
+                limit = 1.1 * max(float(np.abs(values).max()), 1.5 * bound)
+                panel.set(ylim=(-limit, limit), xlim=(0, LAG_SECONDS))
+            axes["auto"].set(xlabel="lag (s)", title="autocorrelation")
+            axes["across"].set(xlabel=f"after the {command.name} (s)", title=f"correlation with {command.name}")
+            note(figure, f"Grey: where {100 * BOUND_LEVEL:.0f} % of such correlations lie by chance.")
+        return figure
 
     def disturbance(self, truth: Array | None = None) -> Figure:
-        """Draws the wind torque with gusts, and its spectrum; ``truth`` (T,) is that of a simulated flight, rad/s²."""
-        return disturbance(self.learned, truth)
+        """Draws the wind torque over time with its 90 % band and gusts, and its spectral density.
+
+        Args:
+            truth: (T,) rad/s², of a simulated flight at the training samples.
+
+        Raises:
+            ValueError: there is no wind torque, since no physical parameters can be fitted.
+        """
+        learned = self.learned
+        wind, record, unit = learned.wind, learned.record, readable("rad/s²")
+        if wind is None:
+            raise ValueError("there is no wind torque to show: no physical parameters can be fitted to this flight")
+        with picture(4.0) as figure:
+            above, below = figure.subplots(2, 1, gridspec_kw={"height_ratios": [3, 2]})
+            above.axhline(0, **HAIRLINE)
+            clock = sample_times(record)
+            time = with_gaps(record, clock)
+            torque, half = (unit.scale * with_gaps(record, values) for values in (wind.torque, wind.band))
+            band(above, time, torque - half, torque + half, DISTURBANCE, "90 % band")
+            if truth is not None:
+                above.plot(time, unit.scale * with_gaps(record, truth), color=TRUTH, linewidth=1.6, label="truth")
+            above.plot(time, torque, color=DISTURBANCE, linewidth=THIN, label="wind torque")
+            for number, gust in enumerate(wind.gusts):
+                ends = clock[gust.sample], clock[gust.sample] + gust.length
+                above.axvspan(*ends, color=GUST, alpha=GUST_OPACITY, linewidth=0, label="" if number else "gust")
+            above.set(xlabel="time since boot (s)", ylabel=f"wind torque ({unit.name})")
+            legend_above(above)
+            frequency, density, model = wind.spectrum
+            shown = (frequency > 0) & (frequency <= HIGHEST_HERTZ)
+            frequency, density, model = (values[shown] for values in (frequency, density, model))
+            below.plot(frequency, unit.scale**2 * density, color=DISTURBANCE, label="wind torque")
+            below.plot(frequency, unit.scale**2 * model, color=MEASURED, label="model of it", dashes=(4, 2))
+            below.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylabel=f"({unit.name})²/Hz")
+            top = unit.scale**2 * float(max(density.max(), model.max()))
+            below.set_ylim(np.clip(below.get_ylim()[0], top / MAX_RANGE, top / MIN_RANGE), 2 * top)
+            below.xaxis.set_major_formatter("{x:g}")
+            legend_above(below)
+            if learned.physical is not None and not learned.physical.identifiable:
+                note(figure, "Control effectiveness is not identifiable in this flight, and so the wind torque is not.")
+            elif wind.reason is not None:
+                note(
+                    figure,
+                    "Not resolved in this flight: expect errors about as large as the torque itself.",
+                )
+        return figure
 
     def motors(self, hover: HoverFigures | None = None) -> Figure:
-        """Draws the control effectiveness of each motor and, with ``hover``, how hard it works.
+        """Draws a row a motor: its control effectiveness and, where known, its trim deviation and its headroom.
 
-        ``hover`` is what ``mavdem.hover(log)`` or ``mavdem.hover_figures([flight])`` returned.
+        Args:
+            hover: of ``mavdem.hover`` or ``mavdem.hover_figures``, for the same motors.
+
+        Raises:
+            ValueError: there are no physical parameters, and no ``hover``.
         """
-        return motors(self.learned, hover)
+        learned = self.learned
+        labels, physical = Labels.of(learned), learned.physical
+        if physical is None and hover is None:
+            raise ValueError("there are no motors to show: no physical parameters can be fitted to this flight")
+        if hover is not None and len(hover.motors) != len(labels.input_names):
+            physical = None  # what drives the model is no motor but the demand, which has no row here
+        names = labels.input_names if hover is None else hover.motors
+        rows = np.arange(len(names))
+        with picture(AROUND + ROW * len(names)) as figure:
+            panels = np.atleast_1d(figure.subplots(1, (physical is not None) + 2 * (hover is not None), sharey=True))
+            # Such as "1 front right", of "motor 1 (front right)".
+            panels[0].set_yticks(rows, [name.removeprefix("motor ").replace(" (", " ").rstrip(")") for name in names])
+            for axes in panels:
+                axes.grid(False, axis="y")
+                axes.tick_params(axis="y", length=0)
+                axes.set_ylim(len(names) - 0.4, -0.6)
+            if physical is not None:
+                unit = readable("rad/s²")
+                half = unit.scale * physical.interval(LEVEL).effect
+                _bars(panels[0], unit.scale * physical.effect, half, 0.0, PREDICTED)
+                panels[0].set(title="effectiveness", xlabel=per(unit.name, labels.input_units[0]))
+                if not physical.identifiable:
+                    note(figure, "Control effectiveness is not identifiable in this flight: no intervals are given.")
+            if hover is not None:
+                imbalance, headroom = panels[-2:]
+                _bars(imbalance, np.array(hover.imbalance), np.zeros(len(names)), LEAST_IMBALANCE, COMMAND)
+                imbalance.set(title="trim", xlabel="deviation (%)")
+                # The range of each motor: up to its trim, up to the highest output, and what is left.
+                headroom.barh(rows, 100 * (1 - np.array(hover.headroom)), 0.55, color=COMMAND, alpha=0.35)
+                trim = 100 * np.array(hover.trim_of_range)
+                headroom.plot(trim, rows, "|", color=COMMAND, markersize=13, markeredgewidth=2.2)
+                text: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": 7.5}
+                for row, left in zip(rows, hover.headroom, strict=True):
+                    headroom.annotate(f"{100 * left:.0f} %", (100, row), (-1, 0), textcoords="offset points", **text)
+                headroom.set(xlim=(0, 100), title="headroom", xlabel="output (% of full)")
+        return figure
 
     def learning(self) -> Figure:
-        """Draws F̄, its terms and the parameters by iteration."""
-        return learning(self.learned)
+        """Draws F̄ below its maximum, the terms it is the sum of and the free entries of A, B and C, by iteration.
+
+        Iteration 0 is the prior. Each entry is in units of its largest magnitude; dots are the values after the
+        simulation-error fit, which continues from the last iteration.
+        """
+        learned = self.learned
+        energy = learned.free_energy
+        last, end = len(energy) - 1, END * (len(energy) - 1)
+        with picture(4.4) as figure:
+            action, terms, parameters = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": [3, 4, 4]})
+            gap = np.maximum(energy.total.max() - energy.total, SMALLEST_GAIN)
+            action.plot(gap, color=PREDICTED, marker="o", markersize=2.5)
+            title = f"F̄ below its maximum of {energy.total.max():,.0f} nats".replace("-", "−")
+            action.set(yscale="log", ylabel="nats", title=title)
+
+            # Those that change most, less their last value: where F̄ increases, the sum of all does.
+            change = {name: term - term[-1] for name, term in energy.terms.items()}
+            largest = sorted(change, key=lambda name: -np.abs(change[name]).max())[:SHOWN_TERMS]
+            for number, name in enumerate(name for name in change if name in largest):
+                terms.plot(change[name], color=distinct(number), label=name.replace("prediction error of", "error of"))
+            terms.set_yscale("symlog", linthresh=LINEAR_NATS)
+            terms.set(ylabel="nats", title="terms of F̄, less their last value")
+            terms.yaxis.set_major_locator(FixedLocator([-1e6, -1e3, 0, 1e3, 1e6]))
+            terms.yaxis.set_minor_locator(NullLocator())
+
+            (n, r), m = learned.model.B.shape, len(learned.model.C)
+            values = np.vstack([learned.learning.theta, pack(*learned.model[:3])])
+            scale = np.abs(values).max(axis=0)
+            values /= np.where(scale > 0, scale, 1.0)
+            columns = dict(zip("ABC", unpack(np.arange(values.shape[1]), n, r, m), strict=True))
+            for number, (name, free) in enumerate(left_free(learned).items()):
+                entries, colour = values[:, columns[name].ravel()[free].astype(int)], distinct(number)
+                if free.any():
+                    parameters.plot(entries[:-1], color=colour, linewidth=1.1)
+                    parameters.plot([], [], color=colour, label=f"entries of {name}")
+                    parameters.plot([last, end], entries[-2:], color=colour, linewidth=0.7, linestyle=":")
+                    at = np.full(entries.shape[1], end)
+                    parameters.plot(at, entries[-1], "o", color=colour, markersize=4, clip_on=False)
+            parameters.plot([], [], "o", color=MEASURED, markersize=4, label="after the last fit")
+            parameters.set(ylabel="share of largest", title="parameters", ylim=(-1.08, 1.08))
+            parameters.xaxis.set_major_locator(MaxNLocator(integer=True))
+            parameters.set(xlabel="iteration", xlim=(0, end))
+            for axes in (terms, parameters):
+                axes.axhline(0, **HAIRLINE)
+                axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
+        return figure
 
 
 def forecast(held: HeldOut, labels: Labelled, output: int = 0, windows: int = WINDOWS) -> Figure:
@@ -202,152 +356,12 @@ def typical_windows(held: HeldOut, windows: int) -> slice:
     return slice(start, start + count)
 
 
-def residuals(learned: Learned, output: int = -1) -> Figure:
-    """Draws one-step residuals over time; their autocorrelation, and their correlation with the command before them.
-
-    Correlations beyond the 99 % bounds are what the model leaves: of white residuals that do not depend on the command,
-    one in a hundred would be. The bounds of the second allow for autocorrelation of both (Ljung, System Identification,
-    2nd ed., sec. 16.6).
-
-    Args:
-        learned: the model with its training data.
-        output: which, in the order of the flight's outputs; the last one, a rate, unless given.
-    """
-    labels, command, record = Labels.of(learned), AxisCommand.of(learned), learned.record
-    output = range(len(labels.output_names))[output]
-    unit, name = readable(labels.output_units[output]), labels.output_names[output]
-    errors = record.outputs[:, output] - learned.one_step()[:, output]
-    errors[record.starts] = np.nan  # a segment's first is not predicted
-    known = ~np.isnan(errors)
-    centred, driven = np.where(known, errors - errors[known].mean(), 0.0), command.series(record.inputs)
-    lags = round(LAG_SECONDS / learned.dt)
-    auto, driven_auto = correlation(centred, centred, lags), correlation(driven, driven, lags)
-    across = correlation(driven, centred, lags)
-    width = quantile(BOUND_LEVEL) / np.sqrt(known.sum())
-    # The variance of a correlation of two independent series.
-    joint = np.sqrt(max(1 + 2 * float(auto[1:] @ driven_auto[1:]), 1.0))
-    lag = np.arange(lags + 1.0) * learned.dt
-    with picture(3.8) as figure:
-        axes = figure.subplot_mosaic([["time", "time"], ["auto", "across"]], height_ratios=[1, 1.25])
-        time, shown = with_gaps(record, sample_times(record)), with_gaps(record, unit.scale * errors)
-        axes["time"].plot(time, shown, color=PREDICTED, linewidth=0.6)
-        largest = 1.15 * float(np.nanmax(np.abs(shown)))
-        title = f"one-step residual of {name}: RMS {unit.scale * np.nanstd(errors):.2g} {unit.name}"
-        axes["time"].set(xlabel="time since boot (s)", ylabel=f"residual ({unit.name})", ylim=(-largest, largest))
-        axes["time"].set_title(title)
-        for panel, shift, values, bound in (
-            (axes["auto"], lag[1:], auto[1:], width),
-            (axes["across"], lag, across, width * joint),
-        ):
-            panel.axhspan(-bound, bound, color=BOUND, alpha=2 * HELD_OUT_OPACITY, linewidth=0)
-            panel.axhline(0, **HAIRLINE)
-            panel.vlines(shift, 0, values, color=PREDICTED, linewidth=1.3)
-            limit = 1.1 * max(float(np.abs(values).max()), 1.5 * bound)
-            panel.set(ylim=(-limit, limit), xlim=(0, LAG_SECONDS))
-        axes["auto"].set(xlabel="lag (s)", title="autocorrelation")
-        axes["across"].set(xlabel=f"after the {command.name} (s)", title=f"correlation with {command.name}")
-        note(figure, f"Grey: where {100 * BOUND_LEVEL:.0f} % of such correlations lie by chance.")
-    return figure
-
-
 def correlation(one: Array, other: Array, lags: int) -> Array:
     """Returns (lags + 1,) of ``one`` at a time with ``other`` 0, 1, … samples later."""
     size = 2 * len(one)
     products = np.fft.irfft(np.conj(np.fft.rfft(one, size)) * np.fft.rfft(other, size), size)[: lags + 1]
     scale = np.sqrt(float(one @ one) * float(other @ other))
     return np.asarray(products / scale if scale else np.zeros(lags + 1))
-
-
-def disturbance(learned: Learned, truth: Array | None = None) -> Figure:
-    """Draws the wind torque over time with its 90 % band and gusts, and its spectral density.
-
-    Args:
-        learned: the model with its training data, whose physical parameters leave this torque.
-        truth: (T,) rad/s², of a simulated flight at the training samples.
-
-    Raises:
-        ValueError: there is no wind torque, since no physical parameters can be fitted.
-    """
-    wind, record, unit = learned.wind, learned.record, readable("rad/s²")
-    if wind is None:
-        raise ValueError("there is no wind torque to show: no physical parameters can be fitted to this flight")
-    with picture(4.0) as figure:
-        above, below = figure.subplots(2, 1, gridspec_kw={"height_ratios": [3, 2]})
-        above.axhline(0, **HAIRLINE)
-        clock = sample_times(record)
-        time = with_gaps(record, clock)
-        torque, half = (unit.scale * with_gaps(record, values) for values in (wind.torque, wind.band))
-        band(above, time, torque - half, torque + half, DISTURBANCE, "90 % band")
-        if truth is not None:
-            above.plot(time, unit.scale * with_gaps(record, truth), color=TRUTH, linewidth=1.6, label="truth")
-        above.plot(time, torque, color=DISTURBANCE, linewidth=THIN, label="wind torque")
-        for number, gust in enumerate(wind.gusts):
-            ends = clock[gust.sample], clock[gust.sample] + gust.length
-            above.axvspan(*ends, color=GUST, alpha=GUST_OPACITY, linewidth=0, label="" if number else "gust")
-        above.set(xlabel="time since boot (s)", ylabel=f"wind torque ({unit.name})")
-        legend_above(above)
-        frequency, density, model = wind.spectrum
-        shown = (frequency > 0) & (frequency <= HIGHEST_HERTZ)
-        frequency, density, model = (values[shown] for values in (frequency, density, model))
-        below.plot(frequency, unit.scale**2 * density, color=DISTURBANCE, label="wind torque")
-        below.plot(frequency, unit.scale**2 * model, color=MEASURED, label="model of it", dashes=(4, 2))
-        below.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylabel=f"({unit.name})²/Hz")
-        top = unit.scale**2 * float(max(density.max(), model.max()))
-        below.set_ylim(np.clip(below.get_ylim()[0], top / MAX_RANGE, top / MIN_RANGE), 2 * top)
-        below.xaxis.set_major_formatter("{x:g}")
-        legend_above(below)
-        if learned.physical is not None and not learned.physical.identifiable:
-            note(figure, "Control effectiveness is not identifiable in this flight, and so the wind torque is not.")
-        elif wind.reason is not None:
-            note(figure, "Not resolved in this flight: errors about as large as the torque itself are to be expected.")
-    return figure
-
-
-def motors(learned: Learned, hover: HoverFigures | None = None) -> Figure:
-    """Draws a row a motor: its control effectiveness and, where known, its trim deviation and its headroom.
-
-    Args:
-        learned: the model, whose physical parameters have the control effectiveness with its 90 % interval.
-        hover: of ``mavdem.hover`` or ``mavdem.hover_figures``, for the same motors.
-
-    Raises:
-        ValueError: there are no physical parameters, and no ``hover``.
-    """
-    labels, physical = Labels.of(learned), learned.physical
-    if physical is None and hover is None:
-        raise ValueError("there are no motors to show: no physical parameters can be fitted to this flight")
-    if hover is not None and len(hover.motors) != len(labels.input_names):
-        physical = None  # what drives the model is no motor but the demand, which has no row here
-    names = labels.input_names if hover is None else hover.motors
-    rows = np.arange(len(names))
-    with picture(AROUND + ROW * len(names)) as figure:
-        panels = np.atleast_1d(figure.subplots(1, (physical is not None) + 2 * (hover is not None), sharey=True))
-        # Such as "1 front right", of "motor 1 (front right)".
-        panels[0].set_yticks(rows, [name.removeprefix("motor ").replace(" (", " ").rstrip(")") for name in names])
-        for axes in panels:
-            axes.grid(False, axis="y")
-            axes.tick_params(axis="y", length=0)
-            axes.set_ylim(len(names) - 0.4, -0.6)
-        if physical is not None:
-            unit = readable("rad/s²")
-            half = unit.scale * physical.interval(LEVEL).effect
-            _bars(panels[0], unit.scale * physical.effect, half, 0.0, PREDICTED)
-            panels[0].set(title="effectiveness", xlabel=per(unit.name, labels.input_units[0]))
-            if not physical.identifiable:
-                note(figure, "Control effectiveness is not identifiable in this flight: no intervals are given.")
-        if hover is not None:
-            imbalance, headroom = panels[-2:]
-            _bars(imbalance, np.array(hover.imbalance), np.zeros(len(names)), LEAST_IMBALANCE, COMMAND)
-            imbalance.set(title="trim", xlabel="deviation (%)")
-            # The range of each motor: up to its trim, up to the highest output, and what is left.
-            headroom.barh(rows, 100 * (1 - np.array(hover.headroom)), 0.55, color=COMMAND, alpha=0.35)
-            trim = 100 * np.array(hover.trim_of_range)
-            headroom.plot(trim, rows, "|", color=COMMAND, markersize=13, markeredgewidth=2.2)
-            text: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": 7.5}
-            for row, left in zip(rows, hover.headroom, strict=True):
-                headroom.annotate(f"{100 * left:.0f} %", (100, row), (-1, 0), textcoords="offset points", **text)
-            headroom.set(xlim=(0, 100), title="headroom", xlabel="output (% of full)")
-    return figure
 
 
 def _bars(axes: Axes, values: Array, half: Array, least: float, colour: str) -> None:
@@ -359,57 +373,6 @@ def _bars(axes: Axes, values: Array, half: Array, least: float, colour: str) -> 
     axes.axvline(0, **HAIRLINE)
     largest = 1.15 * max(least, float((np.abs(values) + np.nan_to_num(half)).max()))
     axes.set_xlim(-largest, largest)
-
-
-def learning(learned: Learned) -> Figure:
-    """Draws F̄ below its final value and the terms it is the sum of, then the free entries of A, B and C, by iteration.
-
-    Iteration 0 is the prior. Each entry is in units of its largest magnitude; dots are the values after the
-    simulation-error fit, which continues from the last iteration.
-
-    Args:
-        learned: the model with its iterations.
-    """
-    energy = learned.free_energy
-    last, end = len(energy) - 1, END * (len(energy) - 1)
-    with picture(4.4) as figure:
-        action, terms, parameters = figure.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": [3, 4, 4]})
-        gap = np.maximum(energy.total.max() - energy.total, SMALLEST_GAIN)
-        action.plot(gap, color=PREDICTED, marker="o", markersize=2.5)
-        title = f"F̄ below its maximum of {energy.total.max():,.0f} nats".replace("-", "−")
-        action.set(yscale="log", ylabel="nats", title=title)
-
-        # Those that change most, less their last value: where F̄ increases, the sum of all does.
-        change = {name: term - term[-1] for name, term in energy.terms.items()}
-        largest = sorted(change, key=lambda name: -np.abs(change[name]).max())[:SHOWN_TERMS]
-        for number, name in enumerate(name for name in change if name in largest):
-            terms.plot(change[name], color=distinct(number), label=name.replace("prediction error of", "error of"))
-        terms.set_yscale("symlog", linthresh=LINEAR_NATS)
-        terms.set(ylabel="nats", title="terms of F̄, less their last value")
-        terms.yaxis.set_major_locator(FixedLocator([-1e6, -1e3, 0, 1e3, 1e6]))
-        terms.yaxis.set_minor_locator(NullLocator())
-
-        (n, r), m = learned.model.B.shape, len(learned.model.C)
-        values = np.vstack([learned.learning.theta, pack(*learned.model[:3])])
-        scale = np.abs(values).max(axis=0)
-        values /= np.where(scale > 0, scale, 1.0)
-        columns = dict(zip("ABC", unpack(np.arange(values.shape[1]), n, r, m), strict=True))
-        for number, (name, free) in enumerate(left_free(learned).items()):
-            entries, colour = values[:, columns[name].ravel()[free].astype(int)], distinct(number)
-            if free.any():
-                parameters.plot(entries[:-1], color=colour, linewidth=1.1)
-                parameters.plot([], [], color=colour, label=f"entries of {name}")
-                parameters.plot([last, end], entries[-2:], color=colour, linewidth=0.7, linestyle=":")
-                at = np.full(entries.shape[1], end)
-                parameters.plot(at, entries[-1], "o", color=colour, markersize=4, clip_on=False)
-        parameters.plot([], [], "o", color=MEASURED, markersize=4, label="after the last fit")
-        parameters.set(ylabel="share of largest", title="parameters", ylim=(-1.08, 1.08))
-        parameters.xaxis.set_major_locator(MaxNLocator(integer=True))
-        parameters.set(xlabel="iteration", xlim=(0, end))
-        for axes in (terms, parameters):
-            axes.axhline(0, **HAIRLINE)
-            axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0))
-    return figure
 
 
 def live_flight(history: LiveHistory, name: str) -> Figure:

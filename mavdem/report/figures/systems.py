@@ -12,19 +12,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Ellipse
 from matplotlib.ticker import MultipleLocator
 from numpy.typing import NDArray
 from scipy.linalg import expm
-from scipy.stats import f as fisher
 
-from mavdem.confidence import LEVEL, half_width
+from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack, unpack
 from mavdem.report.figures.style import HAIRLINE, band, legend_above, not_blown_up, note, per, picture
 from mavdem.report.numbers import AxisCommand, Labels, readable
-from mavdem.report.palette import BAD, BAND, BAND_OPACITY, HELD_OUT_OPACITY, PHYSICAL, PREDICTED, TRUTH
+from mavdem.report.palette import BAD, HELD_OUT_OPACITY, PHYSICAL, PREDICTED, TRUTH
 
 Complex = NDArray[np.complex128]
 Truth = tuple[Array, Array, float]
@@ -37,7 +35,6 @@ HIGHEST_OF_RATE = 0.4  # of the sampling rate: what is faster cannot be asked of
 MAX_WIDER = 4.0  # by which factor a band may widen the range of magnitudes
 STEP_SECONDS, STEP_POINTS = 1.5, 151
 
-KNOWN_FREEDOM = 1e6  # degrees of freedom of a covariance that is not itself estimated
 DAMPING_RATIOS = (0.2, 0.4, 0.6, 0.8)
 SLOW = 10.0  # times the slowest pole, or 1/s, up to which poles are shown
 CLOUD = 150  # draws of poles that are shown
@@ -125,75 +122,114 @@ def _normal(rng: np.random.Generator, covariance: Array) -> Array:
     return np.asarray(rng.standard_normal((DRAWS, len(values))) @ (vectors * np.sqrt(values.clip(0))).T)
 
 
-def bode(learned: Learned, output: int = -1, truth: Truth | None = None) -> Figure:
-    """Draws magnitude and phase of an output over frequency, from the axis's command, with 90 % bands.
+class SystemPlots:
+    """The figures of a model as a system; :class:`mavdem.report.figures.Plots` has them."""
 
-    Of the model and, where all of them are reported, of the physical parameters.
+    learned: Learned
 
-    Args:
-        learned: the model; the bands come from the uncertainty of its parameters.
-        output: which, in the order of the flight's outputs; the last one, a rate, unless given.
-        truth: A (n, n) and B (n, r) of a simulated vehicle, whose first states are the outputs, and its delay, s.
-    """
-    command, labels = AxisCommand.of(learned), Labels.of(learned)
-    output = range(len(labels.output_names))[output]
-    unit = readable(labels.output_units[output])
-    frequency = np.geomspace(LOWEST_HERTZ, min(HIGHEST_HERTZ, HIGHEST_OF_RATE / learned.dt), POINTS)
-    with picture(3.7) as figure:
-        above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2]})
-        magnitudes, phases = [], []
-        for name, colour, systems in _curves(learned, command.motors, truth):
-            response = systems.over_frequency(frequency, output)
-            magnitude = unit.scale * np.abs(response)
-            phase = np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0]))
-            _draw(above, frequency, magnitude, name, colour)
-            _draw(below, frequency, phase, name, colour)
-            magnitudes.append(magnitude[0])
-            phases.append(phase[0])
-        above.set(xscale="log", yscale="log")
-        above.set_ylabel(f"{labels.output_names[output]} by {command.name}\n({per(unit.name, command.unit)})")
-        lowest, highest = np.min(magnitudes) / MAX_WIDER, np.max(magnitudes) * MAX_WIDER
-        above.set_ylim(*np.clip(above.get_ylim(), lowest, highest))
-        below.set(xlabel="frequency (Hz)", ylabel="phase (°)")
-        below.set_ylim(*np.clip(below.get_ylim(), np.min(phases) - 90, np.max(phases) + 90))
-        below.yaxis.set_major_locator(MultipleLocator(45 if np.ptp(below.get_ylim()) < 200 else 90))
-        for axis in (below.xaxis, above.yaxis):
-            axis.set_major_formatter("{x:g}")
-        legend_above(above)
-        note(figure, _remark(learned))
-    return figure
+    def bode(self, output: int = -1, truth: Truth | None = None) -> Figure:
+        """Draws magnitude and phase of an output over frequency, from the axis's command, with 90 % bands.
 
+        Of the model and, where all of them are reported, of the physical parameters.
 
-def step(learned: Learned, truth: Truth | None = None) -> Figure:
-    """Draws each output after a step of the axis's command at 0 s, from trim, with 90 % bands.
+        Args:
+            output: which, in the order of the flight's outputs; the last one, a rate, unless given.
+            truth: A (n, n) and B (n, r) of a simulated vehicle, whose first states are the outputs, and its delay, s.
+        """
+        learned = self.learned
+        command, labels = AxisCommand.of(learned), Labels.of(learned)
+        output = range(len(labels.output_names))[output]
+        unit = readable(labels.output_units[output])
+        frequency = np.geomspace(LOWEST_HERTZ, min(HIGHEST_HERTZ, HIGHEST_OF_RATE / learned.dt), POINTS)
+        with picture(3.7) as figure:
+            above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [3, 2]})
+            magnitudes, phases = [], []
+            for name, colour, systems in _curves(learned, command.motors, truth):
+                response = systems.over_frequency(frequency, output)
+                magnitude = unit.scale * np.abs(response)
+                phase = np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0]))
+                _draw(above, frequency, magnitude, name, colour)
+                _draw(below, frequency, phase, name, colour)
+                magnitudes.append(magnitude[0])
+                phases.append(phase[0])
+            above.set(xscale="log", yscale="log")
+            above.set_ylabel(f"{labels.output_names[output]} by {command.name}\n({per(unit.name, command.unit)})")
+            lowest, highest = np.min(magnitudes) / MAX_WIDER, np.max(magnitudes) * MAX_WIDER
+            above.set_ylim(*np.clip(above.get_ylim(), lowest, highest))
+            below.set(xlabel="frequency (Hz)", ylabel="phase (°)")
+            below.set_ylim(*np.clip(below.get_ylim(), np.min(phases) - 90, np.max(phases) + 90))
+            below.yaxis.set_major_locator(MultipleLocator(45 if np.ptp(below.get_ylim()) < 200 else 90))
+            for axis in (below.xaxis, above.yaxis):
+                axis.set_major_formatter("{x:g}")
+            legend_above(above)
+            note(figure, _remark(learned))
+        return figure
 
-    The step is as large as the standard deviation of the command in the flight, to one digit.
+    def step(self, truth: Truth | None = None) -> Figure:
+        """Draws each output after a step of the axis's command at 0 s, from trim, with 90 % bands.
 
-    Args:
-        learned: the model; the bands come from the uncertainty of its parameters.
-        truth: A (n, n) and B (n, r) of a simulated vehicle, whose first states are the outputs, and its delay, s.
-    """
-    command, labels = AxisCommand.of(learned), Labels.of(learned)
-    size = float(f"{command.series(learned.record.inputs).std():.1g}") or 1.0
-    time, outputs = np.linspace(0.0, STEP_SECONDS, STEP_POINTS), len(labels.output_names)
-    with picture(1.5 + 1.2 * outputs) as figure:
-        rows = np.atleast_1d(figure.subplots(outputs, 1, sharex=True))
-        curves = [
-            (name, colour, size * systems.after_step(time))
-            for name, colour, systems in _curves(learned, command.motors, truth)
-        ]
-        for output, axes in zip(reversed(range(outputs)), rows, strict=True):
-            unit = readable(labels.output_units[output])
-            axes.axhline(0, **HAIRLINE)
-            for name, colour, values in curves:
-                _draw(axes, time, unit.scale * values[..., output], name, colour)
-            axes.set_ylabel(f"{labels.output_names[output]} ({unit.name})")
-            not_blown_up(axes, [unit.scale * values[0, :, output] for *_, values in curves])
-        unit_of_step = f" {command.unit}" if command.unit else ""
-        rows[-1].set_xlabel(f"time after a step of {size:g}{unit_of_step} in the {command.name} (s)")
-        legend_above(rows[0])
-        note(figure, _remark(learned))
-    return figure
+        The step is as large as the standard deviation of the command in the flight, to one digit.
+
+        Args:
+            truth: A (n, n) and B (n, r) of a simulated vehicle, whose first states are the outputs, and its delay, s.
+        """
+        learned = self.learned
+        command, labels = AxisCommand.of(learned), Labels.of(learned)
+        size = float(f"{command.series(learned.record.inputs).std():.1g}") or 1.0
+        time, outputs = np.linspace(0.0, STEP_SECONDS, STEP_POINTS), len(labels.output_names)
+        with picture(1.5 + 1.2 * outputs) as figure:
+            rows = np.atleast_1d(figure.subplots(outputs, 1, sharex=True))
+            curves = [
+                (name, colour, size * systems.after_step(time))
+                for name, colour, systems in _curves(learned, command.motors, truth)
+            ]
+            for output, axes in zip(reversed(range(outputs)), rows, strict=True):
+                unit = readable(labels.output_units[output])
+                axes.axhline(0, **HAIRLINE)
+                for name, colour, values in curves:
+                    _draw(axes, time, unit.scale * values[..., output], name, colour)
+                axes.set_ylabel(f"{labels.output_names[output]} ({unit.name})")
+                not_blown_up(axes, [unit.scale * values[0, :, output] for *_, values in curves])
+            unit_of_step = f" {command.unit}" if command.unit else ""
+            rows[-1].set_xlabel(f"time after a step of {size:g}{unit_of_step} in the {command.name} (s)")
+            legend_above(rows[0])
+            note(figure, _remark(learned))
+        return figure
+
+    def poles(self, truth: Array | None = None) -> Figure:
+        """Draws the slow poles of the model, with draws from their uncertainty; fast ones are named at the edge.
+
+        Args:
+            truth: A (n, n) of a simulated vehicle, for its poles.
+        """
+        learned = self.learned
+        systems = model_systems(learned, np.ones(learned.model.B.shape[1]))
+        values: Complex = np.linalg.eigvals(systems.A[0]).astype(complex)
+        drawn: Complex = np.linalg.eigvals(systems.A[1 : CLOUD + 1]).astype(complex).ravel()
+        true: Complex = np.empty(0, complex) if truth is None else np.linalg.eigvals(truth).astype(complex)
+        limit = SLOW * max(float(np.abs(values).min()), 1.0)
+        slow = np.abs(values) <= limit
+        with picture() as figure:
+            axes = figure.subplots()
+            _plane(axes, np.concatenate([values[slow], true[np.abs(true) <= limit]]))
+            (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
+            inside = (drawn.real > left) & (drawn.real < right) & (drawn.imag > bottom) & (drawn.imag < top)
+            cloud: dict[str, Any] = {"color": PREDICTED, "alpha": 0.45, "markersize": 3, "markeredgewidth": 0}
+            axes.plot(drawn[inside].real, drawn[inside].imag, ".", **cloud)
+            axes.plot(
+                values.real, values.imag, "x", color=PREDICTED, markersize=7, markeredgewidth=2, label="DEM's model"
+            )
+            _physical(axes, learned.physical)
+            if len(true):
+                axes.plot(true.real, true.imag, "+", color=TRUTH, markersize=9, markeredgewidth=2, label="truth")
+            axes.set(xlabel="real part (1/s)", ylabel="imaginary part (rad/s)")
+            _label(axes, values[slow])
+            if not slow.all():
+                fast = ", ".join(_words(value) for value in values[~slow] if value.imag >= 0)
+                axes.annotate(f"◂ {fast}", (0.01, 0.53), xycoords="axes fraction", fontsize=7.5)
+            legend_above(axes)
+            note(figure, "Dots: draws from the uncertainty of A, without closed-loop bias. Rays: ζ = 0.2 to 0.8.")
+        return figure
 
 
 def _curves(learned: Learned, motors: Array, truth: Truth | None) -> Iterator[tuple[str, str, Systems]]:
@@ -226,64 +262,6 @@ def _remark(learned: Learned) -> str:
     return "Bands: 90 %. That of DEM's model leaves out the bias of the closed loop."
 
 
-class Pole(NamedTuple):
-    """A pole, 1/s, the covariance (2, 2) of its real and imaginary part, and the degrees of freedom of that."""
-
-    value: complex
-    covariance: Array
-    freedom: float
-
-
-def poles(learned: Learned, truth: Array | None = None) -> Figure:
-    """Draws the slow poles of the model, with draws from their uncertainty; fast ones are named at the edge.
-
-    An ellipse holds its pole with probability 90 % to first order. Where it would reach another pole that is not
-    valid, as for two poles that are nearly one, and the draws alone show where the poles may be.
-
-    Args:
-        learned: the model, with the covariance of its parameters.
-        truth: A (n, n) of a simulated vehicle, for its poles.
-    """
-    systems = model_systems(learned, np.ones(learned.model.B.shape[1]))
-    values: Complex = np.linalg.eigvals(systems.A[0]).astype(complex)
-    drawn: Complex = np.linalg.eigvals(systems.A[1 : CLOUD + 1]).astype(complex).ravel()
-    true: Complex = np.empty(0, complex) if truth is None else np.linalg.eigvals(truth).astype(complex)
-    limit = SLOW * max(float(np.abs(values).min()), 1.0)
-    slow = np.abs(values) <= limit
-    with picture() as figure:
-        axes = figure.subplots()
-        _plane(axes, np.concatenate([values[slow], true[np.abs(true) <= limit]]))
-        (left, right), (bottom, top) = axes.get_xlim(), axes.get_ylim()
-        inside = (drawn.real > left) & (drawn.real < right) & (drawn.imag > bottom) & (drawn.imag < top)
-        cloud: dict[str, Any] = {"color": PREDICTED, "alpha": 0.45, "markersize": 3, "markeredgewidth": 0}
-        axes.plot(drawn[inside].real, drawn[inside].imag, ".", **cloud)
-        for pole in uncertain_poles(learned):
-            _region(axes, pole, values)
-        axes.plot(values.real, values.imag, "x", color=PREDICTED, markersize=7, markeredgewidth=2, label="DEM's model")
-        _physical(axes, learned.physical)
-        if len(true):
-            axes.plot(true.real, true.imag, "+", color=TRUTH, markersize=9, markeredgewidth=2, label="truth")
-        axes.set(xlabel="real part (1/s)", ylabel="imaginary part (rad/s)")
-        _label(axes, values[slow])
-        if not slow.all():
-            fast = ", ".join(_words(value) for value in values[~slow] if value.imag >= 0)
-            axes.annotate(f"◂ {fast}", (0.01, 0.53), xycoords="axes fraction", fontsize=7.5)
-        legend_above(axes)
-        note(figure, "Dots: draws from the uncertainty of A, without closed-loop bias. Rays: ζ = 0.2 to 0.8.")
-    return figure
-
-
-def uncertain_poles(learned: Learned) -> Iterator[Pole]:
-    """Yields the n poles of the model, each with its covariance to first order in that of A."""
-    A, n, scatter = learned.model.A, len(learned.model.A), learned.scatter
-    covariance, freedom = (learned.theta_covariance, KNOWN_FREEDOM) if scatter is None else scatter
-    values, modes = np.linalg.eig(A)
-    for value, left, right in zip(values, np.linalg.pinv(modes), modes.T, strict=True):
-        slope = np.outer(left, right).ravel()  # of the eigenvalue by the entries of A
-        parts = np.array([slope.real, slope.imag])
-        yield Pole(complex(value), parts @ covariance[: n * n, : n * n] @ parts.T, freedom)
-
-
 def _physical(axes: Axes, physical: Physical | None) -> None:
     """The poles of damping and lag, where both are reported, with the interval of the damping."""
     if physical is None or set(physical.status.values()) != {"reported"}:
@@ -294,27 +272,6 @@ def _physical(axes: Axes, physical: Physical | None) -> None:
     band(axes, np.array(ends), BAR * bottom, BAR * top, PHYSICAL)
     style: dict[str, Any] = {"color": PHYSICAL, "markersize": 5, "label": "physical parameters"}
     axes.plot([-physical.damping, -1 / physical.lag], [0, 0], "s", **style)
-
-
-def _region(axes: Axes, pole: Pole, values: Complex) -> None:
-    """The ellipse, or the interval of a real pole, if it is too small to reach another pole."""
-    name = "" if "90 % region" in axes.get_legend_handles_labels()[1] else "90 % region"
-    others = np.abs(values - pole.value)
-    nearest = float(others[others > 0].min(initial=np.inf))
-    if not pole.value.imag:
-        half = float(half_width(pole.covariance[0, 0], LEVEL, pole.freedom))
-        if half < nearest:
-            ends = np.array([pole.value.real - half, pole.value.real + half])
-            bottom, top = axes.get_ylim()
-            band(axes, ends, BAR * bottom, BAR * top, BAND, name)
-        return
-    variances, directions = np.linalg.eigh(pole.covariance)
-    # Hotelling: two numbers whose covariance has so many degrees of freedom.
-    axis = np.sqrt(2 * fisher.ppf(LEVEL, 2, pole.freedom) * variances.clip(0))
-    if axis.max() < nearest:
-        angle = np.degrees(np.arctan2(directions[1, 0], directions[0, 0]))
-        style: dict[str, Any] = {"color": BAND, "alpha": BAND_OPACITY, "linewidth": 0, "label": name}
-        axes.add_patch(Ellipse((pole.value.real, pole.value.imag), *(2 * axis), angle=angle, **style))
 
 
 def _plane(axes: Axes, values: Complex) -> None:

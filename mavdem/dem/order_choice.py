@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.dem.engine.linalg import Array, one_thread
-from mavdem.dem.order.search import fits_by_order
-from mavdem.dem.order.system import BlackBox
+from mavdem.dem.order_search import BlackBox, fits_by_order
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.record import Record, UniformRecord
 from mavdem.dem.validation import is_number, is_whole
