@@ -39,60 +39,6 @@ def test_a_verdict_is_plain_json():
         assert json.loads(json.dumps(verdict.as_dict(), allow_nan=False))["reason"] == verdict.reason
 
 
-@pytest.mark.parametrize(
-    ("attitude", "motors", "named"),
-    [(4.0, 4.0, "4.0 Hz"), (100.0, 10.0, "SERVO_OUTPUT_RAW"), (15.0, 100.0, "ATTITUDE")],
-)
-def test_slow_telemetry_is_refused_with_its_rate_and_the_command(attitude, motors, named):
-    verdict = verdict_of(Signals(HOVER.telemetry(attitude, motors)))
-    assert not verdict.learnable
-    assert named in verdict.reason and "need 40 Hz" in verdict.reason and "better 100" in verdict.reason
-    assert "EXTRA1" in verdict.remedy and "RC_CHAN" in verdict.remedy
-
-
-@pytest.mark.parametrize(
-    ("autopilot", "named"),
-    [
-        (
-            "PX4",
-            ("mavlink stream -d DEVICE -s ATTITUDE -r 100", "mavlink stream -d DEVICE -s SERVO_OUTPUT_RAW_0 -r 100"),
-        ),
-        ("ARDUPILOTMEGA", ("long SET_MESSAGE_INTERVAL 30 10000", "long SET_MESSAGE_INTERVAL 36 10000")),
-        ("INVALID", ("30 (ATTITUDE)", "36 (SERVO_OUTPUT_RAW)", "10000 µs")),
-    ],
-)
-def test_the_remedy_names_the_autopilots_parameters(autopilot, named):
-    remedy = verdict_of(Signals(HOVER.telemetry(4.0, 4.0, autopilot=autopilot))).remedy
-    assert all(words in remedy for words in named)
-
-
-@pytest.mark.parametrize(
-    ("parameters", "outputs", "reason"),
-    [
-        ({}, 1000.0, "The motors did not run: no output in SERVO_OUTPUT_RAW ever changes."),
-        (
-            {f"SERVO{4 + n}_FUNCTION": 32.0 + n for n in range(1, 5)},
-            None,
-            "By the SERVOn_FUNCTION parameters the motors are on channels 5, 6, 7, 8, which never change in "
-            "SERVO_OUTPUT_RAW; 1, 2, 3, 4 do.",
-        ),
-        (
-            {f"SERVO{2 * n}_FUNCTION": 32.0 + n for n in range(1, 7)},
-            None,
-            "By the SERVOn_FUNCTION parameters the motors are on channels 2, 4, 6, 8, 10, 12, but SERVO_OUTPUT_RAW has "
-            "no channel 10, 12.",
-        ),
-    ],
-)
-def test_why_there_are_no_motors_is_what_the_outputs_show(parameters, outputs, reason):
-    telemetry = Hover().telemetry(parameters=parameters)
-    if outputs is not None:
-        count = len(telemetry.messages["SERVO_OUTPUT_RAW"]["time"])
-        still = {f"servo{n}_raw": np.full(count, outputs) for n in range(1, 9)}
-        telemetry = changed(telemetry, "SERVO_OUTPUT_RAW", **still)
-    assert verdict_of(Signals(telemetry)).reason == reason
-
-
 def test_sentences_call_messages_by_their_names_in_the_log():
     hover = Hover().telemetry(4.0, 4.0)
     names = {"ATTITUDE": "ATT", "SERVO_OUTPUT_RAW": "RCOU", "ACTUATOR_CONTROL_TARGET": "RATE"}
@@ -183,12 +129,6 @@ def test_who_asks_for_rates_is_named_only_where_somebody_does():
     assert "SET_MESSAGE_INTERVAL, which the vehicle acknowledged" in verdict_of(Signals(answered)).remedy
 
 
-def test_a_link_that_drops_out_is_still_reported_as_that():
-    stamps = HOVER.stamps(100.0)
-    stamps = stamps[stamps % 3.0 < 2.5]
-    assert "without gaps lasts 2.5 s" in refused_for(HOVER.telemetry(stamps, stamps))
-
-
 def with_contradiction(telemetry: Telemetry, start: float, end: float) -> Telemetry:
     """The rate has nothing to do with the angle from ``start`` to ``end``, after which 0.5 s are missing."""
     for message in ("ATTITUDE", "SERVO_OUTPUT_RAW"):
@@ -238,20 +178,6 @@ def refused_for(telemetry: Telemetry) -> str:
     return verdict.reason
 
 
-def test_a_disarmed_log_is_refused():
-    telemetry = HOVER.telemetry()
-    disarmed = changed(telemetry, "HEARTBEAT", base_mode=np.ones(len(HOVER.stamps(1.0))))
-    assert "never armed" in refused_for(disarmed)
-
-
-def test_a_vehicle_that_stays_on_the_ground_is_refused():
-    telemetry = HOVER.telemetry()
-    table = telemetry.messages["SERVO_OUTPUT_RAW"]
-    idle = {f"servo{n}_raw": np.where(table[f"servo{n}_raw"] > 1000, 1100 + n, 1000) for n in (1, 2, 3, 4)}
-    said = refused_for(changed(telemetry, "SERVO_OUTPUT_RAW", **idle))
-    assert "never left the ground: its motors ran at 1" in said and "flight takes 20%" in said
-
-
 def test_where_nothing_shows_flight_nothing_is_claimed_about_it():
     time = HOVER.stamps(100.0)
     controls = np.full((len(time), 8), np.nan)
@@ -272,28 +198,6 @@ def test_a_hover_on_little_of_the_motors_range_is_a_flight_where_the_autopilot_i
     assert verdict_of(Signals(strong)).learnable
 
 
-@pytest.mark.parametrize("missing", ["ATTITUDE", "SERVO_OUTPUT_RAW"])
-def test_a_missing_message_is_refused(missing):
-    reason = refused_for(HOVER.telemetry(without=(missing,)))
-    assert ("ATTITUDE" if missing == "ATTITUDE" else "motor outputs") in reason
-
-
-def test_a_short_flight_is_refused():
-    short = Hover(hovering=4.0)
-    assert "of the 5 s needed" in refused_for(short.telemetry())
-    assert verdict_of(Signals(Hover(hovering=15.0).telemetry())).learnable
-
-
-def test_a_vehicle_never_armed_is_refused_for_that_and_not_for_motors_that_stand_still():
-    telemetry = Hover().telemetry()
-    still = {f"servo{n}_raw": np.full(len(Hover().stamps(100.0)), 1000.0) for n in range(1, 5)}
-    disarmed = changed(
-        changed(telemetry, "SERVO_OUTPUT_RAW", **still), "HEARTBEAT", base_mode=np.zeros(len(Hover().stamps(1.0)), int)
-    )
-    verdict = verdict_of(Signals(disarmed))
-    assert verdict.reason == "The vehicle was never armed." and verdict.remedy.startswith("Record a flight")
-
-
 @pytest.mark.parametrize(
     ("figure", "limit", "doubted_below", "words"),
     [
@@ -310,18 +214,76 @@ def test_a_figure_is_doubted_on_one_side_of_its_limit_only(figure, limit, doubte
         assert (words in said) == doubted
 
 
-@pytest.mark.parametrize("vehicle", ["GROUND_ROVER", "SUBMARINE", "FIXED_WING"])
-def test_other_vehicles_are_refused_by_name(vehicle):
-    assert f"HEARTBEAT reports the type {vehicle}; " in refused_for(HOVER.telemetry(vehicle=vehicle))
+def with_outputs(outputs: float | None = None, **parameters: float) -> Telemetry:
+    """A hover whose outputs stand still, if they are given, with these parameters."""
+    telemetry = HOVER.telemetry(parameters=parameters)
+    still = {f"servo{n}_raw": np.full(len(HOVER.stamps(100.0)), outputs) for n in range(1, 9)}
+    return telemetry if outputs is None else changed(telemetry, "SERVO_OUTPUT_RAW", **still)
 
 
-def test_an_aliased_vibration_is_refused():
+def disarmed(telemetry: Telemetry) -> Telemetry:
+    return changed(telemetry, "HEARTBEAT", base_mode=np.ones(len(HOVER.stamps(1.0)), dtype=int))
+
+
+def idling() -> Telemetry:
+    table = HOVER.telemetry().messages["SERVO_OUTPUT_RAW"]
+    idle = {f"servo{n}_raw": np.where(table[f"servo{n}_raw"] > 1000, 1100 + n, 1000) for n in (1, 2, 3, 4)}
+    return changed(HOVER.telemetry(), "SERVO_OUTPUT_RAW", **idle)
+
+
+def shaking() -> Telemetry:
     """97 Hz sampled at 100 Hz looks like a slow oscillation of the rate that the angle does not follow."""
-    telemetry = HOVER.telemetry()
-    time = telemetry.messages["ATTITUDE"]["time"]
-    shaking = telemetry.messages["ATTITUDE"]["rollspeed"] + 1.0 * np.sin(2 * np.pi * 97 * time)
-    reason = refused_for(changed(telemetry, "ATTITUDE", rollspeed=shaking))
-    assert "contradict" in reason
+    time, rate = (HOVER.telemetry().messages["ATTITUDE"][name] for name in ("time", "rollspeed"))
+    return changed(HOVER.telemetry(), "ATTITUDE", rollspeed=rate + np.sin(2 * np.pi * 97 * time))
+
+
+GAPS = HOVER.stamps(100.0)[HOVER.stamps(100.0) % 3.0 < 2.5]
+FOUR, SIX = (
+    {f"SERVO{step * n + first}_FUNCTION": 32.0 + n for n in range(1, last)}
+    for step, first, last in ((1, 4, 5), (2, 0, 7))
+)
+REFUSED = {
+    "slow": (HOVER.telemetry(4.0, 4.0), "4.0 Hz; roll motion has", "EXTRA1 and SRn_RC_CHAN"),
+    "slow motors": (HOVER.telemetry(100.0, 10.0), "SERVO_OUTPUT_RAW comes at 10.0 Hz", "RC_CHAN"),
+    "slow attitude": (HOVER.telemetry(15.0, 100.0), "which need 40 Hz of attitude", "EXTRA1"),
+    "slow PX4": (HOVER.telemetry(4.0, 4.0, autopilot="PX4"), "4.0 Hz", "`mavlink stream -d DEVICE -s ATTITUDE -r 100`"),
+    "slow other": (HOVER.telemetry(4.0, 4.0, autopilot="INVALID"), "4.0 Hz", "36 (SERVO_OUTPUT_RAW) every 10000 µs"),
+    "gaps": (HOVER.telemetry(GAPS, GAPS), "without gaps lasts 2.5 s", "with a link that does not drop out"),
+    "short": (Hover(hovering=4.0).telemetry(), "of the 5 s needed", "Hover for half a minute"),
+    "no attitude": (
+        HOVER.telemetry(without=("ATTITUDE",)),
+        "There is no ATTITUDE",
+        "long SET_MESSAGE_INTERVAL 30 10000",
+    ),
+    "no motors": (HOVER.telemetry(without=("SERVO_OUTPUT_RAW",)), "no message with motor outputs", "INTERVAL 36 10000"),
+    "disarmed": (disarmed(HOVER.telemetry()), "The vehicle was never armed.", "Record a flight"),
+    "disarmed and still": (disarmed(with_outputs(1000.0)), "The vehicle was never armed.", "Record a flight"),
+    "still": (with_outputs(1000.0), "The motors did not run: no output in SERVO_OUTPUT_RAW ever changes.", "Record"),
+    "other channels": (
+        with_outputs(**FOUR),
+        "are on channels 5, 6, 7, 8, which never change in SERVO_OUTPUT_RAW; 1, 2",
+        "Record",
+    ),
+    "too few": (
+        with_outputs(**SIX),
+        "are on channels 2, 4, 6, 8, 10, 12, but SERVO_OUTPUT_RAW has no channel 10, 12.",
+        "16",
+    ),
+    "idling": (idling(), "its motors ran at 10% of their range at most, and flight takes 20%", "Record a flight"),
+    "shaking": (shaking(), "contradict", "long SET_MESSAGE_INTERVAL 30 5000"),
+    "submarine": (HOVER.telemetry(vehicle="SUBMARINE"), "HEARTBEAT reports the type SUBMARINE; ", "--vehicle"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_be_learnt_from_is_refused_with_its_figures_and_a_remedy(name):
+    telemetry, reason, remedy = REFUSED[name]
+    verdict = verdict_of(Signals(telemetry))
+    assert not verdict.learnable and reason in verdict.reason and remedy in verdict.remedy
+
+
+def test_half_a_minute_of_hover_is_enough():
+    assert verdict_of(Signals(Hover(hovering=15.0).telemetry())).learnable
 
 
 def rounded(hover: Hover) -> Telemetry:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import csv
-import io
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -18,7 +16,6 @@ from hover import Hover
 from mavdem import read_flight
 from mavdem.cli.commands import main
 from mavdem.export import conversion
-from mavdem.export.tables import column_name, write_csv
 from mavdem.ingest.telemetry import log_of_vehicles
 
 LOGS = Path(__file__).parents[2] / "logs"
@@ -70,37 +67,6 @@ def test_a_table_is_the_flight(axis, tmp_path, capsys):
         assert np.abs(column - exact).max() <= 0.5 * step * (1 + 1e-6)
 
 
-def test_text_has_no_digits_that_are_no_data():
-    table = {
-        "time_s": 44.45 + 0.0386666 * np.arange(3),
-        "roll_rad": np.array([np.float32(0.1), 1 / 3, -1e-9]),
-        "roll_rate_rad_s": np.array([2 / 3, np.nan, 1.0]),
-        "motor_1_us": np.array([1494.0, 1457.8334, 1500.0]),
-        "motor_2": np.array([613.2733333, 0.123456789, 1000.0]),
-    }
-    file = io.BytesIO()
-    write_csv(file, table, {})
-    assert file.getvalue().decode().splitlines() == [
-        "time_s,roll_rad,roll_rate_rad_s,motor_1_us,motor_2",
-        "44.45,0.1,0.66667,1494.0,613.2733",
-        "44.488667,0.333333,nan,1457.83,0.1234568",
-        "44.527333,0.0,1.0,1500.0,1000",
-    ]
-
-
-@pytest.mark.parametrize(
-    ("name", "unit", "plain"),
-    [
-        ("time", "s", "time_s"),
-        ("motor 1 (front right)", "µs", "motor_1_us"),
-        ("roll rate setpoint", "rad/s", "roll_rate_setpoint_rad_s"),
-        ("roll stick", "", "roll_stick"),
-    ],
-)
-def test_the_names_of_columns_need_no_quotes(name, unit, plain):
-    assert column_name(name, unit) == plain
-
-
 def test_a_parquet_table_is_the_flight(tmp_path, capsys):
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is optional")
     out = tmp_path / "flight.parquet"
@@ -144,14 +110,6 @@ def test_the_input_is_never_overwritten(how, tmp_path, capsys):
 def test_bad_usage_names_what_is_wrong(out, named, tmp_path, capsys):
     assert named in refused(capsys, 2, FLIGHT, tmp_path / out)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_what_cannot_be_replaced_is_left_alone(tmp_path, capsys):
-    (tmp_path / "folder.csv").mkdir()
-    assert "folder.csv cannot be written" in refused(capsys, 2, FLIGHT, tmp_path / "folder.csv")
-    os.mkfifo(tmp_path / "pipe.mcap")
-    assert "pipe.mcap cannot be written" in refused(capsys, 2, FLIGHT, tmp_path / "pipe.mcap")
-    assert (tmp_path / "pipe.mcap").is_fifo()
 
 
 @pytest.mark.parametrize("name", ["empty.tlog", "text.tlog", "flight.ulg", "cut.mcap", "missing.tlog", "folder.tlog"])
@@ -230,17 +188,3 @@ def test_a_termination_while_writing_leaves_nothing(tmp_path):
     done = subprocess.run(words, capture_output=True, text=True, timeout=60)
     assert done.returncode == 128 + signal.SIGTERM
     assert list(tmp_path.iterdir()) == []
-
-
-def test_in_prose_it_says_what_was_left_out(tmp_path, capsys):
-    source = tmp_path / "gaps.tlog"
-    source.write_bytes(FLIGHT.read_bytes()[:100_000] + b"noise" * 5 + FLIGHT.read_bytes()[100_000:])
-    assert main(["convert", str(source), str(tmp_path / "out.mcap")]) == 0
-    said = capsys.readouterr().out
-    assert "Wrote 156" in said and "bytes that belong to no frame" in said
-
-
-def test_a_name_with_line_breaks_is_reported_in_one_line(tmp_path, capsys):
-    assert main(["convert", str(LOGS / "ardupilot_default_rates.tlog"), str(tmp_path / "a\n\x1bb.mcap")]) == 0
-    wrote = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("Wrote"))
-    assert wrote.endswith("a\\n\\u001bb.mcap.")

@@ -2,22 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 import json
-import os
-import re
-import resource
-import shutil
 import signal
 import socket
 import subprocess
 import sys
-import threading
-import time
 import tomllib
-from collections.abc import Callable
-from pathlib import Path
-from typing import IO
 
 import numpy as np
 import pytest
@@ -242,29 +232,6 @@ def test_rates_of_what_is_not_sent(tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
 
 
-def test_what_cannot_be_replaced_is_left_alone(tmp_path, capsys):
-    os.mkfifo(tmp_path / "pipe.tlog")
-    assert "pipe.tlog cannot be written" in refused(capsys, "hover_blower", "--out", tmp_path / "pipe.tlog", *SHORT)
-    assert [path.name for path in tmp_path.iterdir()] == ["pipe.tlog"]
-
-
-@pytest.mark.parametrize("obstacle", ["f.tlog", "f.truth.npz", "f.rrd"])
-def test_no_file_is_replaced_unless_all_can_be(obstacle, tmp_path, capsys):
-    targets = ["f.tlog", "f.truth.npz", "f.rrd"]
-    for name in targets:
-        (tmp_path / name).mkdir() if name == obstacle else (tmp_path / name).write_bytes(b"old")
-    words = ["hover_blower", "--out", tmp_path / "f.tlog", "--rrd", tmp_path / "f.rrd", *SHORT]
-    assert f"{obstacle} cannot be written (it is a folder)" in refused(capsys, *words)
-    for name in targets:
-        assert name == obstacle or (tmp_path / name).read_bytes() == b"old"
-
-
-def test_two_names_of_one_file_are_refused_before_the_flight(tmp_path, capsys):
-    (tmp_path / "f.rrd").symlink_to("f.tlog")
-    words = ["hover_blower", "--out", tmp_path / "f.tlog", "--rrd", tmp_path / "f.rrd"]
-    assert "the same file" in refused(capsys, *words)
-
-
 def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, capsys, monkeypatch):
     def fails(*_: object) -> None:
         raise OSError(28, "No space left on device")
@@ -276,48 +243,12 @@ def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, cap
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
 
 
-def test_a_name_that_is_too_long_with_the_truth_is_refused_before_the_flight(tmp_path, capsys):
-    long = tmp_path / ("f" * 248 + ".tlog")
-    assert ".truth.npz cannot be written (File name too long)" in refused(capsys, "hover_blower", "--out", long)
-
-
-@pytest.mark.parametrize("option", ["--out", "--rrd"])
-def test_a_vehicle_out_of_control_is_a_sentence_and_no_file(option, tmp_path, capsys):
-    (tmp_path / "mine.toml").write_text("[vehicle]\nmodel = 'crazyflie'\n[[moments]]\nsd = 1\ns = 0.5\n")
-    out = tmp_path / {"--out": "f.tlog", "--rrd": "f.rrd"}[option]
-    assert "The vehicle is out of control" in refused(capsys, tmp_path / "mine.toml", option, out)
-    assert [path.name for path in tmp_path.iterdir()] == ["mine.toml"]
-
-
-def test_a_name_is_reported_in_one_line(tmp_path, capsys):
-    assert main(["fly", "calm", "--out", str(tmp_path / "a\n\x1b[31mb.tlog"), *SHORT]) == 0
-    said = capsys.readouterr().err
-    assert "a\\n\\u001b[31mb.tlog" in said and "\x1b" not in said
-    assert all(line.startswith(("Flew", "Wrote", "Learn: ")) for line in said.splitlines())
-
-
 @pytest.mark.slow
 def test_a_vehicle_that_is_blown_away_is_reported(tmp_path, capsys):
     (tmp_path / "mine.toml").write_text("[[wind]]\nkind = 'steady'\nspeed = 40\n")
     assert main(["fly", str(tmp_path / "mine.toml"), "--out", str(tmp_path / "f.tlog"), *SHORT]) == 0
     assert "Caution: the vehicle could not hold its place" in capsys.readouterr().err
     assert fly(capsys, "hover_blower", "--out", tmp_path / "f.tlog", *SHORT)["cautions"] == []
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("out", [["--out", "f.tlog"], ["--out", "f.tlog", "--rrd", "f.rrd"]])
-def test_a_full_disk_is_reported_and_leaves_nothing(out, tmp_path):
-    def no_file_beyond() -> None:
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, 100_000))
-
-    words = [*MAVDEM, "fly", "hover_blower", *SHORT, *out]
-    done = subprocess.run(
-        words, capture_output=True, text=True, timeout=PATIENCE, cwd=tmp_path, preexec_fn=no_file_beyond
-    )
-    assert done.returncode == 2, done.stderr
-    assert "cannot be written" in done.stderr and done.stderr.count("\n") == 1
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
@@ -335,74 +266,3 @@ def test_live_in_a_process_of_its_own_until_ctrl_c():
     told = json.loads(out)
     assert told["stopped"] and told["frames"] > 100 and told["flown"] > 0.5
     assert "Traceback" not in said and "Stopped after" in said
-
-
-def mavproxy() -> Path | None:
-    """MAVProxy, beside this Python or on the PATH."""
-    beside = Path(sys.executable).with_name("mavproxy.py")
-    found = str(beside) if beside.is_file() else shutil.which("mavproxy.py")
-    return Path(found) if found else None
-
-
-class Said(threading.Thread):
-    """What a process says, in ``text``."""
-
-    def __init__(self, stream: IO[str]) -> None:
-        super().__init__(daemon=True)
-        self.text, self._stream = "", stream
-        self.start()
-
-    def run(self) -> None:
-        for line in self._stream:
-            self.text += line
-
-    def until(self, pattern: str, times: int = 1, ask: Callable[[], object] = lambda: None) -> None:
-        """Asks, every few seconds, until it has said something so often."""
-        deadline = time.monotonic() + PATIENCE
-        for tick in itertools.count():
-            if len(re.findall(pattern, self.text)) >= times:
-                return
-            assert time.monotonic() < deadline, self.text
-            if tick % 60 == 0:
-                ask()
-            time.sleep(0.05)
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(mavproxy() is None, reason="MAVProxy is not installed (pip install MAVProxy)")
-@pytest.mark.parametrize("scenario", ["iris_doublets", "ardupilot_steps"])
-def test_mavproxy_sees_arms_and_disarms_it(scenario, tmp_path):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    words = [mavproxy(), f"--master=udpin:127.0.0.1:{port}", "--streamrate=-1"]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "cwd": tmp_path}
-    pipes["env"] = os.environ | {"PYTHONUNBUFFERED": "1"}
-    refusal = {"iris_doublets": "TEMPORARILY_REJECTED", "ardupilot_steps": "FAILED"}[scenario]
-    with subprocess.Popen(words, text=True, bufsize=1, **pipes) as ground:
-        vehicle = subprocess.Popen(
-            [*MAVDEM, "fly", scenario, "--udp", f"127.0.0.1:{port}", "--duration", "900"], stderr=subprocess.DEVNULL
-        )
-        said = Said(ground.stdout)
-        try:
-            # It arms itself, refuses to disarm in the air, falls when forced, and is armed and disarmed again.
-            said.until("Saved")
-            said.until(r"\bARMED")
-            for typed, answer, times in (
-                ("status EXTENDED_SYS_STATE", "landed_state *: 2", 1),
-                ("disarm", f"COMPONENT_ARM_DISARM: {refusal}", 1),
-                ("disarm force", "DISARMED", 1),
-                ("arm throttle", r"\bARMED", 2),
-                ("disarm force", "DISARMED", 2),
-            ):
-                said.until(answer, times, lambda typed=typed: ground.stdin.write(typed + "\n"))
-            vehicle.send_signal(signal.SIGINT)
-            assert vehicle.wait(PATIENCE) == 0
-        finally:
-            vehicle.kill()
-            ground.kill()
-            said.join()
-    assert "Detected vehicle 1:1" in said.text
-    assert "Saved" in said.text and "parameters" in said.text
-    assert said.text.count("DISARMED") == 2 and said.text.replace("DISARMED", "").count("ARMED") == 2
-    assert "COMPONENT_ARM_DISARM: ACCEPTED" in said.text

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import lzma
 import os
 import random
 import struct
@@ -274,6 +275,8 @@ def recorded(kind: str, folder: Path) -> Path:
     if kind == "ros2":
         with Ros2Recorder(path) as recorder:
             px4_flight(recorder)
+    elif kind == "xz":
+        path.write_bytes(lzma.compress(sample.read_bytes()))
     elif kind == "ulg":
         path.write_bytes(ulog_files.log(*ulog_files.flight(ulog_files.TIMES)))
     elif kind == "bin":
@@ -283,11 +286,11 @@ def recorded(kind: str, folder: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("kind", ["tlog", "mcap", "json", "ros2", "ulg", "bin", "log"])
+@pytest.mark.parametrize("kind", ["tlog", "xz", "mcap", "json", "ros2", "ulg", "bin", "log"])
 def test_progress_rises_to_one(kind: str, tmp_path: Path) -> None:
     seen: list[float] = []
     path = recorded(kind, tmp_path)
-    read_log(path, seen.append)
+    assert read_log(path, seen.append).vehicles
     assert seen == sorted(seen) and seen[-1] == 1.0
 
 

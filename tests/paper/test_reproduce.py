@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-import errno
 import json
-import os
 import re
-import signal
-import subprocess
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
-import psutil
 import pytest
 from click.testing import CliRunner
 from scipy.ndimage import gaussian_filter1d
@@ -203,33 +197,3 @@ def test_the_list_and_the_help_need_no_extra(monkeypatch, capsys):
     assert main(["reproduce", "--list"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == [claim.name for claim in CLAIMS]
     assert main(["reproduce", "--help"]) == 0
-
-
-@pytest.mark.slow
-def test_a_report_that_cannot_be_written_is_one_sentence(monkeypatch, tmp_path, capsys):
-    def full(*_):
-        raise OSError(errno.ENOSPC, "No space left on device", "page")
-
-    monkeypatch.setattr("mavdem.paper.report.write", full)
-    monkeypatch.setattr("mavdem.paper.report.ITEMS", ())
-    assert main(["reproduce", "--out", str(tmp_path), "--json"]) == 2
-    out, said = capsys.readouterr()
-    assert "No space left" in json.loads(out)["error"]["reason"]
-    assert "should not have happened" not in said
-
-
-@pytest.mark.slow
-def test_ended_early_it_says_so_as_other_commands_do(tmp_path):
-    words = [str(MAVDEM), "reproduce", "noise", "--out", str(tmp_path / "out")]
-    process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
-    # A worker and the tracker of its resources: the work has begun.
-    deadline = time.monotonic() + 300
-    while len(psutil.Process(process.pid).children(recursive=True)) < 2:
-        assert process.poll() is None and time.monotonic() < deadline, process.communicate()
-        time.sleep(0.05)
-    # As a terminal does: the workers get it too.
-    os.killpg(process.pid, signal.SIGINT)
-    _, said = process.communicate(timeout=300)
-    assert process.returncode == 130
-    assert b"Traceback" not in said and b"Warning" not in said
-    assert not (tmp_path / "out").exists()

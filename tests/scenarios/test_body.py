@@ -71,13 +71,6 @@ def test_the_error_falls_with_the_square_of_the_step():
     assert errors[1] < 1e-4
 
 
-def test_a_hover_stays_where_it_is():
-    hover = (IRIS.hover_speed,) * 4
-    body, state = Body(VehicleSpec(model="iris"), 1e-3), State((0.0, 0.0, -5.0), rotors=hover)
-    state = body.moved(state, hover, AirState(), 5000)
-    assert np.allclose(np.concatenate(state[:4]), [0, 0, -5, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0], atol=1e-9)
-
-
 def test_a_free_fall_is_a_parabola_and_keeps_energy_and_angular_momentum(monkeypatch):
     monkeypatch.setitem(AIRFRAMES, "iris", replace(IRIS, drag_area=0.0))
     drift = []
@@ -124,10 +117,3 @@ def test_wind_pushes_and_tilts_as_its_formulas_say():
     turning = change(level, still, still, hover, AirState(p=0.5))
     assert turning[9] == pytest.approx(0.5 * body.inflow * body.hover_speed * 4 * body.arm[1] ** 2)
     assert change(level, still, (0.5, 0.0, 0.0), hover, AirState())[9] == pytest.approx(-turning[9])
-
-
-def test_without_rotor_drag_the_hull_is_all_that_wind_finds():
-    level, still, hover = (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (IRIS.hover_speed,) * 4
-    change = dynamics(VehicleSpec(model="iris", rotor_drag=False))
-    assert change(level, still, still, hover, AirState(p=1.0, q=1.0))[6:] == (0,) * 6
-    assert change(level, still, still, hover, AirState(east=2.0))[7] == pytest.approx(0.5 * 1.225 * IRIS.drag_area * 4)

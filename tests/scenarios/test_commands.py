@@ -11,7 +11,6 @@ from mavlink_streams import frame
 from pymavlink.dialects.v20 import all as dialect
 
 from sitl_scenarios.mavlink.commands import CommandHandler, addressed_messages
-from sitl_scenarios.mavlink.messages import named
 from sitl_scenarios.mavlink.transmitter import Schedule, Transmitter, rows_of_motion
 from sitl_scenarios.scenario import Scenario, StreamSpec
 
@@ -84,21 +83,6 @@ def test_intervals_are_set_at_once_reported_and_restored(autopilot):
     assert vehicle.command(510, 77)[1]["MESSAGE_INTERVAL"][0].interval_us == 0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-@pytest.mark.parametrize("interval", [1, 7, 3999, 4001])
-def test_no_interval_is_shorter_than_a_cycle(autopilot, interval):
-    vehicle = Vehicle(autopilot)
-    for name in vehicle.transmitter.schedule.usual:
-        given = (named(name).message_id, interval, 0, 0, 0, 0, 0)
-        vehicle.hears(dialect.MAVLink_command_long_message(1, 1, 511, 0, *given))
-    vehicle.flown(0.1)
-    for _ in range(60):
-        assert len(vehicle.flown(0.04)["ATTITUDE"]) <= round(0.04 / CYCLES[autopilot])
-    least = max(CYCLES[autopilot], interval // 1000 / 1e3 if autopilot == "ardupilot" else interval / 1e6)
-    assert len(vehicle.flown(1.0)["ATTITUDE"]) == pytest.approx(1 / least, abs=2)
-
-
 def test_what_is_due_does_not_depend_on_the_blocks():
     times = np.round(0.004 * np.arange(1000), 9)
     for interval in (1e-6, 0.003999, 0.004, 0.004001, 0.0083333, 0.01):
@@ -131,13 +115,6 @@ def test_arming_is_passed_on_and_refused_in_the_air(autopilot):
     assert vehicle.command(400, 1)[0] == 4
     assert vehicle.command(400, 7)[0] == 2
     assert vehicle.command(400, float("inf"))[0] == 2
-
-
-def test_a_command_as_integers_is_the_same():
-    vehicle = Vehicle()
-    vehicle.hears(dialect.MAVLink_command_int_message(1, 1, 0, 400, 0, 0, 1, 0, 0, 0, 0, 0, 0))
-    assert vehicle.flown(0.1)["COMMAND_ACK"][0].result == 0
-    assert vehicle.asked == [(True, False)]
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
@@ -190,13 +167,6 @@ def test_changes_of_rates_are_reported_and_not_without_end():
     for number in range(100):
         vehicle.command(511, 30, -1 if number % 2 else 10_000, seconds=0.01)
     assert len(told) == 20 and told[-1].endswith("further changes are not reported.")
-
-
-def test_there_is_no_mission():
-    vehicle = Vehicle()
-    vehicle.hears(dialect.MAVLink_mission_request_list_message(1, 1, 0))
-    (count,) = vehicle.flown(0.1)["MISSION_COUNT"]
-    assert (count.count, count.target_system, count.target_component) == (0, 255, 190)
 
 
 def test_what_is_meant_for_others_is_not_heard():

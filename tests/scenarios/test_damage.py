@@ -1,18 +1,12 @@
 """What breaks in flight does what theory says: four rotors balance weight, roll, pitch and yaw again."""
 
-import tomllib
-
 import numpy as np
 import pytest
 
-from mavdem.ingest import read_log
-from mavdem.ingest.tlog import write_tlog
 from sitl_scenarios.dynamics import SPINS, Damage, damages, frame
-from sitl_scenarios.files import in_toml, in_words, load, scenario_of
-from sitl_scenarios.mavlink.transmitter import recorded
-from sitl_scenarios.scenario import Load, Propeller, Scenario, Sensors, SteadyWind, StreamSpec, VehicleSpec
+from sitl_scenarios.scenario import Load, Propeller, Scenario, Sensors, VehicleSpec
 from sitl_scenarios.sensors import vibration
-from sitl_scenarios.simulation import CYCLES, fly
+from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 from sitl_scenarios.vehicles import GRAVITY, IRIS
 
@@ -111,46 +105,3 @@ def test_an_unbalanced_propeller_shakes_gyro_and_accelerometer():
     peak = np.fft.rfftfreq(len(turning), motion.time[1])[np.argmax(spectrum)]
     alias = abs((speed / (2 * np.pi) + 125) % 250 - 125)
     assert peak == pytest.approx(alias, abs=1.0)
-
-
-def test_wind_on_a_shifted_load_turns_it_about_the_new_centre():
-    wind = (SteadyWind(kind="steady", speed=6.0, direction=90.0),)
-    motions = [fly(Scenario(duration=20.0, sensors=QUIET, wind=wind, load=Load(forward=mm))) for mm in (0.0, 20.0)]
-    straight, turned = (hovering(one, 12.0, 17.5) for one in motions)
-    yaw = np.dot(turned - straight, SPINS) / 4
-    # From the right on a vehicle whose mass is ahead of its drag: the nose goes into the wind, against which the motors
-    # hold: those that turn clockwise work harder.
-    assert yaw < -1
-
-
-def sent(path, scenario, motion):
-    with path.open("wb") as file:
-        write_tlog(file, recorded(scenario, motion, CYCLES[scenario.stream.autopilot], lambda _: None))
-    return read_log(path).vehicles[0].messages
-
-
-@pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
-def test_vibration_is_sent_where_it_is_asked_for(autopilot, tmp_path):
-    stream = StreamSpec(autopilot=autopilot, rate=10.0, rates={"VIBRATION": 5.0})
-    scenario = Scenario(duration=15.0, propeller=Propeller(motor=1, start=6.0), stream=stream)
-    motion = fly(scenario)
-    told = sent(tmp_path / "asked.tlog", scenario, motion)["VIBRATION"]
-    felt = [np.interp(told["time"], motion.time, one) for one in vibration(scenario, motion).T]
-    assert len(told["time"]) > 5 * 15 and told["vibration_x"][0] == 0.0 and told["vibration_x"].max() > 3
-    np.testing.assert_allclose([told[f"vibration_{axis}"] for axis in "xyz"], felt, rtol=0.02, atol=0.1)
-    quiet = scenario.model_copy(update={"stream": StreamSpec(autopilot=autopilot, rate=10.0)})
-    assert "VIBRATION" not in sent(tmp_path / "quiet.tlog", quiet, motion)
-
-
-def test_they_are_described_and_read_again():
-    scenario = load("iris_chipped_propeller")
-    text = in_toml(scenario)
-    assert scenario_of(tomllib.loads(text)) == scenario
-    assert "Mass that is missing times its distance from the shaft, g mm" in text
-    assert any(line.startswith("Propeller: motor 3, start 60.0") for line in in_words(scenario))
-
-
-@pytest.mark.parametrize("section", [{"propeller": Propeller(motor=1, start=30.0)}, {"load": Load(start=31.0)}])
-def test_nothing_breaks_after_the_flight(section):
-    with pytest.raises(ValueError, match=r"start must be less than the duration of the flight, 30 s, not 3"):
-        Scenario(duration=30.0, **section)

@@ -20,28 +20,9 @@ def test_a_scenario_of_the_package_loads_and_says_what_it_is(name):
     assert len(scenario.description) < 140
 
 
-def test_the_scenarios_that_others_call_by_name_are_there():
-    papers = {f"paper_{i}" for i in range(1, 6)} | {f"system_{i}" for i in range(1, 5)}
-    assert {"calm", "hover_blower", "default_rates", "lossy_link", "ardupilot_steps"} | papers <= set(names())
-
-
-@pytest.mark.parametrize("number", range(1, 6))
-def test_a_flight_of_the_paper_has_its_850_settled_samples(number):
-    scenario = load(f"paper_{number}")
-    assert scenario.vehicle.model == "ardrone2"
-    assert scenario.stream.rate == 120
-    assert (scenario.duration - 20) * scenario.stream.rate > 850
-
-
 def test_an_empty_file_is_the_default_scenario(tmp_path):
     (tmp_path / "own.toml").write_text("")
     assert load(tmp_path / "own.toml") == load(str(tmp_path / "own.toml")) == Scenario()
-
-
-def test_every_section_can_be_written_and_read_back():
-    for name in names():
-        scenario = load(name)
-        assert scenario_of(scenario.model_dump(mode="json")) == scenario
 
 
 @pytest.mark.parametrize(
@@ -53,7 +34,6 @@ def test_every_section_can_be_written_and_read_back():
         ),
         ("duration = 10", "duration must be greater than or equal to 15, not 10"),
         ('duration = "long"', 'duration must be a valid number, not "long"'),
-        ("duration = nan", "duration must be"),
         ("seed = 1.5", "seed must be"),
         ("durration = 60", "durration is no key of a scenario (did you mean 'duration'?): a scenario has description,"),
         (
@@ -69,12 +49,10 @@ def test_every_section_can_be_written_and_read_back():
         ("[[wind]]\nspeed = 3", "the first wind's kind is missing: it is one of steady, gaussian, "),
         (GUST + '[[wind]]\nkind = "gust"', "the second wind's start is missing: a gust wind has start, speed, "),
         ("wind = 3", "wind must be a valid array, not 3"),
-        ('[excitation]\nkind = "doublets"\nwidth = 0', "excitation.width must be greater than 0, not 0"),
         (
             'duration = 20\n[[wind]]\nkind = "gaussian"\nsd = 1\ns = 20',
             "the first wind's s must be less than the duration of the flight, 20 s, not 20",
         ),
-        ("duration = 20\n[[moments]]\nsd = 1\ns = 30", "the first moment's s must be less than the duration"),
         (GUST.replace("5", "99"), "the first wind's start must be less than the duration of the flight, 60 s, not 99"),
         ('[excitation]\nkind = "chirp"\nperiod = 80', "excitation.period must be less than the duration"),
         (
@@ -90,41 +68,21 @@ def test_every_section_can_be_written_and_read_back():
             '[excitation]\nkind = "multisine"\naxis = "all"\nlowest = 1\nhighest = 1.1',
             "excitation.highest must be three turns in excitation.period above excitation.lowest, 1.15 Hz, not 1.1",
         ),
-        ('[excitation]\nkind = "sticks"\ns = 60', "excitation.s must be less than the duration of the flight, 60 s"),
         ('[excitation]\nkind = "steps"\naxis = "yaw"', "excitation of the kind steps has distance, period"),
         ('[excitation]\nkind = "doublets"\naxis = "all"', "excitation.axis must be 'roll', 'pitch' or 'yaw'"),
-        ('[excitation]\nkind = "sticks"\naxis = "up"', "excitation.axis must be"),
         ('[excitation]\nkind = "doublets"\nwidth = 3', "excitation.width must be at most half of excitation.period"),
         ("[faults]\nreboot = 60", "faults.reboot must be less than the duration of the flight, 60 s, not 60"),
         ("height = 60", "duration must be at least 87 s for a height of 60 m, not 60"),
         ("duration = [", "own.toml: it is no TOML"),
         ("duration = " + "[" * 5000 + "]" * 5000, "own.toml: it is nested deeper than any scenario"),
-        ("duration = " + "[" * 20000 + "]" * 20000, "own.toml: it is nested deeper than any scenario"),
-        ("duration = " + "[" * 300 + "]" * 300, "own.toml: it is nested deeper than any scenario"),
-        ("a" + ".a" * 300 + " = 1", "own.toml: it is nested deeper than any scenario"),
         ("seed = " + "9" * 5000, "own.toml: it has a number of more digits than any scenario needs"),
-        ("seed = 0x" + "f" * 5000, "own.toml: it has a number of more digits than any scenario needs"),
         ("[wind]\nkind = 'steady'\nspeed = 1", "[wind] must be [[wind]], in double brackets"),
         ("[[vehicle]]\nmodel = 'iris'", "[vehicle] and not [[vehicle]]"),
-        ("duration = nan", "duration must be a number, not nan"),
         ("[sensors]\nrate_sd = inf", "sensors.rate_sd must be a number, not inf"),
-        ("[[wind]]\nkind = 'gaussian'\nsd = 1\ns = 1e-9", "the first wind's s must be greater than or equal to 0.001"),
-        ("duration = 7200\n[[moments]]\nsd = 1\ns = 7000", "the first moment's s must be less than or equal to 60"),
-        ("[[moments]]\nsd = 1e308\ns = 1", "the first moment's sd must be less than or equal to 10"),
-        ("[sensors]\nposition_sd = 1e308", "sensors.position_sd must be less than or equal to 100"),
-        ("[faults]\ndelay = 1e9", "faults.delay must be less than or equal to 60"),
-        ("[faults]\njitter = 1e9", "faults.jitter must be less than or equal to 60"),
         ("[[wind]]\nkind = 'steady'\nspeed = 1\n" * 17, "wind must be at most 16, not 17"),
-        ("[[moments]]\nsd = 1\ns = 1\n" * 17, "moments must be at most 16, not 17"),
         ("[[wind]]\nkind = 'steddy'\nspeed = 1", "not \"steddy\" (did you mean 'steady'"),
-        ("[excitation]\nkind = 'steps'\nlength = 1", "excitation of the kind steps has distance, period"),
         ("".join(f"a{i} = 1\n" for i in range(2000)), "a0 is no key of a scenario"),
-        ("a" * 90_000 + " = 1", "aaa … is no key of a scenario"),
         ("#" * 100_001, "it has more than 100000 bytes"),
-        ("duration = 1979-05-27", 'duration must be a valid number, not "1979-05-27"'),
-        ("excitation = 1", "excitation must be a table, not 1"),
-        ("seed = 9999999999999999999", "seed must be less than 4294967296"),
-        ("duration = 60\nduration = 70", "own.toml: it is no TOML"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_sentence_that_names_file_and_key(tmp_path, text, sentence):

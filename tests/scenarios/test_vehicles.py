@@ -1,11 +1,11 @@
 """Vehicles hover where their sources say, and their rotors are where both autopilots count them."""
 
-from math import exp, hypot
+from math import hypot
 
 import pytest
 
 from mavdem.ingest.motors import motor_geometry
-from sitl_scenarios.dynamics import PAPER_ORDER, SPINS, AirState, Body, dynamics, frame
+from sitl_scenarios.dynamics import AirState, dynamics, frame
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, PX4
 from sitl_scenarios.mavlink.messages import parameters
 from sitl_scenarios.scenario import Scenario, VehicleSpec
@@ -20,10 +20,6 @@ def test_a_vehicle_can_hover_and_half_as_much_again(name):
     assert body.rotor_speed(body.hover_command) == pytest.approx(body.hover_speed)
     assert 0.5 * body.full < body.hover_command < 0.75 * body.full
     assert 4 * body.thrust_at(body.rotor_speed(body.full)) > 1.5 * weight
-
-
-def test_the_ardrone_hovers_at_its_published_pwm():
-    assert ARDRONE2.hover_command == pytest.approx(169.06, abs=0.1)
 
 
 def test_the_ardrone_has_the_papers_motor_effect_at_the_published_pwm():
@@ -62,16 +58,6 @@ def test_commands_are_the_published_ones():
     assert (CRAZYFLIE.rotor_speed(0.0), CRAZYFLIE.rotor_speed(1.0)) == (0.0, 2500.0)
 
 
-@pytest.mark.parametrize(
-    "name, up, down", [("ardrone2", 0.02, 0.02), ("iris", 0.0125, 0.025), ("crazyflie", 0.072, 0.072)]
-)
-def test_rotors_lag_by_the_published_time_constants(name, up, down):
-    """iris.sdf has timeConstantUp 0.0125 and timeConstantDown 0.025; RotorPy's Crazyflie tau_m 0.072, either way."""
-    body, low, high = Body(VehicleSpec(model=name), 1e-3), (500.0,) * 4, (600.0,) * 4
-    assert body.spun(low, high, 10) == pytest.approx((600 - 100 * exp(-0.010 / up),) * 4)
-    assert body.spun(high, low, 10) == pytest.approx((500 + 100 * exp(-0.010 / down),) * 4)
-
-
 def test_air_acts_on_rotors_by_the_published_coefficients():
     """RotorPy's k_d and k_z of the Hummingbird and the Crazyflie; iris.sdf: rotorDragCoefficient 0.000175."""
     assert [body.rotor_drag for body in (ARDRONE2, IRIS, CRAZYFLIE)] == [1.19e-4, 1.75e-4, 10.2506e-7]
@@ -106,21 +92,6 @@ def test_rotors_are_counted_as_ardupilot_does(kind, frame_type):
         assert (ours.forward[rotor] / length, ours.right[rotor] / length) == pytest.approx((forward, right), abs=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["x", "plus"])
-def test_demands_are_independent_of_each_other(kind):
-    ours = frame(kind, (0.1, 0.2))
-    for one, other in [(ours.roll, ours.pitch), (ours.roll, ours.yaw), (ours.pitch, ours.yaw)]:
-        assert sum(a * b for a, b in zip(one, other, strict=True)) == 0
-    assert sum(ours.roll) == sum(ours.pitch) == sum(ours.yaw) == 0
-    assert ours.yaw == SPINS
-
-
-def test_the_papers_order_is_clockwise_from_the_front_left():
-    places = frame("x", (1.0, 1.0))
-    around = [(places.forward[i], places.right[i]) for i in PAPER_ORDER]
-    assert around == [(1, -1), (1, 1), (-1, 1), (-1, -1)]
-
-
 @pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
 @pytest.mark.parametrize("name", AIRFRAMES)
 def test_a_thrust_curve_is_as_quadratic_as_asked_and_undone_exactly(name, share):
@@ -134,15 +105,6 @@ def test_a_thrust_curve_is_as_quadratic_as_asked_and_undone_exactly(name, share)
         step = 1e-6 * body.full
         rise = body.rotor_speed(command * body.full + step) - body.rotor_speed(command * body.full - step)
         assert body.speed_slope(command * body.full) == pytest.approx(rise / (2 * step), rel=1e-6)
-
-
-def test_an_airframe_is_the_published_one_but_for_what_is_changed():
-    for name, published in AIRFRAMES.items():
-        assert airframe(VehicleSpec(model=name)) == published
-    changed = airframe(VehicleSpec(lag_up=0.03, inertia_scale=2.0))
-    assert changed.lag == (0.03, IRIS.lag[1])
-    assert changed.inertia == pytest.approx([2 * each for each in IRIS.inertia])
-    assert airframe(VehicleSpec(lag_up=0.0, lag_down=0.04)).lag == (0.0, 0.04)
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])

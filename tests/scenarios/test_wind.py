@@ -1,14 +1,11 @@
 """The winds that are no chance, and what every wind has in common."""
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
 from sitl_scenarios.scenario import (
     DrydenWind,
-    GaussianWind,
     Gust,
     Jet,
     Moment,
@@ -115,11 +112,6 @@ def test_the_airs_rotation_has_the_standards_variance_and_corner_frequency():
     assert spectrum(1 / constant / 10.0) == pytest.approx(spectrum(0) / 2)
 
 
-def test_turbulence_meets_a_hover_in_calm_air_at_one_metre_a_second():
-    calm, light = (turbulence(DrydenWind(kind="dryden", speed=v), 5.0, 0.44) for v in (0.0, 1.0))
-    assert calm == light
-
-
 def test_winds_and_moments_are_summed():
     east, north = (
         SteadyWind(kind="steady", speed=3.0, direction=90.0),
@@ -131,23 +123,3 @@ def test_winds_and_moments_are_summed():
     assert air.roll != 0 != air.yaw
     assert air.pitch == 0
     assert air.roll != air.yaw
-
-
-def test_the_air_before_and_after_is_that_of_the_ends():
-    air = weather(10, wind=(GaussianWind(kind="gaussian", sd=1.0, s=0.1),))
-    assert air.at(-5, ORIGIN) == air.at(0, ORIGIN)
-    assert air.at(99, ORIGIN) == air.at(9, ORIGIN)
-
-
-def test_a_wind_is_the_same_whatever_else_blows():
-    noise = GaussianWind(kind="gaussian", sd=1.0, s=0.1)
-    alone = weather(wind=(noise,)).at(100, ORIGIN)
-    with_moment = weather(wind=(noise,), moments=(Moment(sd=0.1, s=0.1),)).at(100, ORIGIN)
-    assert alone[:5] == with_moment[:5]
-
-
-def test_seeds_differ_and_repeat():
-    noise = (GaussianWind(kind="gaussian", sd=1.0, s=0.1), DrydenWind(kind="dryden", speed=3.0))
-    first, again, other = (weather(wind=noise, seed=seed).at(100, ORIGIN) for seed in (1, 1, 2))
-    assert first == again
-    assert all(a != b for a, b in pairwise([first, other]))

@@ -71,24 +71,6 @@ def test_a_series_begins_as_it_goes_on(model, dt):
     assert holds(Stationary(lambda tau: (tau == 0).astype(float), first[None, :], dt).variance())
 
 
-@pytest.mark.parametrize("wrong", [2**0.5, 2**-0.5])
-@pytest.mark.parametrize("dt", STEPS)
-def test_a_factor_of_root_two_in_s_would_be_seen(dt, wrong):
-    series = drawn(lambda dt, n, noise: gaussian_noise(S * wrong, dt, n, noise), dt, series=10)
-    found = Stationary(of_kernel(S), series, dt)
-    assert not holds(found.autocovariance(round(0.1 / dt)))
-    assert not all(holds(band) for band in found.spectrum())
-
-
-@pytest.mark.parametrize("dt", STEPS)
-@pytest.mark.parametrize("wrong", [1.2, 14.0, 30.0])
-@pytest.mark.parametrize("model", ["dryden along", "dryden across"])
-def test_a_variance_that_depends_on_the_step_would_be_seen(model, wrong, dt):
-    """Filters driven by white noise whose intensity forgets dt are 14 to 30 times wrong."""
-    draw, autocorrelation = MODELS[model]
-    assert not holds(Stationary(autocorrelation, wrong**0.5 * drawn(draw, dt), dt).variance())
-
-
 @pytest.mark.parametrize("tau", [0.01, 0.1, 0.7, 2.0])
 def test_autocorrelations_are_those_of_the_standards_spectra(tau):
     """R(τ) = ∫₀^∞ Φ(Ω) cos(Ωτ) dΩ, with L = V = 1 and σ = 1; MIL-F-8785C, 3.7.1.1 and 3.7.1.2."""
