@@ -23,7 +23,6 @@ from mavdem.fleet.difference import (
     SHARE,
     Conditions,
     QuantityChange,
-    SinceBaseline,
     VehicleDifference,
 )
 from mavdem.fleet.row import (
@@ -207,15 +206,14 @@ def difference_blocks(found: VehicleDifference) -> list[Block]:
     ]
 
 
-def baseline_blocks(since: SinceBaseline) -> list[Block]:
-    """Returns what differs between a vehicle's latest flight and its flights of the baseline."""
+def baseline_blocks(latest: FlightRow, found: VehicleDifference | None) -> list[Block]:
+    """Returns what differs between a vehicle's ``latest`` flight and its flights of the baseline."""
     lead = "Since the baseline:"
-    if since.found is None:
+    if found is None:
         return [Sentence("the baseline has no flight of this vehicle.", lead)]
-    when = "" if since.date is None else f" ({since.date:%Y-%m-%d})"
-    beside = _counted(since.found.flights[0], "flight")
-    latest = Sentence(f"the latest flight, {PurePath(since.file).name}{when}, beside {beside}.", lead)
-    return [latest, *_changes(since.found), *_vehicles(since.found)]
+    when = "" if latest.date is None else f" ({latest.date:%Y-%m-%d})"
+    text = f"the latest flight, {PurePath(latest.file).name}{when}, beside {_counted(found.flights[0], 'flight')}."
+    return [Sentence(text, lead), *_changes(found), *_vehicles(found)]
 
 
 def _changes(found: VehicleDifference) -> list[Block]:
