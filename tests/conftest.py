@@ -10,6 +10,12 @@ from hypothesis import settings
 # only wait for each other.
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Golden files hold a whole screen each: ``--write-golden`` writes them anew, to be read before they are kept."""
+    parser.addoption("--write-golden", action="store_true", help="write the golden files of tests/report anew")
+
+
 # A busy machine may take long over an example; the profile is otherwise the one that hypothesis chose.
 settings.register_profile("without deadline", settings(), deadline=None)
 settings.load_profile("without deadline")

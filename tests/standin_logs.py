@@ -12,10 +12,10 @@ from typing import Any
 
 from mavdem.dem.parallel import spare_cores
 from mavdem.errors import Unreadable
+from mavdem.fleet import tracking
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.store import TABLE, read_rows
-from mavdem.fleet.tracking import FleetTracker, TrackedLogs
-from mavdem.fleet.workers import Job, Limits, LogRows, Outcome, outcome_of
+from mavdem.fleet.workers import Job, Limits, LogRows, Outcome, Reader, outcome_of
 
 READ = "standin_logs:rows_of_log"
 LIMITS = Limits(seconds=3, megabytes=600)
@@ -62,8 +62,11 @@ class InThisProcess:
             yield outcome_of(job, self.read)
 
 
-def track(out: Path, *names: object, baseline: Sequence[object] = (), **options: Any) -> TrackedLogs:
-    return FleetTracker(out, InThisProcess(), **options).track([str(name) for name in names], [*map(str, baseline)])
+def track(
+    out: Path, *names: object, baseline: Sequence[object] = (), reader: Reader | None = None, **options: Any
+) -> tracking.TrackedLogs:
+    reader = reader or InThisProcess()
+    return tracking.track(out, [*map(str, names)], reader, [*map(str, baseline)], **options)
 
 
 def make_logs(folder: Path, count: int, name: str = "log") -> list[Path]:

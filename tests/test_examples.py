@@ -17,7 +17,10 @@ import mavdem
 LOG = Path(__file__).parents[1] / "logs" / "ardupilot_wind5_steps.tlog"
 ROOMS = ("", "baselines", "condition", "dem", "evaluate", "ingest")
 """Modules whose public names may have examples; ``mavdem`` itself first."""
-WITH_EXAMPLE = ("Flight", "Flight.segments", "hover", "read_flight", "read_segments", "ingest.read_log")
+WITH_EXAMPLE = (
+    *("Flight", "Flight.segments", "hover", "read_flight", "read_segments", "ingest.read_log"),
+    *("learn", "Settings", "Learned.forecast", "Learned.predict", "Learned.simulate", "dem.physical"),
+)
 """The most used: each has an example, and says what else to see."""
 
 

@@ -74,11 +74,10 @@ def test_without_rerun_a_dashboard_that_is_asked_for_is_refused(words, without_r
     assert list(tmp_path.iterdir()) == []
 
 
-def test_without_rerun_a_live_flight_is_learnt_from_without_a_dashboard(without_rerun, capsys):
+def test_without_rerun_a_live_flight_is_learnt_from_without_a_dashboard(without_rerun):
     dashboard = Dashboard("udpin:127.0.0.1:0", "roll", None, False, None)
-    dashboard.say_where()
-    assert capsys.readouterr().err.endswith(f"{INSTALL}\n")
-    assert dashboard.open(None) is None and not dashboard.opened  # type: ignore[arg-type]
+    assert dashboard.advice.endswith(INSTALL)
+    assert dashboard.open(None) is None and dashboard.view is None  # type: ignore[arg-type]
     dashboard.close()
 
 

@@ -15,9 +15,8 @@ import click
 from mavdem.cli.commands import DONE, UNSUPPORTED, UNUSABLE
 from mavdem.cli.options import chosen_settings, file_option, model_options, motion_options, no_option
 from mavdem.cli.output import print_json, printable, say_aside
-from mavdem.cli.output_files import check_file, write_page, writing
+from mavdem.cli.output_files import check_file, writing
 from mavdem.cli.signals import asked_to_end, ending_at_once
-from mavdem.dem import Learned
 from mavdem.errors import MissingExtra, Unreadable, advice
 from mavdem.export.conversion import STREAMS
 from mavdem.files import atomic_write
@@ -33,30 +32,30 @@ if TYPE_CHECKING:
 
 
 class Dashboard:
-    """Shows a live flight in a viewer, browsers and an .rrd file; without Rerun, or a screen and these, nowhere."""
+    """Shows a live flight in a viewer, browsers and an .rrd file; without Rerun, or a screen and these, nowhere.
+
+    ``advice``: how to open it, unless it opens by itself. Raises ``Unreadable`` for a port that is taken,
+    ``BadParameter`` for an invalid URL, ``MissingExtra`` where Rerun is asked for and not installed.
+    """
 
     def __init__(self, link: str, axis: str, rrd: Path | None, serve: bool, connect: str | None) -> None:
-        """Opens the sinks.
-
-        Raises ``Unreadable`` for a port that is taken, ``BadParameter`` for an invalid URL, ``MissingExtra`` where
-        Rerun is asked for and not installed.
-        """
         self._link, self._axis = link, axis
-        self._view: LiveView | None = None
-        self._troubles: list[str] = []
+        self.view: LiveView | None = None
+        self._said: set[str] = set()
         self._sinks: list[Sink] = []
         self._file: RecordingFile | None = None
-        self._where = advice("The dashboard", "view")
-        if self._where:
-            if rrd is not None or serve or connect is not None:
-                raise MissingExtra(self._where)
+        self.advice = advice("The dashboard", "view")
+        wanted = rrd is not None or serve or connect is not None
+        if self.advice and wanted:
+            raise MissingExtra(self.advice)
+        if self.advice:
             return
         # Rerun takes a second to load.
         with ending_at_once():
             from mavdem.view.live import RecordingFile, WebServer, sinks_for
             from mavdem.view.viewer import has_screen
-        if rrd is None and not serve and connect is None and not has_screen():
-            self._where = "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
+        if not wanted and not has_screen():
+            self.advice = "There is no screen here: use --rrd FILE to record, or --serve for browsers of this machine."
             return
         try:
             self._sinks = sinks_for(rrd, serve, connect)
@@ -66,14 +65,9 @@ class Dashboard:
             raise Unreadable(f"The dashboard cannot be opened: {error}.") from None
         for sink in self._sinks:
             if isinstance(sink, WebServer):
-                self._where = f"Open {sink.page} in a browser."
+                self.advice = f"Open {sink.page} in a browser."
             elif isinstance(sink, RecordingFile):
                 self._file = sink
-
-    @property
-    def opened(self) -> bool:
-        """Whether there was something to show."""
-        return self._view is not None
 
     @property
     def recorded(self) -> bool:
@@ -84,11 +78,6 @@ class Dashboard:
     def broken(self) -> bool:
         """Whether the file could not be written completely."""
         return self._file is not None and self._file.broken
-
-    def say_where(self) -> None:
-        """Prints how to open the view, unless it opens by itself."""
-        if self._where:
-            say_aside(self._where)
 
     def open(self, setup: Setup) -> LiveView | None:
         """Shows the rows of a setup from now on; None where nothing can be shown."""
@@ -108,28 +97,24 @@ class Dashboard:
             ("rad", "rad/s"),
             () if weights is None else tuple((2 * weights).tolist()),
         )
-        if self._view is None:
-            self._view = LiveView(channels, self._sinks)
-        self._view.change(channels)
-        return self._view
+        if self.view is None:
+            self.view = LiveView(channels, self._sinks)
+        self.view.change(channels)
+        return self.view
 
     def report(self, status: SessionStatus) -> None:
         """Shows the status, and prints what is wrong with the view."""
-        if self._view is None:
+        if self.view is None:
             return
-        self._view.status(status)
-        for trouble in self._view.troubles:
-            if trouble not in self._troubles:
-                self._troubles.append(trouble)
-                say_aside(trouble)
+        self.view.status(status)
+        for trouble in [trouble for trouble in self.view.troubles if trouble not in self._said]:
+            self._said.add(trouble)
+            say_aside(trouble)
 
     def close(self) -> None:
         """Ends the view."""
-        if self._view is not None:
-            self._view.close()
-        else:
-            for sink in self._sinks:
-                sink.close()
+        for one in self._sinks if self.view is None else [self.view]:
+            one.close()
 
 
 STATUS_SECONDS = 5.0  # between two status lines on standard error
@@ -206,7 +191,15 @@ def live_command(
       mavdem fly iris_multisine --udp 127.0.0.1:14550
     """
     settings = chosen_settings(preset, order)
-    model_path, html_path = _check_files(rrd, record, model, html)
+    # What could not be written after the flight is refused before it.
+    check_file(rrd, "--rrd", (".rrd",))
+    check_file(record, "--record", tuple(STREAMS))
+    beside = rrd or record
+    model = model or (None if beside is None else beside.with_suffix(".model.json"))
+    check_file(model, "--model", (".json",))
+    beside = beside or model
+    html = html or (None if beside is None else beside.with_suffix(".html"))
+    check_file(html, "--html", (".html",))
     stream = LiveStream(axis, vehicle, inputs, asked=request_rate is not None)
     with ExitStack() as signals, ExitStack() as ends:
         opened = Link(link)
@@ -220,12 +213,13 @@ def live_command(
         dashboard = ends.enter_context(closing(Dashboard(link, axis, rrd, serve, connect)))
         recording = None if record is None else RawRecording(record)
         executor = ends.enter_context(LearningProcess())
-        show, report, say = dashboard.open, dashboard.report, say_aside
-        session = LiveSession(opened, stream, settings, show, report, say, executor, recording, request_rate)
+        show, report = dashboard.open, dashboard.report
+        session = LiveSession(opened, stream, settings, show, report, say_aside, executor, recording, request_rate)
         ends.callback(session.end)
-        dashboard.say_where()
+        if dashboard.advice:
+            say_aside(dashboard.advice)
         say_aside(f"Listening on {link}; Ctrl-C ends it.")
-        if model_path is None:
+        if model is None:
             say_aside("The model will not be written: name a file with --model, --rrd or --record.")
         asked = signals.enter_context(asked_to_end())
         took = _run(session, asked, duration)
@@ -238,16 +232,17 @@ def live_command(
         tasks += ["completing files"] if rrd is not None or record is not None else []
         if tasks:
             say_aside(f"Ending: {', '.join(tasks)}; this takes some seconds.")
-        status = session.status
+        status, learned, code = session.status, None, UNSUPPORTED
         # The model is written first: what follows may fail or take its time.
-        learned = _final_model(session)
-        written, code = _write_model(learned, model_path)
+        try:
+            learned = session.final_model()
+            code = DONE if _written(model, learned.to_json() + "\n", "model") else UNUSABLE
+        except ValueError as error:
+            say_aside(sentence(f"There is no model: {error}"))
         ends.close()
-        if html_path is not None:
-            page = live_page(link, axis, session.history, status, account, learned)
-            if not _write_page(html_path, page):
-                html_path, code = None, UNUSABLE
-        if rrd is not None and not dashboard.opened:
+        page = "" if html is None else live_page(link, axis, session.history, status, account, learned)
+        has_page = html is not None and _written(html, page, "page")
+        if rrd is not None and dashboard.view is None:
             say_aside(f"There was nothing to show, so {rrd} was not written.")
         if as_json:
             print_json(
@@ -264,67 +259,31 @@ def live_command(
                     "useful": dict(zip(("seconds", "error_ratio"), status.useful, strict=True)),
                     "obstacle": status.obstacle,
                     **alarm_figures(status.alarms),
-                    "events": list(session.sentences),
+                    "events": session.sentences,
                     "rrd": str(rrd) if dashboard.recorded else None,
                     "record": None if recording is None else {"file": str(record), "frames": recording.frames},
-                    "model": None if written is None else str(written),
-                    "html": None if html_path is None else str(html_path),
+                    "model": str(model) if code == DONE and model is not None else None,
+                    "html": str(html) if has_page else None,
                 }
             )
-    if session.recording is not recording or dashboard.broken:
+    if session.recording is not recording or dashboard.broken or (html is not None and not has_page):
         code = UNUSABLE
     click.get_current_context().exit(code)
 
 
-def _check_files(
-    rrd: Path | None, record: Path | None, model: Path | None, html: Path | None
-) -> tuple[Path | None, Path | None]:
-    """Refuses, before the flight, files that could not be written after it; returns the paths of model and page."""
-    check_file(rrd, "--rrd", (".rrd",))
-    check_file(record, "--record", tuple(STREAMS))
-    beside = rrd or record
-    path = model or (None if beside is None else beside.with_suffix(".model.json"))
-    check_file(path, "--model", (".json",))
-    beside = beside or model
-    page = html or (None if beside is None else beside.with_suffix(".html"))
-    check_file(page, "--html", (".html",))
-    return path, page
-
-
-def _write_page(path: Path, text: str) -> bool:
-    try:
-        write_page(path, text)
-    except Unreadable as error:
-        say_aside(f"The page is lost: {error}")
-        return False
-    say_aside(f"Wrote the page to {printable(path)}.")
-    return True
-
-
-def _final_model(session: LiveSession) -> Learned | None:
-    """The model of the last samples, or the last good one."""
-    try:
-        return session.final_model()
-    except ValueError as error:
-        say_aside(sentence(f"There is no model: {error}"))
-        return None
-
-
-def _write_model(learned: Learned | None, path: Path | None) -> tuple[Path | None, int]:
-    """Writes the model; returns the written path and the exit code."""
-    if learned is None:
-        return None, UNSUPPORTED
+def _written(path: Path | None, text: str, what: str) -> bool:
+    """Writes the model or the page; returns whether nothing was lost."""
     if path is None:
-        say_aside("The model was not written.")
-        return None, DONE
+        say_aside(f"The {what} was not written.")
+        return True
     try:
         with writing(path), atomic_write(path) as file:
-            file.write(learned.to_json().encode() + b"\n")
+            file.write(text.encode(errors="replace"))  # a file's name in it need not be UTF-8
     except Unreadable as error:
-        say_aside(f"The model is lost: {error}")
-        return None, UNUSABLE
-    say_aside(f"Wrote the model to {printable(path)}.")
-    return path, DONE
+        say_aside(f"The {what} is lost: {error}")
+        return False
+    say_aside(f"Wrote the {what} to {printable(path)}.")
+    return True
 
 
 def _run(session: LiveSession, asked: Callable[[], bool], duration: float | None) -> float:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,18 +10,17 @@ from time import monotonic
 from urllib.parse import urlsplit
 
 import click
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
-from mavdem.cli.output import STDERR, print_blocks, print_json, printable, say, say_aside
+from mavdem.cli.output import STDERR, print_blocks, print_json, printable, progress, say, say_aside
 from mavdem.cli.output_files import write_page
 from mavdem.cli.sources import refuse_link
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.difference import since_baseline
 from mavdem.fleet.row import summary
 from mavdem.fleet.store import read_rows
-from mavdem.fleet.tracking import FleetTracker
 from mavdem.fleet.tracking import Progress as LogProgress
+from mavdem.fleet.tracking import track
 from mavdem.fleet.workers import Limits, Reader, WorkerPool
 from mavdem.report.blocks import Sentence
 from mavdem.report.fleet_page import fleet_page
@@ -41,12 +39,6 @@ def _folder(context: click.Context, parameter: click.Parameter, value: str) -> P
     if os.path.lexists(value) and not os.path.isdir(value):
         raise click.BadParameter(f"{value} is a file: name a folder.", context, parameter)
     return Path(value)
-
-
-def _finite(context: click.Context, parameter: click.Parameter, value: float) -> float:
-    if not math.isfinite(value):
-        raise click.BadParameter("it must be a number.", context, parameter)
-    return value
 
 
 def _scheduler(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
@@ -77,7 +69,6 @@ def _scheduler(context: click.Context, parameter: click.Parameter, value: str | 
 @click.option(
     "--time-limit",
     type=click.FloatRange(1, MOST_SECONDS),
-    callback=_finite,
     default=Limits().seconds,
     show_default=True,
     help="Seconds that one log may take.",
@@ -136,6 +127,8 @@ def track_command(
     """
     for name in logs:
         refuse_link(name)
+    if time_limit != time_limit:
+        raise click.BadParameter("it must be a number.", param_hint="--time-limit")
     limits = Limits(time_limit, memory_limit)
     if scheduler and jobs:
         raise click.BadParameter(
@@ -143,21 +136,28 @@ def track_command(
         )
     reader: Reader = Cluster(scheduler, limits) if scheduler else WorkerPool(jobs or _cores(), limits)
     try:
-        with _progress() as progress:
-            tracked = FleetTracker(out, reader, PAGE).track(logs, baseline, progress)
+        with _progress() as show:
+            tracked = track(out, logs, reader, baseline, PAGE, progress=show)
     except KeyboardInterrupt:
         say_aside("What was read is kept: the same command goes on.")
         raise
     rows = read_rows(out)
     counts = {"logs": tracked.logs, "read": tracked.read, **summary(rows)}
     changes = since_baseline(rows, tracked.healthy) if tracked.healthy else {}
-    since = {name: baseline_blocks(change) for name, change in changes.items()}
+    since = {name: baseline_blocks(*change) for name, change in changes.items()}
     write_page(out / INDEX, fleet_page(rows, since))
     for problem in tracked.problems:
         say_aside(printable(f"mavdem: {problem}"))
     if as_json:
-        found = {"since_baseline": {name: change.as_dict() for name, change in changes.items()}}
-        print_json({"fleet": str(out), "index": str(out / INDEX), **counts, **found})
+        found = {
+            name: {
+                "file": latest.file,
+                "date": latest.as_dict()["date"],
+                "found": None if change is None else change.as_dict(),
+            }
+            for name, (latest, change) in changes.items()
+        }
+        print_json({"fleet": str(out), "index": str(out / INDEX), **counts, "since_baseline": found})
     else:
         say(f"{tracked.logs} log{'s' * (tracked.logs != 1)}, {tracked.read} of them read.\n")
         print_blocks(fleet_blocks(rows))
@@ -178,30 +178,16 @@ def _cores() -> int:
 
 @contextmanager
 def _progress() -> Iterator[LogProgress]:
-    """Shows on standard error how many logs are done, and when the last will be; in lines where it is no terminal."""
+    """Shows on standard error which share of the logs is done: in a line now and then where it is no terminal."""
     began = shown = monotonic()
+    with progress("Reading logs") as bar:
 
-    def rate(done: int) -> str:
-        seconds = monotonic() - began
-        return f"{done / seconds:.1f} a second" if done and seconds else ""
+        def show(done: int, of: int) -> None:
+            nonlocal shown
+            bar(done / max(of, 1))
+            if not STDERR.is_terminal and 0 < done < of and monotonic() - shown >= SECONDS_BETWEEN_LINES:
+                shown = monotonic()
+                left = (shown - began) * (of - done) / done
+                say_aside(f"{done} of {of} logs, {left / 60:.0f} min left")
 
-    def line(done: int, of: int) -> None:
-        nonlocal shown
-        if done and done < of and monotonic() - shown >= SECONDS_BETWEEN_LINES:
-            shown = monotonic()
-            left = (shown - began) * (of - done) / done
-            say_aside(f"{done} of {of} logs, {rate(done)}, {left / 60:.0f} min left")
-
-    if not STDERR.is_terminal:
-        yield line
-        return
-    columns = (
-        TextColumn("Reading logs"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(elapsed_when_finished=True),
-    )
-    with Progress(*columns, console=STDERR, transient=True) as bar:
-        task = bar.add_task("", total=None, rate="")
-        yield lambda done, of: bar.update(task, completed=done, total=of, rate=rate(done))
+        yield show

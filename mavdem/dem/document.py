@@ -190,6 +190,8 @@ def _require_shapes(result: Any) -> None:
     sizes: dict[str, int] = {}
     for path, array in _arrays(result, ""):
         names = SHAPES[path].split()
+        if path.endswith(".quiet") and not array.size:  # in JSON, a table without rows has no columns
+            array.resize((0, sizes.get(names[-1], 0)), refcheck=False)
         if array.ndim != len(names) or not (np.isfinite(array).all() or path in MISSING):
             raise ValueError(f"{path} must be finite and of shape ({', '.join(names)}), not {array.shape}")
         expected = tuple(sizes.setdefault(name, size) for name, size in zip(names, array.shape, strict=True))

@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.document import from_text, to_text
+from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.engine.trace import FreeEnergy, Learning
 from mavdem.dem.fitting import generalized
 from mavdem.dem.forecast.forecasts import BandedForecast, Forecasts, PlantForecasts, TrainingForecasts
 from mavdem.dem.forecast.simulation_error import SimulationFit
@@ -108,13 +108,10 @@ class Learned(LearnedDownstream):
         return LinearModel(*unpack(values, n, r, m), np.full(n, np.nan), np.full(r, np.nan), np.full(m, np.nan))
 
     def model_interval(self, level: float = LEVEL) -> LinearModel:
-        """Half widths of intervals, arranged like A, B and C; the offset's and trims' are NaN.
+        """Returns half widths of intervals, arranged like A, B and C; NaN for offset and trims, or without ``scatter``.
 
         An interval contains its parameter with probability ``level`` as far as :attr:`scatter` goes. The bias of closed
         loop, where inputs are correlated with the disturbance, is not included.
-
-        Returns:
-            NaN throughout where :attr:`scatter` is not known.
 
         Raises:
             ValueError: a level that is no probability between 0 and 1.
@@ -148,16 +145,17 @@ class Learned(LearnedDownstream):
         Its size is as uncertain as the motors' effect: ``wind.scale_error``, and ``physical.reasons["effect"]``.
         docs/wind.md says how it is estimated.
         """
-        if self.physical is None:
-            return None
         try:
-            return wind(self.physical, self.record)
+            return None if self.physical is None else wind(self.physical, self.record)
         except ValueError:  # LinAlgError is one
             return None
 
     @may_overflow
     def one_step(self) -> Array:
-        """(T, m): each training sample predicted from those before it and the inputs; a segment's first is the trim."""
+        """Returns each training sample (T, m) predicted from those before it and the inputs.
+
+        A segment's first sample is predicted by the trim.
+        """
         predictions = []
         for inputs, outputs in self.scaling.scale_segments(self.record):
             ahead = self.predictor.one_step(inputs, outputs)
@@ -175,10 +173,16 @@ class Learned(LearnedDownstream):
         return self.spectral_radius <= 1 + STABILITY_TOLERANCE
 
     def predict(self, steps: int) -> Array:
-        """(steps, m): what comes next, inputs unknown; row 0 is the first sample after the training data.
+        """Returns what comes next (steps, m), inputs unknown; row 0 is the first sample after the training data.
 
         By vector autoregressions of outputs and inputs, the last sample and the training mean, mixed by the error each
         is to expect (``mavdem.dem.forecast.forecasts``).
+
+        >>> learned.predict(100).shape
+        (100, 2)
+
+        See Also:
+            :meth:`forecast` with known inputs, :meth:`simulate` with commanded ones, :meth:`predict_band`.
 
         Raises:
             ValueError: no positive whole number of steps.
@@ -186,7 +190,7 @@ class Learned(LearnedDownstream):
         return self.prediction.unknown(required_steps(steps)).mean
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """(H, m): the samples after the training data, by a new prediction from every ``steps``-th of them on.
+        """Returns the samples (H, m) after the training data, by a new prediction from every ``steps``-th of them on.
 
         Each uses the ``inputs`` (H, r) and ``outputs`` (H, m) before it, and none after; nothing is fitted again.
 
@@ -196,7 +200,7 @@ class Learned(LearnedDownstream):
         return self.prediction.unknown_every(steps, *self.record.following(steps, inputs, outputs)).mean
 
     def predict_band(self, steps: int, level: float = LEVEL) -> Array:
-        """(steps, m) half width, about :meth:`predict`, of the band that holds each sample with probability ``level``.
+        """Returns the half width (steps, m), about :meth:`predict`, of the band of probability ``level``.
 
         From the errors of such predictions inside the training data, by models that were fitted without that part, and
         from how far they are apart.
@@ -217,18 +221,26 @@ class Learned(LearnedDownstream):
 
     @may_overflow
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
-        """Outputs after the training data: row 0 is the first sample after it.
+        """Returns the outputs (H, m) after the training data: row 0 is the first sample after it.
 
-        ``inputs`` (H, r) are the motor outputs over the forecast, in the unit of the training inputs; the result is
-        (H, m). The motors cause motion, and answer it: with "mixed" ``forecasts`` in the settings, those of the model
-        and of vector autoregressions of outputs and motors are mixed by the error each is to expect
-        (``mavdem.dem.forecast.forecasts``). Each sample is forecast with the motors up to it; with ``smooth`` the
-        autoregressions use all of them.
+        The motors cause motion, and answer it: unless the settings say otherwise (``Settings.forecasts``), forecasts of
+        the model and of vector autoregressions of outputs and motors are mixed by the error each is to expect
+        (``mavdem.dem.forecast.forecasts``). The model's own continues from its state at the end of training, and is
+        shrunk towards the trim by the posterior variance of θ or, without a simulation-error fit, by the weight that is
+        best inside the training data.
 
-        The model's own forecast continues from its state at the end of training. It is shrunk towards the trim by the
-        posterior variance of θ or, without a
-        simulation-error fit, by the weight that is best inside the training data. ``from_zero`` gives it alone, from
-        state 0 at row 0 (the outputs at their trim), as the paper's figures do.
+        >>> errors = learned.forecast(test.inputs) - test.outputs
+        >>> bool((errors**2).mean() < test.outputs.var())
+        True
+
+        Args:
+            inputs: (H, r) motor outputs over the forecast, in the unit of the training inputs.
+            from_zero: gives the model's own forecast alone, from state 0 at row 0 (the outputs at their trim), as the
+                paper's figures do.
+            smooth: lets the autoregressions use all motors for each sample, not only those up to it.
+
+        See Also:
+            :meth:`predict` without inputs, :meth:`simulate` with commanded ones, :meth:`forecast_band`.
 
         Raises:
             ValueError: inputs of another width, or not finite.
@@ -240,11 +252,10 @@ class Learned(LearnedDownstream):
 
     @may_overflow
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """The samples after the training data, by a new forecast from every ``steps``-th of them on.
+        """Returns the samples (H, m) after the training data, by a new forecast from every ``steps``-th of them on.
 
-        Each is as :meth:`forecast`'s, from the state that the filter has after all samples before it; nothing is
-        fitted again. ``inputs`` (H, r) and ``outputs`` (H, m) are in the units of the training data. The result is
-        (H, m); with ``steps`` of H or more the same as :meth:`forecast`.
+        Each is as :meth:`forecast`'s, from the state that the filter has after all samples before it, in ``inputs``
+        (H, r) and ``outputs`` (H, m); nothing is fitted again.
 
         Raises:
             ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
@@ -253,15 +264,15 @@ class Learned(LearnedDownstream):
 
     @may_overflow
     def forecast_variance(self, inputs: ArrayLike) -> Array:
-        """(H, m) expected squared error, rad² and (rad/s)², of :meth:`forecast` with ``inputs`` (H, r)."""
+        """Returns the expected squared error (H, m), rad² and (rad/s)², of :meth:`forecast` with ``inputs`` (H, r)."""
         return self.prediction.known(self.record.following_inputs(inputs)).variance
 
     @may_overflow
     def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
-        """(H, m) half width, about the forecast, of the band in which each sample lies with probability ``level``.
+        """Returns the half width (H, m), about :meth:`forecast` with ``inputs``, of the band of probability ``level``.
 
         From :meth:`forecast_variance`: the error that each mixed forecast is to expect, by its length, and how far they
-        are apart. ``inputs`` (H, r) are as for :meth:`forecast`.
+        are apart.
 
         Raises:
             ValueError: as :meth:`forecast`, or a level that is no probability between 0 and 1.
@@ -273,9 +284,7 @@ class Learned(LearnedDownstream):
     def forecast_every_with_band(
         self, steps: int, inputs: ArrayLike, outputs: ArrayLike, level: float = LEVEL
     ) -> BandedForecast:
-        """As :meth:`forecast_every` of the same ``steps, inputs, outputs``, with its expected squared error and band.
-
-        The band holds each sample with probability ``level``.
+        """Returns :meth:`forecast_every` of the same arguments, its expected squared error and band of ``level``.
 
         Raises:
             ValueError: as :meth:`forecast_every`, or a level that is no probability between 0 and 1.
@@ -285,10 +294,16 @@ class Learned(LearnedDownstream):
         return BandedForecast(mean, variance, self.prediction.half_widths(variance, level, steps))
 
     def simulate(self, inputs: ArrayLike) -> Array:
-        """(H, m): what if these ``inputs`` (H, r) were commanded: the plant alone, from :attr:`physical`.
+        """Returns the outputs (H, m) if these ``inputs`` (H, r) were commanded: the plant alone, by :attr:`physical`.
 
         From the last sample on, with the steady disturbance of the training data and no other; no autopilot answers.
         A ``UserWarning`` says so where the physical parameters are not identifiable.
+
+        >>> learned.simulate(learned.record.inputs[:50]).shape
+        (50, 2)
+
+        See Also:
+            :meth:`forecast` with recorded inputs, :meth:`simulate_band`, :func:`mavdem.dem.physical`.
 
         Raises:
             ValueError: no physical parameters can be fitted, outputs other than an angle and its rate, or inputs of
@@ -300,10 +315,9 @@ class Learned(LearnedDownstream):
         return simulated(physical, self.record, self.record.following_inputs(inputs)).mean
 
     def simulate_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
-        """(H, m) half width, about :meth:`simulate`, of the band that holds each sample with probability ``level``.
+        """Returns the half width (H, m), about :meth:`simulate` with ``inputs``, of the band of probability ``level``.
 
-        From the wind, whose effect nothing counteracts, and the uncertainty of the physical parameters. ``inputs``
-        (H, r) are as for :meth:`simulate`.
+        From the wind, whose effect nothing counteracts, and the uncertainty of the physical parameters.
 
         Raises:
             ValueError: the physical parameters are not identifiable; as :meth:`simulate`; or a level that is no
@@ -325,20 +339,13 @@ class Learned(LearnedDownstream):
     @property
     def places(self) -> NDArray[np.intp]:
         """(T′,) the training samples that have a whole window in their segment."""
-        window = self.settings.window
-        return np.concatenate(
-            [
-                start + window // 2 + np.arange(max(0, length - window + 1))
-                for start, length in zip(self.record.starts, self.record.lengths, strict=True)
-            ]
-        )
+        window, segments = self.settings.window, zip(self.record.starts, self.record.lengths, strict=True)
+        return np.concatenate([start + window // 2 + np.arange(max(0, N - window + 1)) for start, N in segments])
 
     def process_noise(self) -> tuple[NDArray[np.intp], Array]:
-        """The estimated process noise w = x′ − A x − B v: wind and everything else outside the model.
+        """Returns :attr:`places` (T′,) and the process noise w = x′ − A x − B v (T′, n) there, in units per second.
 
-        Returns:
-            places (T′,) of the training samples that have a whole window, and w (T′, n) there, in units of the
-            states per second (for the roll rate, rad/s²).
+        It is the wind and everything else outside the model; for the roll rate in rad/s².
         """
         n, m, r = self.model.A.shape[0], self.model.C.shape[0], self.model.B.shape[1] + self.scaling.constant
         X, p = self._generalized_states, self.settings.p
@@ -348,11 +355,9 @@ class Learned(LearnedDownstream):
         return self.places, noise * self.scaling.state_scale(n)
 
     def estimated_inputs(self) -> tuple[NDArray[np.intp], Array]:
-        """The estimated inputs: close to the recorded ones, or, with unknown inputs, what explains the motion.
+        """Returns :attr:`places` (T′,) and the inputs v (T′, r) there, close to the recorded ones.
 
-        Returns:
-            places (T′,) of the training samples that have a whole window, and v (T′, r) there; of unknown inputs in the
-            engine's units.
+        Unknown inputs are what explains the motion, in the engine's units.
         """
         r, order = self.model.B.shape[1], self.settings.p + 1
         v = self._generalized_states[:, self.model.A.shape[0] * order :][:, :r]
@@ -364,12 +369,12 @@ class Learned(LearnedDownstream):
         return np.concatenate(generalized(self.settings, self.scaling, self.record)) @ self.state_map.T
 
     def to_json(self) -> str:
-        """Everything as a JSON object, the training data included; :meth:`from_json` is its inverse."""
+        """Returns everything as a JSON object, the training data included; :meth:`from_json` is its inverse."""
         return to_text(self)
 
     @classmethod
     def from_json(cls, text: str) -> Learned:
-        """The result from the ``text`` of :meth:`to_json`: the JSON document itself, not the name of a file.
+        """Returns the result of the ``text`` of :meth:`to_json`: the JSON document itself, not the name of a file.
 
         Raises:
             ValueError: it is not such a document; what is missing or of another shape is named.

@@ -8,16 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mavdem.dem.engine.ascent import CoordinateAscent
+from mavdem.dem.engine.ascent import CoordinateAscent, FreeEnergy, Learning
 from mavdem.dem.engine.free_energy import free_energy
 from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overflow
-from mavdem.dem.engine.resumable import run_to_end
-from mavdem.dem.engine.trace import FreeEnergy, Learning
 from mavdem.dem.fitting import Fit, Start, fit, generalized, held_by_prior, of_vehicle, predictor_of
 from mavdem.dem.forecast.forecasts import TrainingForecasts, training_forecasts
-from mavdem.dem.forecast.noise_model import lags_of, resumable_noise_model
-from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, horizon_of, resumable_simulation_fit
+from mavdem.dem.forecast.noise_model import lags_of, with_noise_model
+from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.priors import hyperparameter_groups
@@ -56,14 +54,12 @@ def learn(
 ) -> Learned:
     """Learns a linear model of a flight by Dynamic Expectation Maximization.
 
-    >>> import numpy as np, mavdem
-    >>> rng = np.random.default_rng(0)
-    >>> motors = rng.standard_normal((600, 1)).cumsum(axis=0) % 3  # of a rate that follows one motor after 0.1 s
-    >>> rate = np.convolve(motors[:, 0], 0.1 * np.exp(-np.arange(60) / 10))[:600] + 0.01 * rng.standard_normal(600)
-    >>> flight = mavdem.Flight(0.01 * np.arange(600), motors, rate)
-    >>> learned = mavdem.learn(flight[:500])
-    >>> learned.forecast(flight[500:].inputs).shape
-    (100, 1)
+    >>> flight = mavdem.read_flight("flight.tlog")[:1000]
+    >>> learned = mavdem.learn(flight[:850])
+    >>> learned
+    <Learned: 3 states, 4 inputs, 2 outputs from 850 samples at 100 Hz, F̄ ...>
+    >>> learned.forecast(flight[850:].inputs).shape
+    (150, 2)
 
     Args:
         train: inputs (T, r), outputs (T, m), finite, and the sampling step dt in seconds: a ``Flight``; or a list of
@@ -75,6 +71,9 @@ def learn(
 
     Returns:
         the model, its posterior, the free energy and the forecasts, in physical units.
+
+    See Also:
+        :func:`learn_many` for many flights, :class:`Settings`, :class:`Learned`.
 
     Raises:
         ValueError: too few samples, values that are not finite, or channels that do not vary, with their names; a
@@ -218,14 +217,12 @@ def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatist
         theta, mixer = start.simulated_theta / scaling.parameter_scale(model.n), start.mixer
     try:
         with raise_on_overflow():
-            refined = run_to_end(
-                resumable_simulation_fit(model, settings, scaling, theta, fitted.gain, record, geometry=mixer)
-            )
+            refined = fit_simulation(model, settings, scaling, theta, fitted.gain, record, geometry=mixer)
             if refined is None:
                 return fitted
             iterate = CoordinateAscent(model, samples).at_theta(refined.theta, ascent.belief)
             predictor = predictor_of(refined.theta, model.sizes, fitted.gain, record.dt)
-            predictor = run_to_end(resumable_noise_model(predictor, scaling.scale_segments(record), lags_of(record.dt)))
+            predictor = with_noise_model(predictor, scaling.scale_segments(record), lags_of(record.dt))
     except np.linalg.LinAlgError:
         return fitted
     refined_ascent = replace(ascent, belief=iterate.belief, state_map=iterate.state_map)

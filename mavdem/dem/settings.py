@@ -190,10 +190,12 @@ class Settings:
 
     Settings are equal where all their values are, complete (:class:`CompleteSettings`) or not.
 
-    >>> Settings(order=2).order
-    2
-    >>> Settings.from_json(Settings.paper().to_json()) == Settings.paper()
+    >>> settings = mavdem.Settings(order=4, horizon=None)
+    >>> mavdem.Settings.from_json(settings.to_json()) == settings
     True
+
+    See Also:
+        :func:`mavdem.learn`.
 
     **The model**
 

@@ -14,7 +14,6 @@ estimates, as closed loop does, leaves each alone.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from datetime import datetime
 from math import exp, hypot, isfinite, log, nan, sqrt
 from statistics import fmean, median
 from typing import Any, Literal, NamedTuple
@@ -24,7 +23,7 @@ from scipy.stats import t as student
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.confidence import LEVEL, quantile
-from mavdem.fleet.row import OK, UNKNOWN, Flight, FlightRow, flights_of, is_shared, vehicles_of
+from mavdem.fleet.row import AXIS_ORDER, OK, UNKNOWN, Flight, FlightRow, flights_of, is_shared, vehicles_of
 from mavdem.health.reference import SCATTER
 
 FAMILY_ERROR = 0.05  # probability that anything is called changed when nothing did
@@ -148,22 +147,6 @@ class VehicleDifference(NamedTuple):
         }
 
 
-class SinceBaseline(NamedTuple):
-    """The latest flight of a vehicle, its ``file`` and ``date``, beside its flights of a baseline.
-
-    ``found`` is what differs; None where the baseline has no flight of the vehicle.
-    """
-
-    file: str
-    date: datetime | None
-    found: VehicleDifference | None
-
-    def as_dict(self) -> dict[str, Any]:
-        """Plain JSON values."""
-        date = None if self.date is None else self.date.isoformat()
-        return {"file": self.file, "date": date, "found": None if self.found is None else self.found.as_dict()}
-
-
 class _Raw(NamedTuple):
     """A difference before it is judged: on the scale of its estimates."""
 
@@ -209,21 +192,20 @@ def vehicle_difference(before: Sequence[FlightRow], after: Sequence[FlightRow]) 
     )
 
 
-def since_baseline(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> dict[str, SinceBaseline]:
-    """Returns the latest flight of each vehicle beside those of a ``baseline``, which themselves are no later ones.
+def since_baseline(
+    rows: Sequence[FlightRow], baseline: Sequence[FlightRow]
+) -> dict[str, tuple[FlightRow, VehicleDifference | None]]:
+    """Returns the latest flight of each vehicle, and what differs from its flights of a ``baseline``, if it has any.
 
-    The latest alone: flights with a fault and without one, taken together, would hide it. Flights that do not say whose
-    they are are left out.
+    The latest alone: flights with a fault and without one, taken together, would hide it. Flights of the baseline are
+    no later ones, and those that do not say whose they are are left out.
     """
     keys = {row.key for row in baseline if row.key}
     before, after = vehicles_of(baseline), vehicles_of(row for row in rows if row.key not in keys)
     latest = {name: flights[-1] for name, flights in after.items() if name != UNKNOWN}
+    healthy = {name: [row for flight in flights for row in flight] for name, flights in before.items()}
     return {
-        name: SinceBaseline(
-            flight[0].file,
-            flight[0].date,
-            vehicle_difference([row for rows in before[name] for row in rows], flight) if name in before else None,
-        )
+        name: (flight[0], vehicle_difference(healthy[name], flight) if name in healthy else None)
         for name, flight in latest.items()
     }
 
@@ -348,24 +330,17 @@ def _allowance(kind: str, conditions: tuple[Conditions, Conditions]) -> float:
 
 def conditions_of(flights: Flights) -> Conditions:
     """Returns the mean conditions of flights."""
-    torques: dict[str, list[float]] = {}
-    for flight in flights:
-        for row in flight:
-            if row.wind_torque_sd is not None and row.axis is not None:
-                torques.setdefault(row.axis, []).append(row.wind_torque_sd)
 
-    def mean(column: str) -> float | None:
-        known = [value for flight in flights if (value := getattr(flight[0], column)) is not None]
+    def mean(values: Iterable[float | None]) -> float | None:
+        known = [value for value in values if value is not None]
         return fmean(known) if known else None
 
-    return Conditions(
-        mean("voltage_mean"),
-        mean("collective"),
-        mean("lean_roll"),
-        mean("lean_pitch"),
-        mean("tilt_sd"),
-        {axis: fmean(values) for axis, values in sorted(torques.items())},
-    )
+    columns = ("voltage_mean", "collective", "lean_roll", "lean_pitch", "tilt_sd")
+    means = [mean(getattr(flight[0], column) for flight in flights) for column in columns]
+    rows = [row for flight in flights for row in flight]
+    torques = {axis: mean(row.wind_torque_sd for row in rows if row.axis == axis) for axis in AXIS_ORDER}
+    known = {axis: torque for axis, torque in torques.items() if torque is not None}
+    return Conditions(*means, known)  # type: ignore[call-arg, arg-type]
 
 
 def _other_kinds(sides: Sequence[Flights]) -> str:

@@ -13,7 +13,7 @@ import os
 import shutil
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from importlib import metadata
 from itertools import groupby, islice
@@ -25,7 +25,7 @@ from mavdem.errors import Unreadable, require
 from mavdem.files import atomic_write
 from mavdem.fleet.row import SCHEMA_VERSION, FlightRow, as_text, row_schema
 from mavdem.fleet.sources import Source, is_url
-from mavdem.fleet.workers import Limits, Outcome
+from mavdem.fleet.workers import PAGES, Limits, Outcome
 
 STORE, TABLE, UNFINISHED = "fleet.sqlite", Path("flights", "flights.parquet"), ".unfinished"
 ROW_GROUP = 10_000  # rows that a reader skips at once, by the least and the greatest vehicle's name among them
@@ -119,27 +119,21 @@ def opened(folder: Path) -> Iterator[Store]:
     """
     if not (folder / STORE).exists() and (folder / "flights").is_dir() and os.listdir(folder / "flights"):
         raise Unreadable(f"{folder / 'flights'} holds files that are not of this fleet: name another folder.")
-    store = None
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if _disk(folder) in NETWORK_DISKS:
+        if (disk := _disk(folder)) in NETWORK_DISKS:
             raise Unreadable(
-                f"{folder} is on a disk of another machine ({_disk(folder)}), where SQLite's lock does not hold: name "
-                "a folder on a disk of this one; the logs may stay where they are."
+                f"{folder} is on a disk of another machine ({disk}), where SQLite's lock does not hold: name a folder "
+                "on a disk of this one; the logs may stay where they are."
             )
-        store = Store(folder)
-        yield store
+        with closing(Store(folder)) as store:
+            yield store
     except (OSError, sqlite3.OperationalError) as error:
         reason = getattr(error, "strerror", None) or error
-        kept = "what was read is kept; " if store is not None and store.has_logs else ""
-        raise Unreadable(
-            f"{folder} cannot be written to ({reason}): {kept}once that is put right, the same command goes on."
-        ) from None
+        goes_on = "once that is put right, the same command goes on where it was."
+        raise Unreadable(f"{folder} cannot be written to ({reason}): {goes_on}") from None
     except sqlite3.DatabaseError as error:
         raise Unreadable(f"{folder / STORE} is damaged ({error}): delete it, and all logs are read again.") from None
-    finally:
-        if store is not None:
-            store.close()
 
 
 class Store:
@@ -147,7 +141,6 @@ class Store:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.has_logs = False
         self._db = sqlite3.connect(folder / STORE, timeout=BUSY_SECONDS, isolation_level=None)
         if self._db.execute("pragma journal_mode = wal").fetchone()[0] != "wal":
             raise sqlite3.OperationalError("SQLite's write-ahead log does not work on this disk")
@@ -158,7 +151,6 @@ class Store:
             raise Unreadable(f"{folder} has the columns of another version of mavdem: name another folder.")
         if not version:
             self._db.executescript(f"begin immediate; {TABLES} pragma user_version = {SCHEMA_VERSION}; commit;")
-        self.has_logs = bool(self._db.execute("select 1 from logs").fetchone())
 
     def close(self) -> None:
         """Closes the file."""
@@ -196,7 +188,11 @@ class Store:
         return entry is not None and (outcome.ended == "source" or source.version in ("", entry[0]))
 
     def add(self, source: Source, outcome: Outcome, limits: Limits) -> None:
-        """Adds what was read of a log, in place of what was known by its name and its content."""
+        """Adds what was read of a log, with its pages, in place of what was known by its name and its content."""
+        for name, html in outcome.pages.items():
+            (self.folder / PAGES).mkdir(exist_ok=True)
+            with atomic_write(self.folder / PAGES / name) as file:
+                file.write(html.encode(errors="replace"))  # the name of a file need not be Unicode
         path, log = as_text(source.path), outcome.key or f"path:{as_text(source.path)}"
         size = int(outcome.key.rpartition("-")[2]) if outcome.key else source.size
         with self._transaction():
@@ -215,7 +211,6 @@ class Store:
                 rows = [(log, row.vehicle, json.dumps(row.as_dict())) for row in outcome.rows]
                 self._db.executemany("insert into flights (log, vehicle, row) values (?, ?, ?)", rows)
                 self._judge_anew(vehicle for _, vehicle, _ in rows)
-        self.has_logs = True
 
     def track(self, sources: Iterable[Source]) -> None:
         """Puts the flights of these logs, as far as they are known, into the table."""

@@ -16,11 +16,10 @@ from scipy.stats import t
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.errors import Unreadable
-from mavdem.files import atomic_write
 from mavdem.fleet.row import OK, SHARED, UNKNOWN, FlightRow, Numbers
 from mavdem.fleet.sources import Source, find_logs
 from mavdem.fleet.store import AssessRows, Store, is_fleet, opened, read_rows
-from mavdem.fleet.workers import PAGES, Job, Reader
+from mavdem.fleet.workers import Job, Reader
 from mavdem.health.assessment import assess
 from mavdem.health.balance import BalanceFigures, motor_signatures
 from mavdem.health.reference import HealthFigures, healthy_flights
@@ -163,82 +162,69 @@ class HealthyModels:
         return float(np.mean(residuals)) if residuals else None
 
 
-class FleetTracker:
-    """Keeps the table of a fleet.
+def track(
+    folder: Path,
+    names: Sequence[str],
+    reader: Reader,
+    baseline: Sequence[str] = (),
+    page: str = "",
+    assess: AssessRows = assess_rows,
+    progress: Progress = lambda *_: None,
+) -> TrackedLogs:
+    """Brings the table of a fleet up to date with the logs that ``names`` stand for.
 
     Args:
         folder: of the fleet; made if it is not there.
+        names: files, folders, patterns and URLs.
         reader: what reads the logs.
+        baseline: names of healthy flights, or one fleet; as in the last run unless given.
         page: the function that makes a flight's page, as ``package.module:function``; empty for none.
         assess: what judges all flights of a vehicle.
+        progress: is called as logs are read.
+
+    Raises:
+        Unreadable: there is no log, or the folder cannot be written to, or is damaged.
     """
+    logs, problems = find_logs(names, folder)
+    if not logs and not is_fleet(folder):
+        raise Unreadable(problems[0])
+    with opened(folder) as store:
+        if len(baseline) == 1 and is_fleet(Path(baseline[0])):
+            store.healthy = _with_flight(read_rows(Path(baseline[0])))
+        elif baseline:
+            healthy, unknown = find_logs(baseline, folder)
+            if unknown:
+                raise Unreadable(f"--baseline: {unknown[0]}")
+            _read(store, healthy, reader, page, progress)
+            store.healthy = _with_flight(store.rows_of(healthy))
+        read, unread = _read(store, logs, reader, page, progress)
+        store.track(logs)
+        store.publish(assess)
+        return TrackedLogs(len(logs), read, (*problems, *unread), store.healthy)
 
-    def __init__(self, folder: Path, reader: Reader, page: str = "", assess: AssessRows = assess_rows) -> None:
-        self.folder = folder
-        self._reader, self._page, self._assess = reader, page, assess
 
-    def track(
-        self, names: Sequence[str], baseline: Sequence[str] = (), progress: Progress = lambda *_: None
-    ) -> TrackedLogs:
-        """Brings the table up to date with the logs that ``names`` stand for.
+def _with_flight(rows: list[FlightRow]) -> list[FlightRow]:
+    """The rows of a baseline; raises ``Unreadable`` where there is no flight among them."""
+    if not any(row.status == OK for row in rows):
+        why = f"{rows[0].file}: {rows[0].status}" if rows else "its logs cannot be read"
+        raise Unreadable(f"--baseline holds no flight ({why}): name logs of healthy flights.")
+    return rows
 
-        Args:
-            names: files, folders, patterns and URLs.
-            baseline: the same of healthy flights, or one fleet; as in the last run unless given.
-            progress: is called as logs are read.
 
-        Raises:
-            Unreadable: there is no log, or the folder cannot be written to, or is damaged.
-        """
-        logs, problems = find_logs(names, self.folder)
-        if not logs and not is_fleet(self.folder):
-            raise Unreadable(problems[0])
-        with opened(self.folder) as store:
-            if baseline:
-                self._set_baseline(store, baseline, progress)
-            read, unread = self._read(store, logs, progress)
-            store.track(logs)
-            store.publish(self._assess)
-            return TrackedLogs(len(logs), read, (*problems, *unread), store.healthy)
-
-    def _set_baseline(self, store: Store, names: Sequence[str], progress: Progress) -> None:
-        """Takes rows of healthy flights over, in place of those before."""
-        if len(names) == 1 and is_fleet(Path(names[0])):
-            chosen = read_rows(Path(names[0]))
+def _read(store: Store, logs: Sequence[Source], reader: Reader, page: str, progress: Progress) -> tuple[int, list[str]]:
+    """Reads what is new; returns how many logs that were, and a sentence for each known one that cannot be read."""
+    # The largest first: were one the last, the other processes would wait for it.
+    new = sorted((log for log in logs if not store.knows(log, reader.limits)), key=lambda log: -log.size)
+    sources = {log.path: log for log in new}
+    unread = []
+    jobs = (Job(log.path, store.keys_to_try(log, reader.limits), page) for log in new)
+    progress(0, len(new))
+    for number, outcome in enumerate(reader.outcomes(jobs), 1):
+        source = sources[outcome.path]
+        if store.keeps(source, outcome):
+            reason = outcome.rows[0].status
+            unread.append(f"{source.path} cannot be read now: what is known of it is kept. {reason}")
         else:
-            logs, problems = find_logs(names, self.folder)
-            if problems:
-                raise Unreadable(f"--baseline: {problems[0]}")
-            self._read(store, logs, progress)
-            chosen = store.rows_of(logs)
-        if not any(row.status == OK for row in chosen):
-            why = f"{chosen[0].file}: {chosen[0].status}" if chosen else "its logs cannot be read"
-            raise Unreadable(f"--baseline holds no flight ({why}): name logs of healthy flights.")
-        store.healthy = chosen
-
-    def _read(self, store: Store, logs: Sequence[Source], progress: Progress) -> tuple[int, list[str]]:
-        """Reads what is new; returns how many logs that were, and a sentence for each known one that cannot be read."""
-        limits = self._reader.limits
-        # The largest first: were one the last, the other processes would wait for it.
-        new = sorted((log for log in logs if not store.knows(log, limits)), key=lambda log: -log.size)
-        sources = {log.path: log for log in new}
-        unread = []
-        jobs = (Job(log.path, store.keys_to_try(log, limits), self._page) for log in new)
-        progress(0, len(new))
-        for number, outcome in enumerate(self._reader.outcomes(jobs), 1):
-            source = sources[outcome.path]
-            if store.keeps(source, outcome):
-                reason = outcome.rows[0].status
-                unread.append(f"{source.path} cannot be read now: what is known of it is kept. {reason}")
-            else:
-                self._write_pages(outcome.pages)
-                store.add(source, outcome, limits)
-            progress(number, len(new))
-        return len(new), unread
-
-    def _write_pages(self, pages: dict[str, str]) -> None:
-        for name, html in pages.items():
-            (self.folder / PAGES).mkdir(exist_ok=True)
-            with atomic_write(self.folder / PAGES / name) as file:
-                # The name of a file need not be Unicode.
-                file.write(html.encode(errors="replace"))
+            store.add(source, outcome, reader.limits)
+        progress(number, len(new))
+    return len(new), unread

@@ -88,7 +88,7 @@ class Outcome:
         key: hash and size of the log's content; empty if it was not reached.
         pages: HTML by the name of the file.
         seconds: it took.
-        megabytes: the most memory that the process had.
+        megabytes: the most memory that the process has had, with this log and those before.
     """
 
     path: str
@@ -219,13 +219,12 @@ def _end_with_parent(scratch: str) -> None:
 def perform(job: Job, read: str) -> Outcome:
     """Reads one log; ends the process where memory is wanting, since what comes next would find it in pieces."""
     began = time.perf_counter()
-    with suppress(OSError):
-        Path("/proc/self/clear_refs").write_text("5")  # forgets the peak of memory
     try:
         outcome = outcome_of(job, function_of(read))
     except MemoryError:
         os._exit(WANT_OF_MEMORY)
-    return replace(outcome, seconds=time.perf_counter() - began, megabytes=_peak_memory())
+    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024 if sys.platform == "darwin" else 1)
+    return replace(outcome, seconds=time.perf_counter() - began, megabytes=kilobytes / 1024)
 
 
 def outcome_of(job: Job, read: ReadLog) -> Outcome:
@@ -282,12 +281,3 @@ def _named(row: FlightRow, job: Job, path: Path, key: str) -> FlightRow:
 def _nameless(sentence: str, path: str) -> str:
     """A sentence about a log without its name, which has its own column."""
     return sentence.replace(path, "It", sentence.startswith(path)).replace(path, "the log")
-
-
-def _peak_memory() -> float:
-    """MB, since it was last forgotten, or where that cannot be, since the process began."""
-    with suppress(OSError, StopIteration, ValueError):
-        lines = Path("/proc/self/status").read_text().splitlines()
-        return int(next(line for line in lines if line.startswith("VmHWM")).split()[1]) / 1024
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / (MEGABYTE if sys.platform == "darwin" else 1024)

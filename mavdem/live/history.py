@@ -1,11 +1,7 @@
-"""What a live session reports: one status of the link, the vehicle and the learning, and events.
-
-The history of a live flight: what happened when, which parts were learnt from, and how well it was predicted.
-"""
+"""What a live session reports: its status, events, and the history of the flight and of how well it was predicted."""
 
 from __future__ import annotations
 
-from array import array
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -17,20 +13,6 @@ import numpy as np
 from mavdem.dem import Estimate
 from mavdem.dem.engine.linalg import Array
 from mavdem.health.in_flight import MotorAlarm
-
-
-def sentence(text: str) -> str:
-    """``text`` with a capital letter and one full stop; empty if it is."""
-    text = text.rstrip(". ")
-    return f"{text[:1].upper()}{text[1:]}." if text else ""
-
-
-class Event(NamedTuple):
-    """One event: the UNIX time ``received``, s, of the bytes that caused it, and a ``sentence``."""
-
-    received: float
-    sentence: str
-
 
 NOT_FLYING = "The vehicle is on the ground."
 FLIGHT_UNKNOWN = "Nothing shows yet whether the vehicle flies."
@@ -50,90 +32,80 @@ ACCOUNT = {
     "no_vehicle": "without a vehicle",
 }
 """What the seconds of a session are accounted for as."""
-
-
 AHEAD = 0.25  # s; how well the model predicts so far ahead is reported
-HORIZONS = 0.05, 0.1, AHEAD, 0.5
-"""Seconds ahead of a live session's predictions, besides one step."""
+HORIZONS = 0.05, 0.1, AHEAD, 0.5  # s; of a live session's predictions, besides one step
+MAX_ROWS = 100_000
+"""Rows kept of the lines; when there are more, every second one is dropped, and from then on every second one kept."""
+SETTLED_GAP = 1.0  # s between two learned samples from which on they belong to different parts of the flight
+SAME_TIME = 1e-6  # s between a prediction and the row it is of, at most
 
 
 def horizons(dt: float) -> tuple[int, ...]:
-    """The horizons of a live session in steps of ``dt``, s."""
+    """Returns the horizons of a live session in steps of ``dt``, s."""
     return tuple(sorted({1, *(max(1, round(seconds / dt)) for seconds in HORIZONS)}))
+
+
+def sentence(text: str) -> str:
+    """Returns ``text`` with a capital letter and one full stop; empty if it is."""
+    text = text.rstrip(". ")
+    return f"{text[:1].upper()}{text[1:]}." if text else ""
+
+
+class Event(NamedTuple):
+    """A ``sentence`` on something that happened.
+
+    ``seconds``: when; UNIX s of the bytes that caused it for a stream, s from the beginning in a history.
+    """
+
+    seconds: float
+    sentence: str
 
 
 @dataclass(frozen=True)
 class SessionStatus:
-    """The status of a live session at one moment.
+    """The status of a live session at one moment; ``dataclasses.asdict`` turns it into plain JSON values.
 
     ``LiveStream`` fills in what concerns the link and the vehicle, ``LiveSession`` the rows, the latency and the
-    silence of the link. ``dataclasses.asdict`` turns it into plain JSON values.
-
-    Attributes:
-        vehicle: the followed vehicle, "system:component"; ``None`` before one is chosen.
-        obstacle: why there are no rows or no new model; empty while all is well.
-        rates: Hz of the vehicle's attitude and motor messages over the last two seconds of its clock, by name.
-        flying: whether the vehicle is armed and airborne.
-        learned, shown: rows that the learner used, and rows that were only shown.
-        latency: median and 99th percentile, s, from the link to the estimate.
-        ahead: about ``AHEAD`` seconds ahead, and the half width, rad, of the 90 % band of the angle predicted there.
-        useful: seconds of the longest useful horizon (``Estimate.useful``), and the squared error of predictions there
-            over that of the better of the last sample and the mean so far; NaN where there is none.
-        lost: messages of the vehicle missing by its sequence numbers.
-        late: samples that came too late for their row.
-        outlier_stamps: messages with outlier time stamps.
-        frames, unread: complete frames, and those of another dialect or damaged.
-        garbage: bytes that belong to no frame.
-        senders: each sender kept: system, component, kind, autopilot, frames, lost, flies.
-        others: frames of senders that are no longer kept.
-        alarms: lasting changes of the motors' balance, the latest of all boots; those without a motor are no alarms.
-        alarm_count: number of these so far.
-        alarm: the sentence of the latest alarm on a motor in this boot and this flight; it stays after the landing.
+    silence of the link.
     """
 
-    vehicle: str | None = None
-    obstacle: str = ""
+    vehicle: str | None = None  # the followed one, "system:component"; ``None`` before one is chosen
+    obstacle: str = ""  # why there are no rows or no new model; empty while all is well
+    # Hz of the vehicle's attitude and motor messages over the last two seconds of its clock, by name
     rates: Mapping[str, float] = field(default_factory=dict)
-    flying: bool = False
-    learned: int = 0
-    shown: int = 0
-    latency: tuple[float, float] = (nan, nan)
+    flying: bool = False  # whether the vehicle is armed and airborne
+    learned: int = 0  # rows that the learner used
+    shown: int = 0  # rows that were only shown
+    latency: tuple[float, float] = (nan, nan)  # median and 99th percentile, s, from the link to the estimate
+    # about ``AHEAD`` seconds ahead, and the half width, rad, of the 90 % band of the angle predicted there
     ahead: tuple[float, float] = (nan, nan)
+    # s of the longest useful horizon (``Estimate.useful``), and the squared error of predictions there over that of the
+    # better of the last sample and the mean so far; NaN where there is none
     useful: tuple[float, float] = (nan, nan)
-    lost: int = 0
-    late: int = 0
-    outlier_stamps: int = 0
-    frames: int = 0
-    unread: int = 0
-    garbage: int = 0
+    lost: int = 0  # messages of the vehicle missing by its sequence numbers
+    late: int = 0  # samples that came too late for their row
+    outlier_stamps: int = 0  # messages with outlier time stamps
+    frames: int = 0  # complete ones
+    unread: int = 0  # those of another dialect or damaged
+    garbage: int = 0  # bytes that belong to no frame
+    # each sender kept: system, component, kind, autopilot, frames, lost, flies; and frames of those no longer kept
     senders: tuple[dict[str, Any], ...] = ()
     others: int = 0
+    # lasting changes of the motors' balance, the latest of all boots; those without a motor are no alarms
     alarms: tuple[MotorAlarm, ...] = ()
-    alarm_count: int = 0
-    alarm: str = ""
+    alarm_count: int = 0  # number of these so far
+    alarm: str = ""  # on a motor, the latest in this boot and this flight; it stays after the landing
 
     def predicting(self, estimate: Estimate | None) -> SessionStatus:
-        """The same with ``ahead`` and ``useful`` of an estimate."""
+        """Returns the same with ``ahead`` and ``useful`` of an estimate."""
         if estimate is None:
             return self
-        seconds, place = estimate.ahead_times - estimate.time, estimate.useful
+        seconds, longest = estimate.ahead_times - estimate.time, estimate.useful
         nearest = int(abs(seconds - AHEAD).argmin())
         ratio = nan, nan
-        if place is not None:
-            ratio = float(seconds[place]), float(estimate.ahead_ratio[place].mean())
+        if longest is not None:
+            ratio = float(seconds[longest]), float(estimate.ahead_ratio[longest].mean())
         return replace(self, ahead=(float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])), useful=ratio)
-
-
-MAX_ROWS = 100_000
-"""Rows kept of the lines; when there are more, every second one is dropped, and from then on every second one kept."""
-SETTLED_GAP = 1.0  # s between two learnt samples from which on they belong to different parts of the flight
-
-
-class DatedSentence(NamedTuple):
-    """A ``sentence`` on something that happened, ``seconds`` after the beginning."""
-
-    seconds: float
-    sentence: str
 
 
 class HorizonErrors(NamedTuple):
@@ -164,100 +136,86 @@ class HistoryLines(NamedTuple):
     torque_band: Array
 
 
-class _Pending(NamedTuple):
-    """A prediction whose time has not come."""
-
-    time: float
-    predicted: Array
-    band: Array
-    last: Array
-
-
 class LiveHistory:
-    """Collects what happens in a live flight; the memory of its lines is bounded."""
+    """Collects what happens in a live flight; the memory of its lines is bounded. ``events``: by s from the beginning.
+
+    The lines show predictions about ``horizon`` s ahead.
+    """
 
     def __init__(self, horizon: float) -> None:
-        """The lines show predictions about ``horizon`` s ahead."""
-        self.events: list[DatedSentence] = []
+        self.events: list[Event] = []
         self.horizon = horizon
-        self._columns = tuple(array("d") for _ in HistoryLines._fields)
-        self._segments = array("q")  # of each row
+        self._rows: list[tuple[float, ...]] = []  # of the lines, after the number of the segment
         self._stride, self._skipped = 1, 0
+        # Of each segment, s from the boot clock to the time since the beginning. The first rows of one may come late,
+        # all at once: the smallest difference is right.
         self._offsets: dict[int, float] = {}
-        """Of each segment, s from the boot clock to the time since the beginning. The first rows of one may come late,
-        all at once: the smallest difference is right."""
-        self._learnt: list[tuple[int, float, float]] = []
-        self._pending: dict[float, deque[_Pending]] = {}
+        self._learned: list[tuple[int, float, float]] = []
+        # By horizon: time, prediction, band and last sample of those whose time has not come.
+        self._pending: dict[float, deque[tuple[float, Array, Array, Array]]] = {}
         self._sums: dict[float, tuple[int, Array]] = {}
 
-    def note(self, now: float, sentence: str) -> None:
+    def note(self, now: float, text: str) -> None:
         """Takes an event ``now``, s from the beginning."""
-        self.events.append(DatedSentence(now, sentence))
+        self.events.append(Event(now, text))
 
     def take(self, now: float, segment: int, time: float, outputs: Array, estimate: Estimate | None) -> None:
-        """Takes a row of the boot clock's ``time``, which came ``now``, s; without an estimate it was not learnt from.
+        """Takes a row of the boot clock's ``time``, which came ``now``, s; without an estimate it was not learned from.
 
         ``segment`` counts the gaps before it; ``outputs`` (m,) are the measured ones.
         """
         if segment not in self._offsets:
             self._pending.clear()
         self._offsets[segment] = min(now - time, self._offsets.get(segment, np.inf))
-        predicted = self._judged(time, outputs)
-        angle, band = (np.nan, np.nan) if predicted is None else (predicted.predicted[0], predicted.band[0])
+        predicted = self._compare(time, outputs)
         torque = (np.nan, np.nan) if estimate is None else (estimate.wind_torque, estimate.wind_torque_band)
         self._skipped += 1
         if self._skipped >= self._stride:
-            self._append(segment, time, float(outputs[0]), float(angle), float(band), *torque)
+            self._skipped = 0
+            self._rows.append((segment, time, float(outputs[0]), *predicted, *torque))
+            if len(self._rows) > MAX_ROWS:
+                self._rows, self._stride = self._rows[::2], 2 * self._stride
         if estimate is None:
             return
-        if self._learnt and self._learnt[-1][0] == segment and time - self._learnt[-1][2] < SETTLED_GAP:
-            self._learnt[-1] = (*self._learnt[-1][:2], time)
-        else:
-            self._learnt.append((segment, time, time))
+        first = time
+        if self._learned and self._learned[-1][0] == segment and time - self._learned[-1][2] < SETTLED_GAP:
+            _, first, _ = self._learned.pop()
+        self._learned.append((segment, first, time))
         for ahead, values, width in zip(estimate.ahead_times, estimate.ahead, estimate.ahead_band, strict=True):
             if np.isfinite(values).all() and np.isfinite(width).all():
-                seconds = round(float(ahead) - time, 6)
-                self._pending.setdefault(seconds, deque()).append(_Pending(float(ahead), values, width, outputs))
+                waiting = self._pending.setdefault(round(float(ahead) - time, 6), deque())
+                waiting.append((float(ahead), values, width, outputs))
 
     def errors(self) -> list[HorizonErrors]:
-        """Of each horizon, the shortest first."""
+        """Returns those of each horizon, the shortest first."""
         return [HorizonErrors(seconds, count, *(sums / count)) for seconds, (count, sums) in sorted(self._sums.items())]
 
     @property
     def learnt(self) -> list[tuple[float, float]]:
-        """The parts learnt from: first and last sample, s."""
-        return [(first + self._offsets[i], last + self._offsets[i]) for i, first, last in self._learnt]
+        """The parts learned from: first and last sample, s."""
+        return [(first + self._offsets[i], last + self._offsets[i]) for i, first, last in self._learned]
 
     @property
     def lines(self) -> HistoryLines:
         """The lines so far."""
-        time, *others = (np.array(column) for column in self._columns)
-        time += np.array([self._offsets[segment] for segment in self._segments])
-        gaps = np.flatnonzero(np.diff(self._segments)) + 1
+        segments, time, *others = np.array(self._rows).reshape(-1, 1 + len(HistoryLines._fields)).T
+        time = time + np.array([self._offsets[segment] for segment in segments.astype(int).tolist()])
+        gaps = np.flatnonzero(np.diff(segments)) + 1
         return HistoryLines(np.insert(time, gaps, time[gaps]), *(np.insert(other, gaps, np.nan) for other in others))
 
-    def _judged(self, time: float, outputs: Array) -> _Pending | None:
-        """Compares predictions of ``time`` with what was measured; returns that of the history's horizon."""
-        found = None
+    def _compare(self, time: float, outputs: Array) -> tuple[float, float]:
+        """Compares predictions of ``time`` with what was measured; returns that of the lines and its band, or NaN."""
+        shown = nan, nan
+        nearest = min(self._pending, key=lambda seconds: abs(seconds - self.horizon), default=nan)
         for seconds, waiting in self._pending.items():
-            while waiting and waiting[0].time < time + 1e-6:
-                one = waiting.popleft()
-                if one.time < time - 1e-6:
+            while waiting and waiting[0][0] < time + SAME_TIME:
+                ahead, predicted, band, last = waiting.popleft()
+                if ahead < time - SAME_TIME:
                     continue
-                error = outputs - one.predicted
-                sums = np.stack([error**2, (outputs - one.last) ** 2, np.abs(error) <= one.band])
+                error = outputs - predicted
+                sums = np.stack([error**2, (outputs - last) ** 2, np.abs(error) <= band])
                 count, before = self._sums.get(seconds, (0, np.zeros_like(sums)))
                 self._sums[seconds] = count + 1, before + sums
-                if abs(seconds - self.horizon) == min(abs(other - self.horizon) for other in self._pending):
-                    found = one
-        return found
-
-    def _append(self, segment: int, *row: float) -> None:
-        self._skipped = 0
-        self._segments.append(segment)
-        for column, value in zip(self._columns, row, strict=True):
-            column.append(value)
-        if len(self._columns[0]) > MAX_ROWS:
-            self._columns = tuple(column[::2] for column in self._columns)
-            self._segments = self._segments[::2]
-            self._stride *= 2
+                if seconds == nearest:
+                    shown = float(predicted[0]), float(band[0])
+        return shown

@@ -63,12 +63,12 @@ class Link:
     """An open link.
 
     ``name``: the connection string. ``datagrams``: whether it receives datagrams, which contain whole frames.
-    ``speaks_first``: whether the other side sends only after it has received something. ``buffer``: bytes that the
-    kernel granted for the receive buffer; 0 for a serial port. Raises Unreadable: it cannot be opened, with the reason.
+    ``speaks_first``: whether the other side sends only after it has received something. Raises Unreadable: it cannot be
+    opened, with the reason.
     """
 
     def __init__(self, name: str) -> None:
-        self.name, self.buffer = name, 0
+        self.name = name
         self._origins = Origins()
         self._pause, self._not_before = FIRST_PAUSE_SECONDS, 0.0
         self._opened = self._came = 0.0
@@ -203,7 +203,6 @@ class Link:
         else:
             self._socket = opened
         opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-        self.buffer = opened.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         if self._kind in ("udpin", "tcpin"):
             opened.bind(address)
             if self._kind == "tcpin":

@@ -1,4 +1,4 @@
-"""Blocks: the sentences and tables that a report is made of; whoever prints it lays them out."""
+"""Blocks: the sentences and tables that every report is made of, and their layout as text and Markdown."""
 
 from __future__ import annotations
 
@@ -25,26 +25,27 @@ Block = Sentence | Table
 
 
 def text_of(blocks: Iterable[Block]) -> str:
-    """Plain text: columns aligned, an empty line between blocks."""
-    return "\n\n".join(map(_plain, blocks))
+    """Returns ``blocks`` as plain text: columns aligned, an empty line between blocks."""
+    return "\n\n".join(map(_text, blocks))
 
 
-def _plain(block: Block) -> str:
+def _text(block: Block) -> str:
     if isinstance(block, Sentence):
         return f"{block.lead} {block.text}".strip()
     table = [block.header, *block.rows]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
-    return "\n".join(
-        "  ".join(
-            cell.ljust(width) if block.words or not place else cell.rjust(width)
-            for place, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
+    cells = [
+        [
+            cell.ljust(width) if block.words or not column else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ]
         for row in table
-    )
+    ]
+    return "\n".join("  ".join(row).rstrip() for row in cells)
 
 
 def markdown(blocks: Iterable[Block]) -> str:
-    """Markdown, an empty line between blocks."""
+    """Returns ``blocks`` as Markdown, an empty line between blocks."""
     return "\n\n".join(map(_markdown, blocks))
 
 

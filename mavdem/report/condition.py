@@ -1,7 +1,4 @@
-"""The report of a vehicle's condition: tier, identity, balance, lean, vibration and battery, a sentence each.
-
-The report of what a log holds: verdict, repairs, settled flight, messages with their rates, and senders.
-"""
+"""The condition of a vehicle, which a log has at any rate, and the contents of the log, in sentences and tables."""
 
 from __future__ import annotations
 
@@ -10,9 +7,11 @@ from typing import Any
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.ingest.vocabulary import UNNAMED
-from mavdem.report.blocks import Sentence, Table
+from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import listed, plus_minus, rounded
 
+TIER_WORDS = {"a": "full model", "b": "slow motion", "c": "condition only"}
+"""What a tier is called where it is shown."""
 BASES = {
     "board": "the number of its board",
     "accelerometer": "its accelerometer's calibration",
@@ -20,50 +19,53 @@ BASES = {
     "system id": "its system id only, which other vehicles have too",
 }
 """What a vehicle's name is made of, in words."""
+SLOW_HZ = 0.95  # messages below this rate are listed together: they are too slow to describe the motion
+MIN_LOST_SHARE = 0.01  # share of missing sequence numbers from which it is reported; less is a radio link in good order
 
 
 def identity_sentence(identity: dict[str, Any]) -> Sentence:
-    """Which vehicle, by ``Identity.as_dict``."""
+    """Returns which vehicle it is, by ``Identity.as_dict``."""
     when = f"; {identity['date'][:16].replace('T', ' ')} UTC" if identity["date"] else ""
     what = identity["firmware"] or identity["autopilot"]
     return Sentence(f"{identity['name']}, by {BASES[identity['basis']]}; {what}{when}.", "Vehicle:")
 
 
 def tier_sentences(tier: dict[str, Any]) -> list[Sentence]:
-    """What the log allows and what the next tier needs, by ``Tier.as_dict``."""
-    following = tier["next_tier"]
-    found = [Sentence(f"{tier['allows']}.", f"Tier {tier['tier']}:")] if tier["tier"] else []
+    """Returns what the log allows and what the next ``tier`` needs, by ``Tier.as_dict``."""
+    name, following, sentences = tier["tier"], tier["next_tier"], list[Sentence]()
+    if name:
+        sentences.append(Sentence(f"{tier['allows']}.", f"{TIER_WORDS[name].capitalize()} (tier {name}):"))
     if following:
-        found.append(Sentence(f"tier {following['tier']} needs {following['needs']}.", "Next:"))
-    return found
+        words = f"{TIER_WORDS[following['tier']]} (tier {following['tier']})"
+        sentences.append(Sentence(f"{words} needs {following['needs']}.", "Next:"))
+    return sentences
 
 
 def condition_sentences(condition: dict[str, Any]) -> list[Sentence]:
-    """The figures that there are, by ``Condition.as_dict``."""
-    found = [_flown(condition)]
+    """Returns the figures of a ``condition`` that there are, by ``Condition.as_dict``."""
+    armed = "" if condition["armed"] is None else f", {condition['armed']:.0f} s armed"
+    text = f"{condition['duration']:.0f} s{armed}, {condition['settled']:.0f} s in settled flight."
+    sentences = [Sentence(text, "Recorded:")]
     if condition["hover"]:
-        found.append(_motors(condition))
+        sentences.append(_motors(condition))
     if condition["command"]:
-        steady = [_percent(name, one) for name, one in condition["command"].items()]
-        found.append(Sentence(f"{listed(steady)} of the motors' range.", "Steady command:"))
+        steady = [_steady(name, one, 100.0, " %") for name, one in condition["command"].items()]
+        sentences.append(Sentence(f"{listed(steady)} of the motors' range.", "Steady command:"))
     if condition["lean"]:
-        lean = [_known(name, one, degrees(1), "°") for name, one in condition["lean"].items()]
+        lean = [_steady(name, one, degrees(1), "°") for name, one in condition["lean"].items()]
         mean, sd, most = (degrees(condition[name]) for name in ("tilt_mean", "tilt_sd", "tilt_max"))
         tilt = f"the angle from level is {mean:.1f}° in the mean, {sd:.1f}° in standard deviation, {most:.1f}° at most"
-        found.append(Sentence(f"{listed(lean)}; {tilt}.", "Lean:"))
-    if condition["vibration"]:
-        found.append(_vibration(condition["vibration"]))
+        sentences.append(Sentence(f"{listed(lean)}; {tilt}.", "Lean:"))
+    if vibration := condition["vibration"]:
+        levels = vibration["level"]
+        along = " along x, y and z" if len(levels) == 3 else ""
+        clips = f"{vibration['clips']} samples clipped" if vibration["clips"] else "none clipped"
+        sentences.append(Sentence(f"{listed(f'{level:.1f}' for level in levels)} m/s²{along}; {clips}.", "Vibration:"))
     if condition["battery"]:
-        found.append(_battery(condition["battery"], bool(condition["settled"])))
+        sentences.append(_battery(condition["battery"], bool(condition["settled"])))
     if condition["hover"]:
-        found.append(Sentence("± is the half width of the 90 % interval of a mean of this flight."))
-    return found
-
-
-def _flown(condition: dict[str, Any]) -> Sentence:
-    armed = "" if condition["armed"] is None else f", {condition['armed']:.0f} s armed"
-    settled = f"{condition['settled']:.0f} s in settled flight"
-    return Sentence(f"{condition['duration']:.0f} s{armed}, {settled}.", "Recorded:")
+        sentences.append(Sentence("± is the half width of the 90 % interval of a mean of this flight."))
+    return sentences
 
 
 def _motors(condition: dict[str, Any]) -> Sentence:
@@ -81,13 +83,6 @@ def _motors(condition: dict[str, Any]) -> Sentence:
     )
 
 
-def _vibration(vibration: dict[str, Any]) -> Sentence:
-    levels = vibration["level"]
-    along = " along x, y and z" if len(levels) == 3 else ""
-    clips = f"{vibration['clips']} samples clipped" if vibration["clips"] else "none clipped"
-    return Sentence(f"{listed([f'{level:.1f}' for level in levels])} m/s²{along}; {clips}.", "Vibration:")
-
-
 def _battery(battery: dict[str, Any], flown: bool) -> Sentence:
     text = f"{battery['voltage_start']:.2f} V at the start, {battery['voltage_end']:.2f} V at the end"
     text += f"{' of settled flight' if flown else ' of the log'}, {battery['voltage_min']:.2f} V at least"
@@ -99,11 +94,7 @@ def _battery(battery: dict[str, Any], flown: bool) -> Sentence:
     return Sentence(f"{text}.", "Battery:")
 
 
-def _percent(name: str, steady: dict[str, Any]) -> str:
-    return _known(name, steady, 100.0, " %")
-
-
-def _known(name: str, steady: dict[str, Any], scale: float, unit: str) -> str:
+def _steady(name: str, steady: dict[str, Any], scale: float, unit: str) -> str:
     half = steady["interval"]
     return f"{name} {_interval(scale * steady['mean'], None if half is None else scale * half)}{unit}"
 
@@ -112,23 +103,21 @@ def _interval(value: float, half: float | None) -> str:
     return rounded(value) if half is None else plus_minus(value, half)
 
 
-SLOW_HZ = 0.95  # messages below this rate are listed together: they are too slow to describe the motion
-MIN_LOST_SHARE = 0.01  # share of missing sequence numbers from which it is reported; less is a radio link in good order
+def log_blocks(held: dict[str, Any]) -> list[Block]:
+    """Returns all of an inventory of ``mavdem.condition.inventory``: each vehicle, then what was received from whom.
+
+    ``held`` is the inventory, of a log.
+    """
+    return [*(block for one in held["vehicles"] for block in vehicle_contents(one)), *stream_contents(held)]
 
 
-def log_blocks(held: dict[str, Any]) -> list[Sentence | Table]:
-    """All of an inventory of ``mavdem.condition.inventory``: each vehicle, then what was received from whom."""
-    vehicles = [block for one in held["vehicles"] for block in vehicle_contents(one)]
-    return [*vehicles, *stream_contents(held)]
-
-
-def vehicle_contents(one: dict[str, Any]) -> list[Sentence | Table]:
+def vehicle_contents(one: dict[str, Any]) -> list[Block]:
     """Of one vehicle: whether a model can be learnt, cautions, repairs, settled flight, and a table of its messages."""
     verdict = one["verdict"]
     can = "can" if verdict["learnable"] else "cannot"
     axis = verdict["axis"]
     what = f"A {axis} model" if axis in TILT_AXES else f"The physical parameters of {axis}"
-    blocks: list[Sentence | Table] = [
+    blocks: list[Block] = [
         Sentence(
             f"{what} {can} be learnt from {sender(one)} ({one['vehicle']}, {one['autopilot']}): {verdict['reason']}"
         )

@@ -1,4 +1,4 @@
-"""Details: the model, its uncertainty and how it was learnt: all that the screen leaves out."""
+"""Details: the model, its uncertainty and how it was learned: all that the screen leaves out."""
 
 from __future__ import annotations
 
@@ -9,15 +9,17 @@ from typing import Any
 import numpy as np
 
 from mavdem.confidence import LEVEL
-from mavdem.dem import Learned
+from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import unpack
+from mavdem.dem.graybox.identifiability import CHANGED
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import (
     THREE_STATES,
     Labels,
+    entries,
+    listed,
     named,
-    parameter_names,
     plus_minus,
     readable,
     short,
@@ -25,7 +27,7 @@ from mavdem.report.numbers import (
     states_are_outputs,
     with_unit,
 )
-from mavdem.report.screen import answer_blocks, physical_blocks
+from mavdem.report.screen import TORQUE, parameter_reasons
 
 MAX_NAMED, MIN_WEIGHT = 4, 0.3
 """Of a combination of parameters that is not identifiable: how many are named at most, and from what share of the
@@ -33,18 +35,20 @@ largest weight."""
 
 
 def detail_blocks(learned: Learned, report: dict[str, Any]) -> list[Block]:
-    """Cautions, the errors of ``mavdem.analysis.figures`` one step ahead, the model, and how it was learnt."""
+    """Returns cautions, errors one step ahead, the ``learned`` model, and how it was learned.
+
+    ``report`` has the figures of :func:`mavdem.analysis.figures`.
+    """
     labels, energy = Labels.of(learned), learned.free_energy
+    converged = "" if learned.simulation_fit is not None else _convergence(learned)
     return [
         *(Sentence(caution, "Caution:") for caution in learned.cautions),
-        _one_step(report["one_step_mspe"], labels),
-        _prediction(report["prediction"], labels),
+        *_one_step(report, labels),
         *_model(labels, learned),
-        *physical_blocks(learned.physical),
-        *answer_blocks(learned.wind),
+        *_physical(learned.physical),
+        *_cancelled(learned.wind),
         Sentence(
-            f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}."
-            f"{_convergence(learned) if learned.simulation_fit is None else ''}",
+            f"increased by {energy.gained:,.0f} nats in {len(energy) - 1} iterations, to {energy[-1]:,.0f}.{converged}",
             "Free energy action F̄:",
         ),
         *_simulation_fit(labels, learned),
@@ -56,45 +60,8 @@ def _convergence(learned: Learned) -> str:
     return " Converged." if learned.converged else " Not converged."
 
 
-def _simulation_fit(labels: Labels, learned: Learned) -> list[Block]:
-    """The simulation-error fit after DEM, and the mixer geometry in its prior."""
-    fit = learned.simulation_fit
-    if fit is None:
-        return []
-    start, end = (sum(term[i] for term in fit.terms.values()) for i in (0, -1))
-    blocks: list[Block] = [
-        Sentence(
-            f"over {fit.horizon * learned.dt:.2g} s: {len(fit.places)} parameters, effective sample size "
-            f"{fit.numbers:.0f}; F̄ increased by another {end - start:.3g} nats."
-            f"{_convergence(learned)}",
-            "Simulation-error (output-error) fit",
-        )
-    ]
-    turning = None if fit.layout is None else fit.layout.turning
-    if turning is not None:
-        up, down = (
-            " and ".join(short(name) for name, way in zip(labels.input_names, turning, strict=True) if sign * way > 0)
-            for sign in (1, -1)
-        )
-        source = "Estimated from the data" if learned.record.effect_directions is None else "Known for these inputs"
-        blocks.append(Sentence(f"{up} against {down}. {source}.", "Mixer geometry, used as a prior:"))
-    return blocks
-
-
-def _prediction(found: dict[str, Any], labels: Labels) -> Sentence:
-    """How far ahead predictions are worth something without the inputs."""
-    each = ", ".join(
-        f"{name} up to {seconds:.2g} s ahead" if seconds else f"{name} at no horizon"
-        for name, seconds in zip(labels.output_names, found["half_explained_seconds"], strict=True)
-    )
-    return Sentence(
-        f"they explain at least half of the variance of {each}, by predictions inside the training data.",
-        "Predictions without the inputs:",
-    )
-
-
-def _one_step(errors: dict[str, Any], labels: Labels) -> Table:
-    """RMSE by output on the training data, and the error ratio, by which the rows are ranked."""
+def _one_step(report: dict[str, Any], labels: Labels) -> list[Block]:
+    """RMSE by output on the training data, and how far ahead predictions are worth something without the inputs."""
     units = [readable(unit) for unit in labels.output_units]
     names = [named(name, unit.name) for name, unit in zip(labels.output_names, units, strict=True)]
     rows = [
@@ -103,48 +70,50 @@ def _one_step(errors: dict[str, Any], labels: Labels) -> Table:
             *(f"{unit.scale * sqrt(square):.3g}" for unit, square in zip(units, error["per_output"], strict=True)),
             f"{error['relative']:.3g}",
         ]
-        for name, error in errors.items()
+        for name, error in report["one_step_mspe"].items()
     ]
-    return Table(["RMSE, one step ahead, training data", *names, "error ratio"], rows)
-
-
-def _in_degrees(value: float, unit: str) -> str:
-    shown = readable(unit)
-    return f" ({with_unit(value, shown, 3)})" if shown.name != unit else ""
+    seconds = zip(labels.output_names, report["prediction"]["half_explained_seconds"], strict=True)
+    ahead = ", ".join(f"{name} up to {s:.2g} s ahead" if s else f"{name} at no horizon" for name, s in seconds)
+    text = f"they explain at least half of the variance of {ahead}, by predictions inside the training data."
+    return [
+        Table(["RMSE, one step ahead, training data", *names, "error ratio"], rows),
+        Sentence(text, "Predictions without the inputs:"),
+    ]
 
 
 def _model(labels: Labels, learned: Learned) -> list[Block]:
     """The model with all it takes to use it elsewhere: a table a matrix, a row a derivative."""
-    model, states = learned.model, state_names(labels, learned)
-    (n, r), m = model.B.shape, len(model.C)
+    model, states, outputs = learned.model, state_names(labels, learned), states_are_outputs(learned)
+    (n, r), m, half = model.B.shape, len(model.C), learned.model_interval(LEVEL)
     known = unpack(learned.known, n, r, m)
     A, B, C = (
-        [[_entry(*cell) for cell in zip(*row, strict=True)] for row in zip(values, half, fixed, strict=True)]
-        for values, half, fixed in zip(model[:3], learned.model_interval(LEVEL)[:3], known, strict=True)
+        [[_entry(*cell) for cell in zip(*row, strict=True)] for row in zip(values, widths, fixed, strict=True)]
+        for values, widths, fixed in zip(model[:3], half[:3], known, strict=True)
     )
     derivatives, inputs = [f"d/dt {state}" for state in states], [short(name) for name in labels.input_names]
     constant = learned.scaling.constant
     if constant:
         inputs.append("d")
         B = [[*row, f"{value:.3g}"] for row, value in zip(B, model.offset, strict=True)]
+
+    def table(name: str, columns: list[str], rows: Sequence[str], cells: list[list[str]]) -> Table:
+        return Table([name, *columns], [[row, *values] for row, values in zip(rows, cells, strict=True)])
+
     units = ", ".join(dict.fromkeys(unit for unit in (*labels.output_units, *labels.input_units) if unit))
     blocks: list[Block] = [
         Sentence(
-            f"ẋ = A x + B (u − u₀){' + d' if constant else ''}, y = C x + y₀"
-            f"{', C = [I 0]' if states_are_outputs(learned) else ''}, in {units or 'the units of the arrays'} and s. "
-            f"± is the half width of the {100 * LEVEL:.0f} % interval, without the bias of the closed loop. Entries "
-            "without ± are held by the prior.",
+            f"ẋ = A x + B (u − u₀){' + d' if constant else ''}, y = C x + y₀{', C = [I 0]' if outputs else ''}, in "
+            f"{units or 'the units of the arrays'} and s. ± is the half width of the {100 * LEVEL:.0f} % interval, "
+            "without the bias of the closed loop. Entries without ± are held by the prior.",
             "Model:",
         ),
-        Table(["A", *states], [[name, *cells] for name, cells in zip(derivatives, A, strict=True)]),
-        Table(["B", *inputs], [[name, *cells] for name, cells in zip(derivatives, B, strict=True)]),
+        table("A", states, derivatives, A),
+        table("B", inputs, derivatives, B),
     ]
-    if states_are_outputs(learned) and len(states) == len(labels.output_names) + 1:
-        blocks.append(Sentence(f"hidden 1 is the lag of the motors. {THREE_STATES}", "States:"))
-    if not states_are_outputs(learned):
-        blocks.append(
-            Table(["C", *states], [[name, *cells] for name, cells in zip(labels.output_names, C, strict=True)])
-        )
+    if outputs and len(states) == len(labels.output_names) + 1:
+        blocks.append(Sentence(f"hidden 1 is the motors' lag. {THREE_STATES}", "States:"))
+    if not outputs:
+        blocks.append(table("C", states, labels.output_names, C))
     return [
         *blocks,
         *_not_identifiable(labels, learned),
@@ -154,38 +123,44 @@ def _model(labels: Labels, learned: Learned) -> list[Block]:
     ]
 
 
+def _entry(value: float, half: float, fixed: bool) -> str:
+    """An estimate with its interval; alone where it is fixed or has none."""
+    return f"{value:.3g}" if fixed or not isfinite(half) else plus_minus(value, half)
+
+
 def _trim(names: Sequence[str], values: Array, units: Sequence[str]) -> str:
-    return ", ".join(
-        f"{name} {value:.4g} {unit}{_in_degrees(value, unit)}".rstrip()
-        for name, value, unit in zip(names, values, units, strict=True)
-    )
+    """Each value in its own unit, and that of an angle in degrees too."""
+    shown = []
+    for name, value, unit in zip(names, values, units, strict=True):
+        degrees = readable(unit)
+        also = f" ({with_unit(value, degrees, 3)})" if degrees.name != unit else ""
+        shown.append(f"{name} {value:.4g} {unit}{also}".rstrip())
+    return ", ".join(shown)
 
 
-def _not_identifiable(labels: Labels, learned: Learned) -> list[Sentence]:
-    if not learned.undetermined:
+def _not_identifiable(labels: Labels, learned: Learned) -> list[Block]:
+    directions = learned.undetermined
+    if not directions:
         return []
-    directions, entries = learned.undetermined, parameter_names(labels, learned)
+    names = [
+        f"{matrix}: {short(row)} from {short(column)}"
+        for matrix, cells in entries(labels, learned).items()
+        for row, column in cells
+    ]
     least = directions[0].weights
     largest = np.argsort(-np.abs(least))[:MAX_NAMED]
     least = least * np.sign(least[largest[0]])
     combination = " ".join(
-        f"{'-' if least[i] < 0 else '+'} {abs(least[i]):.2g} ({entries[i]})"
+        f"{'-' if least[i] < 0 else '+'} {abs(least[i]):.2g} ({names[i]})"
         for i in largest
         if abs(least[i]) > MIN_WEIGHT * np.abs(least).max()
     ).removeprefix("+ ")
     count = f"{len(directions)} combination{'s' if len(directions) > 1 else ''}"
-    return [
-        Sentence(
-            f"{count} of parameters, about which the data contain less information than the prior. "
-            f"The least identifiable is {combination}, in units of prior standard deviations.",
-            "Not identifiable:",
-        )
-    ]
-
-
-def _entry(value: float, half: float, fixed: bool) -> str:
-    """An estimate with its interval; alone where it is fixed or has none."""
-    return f"{value:.3g}" if fixed or not isfinite(half) else plus_minus(value, half)
+    text = (
+        f"{count} of parameters, about which the data contain less information than the prior. The least identifiable "
+        f"is {combination}, in units of prior standard deviations."
+    )
+    return [Sentence(text, "Not identifiable:")]
 
 
 def _poles(A: Array) -> str:
@@ -197,12 +172,66 @@ def _poles(A: Array) -> str:
 
 def _pole(pole: complex) -> str:
     """With natural frequency |p|/2π and damping ratio −Re p/|p| if complex, else with the time constant 1/|p|."""
+    size = abs(pole)
     if pole.imag:
-        size = abs(pole)
-        return (
-            f"{pole.real:.3g} ± {pole.imag:.3g}j: {size / (2 * pi):.2g} Hz, damping ratio {-pole.real / size + 0.0:.2g}"
-        )
+        damping = -pole.real / size + 0.0
+        return f"{pole.real:.3g} ± {pole.imag:.3g}j: {size / (2 * pi):.2g} Hz, damping ratio {damping:.2g}"
     if not pole.real:
         return "0: integrator"
-    seconds = float(f"{1 / abs(pole.real):.2g}")
+    seconds = float(f"{1 / size:.2g}")
     return f"{pole.real:.3g}: {'grows with ' if pole.real > 0 else ''}time constant {seconds:g} s"
+
+
+def _physical(physical: Physical | None) -> list[Block]:
+    """How the physical parameters were fitted, and each window's own, where they differ by more than chance."""
+    if physical is None:
+        return []
+    windows, reasons = physical.windows, parameter_reasons(physical)
+    refinements = listed(physical.refinements)
+    refined = f" Unseen windows are predicted better with: {refinements}." if refinements else ""
+    count = f"{len(windows.start)} windows, fitted together," if len(windows.start) > 1 else "one window"
+    text = f"{count} by a model of these parameters and the wind only, beside DEM's.{refined} {' '.join(reasons)}"
+    blocks: list[Block] = [Sentence(text.rstrip(), "Physical parameters (gray-box model):")]
+    if CHANGED in " ".join(physical.reasons.values()):
+        columns = (windows.start, TORQUE.scale * windows.effect, windows.damping, 1e3 * windows.lag)
+        rows = [
+            [f"{start:.0f} s", f"{effect:.3g}", f"{damping:.2g}", f"{lag:.2g}", f"{wind:.3g}"]
+            for start, effect, damping, lag, wind in zip(*columns, TORQUE.scale * windows.wind, strict=True)
+        ]
+        header = ["mean effectiveness", "rate damping (1/s)", "time constant (ms)", "wind torque (°/s²)"]
+        blocks.append(Table(["window from", *header], rows))
+    return blocks
+
+
+def _cancelled(wind: WindTorque | None) -> list[Block]:
+    """How much of the wind torque the motors had cancelled."""
+    if wind is None or wind.reason is not None or not isfinite(wind.cancelled_share + wind.cancelled_share_slow):
+        return []
+    slow = f"{100 * max(wind.cancelled_share_slow, 0.0):.0f} %"
+    if wind.cancelled_share >= 0:
+        text = f"the motors had cancelled {100 * wind.cancelled_share:.0f} % of its variance, {slow} below 1 Hz."
+    else:
+        text = f"the motors had cancelled {slow} of its variance below 1 Hz; to what is faster they added."
+    return [Sentence(text, "Wind torque:")]
+
+
+def _simulation_fit(labels: Labels, learned: Learned) -> list[Block]:
+    """The simulation-error fit after DEM, and the mixer geometry in its prior."""
+    fit = learned.simulation_fit
+    if fit is None:
+        return []
+    start, end = (sum(term[i] for term in fit.terms.values()) for i in (0, -1))
+    text = (
+        f"over {fit.horizon * learned.dt:.2g} s: {len(fit.places)} parameters, effective sample size "
+        f"{fit.numbers:.0f}; F̄ increased by another {end - start:.3g} nats.{_convergence(learned)}"
+    )
+    blocks: list[Block] = [Sentence(text, "Simulation-error (output-error) fit")]
+    turning = None if fit.layout is None else fit.layout.turning
+    if turning is not None:
+        up, down = (
+            " and ".join(short(name) for name, way in zip(labels.input_names, turning, strict=True) if sign * way > 0)
+            for sign in (1, -1)
+        )
+        source = "Estimated from the data" if learned.record.effect_directions is None else "Known for these inputs"
+        blocks.append(Sentence(f"{up} against {down}. {source}.", "Mixer geometry, used as a prior:"))
+    return blocks

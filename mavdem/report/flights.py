@@ -1,10 +1,7 @@
 """What is said of many flights: which vehicles need a look, and what changed between two states of one.
 
 ``fleet_blocks`` is the summary of a fleet; ``difference_blocks`` what changed, what is the same, what cannot be said.
-
-The report of a live flight: how well it was predicted, what was learnt from, and what happened when.
-
-The report of estimates beside the truth of a simulated flight.
+``live_report`` says how well a live flight was predicted, ``truth_blocks`` how estimates compare with a truth file.
 """
 
 from __future__ import annotations
@@ -26,7 +23,6 @@ from mavdem.fleet.difference import (
     SHARE,
     Conditions,
     QuantityChange,
-    SinceBaseline,
     VehicleDifference,
 )
 from mavdem.fleet.row import (
@@ -45,10 +41,11 @@ from mavdem.fleet.row import (
 from mavdem.health.in_flight import FALSE_ALARMS_BASIS
 from mavdem.live.history import ACCOUNT, AHEAD, HorizonErrors, LiveHistory, SessionStatus
 from mavdem.report.blocks import Block, Sentence, Table
+from mavdem.report.condition import TIER_WORDS
 from mavdem.report.numbers import listed, named, plus_minus, readable, rounded, short, with_unit
 
 TROUBLE = HEALTHS[:2]
-TIERS = {"a": "full model", "b": "slow motion", "c": "condition only"}
+LARGEST_ERROR = 10.0  # of the truth, from which on it is not shown in percent
 MAX_NAMED = 12  # vehicles in a sentence
 MAX_REASONS = 8  # rows of the table of logs that could not be used
 QUANTITIES = {
@@ -152,7 +149,7 @@ def _flown(vehicles: int, flown: Flights, twice: int) -> str:
     dates = sorted(flight[0].date for flight in flown if flight[0].date is not None)
     when = f", {dates[0]:%Y-%m-%d} to {dates[-1]:%Y-%m-%d}" if dates else ""
     tiers = Counter(map(best_tier, flown))
-    kinds = listed(f"{tiers[tier]} {words}" for tier, words in TIERS.items() if tiers[tier])
+    kinds = listed(f"{tiers[tier]} {words}" for tier, words in TIER_WORDS.items() if tiers[tier])
     vehicle = f" of {_counted(vehicles, 'vehicle')}" if vehicles else ""
     have = "has a flight" if twice == 1 else "have flights"
     again = f" ({_counted(twice, 'more log')} {have} of these)" if twice else ""
@@ -209,15 +206,14 @@ def difference_blocks(found: VehicleDifference) -> list[Block]:
     ]
 
 
-def baseline_blocks(since: SinceBaseline) -> list[Block]:
-    """Returns what differs between a vehicle's latest flight and its flights of the baseline."""
+def baseline_blocks(latest: FlightRow, found: VehicleDifference | None) -> list[Block]:
+    """Returns what differs between a vehicle's ``latest`` flight and its flights of the baseline."""
     lead = "Since the baseline:"
-    if since.found is None:
+    if found is None:
         return [Sentence("the baseline has no flight of this vehicle.", lead)]
-    when = "" if since.date is None else f" ({since.date:%Y-%m-%d})"
-    beside = _counted(since.found.flights[0], "flight")
-    latest = Sentence(f"the latest flight, {PurePath(since.file).name}{when}, beside {beside}.", lead)
-    return [latest, *_changes(since.found), *_vehicles(since.found)]
+    when = "" if latest.date is None else f" ({latest.date:%Y-%m-%d})"
+    text = f"the latest flight, {PurePath(latest.file).name}{when}, beside {_counted(found.flights[0], 'flight')}."
+    return [Sentence(text, lead), *_changes(found), *_vehicles(found)]
 
 
 def _changes(found: VehicleDifference) -> list[Block]:
@@ -337,15 +333,14 @@ def _sureness(found: VehicleDifference) -> str:
     return f"{words} {before} of A and {after} of B show how much flights differ."
 
 
-def live_report(
-    history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str
-) -> list[Sentence | Table]:
-    """The errors of what was predicted, the parts learnt from, and the events; times in s from the beginning.
+def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[str, float], axis: str) -> list[Block]:
+    """Returns the errors of what was predicted on an ``axis``, and the parts trained on; times in s from the beginning.
 
-    ``account`` are seconds by the keys of ``ACCOUNT``.
+    ``history`` was collected in flight, ``status`` is that at its end; ``account`` are seconds by the keys of
+    ``ACCOUNT``.
     """
     errors = history.errors()
-    blocks: list[Sentence | Table] = [Sentence("", lead=_live_headline(errors, axis))]
+    blocks: list[Block] = [Sentence("", lead=_live_headline(errors, axis))]
     blocks += [Sentence(alarm.sentence.removeprefix("Alarm: "), "Motors:") for alarm in status.alarms]
     if any(alarm.motor is not None for alarm in status.alarms):
         blocks.append(Sentence(FALSE_ALARMS_BASIS, "False alarms:"))
@@ -367,8 +362,8 @@ def live_report(
     return [*blocks, Table([f"of {sum(account.values()):.0f} s", "time"], spent), *_link(status)]
 
 
-def event_blocks(history: LiveHistory) -> list[Sentence | Table]:
-    """What happened when."""
+def event_blocks(history: LiveHistory) -> list[Block]:
+    """Returns what happened when, by the ``history`` of a live flight."""
     rows = [[f"{event.seconds:.1f} s", event.sentence] for event in history.events]
     return [Table(["time", "what happened"], rows, words=True)] if rows else [Sentence("Nothing happened.")]
 
@@ -408,52 +403,34 @@ def _link(status: SessionStatus) -> list[Sentence]:
     return [Sentence(f"{'; '.join(parts)}.", "Link:")]
 
 
-LARGEST_ERROR = 10.0  # of the truth, from which on it is not shown in percent
-
-
-def truth_blocks(found: TruthComparison) -> list[Sentence | Table]:
-    """A row a parameter with the truth beside it, and how the wind's torque compares."""
+def truth_blocks(found: TruthComparison) -> list[Block]:
+    """Returns a row a parameter with the truth beside it, and how the wind torque compares, of what was ``found``."""
     compared = list(found.parameters)
     if found.wind is not None and found.wind.resolved:
         compared.append(found.wind.mean)
     held = [one.inside for one in compared if one.inside is not None]
     count = f" {sum(held)} of {len(held)} intervals hold the truth." if held else ""
-    blocks: list[Sentence | Table] = [
-        Sentence(f"of {found.source}; ± is the half width of the 90 % interval.{count}", "Truth:")
-    ]
+    blocks: list[Block] = [Sentence(f"of {found.source}; ± is the half width of the 90 % interval.{count}", "Truth:")]
     if compared:
         blocks.append(Table(["", "estimate", "truth", "error", "unit", "inside"], [_row(one) for one in compared]))
     return [*blocks, *([] if found.wind is None else [_wind(found.wind)])]
 
 
 def _row(one: ComparedParameter) -> list[str]:
-    unit, scale = _shown(one.unit)
+    """Degrees for radians, ms for s; the error in percent of the truth, where that is no number near 0."""
+    angle, per, rest = one.unit.partition(" per ")
+    unit, scale = ("ms", 1e3) if one.unit == "s" else readable(angle)
     estimate, half, truth = (scale * value for value in (one.estimate, one.half_width, one.truth))
+    near = abs(estimate - truth) < LARGEST_ERROR * abs(truth)
     inside = {None: one.status, True: "yes", False: "no"}[one.inside]
     return [
         one.name,
         plus_minus(estimate, half) if isfinite(half) else rounded(estimate),
         rounded(truth, 3),
-        _error(estimate, truth),
-        unit,
+        f"{round(100 * (estimate / truth - 1)) + 0:+d} %" if near else "",
+        f"{unit}{per}{rest}",
         f"{inside}, biased" if one.status == "biased" else inside,
     ]
-
-
-def _error(estimate: float, truth: float) -> str:
-    """In percent of the truth, where that is no number near 0."""
-    return (
-        f"{round(100 * (estimate / truth - 1)) + 0:+d} %" if abs(estimate - truth) < LARGEST_ERROR * abs(truth) else ""
-    )
-
-
-def _shown(unit: str) -> tuple[str, float]:
-    """A unit to show, and what to multiply values by: degrees for radians, ms for s."""
-    if unit == "s":
-        return "ms", 1e3
-    angle, _, per = unit.partition(" per ")
-    shown = readable(angle)
-    return f"{shown.name}{f' per {per}' if per else ''}", shown.scale
 
 
 def _wind(found: ComparedWind) -> Sentence:
@@ -462,5 +439,5 @@ def _wind(found: ComparedWind) -> Sentence:
     return Sentence(
         f"correlation {found.correlation:.2f}; standard deviation {with_unit(found.sd, unit)}, truth "
         f"{with_unit(found.true_sd, unit)}; {100 * found.inside:.0f} % of the samples inside the 90 % band.{resolved}",
-        "Wind's torque beside its truth:",
+        "Wind torque beside its truth:",
     )

@@ -1,8 +1,7 @@
-"""Names and units for people: degrees for angles; states that are outputs have their names.
+"""Numbers and names for people: degrees for angles, as many digits as an interval bears, names with their units.
 
-Numbers for people: rounded to what their intervals bear, in degrees where they are angles.
-
-The command of an axis: by how much the motors that turn the vehicle one way run above those that turn it back.
+States that are outputs have the outputs' names. ``AxisCommand`` is one number for all motors: by how much those that
+turn the vehicle one way run above those that turn it back.
 """
 
 from __future__ import annotations
@@ -38,7 +37,7 @@ class Labels(NamedTuple):
 
     @classmethod
     def of(cls, learned: Learned) -> Labels:
-        """Those of the training data; numbers where it has no names."""
+        """Returns those of the training data of ``learned``; numbers where it has no names."""
         record = learned.record
         inputs, outputs = record.inputs.shape[1], record.outputs.shape[1]
         return cls(
@@ -57,56 +56,56 @@ class Readable(NamedTuple):
 
 
 def readable(unit: str) -> Readable:
-    """Degrees for radians, anything else as it is."""
+    """Returns degrees for a ``unit`` with radians, and any other as it is."""
     if unit == "rad" or unit.startswith("rad/"):
         return Readable("°" + unit.removeprefix("rad"), float(np.rad2deg(1.0)))
     return Readable(unit, 1.0)
 
 
 def named(name: str, unit: str) -> str:
-    """The name with its unit, where it has one."""
+    """Returns the ``name`` with its ``unit``, where it has one."""
     return f"{name}, {unit}" if unit else name
 
 
 def short(name: str) -> str:
-    """A name without the remark in brackets after it: "motor 1" for "motor 1 (front right)"."""
+    """Returns a ``name`` without the remark in brackets after it: "motor 1" for "motor 1 (front right)"."""
     return name.split(" (")[0]
 
 
 def place(name: str) -> str:
-    """Where a motor is: "front right" for "motor 1 (front right)", and the name where that is not known."""
+    """Returns where a motor is: "front right" for "motor 1 (front right)"; the ``name`` where that is not known."""
     _, bracket, where = name.partition(" (")
     return where.removesuffix(")") if bracket else name
 
 
 def listed(names: Iterable[object]) -> str:
-    """``a, b and c``; empty where there are none."""
+    """Returns ``names`` as "a, b and c"; empty where there are none."""
     *before, last = [*map(str, names)] or [""]
     return f"{', '.join(before)} and {last}" if before else last
 
 
 def left_free(learned: Learned) -> dict[str, NDArray[np.bool_]]:
-    """Which entries of A, B and C are estimated from the data, each in the order of θ."""
+    """Returns which entries of A, B and C of ``learned`` are estimated from the data, each in the order of θ."""
     model = learned.model
     A, B, C = np.split(~learned.known, [model.A.size, model.A.size + model.B.size])
     return {"A": A, "B": B, "C": C}
 
 
 THREE_STATES = (
-    "`mavdem learn` has 3 states unless --order says otherwise: angle, rate, and the lag of the motors, which exists, "
-    "and without which forecasts are worse (docs/benchmarks.md). `mavdem order` counts the states that the outputs "
-    "show; 2 means that no lag can be seen in them."
+    "`mavdem learn` has 3 states unless --order says otherwise: angle, rate, and the motors' lag, which exists, and "
+    "without which forecasts are worse (docs/benchmarks.md). `mavdem order` counts the states that the outputs show; 2 "
+    "means that no lag can be seen in them."
 )
 """Why the two commands differ, for the reports of both."""
 
 
 def states_are_outputs(learned: Learned) -> bool:
-    """Whether the first states are the outputs: C is fixed to [I 0]. With a free C the states are arbitrary."""
+    """Returns whether the first states of ``learned`` are the outputs: C is fixed to [I 0], not free."""
     return not bool(left_free(learned)["C"].any())
 
 
 def state_names(flight: Labelled, learned: Learned) -> list[str]:
-    """Names of the n states: the outputs', then the hidden ones', or numbers where states are not outputs."""
+    """Returns names of the n states of a model of ``flight``: the outputs', then the hidden ones'; or numbers."""
     order, outputs = learned.model.A.shape[0], flight.output_names
     if not states_are_outputs(learned):
         return [f"state {i + 1}" for i in range(order)]
@@ -114,7 +113,7 @@ def state_names(flight: Labelled, learned: Learned) -> list[str]:
 
 
 def entries(flight: Labelled, learned: Learned) -> dict[str, list[tuple[str, str]]]:
-    """Names of the row and the column of each entry of A, B and C, in the order of θ."""
+    """Returns the names of row and column of each entry of A, B and C of a model of ``flight``, in the order of θ."""
     states = state_names(flight, learned)
     return {
         "A": [(row, column) for row in states for column in states],
@@ -123,41 +122,29 @@ def entries(flight: Labelled, learned: Learned) -> dict[str, list[tuple[str, str
     }
 
 
-def parameter_names(flight: Labelled, learned: Learned) -> list[str]:
-    """A name for each parameter, in the order of θ."""
-    return [
-        f"{matrix}: {short(row)} from {short(column)}"
-        for matrix, cells in entries(flight, learned).items()
-        for row, column in cells
-    ]
-
-
 def state_rate_units(flight: Labelled, learned: Learned) -> list[str]:
-    """Units of the n states per second; a hidden state has the last output's, one that is no output has none."""
+    """Returns units of the n states per second; a hidden state has the last output's, one that is no output none."""
     order, units = learned.model.A.shape[0], flight.output_units
     if not states_are_outputs(learned):
         return [""] * order
-    return [per_second(unit) for unit in [*units, *[units[-1]] * (order - len(units))][:order]]
-
-
-def per_second(unit: str) -> str:
-    """The unit of a rate of change."""
-    if not unit:
-        return "per s"
-    return unit.removesuffix("/s") + "/s²" if unit.endswith("/s") else unit + "/s"
-
-
-FEW_DIGITS = 3  # A half width that begins with 1 or 2 has two digits, lest rounding changes it by a third
+    shown = [*units, *[units[-1]] * (order - len(units))][:order]
+    rates = (unit.removesuffix("/s") + "/s²" if unit.endswith("/s") else unit + "/s" for unit in shown)
+    return [rate if unit else "per s" for unit, rate in zip(shown, rates, strict=True)]
 
 
 def plus_minus(value: float, half: float) -> str:
-    """An estimate and the half width of its interval, as many digits as that bears; a dash where there is none."""
+    """Returns an estimate and the ``half`` width of its interval, with the digits that it bears; a dash without one.
+
+    >>> plus_minus(3.5123, 1.149), plus_minus(1234.0, 32.0)
+    ('3.5 ± 1.1', '1230 ± 30')
+    """
     if not (isfinite(value) and isfinite(half)):
         return "-"
     if half <= 0:
         return f"{value:.3g}"
     digit = floor(log10(half))
-    digit -= half < FEW_DIGITS * 10.0**digit
+    # A half width that begins with 1 or 2 has two digits, lest rounding changes it by a third.
+    digit -= half < 3 * 10.0**digit
     # Decimals where they are few, else one power of ten for both.
     power = 0 if -6 <= digit <= 2 else 3 * (max(digit, floor(log10(abs(value) or half))) // 3)
     decimals = max(power - digit, 0)
@@ -168,21 +155,18 @@ def plus_minus(value: float, half: float) -> str:
 
 
 def with_unit(value: float, unit: Readable, digits: int = 2) -> str:
-    """A value in the unit it is shown in: "3.9°", "3.7 °/s"."""
+    """Returns a ``value`` in the ``unit`` it is shown in, with so many ``digits``: "3.9°", "3.7 °/s"."""
     space = "" if unit.name in ("", "°") else " "
     return f"{rounded(unit.scale * value, digits)}{space}{unit.name}"
 
 
 def rounded(value: float, digits: int = 2) -> str:
-    """So many significant digits, and those before the decimal point; no exponent for sizes of every day."""
+    """Returns so many significant ``digits``, and those before the decimal point; no exponent for everyday sizes."""
     if not isfinite(value):
         return "infinite" if value > 0 else "-"
     if value == 0 or not 1e-4 <= abs(value) < 1e6:
         return f"{value:.{digits}g}"
     return f"{value:.{max(digits - 1 - floor(log10(abs(value))), 0)}f}"
-
-
-Array = NDArray[np.float64]
 
 
 class AxisCommand(NamedTuple):
@@ -197,20 +181,20 @@ class AxisCommand(NamedTuple):
 
     name: str
     unit: str
-    weights: Array
-    motors: Array
+    weights: NDArray[np.float64]
+    motors: NDArray[np.float64]
 
     @classmethod
     def of(cls, learned: Learned) -> AxisCommand:
-        """That of the axis which was learnt, by the mixer's geometry or else by each motor's estimated effect."""
+        """Returns that of the axis of ``learned``, by the mixer geometry or else by each motor's effectiveness."""
         labels, directions = Labels.of(learned), _directions(learned)
         up, down = np.maximum(directions, 0.0), np.maximum(-directions, 0.0)
         weights = sum(sign * side / side.sum() for sign, side in ((1, up), (-1, down)) if side.any())
         motors = directions / (weights @ directions)
         return cls(f"{labels.output_names[0]} command", labels.input_units[0], np.asarray(weights), motors)
 
-    def series(self, inputs: Array) -> Array:
-        """(T,) the command over inputs (T, r), about its mean."""
+    def series(self, inputs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns the command (T,) over ``inputs`` (T, r), about its mean."""
         command = inputs @ self.weights
         return np.asarray(command - command.mean())
 
@@ -220,7 +204,7 @@ class AxisCommand(NamedTuple):
         return f"{self.name} ({self.unit})" if self.unit else self.name
 
 
-def _directions(learned: Learned) -> Array:
+def _directions(learned: Learned) -> NDArray[np.float64]:
     """(r,) how each input turns the vehicle, relative to the others; not all are zero."""
     known = learned.record.effect_directions
     if known is not None:

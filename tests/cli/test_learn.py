@@ -178,7 +178,7 @@ def test_a_flight_too_slow_for_a_model_gives_its_condition_the_reason_and_the_re
     assert names(tmp_path) == {"report.json", "report.html"}
     assert strict_json((tmp_path / "report.json").read_text()) == report
     page = (tmp_path / "report.html").read_text()
-    assert "headroom" in page and "Tier c:" in page and report["error"]["reason"] in page
+    assert "headroom" in page and "(tier c):" in page and report["error"]["reason"] in page
     assert main(["learn", str(slow), "--out", str(tmp_path)]) == 1
     said = capsys.readouterr()
     assert "headroom" in said.out and report["error"]["reason"] in said.err

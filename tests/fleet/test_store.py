@@ -154,7 +154,7 @@ def test_a_second_run_waits_until_the_first_has_written(tmp_path, monkeypatch):
     first = sqlite3.connect(tmp_path / "fleet" / STORE, isolation_level=None)
     first.execute("begin immediate")
     monkeypatch.setattr(store, "BUSY_SECONDS", 0.1)
-    with pytest.raises(Unreadable, match="cannot be written to .database is locked.: what was read is kept"):
+    with pytest.raises(Unreadable, match="cannot be written to .database is locked.: once that is put right"):
         track(tmp_path / "fleet", *make_logs(tmp_path / "more", 1, "other"))
     first.execute("rollback")
     assert track(tmp_path / "fleet", tmp_path / "more").read == 1 and len(read_rows(tmp_path / "fleet")) == 4

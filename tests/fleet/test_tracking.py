@@ -17,7 +17,7 @@ from mavdem.errors import Unreadable
 from mavdem.fleet import store
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.store import TABLE, read_rows
-from mavdem.fleet.tracking import FleetTracker, HealthyModels, assess_rows
+from mavdem.fleet.tracking import HealthyModels, assess_rows
 from mavdem.fleet.workers import Limits, LogRows
 
 
@@ -82,7 +82,7 @@ def test_more_time_or_memory_is_another_try(tmp_path, monkeypatch, limits, read)
             return (replace(outcome, ended="time") for outcome in super().outcomes(jobs))
 
     make_logs(tmp_path / "logs", 1)
-    FleetTracker(tmp_path / "fleet", TooSlow()).track([str(tmp_path / "logs")])
+    track(tmp_path / "fleet", tmp_path / "logs", reader=TooSlow())
     monkeypatch.setattr(InThisProcess, "limits", limits)
     assert track(tmp_path / "fleet", tmp_path / "logs").read == read
 
@@ -106,7 +106,7 @@ def test_a_run_that_was_cut_off_while_it_read_goes_on(tmp_path):
 
     reader = InThisProcess(until_the_third)
     with pytest.raises(KeyboardInterrupt):
-        FleetTracker(tmp_path / "fleet", reader).track([str(tmp_path / "logs")])
+        track(tmp_path / "fleet", tmp_path / "logs", reader=reader)
     assert track(tmp_path / "fleet", tmp_path / "logs").read == 3
     assert table_of(tmp_path / "fleet") == table_of(tmp_path / "whole")
 
@@ -142,7 +142,7 @@ def test_pages_are_written_where_rows_say(tmp_path):
         return LogRows([FlightRow(file=str(path), page="pages/a.html")], {"a.html": f"{path.name} \udcff"})
 
     (log,) = make_logs(tmp_path / "logs", 1)
-    FleetTracker(tmp_path / "fleet", InThisProcess(with_page)).track([str(log)])
+    track(tmp_path / "fleet", log, reader=InThisProcess(with_page))
     (row,) = read_rows(tmp_path / "fleet")
     assert (tmp_path / "fleet" / row.page).read_text() == "log_0.bin ?"
 
@@ -254,7 +254,7 @@ def test_health_comes_from_the_vehicle_s_healthy_flights():
     assert judged[3].health in ("fault", "drift") and judged[3].fault_probability > judged[0].fault_probability
 
 
-def test_nothing_is_said_to_be_kept_where_nothing_was_read(tmp_path):
+def test_a_folder_that_cannot_be_written_to_is_said(tmp_path):
     (log,) = make_logs(tmp_path / "logs", 1)
     (tmp_path / "fleet").touch()
     with pytest.raises(Unreadable, match=r"cannot be written to \(File exists\): once that is put right"):

@@ -26,7 +26,6 @@ from mavdem.fleet import cluster
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.store import STORE, read_rows
-from mavdem.fleet.tracking import FleetTracker
 from mavdem.fleet.workers import Job, LogRows, Outcome, WorkerPool, outcome_of
 
 
@@ -72,7 +71,7 @@ def test_no_log_stops_a_run(tmp_path):
     for name in ("slow", "crash", "big", "where"):
         make_logs(logs, 1, name)
     os.truncate(logs / "slow_0.bin", 1 << 40)  # sparse: its content alone takes longer to read than there is time
-    done = FleetTracker(tmp_path / "fleet", WorkerPool(2, LIMITS, READ)).track([str(logs)])
+    done = track(tmp_path / "fleet", logs, reader=WorkerPool(2, LIMITS, READ))
     assert (done.logs, done.read, done.problems) == (7, 7, ())
     found = statuses(tmp_path / "fleet")
     # The process starts no others, and leaves nothing.
@@ -89,10 +88,10 @@ RUN = """
 import sys
 from pathlib import Path
 from standin_logs import LIMITS, READ
-from mavdem.fleet.tracking import FleetTracker
+from mavdem.fleet.tracking import track
 from mavdem.fleet.workers import WorkerPool
 if __name__ == "__main__":
-    FleetTracker(Path(sys.argv[1]), WorkerPool(2, LIMITS, READ)).track([sys.argv[2]])
+    track(Path(sys.argv[1]), [sys.argv[2]], WorkerPool(2, LIMITS, READ))
 """
 
 
@@ -142,8 +141,8 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
             killed.append(two_workers.workers[0].pid)
             os.kill(killed[0], signal.SIGKILL)
 
-    tracker = FleetTracker(tmp_path / "there", Cluster(two_workers.scheduler_address, LIMITS, READ))
-    done = tracker.track([str(tmp_path / "logs")], progress=kill_one)
+    reader = Cluster(two_workers.scheduler_address, LIMITS, READ)
+    done = track(tmp_path / "there", tmp_path / "logs", reader=reader, progress=kill_one)
     assert done.read == 24 and killed
     assert table_of(tmp_path / "there") == table_of(tmp_path / "here") and len(read_rows(tmp_path / "here")) == 48
     with two_workers.get_client() as client:

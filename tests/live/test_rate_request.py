@@ -36,6 +36,9 @@ def test_intervals_are_noted_then_set_and_given_back():
     request = request_of(100.0)
     assert said(request.due(0.0, {})) == [(GET_INTERVAL, 30, 0), (GET_INTERVAL, 36, 0)]
     assert request.due(0.5, {}) == [], "an answer is waited for"
+    assert request.restore() == [], "nothing was set so far"
+    request = request_of(100.0)
+    request.due(0.0, {})
     request.take(told("MESSAGE_INTERVAL", 30, 250_000))
     request.take(told("MESSAGE_INTERVAL", 36, STOPPED))
     # One at a time: a confirmation does not name the message.
@@ -110,18 +113,13 @@ def test_what_merely_falters_or_was_never_reached_is_not_asked_for_again():
     assert [slow.due(float(second), {30: 50.0}) for second in range(1, 60)] == [[]] * 59
 
 
-def test_what_was_restored_is_confirmed():
+def test_a_restoring_is_repeated_until_confirmed_and_what_the_vehicle_refused_to_set_needs_none():
     request = settled()
     assert request.restore() and request.restore(), "as often as need be"
-    request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
-    assert request.restore() == []
-
-
-def test_a_restoring_that_the_vehicle_refuses_is_not_confirmed_and_what_it_refused_to_set_needs_none():
-    request = settled()
-    assert request.restore()
     request.take(told("COMMAND_ACK", SET_INTERVAL, 4))
     assert request.restore(), "it is still as it was set"
+    request.take(told("COMMAND_ACK", SET_INTERVAL, 0))
+    assert request.restore() == []
     refused = request_of(50.0, 375)
     refused.due(0.0, {})
     refused.take(told("MESSAGE_INTERVAL", 375, STOPPED))
@@ -170,25 +168,11 @@ def test_an_interval_that_cannot_be_is_never_restored(interval):
     assert said(request.restore()) == [(SET_INTERVAL, 30, 250_000)]
 
 
-def test_before_anything_was_set_there_is_nothing_to_give_back():
-    request = request_of(50.0)
-    request.due(0.0, {})
-    assert request.restore() == []
-
-
-@pytest.mark.parametrize("command", [400, GET_INTERVAL])
-def test_answers_to_others_change_nothing(command):
-    request = request_of(50.0, 30)
-    request.due(0.0, {})
-    request.take(told("COMMAND_ACK", command, 4))
-    assert request.events == [] and said(request.due(2.0, {}))
-
-
-def test_a_confirmation_for_another_ground_station_is_not_ours():
+def test_answers_to_others_and_to_other_commands_are_not_ours():
     request = settled()
     assert request.restore()
-    for to in ((254, 190), (255, 1)):
-        request.take(told("COMMAND_ACK", SET_INTERVAL, 0, to))
+    for command, to in ((SET_INTERVAL, (254, 190)), (SET_INTERVAL, (255, 1)), (400, US), (GET_INTERVAL, US)):
+        request.take(told("COMMAND_ACK", command, 0, to))
         assert request.restore(), "it is still awaited"
     request.take(told("COMMAND_ACK", SET_INTERVAL, 0, (0, 0)))  # older vehicles name nobody
     assert request.restore() == []

@@ -8,6 +8,17 @@ from mavlink_streams import heartbeat, message
 TWO = sorted(Flight(system=1).frames(end=14.0) + Flight(system=4).frames(end=14.0), key=lambda entry: entry[0])
 
 
+def only_heartbeats(system: int = 1) -> Timed:
+    """A vehicle on a link that nobody has asked for anything yet."""
+    return [(time, data) for time, data in Flight(system=system).frames(end=10.0) if data[7] == 0]
+
+
+def with_parameters(frames: Timed, values: dict[bytes, float]) -> Timed:
+    """Frames with PARAM_VALUEs at 12.5 s."""
+    sent = [(12.5, message("PARAM_VALUE", param_id=name, param_value=at, param_type=9)) for name, at in values.items()]
+    return sorted(frames + sent, key=lambda entry: entry[0])
+
+
 def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
     others = []
     for second in range(14):
@@ -29,9 +40,13 @@ def test_a_telemetry_radio_is_called_one_and_not_blamed_for_missing_attitude():
 
 
 def test_of_several_none_is_guessed_and_all_are_listed():
+    mute = sorted(only_heartbeats() + only_heartbeats(system=4), key=lambda entry: entry[0])
+    assert replay(mute).stream.status().obstacle == replay(TWO).stream.status().obstacle
+    assert replay(only_heartbeats(), vehicle="7").stream.status().obstacle == "Vehicle 7 not found yet."
     made = replay(TWO)
     assert not made.rows
     assert made.stream.status().vehicle is None
+    assert made.stream.status().obstacle == "Several vehicles found: choose one, for example with `--vehicle 1:1`."
     assert made.sentences == [
         "Several vehicles found: 1:1 (QUADROTOR, ARDUPILOTMEGA), 4:1 (QUADROTOR, ARDUPILOTMEGA). "
         "Choose one, for example with `--vehicle 1:1`."
@@ -77,11 +92,6 @@ def test_one_without_heartbeats_is_followed_as_what_it_is_unknown():
     assert all(row.settled for row in made.rows if row.time > 13.0)
 
 
-def only_heartbeats(system: int = 1) -> Timed:
-    """A vehicle on a link that nobody has asked for anything yet."""
-    return [(time, data) for time, data in Flight(system=system).frames(end=10.0) if data[7] == 0]
-
-
 def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_asked_for_more():
     others = [(time + 0.5, heartbeat(255, 190, kind=6, autopilot=8)) for time, _ in only_heartbeats()]
     made = replay(sorted(only_heartbeats() + others, key=lambda entry: entry[0]))
@@ -93,22 +103,10 @@ def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_ask
     )
 
 
-def test_of_several_that_send_nothing_but_heartbeats_none_is_guessed():
-    made = replay(sorted(only_heartbeats() + only_heartbeats(system=4), key=lambda entry: entry[0]))
-    assert made.stream.status().vehicle is None
-    (sentence,) = made.sentences
-    assert sentence.startswith("Several vehicles found: 1:1 (QUADROTOR, ARDUPILOTMEGA), 4:1")
-    assert made.stream.status().obstacle == "Several vehicles found: choose one, for example with `--vehicle 1:1`."
-
-
 def test_one_that_sends_attitude_is_preferred_to_one_that_has_sent_nothing_but_heartbeats():
     later = [(time + 1.0, data) for time, data in Flight(system=4).frames(end=10.0)]
     made = replay(sorted(only_heartbeats() + later, key=lambda entry: entry[0]))
     assert made.stream.status().vehicle == "4:1"
-
-
-def test_one_that_is_named_and_not_heard_is_said():
-    assert replay(only_heartbeats(), vehicle="7").stream.status().obstacle == "Vehicle 7 not found yet."
 
 
 def test_a_plane_that_is_named_is_reported_to_be_none():
@@ -119,13 +117,8 @@ def test_a_plane_that_is_named_is_reported_to_be_none():
 
 
 def test_motors_are_placed_by_parameters_when_these_come_in_flight():
-    frames = Flight().frames(end=14.0)
     values = {b"FRAME_CLASS": 1, b"FRAME_TYPE": 0} | {b"SERVO%d_FUNCTION" % n: 32 + n for n in range(1, 5)}
-    sent = [
-        (12.5, message("PARAM_VALUE", param_id=name, param_value=float(value), param_type=9))
-        for name, value in values.items()
-    ]
-    made = replay(sorted(frames + sent, key=lambda entry: entry[0]))
+    made = replay(with_parameters(Flight().frames(end=14.0), values))
     assert made.segments().keys() == {0}
     assert "Which motor is which is assumed: the channels that move; motor positions of an X quad." in made.sentences
     assert made.sentences[-1] == "Which motor is which is known from the SERVOn_FUNCTION and FRAME parameters."
@@ -133,13 +126,8 @@ def test_motors_are_placed_by_parameters_when_these_come_in_flight():
 
 
 def test_parameters_that_name_other_channels_begin_a_new_segment():
-    frames = Flight().frames(end=16.0)
     values = {b"SERVO%d_FUNCTION" % n: 37 - n for n in range(1, 5)}
-    sent = [
-        (12.5, message("PARAM_VALUE", param_id=name, param_value=float(value), param_type=9))
-        for name, value in values.items()
-    ]
-    made = replay(sorted(frames + sent, key=lambda entry: entry[0]))
+    made = replay(with_parameters(Flight().frames(end=16.0), values))
     assert made.segments().keys() == {0, 1}
     assert made.setups[1].layout.channels == (4, 3, 2, 1)
     before, after = made.segments()[0][-1], made.segments()[1][-1]

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import time
+from concurrent.futures import BrokenExecutor
 from dataclasses import replace
 from itertools import groupby
 from pathlib import Path
@@ -19,7 +23,7 @@ from mavdem.ingest.formats import read_stream
 from mavdem.live import AlignedRow, LiveStream, SessionStatus, Setup
 from mavdem.live.history import UNCONFIRMED
 from mavdem.live.link import LinkLost, RawRecording
-from mavdem.live.session import REPEAT_SECONDS, SILENCE_SECONDS, LiveSession
+from mavdem.live.session import LOW_PRIORITY, REPEAT_SECONDS, SILENCE_SECONDS, LearningProcess, LiveSession
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
 LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
@@ -206,7 +210,7 @@ def test_after_a_landing_without_vertical_speed_the_model_is_one_of_the_flight()
     inputs, outputs = (np.array([getattr(row, kind) for row in flown]) for kind in ("inputs", "outputs"))
     errors = (one.final_model().forecast_every(25, inputs, outputs) - outputs)[100:]
     assert np.mean(np.mean(errors**2, axis=0) / outputs.var(axis=0)) < 0.05, "0.6 with the touch-down in the memory"
-    assert not any(estimate for time, _, estimate in screen.rows if time > 169.0)
+    assert not any(estimate for at, _, estimate in screen.rows if at > 169.0)
 
 
 def test_a_landing_never_replaces_the_last_model_before_it():
@@ -228,8 +232,8 @@ def test_a_landing_never_replaces_the_last_model_before_it():
     early, late, next_flight = (mavdem.learn(record, replace(COMPLETE, seed=seed)) for seed in range(3))
     one.learner = one._learners[key] = learner = Learner()
     row = AlignedRow(50.0, np.zeros(4), np.zeros(2), 0, 0.0, True)
-    for time, learner.learned in ((50.0, early), (57.0, late), (57.5, late)):
-        one._take(row._replace(time=time))
+    for at, learner.learned in ((50.0, early), (57.0, late), (57.5, late)):
+        one._take(row._replace(time=at))
     assert one._named(late).model is one._models[-1][1].model
     one._take_back(learner, 55.0)
     assert learner.forgotten == 55.0 and one.final_model().settings.seed == 0
@@ -419,3 +423,18 @@ def test_pictures_that_cannot_be_opened_end_nothing_else(failure, tmp_path):
     assert one.learner.learn_now().model is not None
     kept = [frame for _, frame in read_stream(tmp_path / "flight.tlog").stamped_frames()]
     assert kept == [frame for stamp, frame in FRAMES if stamp - FIRST < 9.0]
+
+
+@pytest.mark.slow
+def test_a_process_that_is_killed_is_replaced():
+    with LearningProcess() as executor:
+        first = executor.submit(os.getpid).result()
+        lost = executor.submit(time.sleep, 3600)
+        os.kill(first, signal.SIGKILL)
+        with pytest.raises(BrokenExecutor):
+            lost.result(timeout=300)
+        second = executor.submit(os.getpid).result()
+        assert second not in (first, os.getpid())
+        assert executor.submit(os.nice, 0).result() - os.nice(0) == min(LOW_PRIORITY, 19 - os.nice(0))
+    with pytest.raises(ProcessLookupError):
+        os.kill(second, 0)

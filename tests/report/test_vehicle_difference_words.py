@@ -76,7 +76,7 @@ def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
     baseline = [row for number in range(4) for row in flown(number)]
     later = [row for number in range(4, 8) for row in flown(number, **WEAK)]
     rows = [*baseline, *later, *flown(0, "new"), *flown(0, "unknown")]
-    found = {name: baseline_blocks(one) for name, one in since_baseline(rows, baseline).items()}
+    found = {name: baseline_blocks(*one) for name, one in since_baseline(rows, baseline).items()}
     assert set(found) == {"quad", "new"}
     assert "motor 3's share +12" in text_of(found["quad"])
     assert "the latest flight, 0007.ulg (2026-01-12), beside 4 flights." in text_of(found["quad"])

@@ -1,5 +1,5 @@
 #!/usr/bin/env python
-"""Physical parameters compared with the truth of simulated flights, and those of recorded ones; prints tables.
+"""Physical parameters compared with the truth of simulated flights, and of a Crazyflie; prints tables.
 
 "Inside" is the share of 90 % intervals that hold the truth. Progress, each estimate and what is refused go to standard
 error.
@@ -7,14 +7,13 @@ error.
 The simulated flights are of each vehicle in each wind with each steering; rate and autopilot take turns, and three
 flights in ten have another thrust curve, lag, inertia and battery.
 
-Usage: tools/validation/physical.py simulated|recorded|crazyflie [--seed N] [--flights N] [--every K]
+Usage: tools/validation/physical.py simulated|crazyflie [--seed N] [--flights N] [--every K]
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 from physical_flights import Case, cases, flown
 
-from mavdem import Flight, read_flight
+from mavdem import Flight
 from mavdem.dem import NotIdentifiable, Physical, physical
 from mavdem.errors import NotLearnable, Unreadable
-from mavdem.paper.flights import SHARED, recorded_flights
+from mavdem.paper.flights import SHARED
 
 Array = NDArray[np.float64]
 
@@ -57,9 +56,6 @@ def estimate_of(found: Physical, name: str) -> tuple[float, float]:
 def windows_of(flight: Flight) -> list[Flight]:
     size = round(WINDOW_SECONDS / flight.dt)
     return [flight[start : start + size] for start in range(0, len(flight) - size + 1, size)]
-
-
-# Simulated flights
 
 
 class Estimate(NamedTuple):
@@ -165,16 +161,6 @@ def simulated(seed: int, flights: int, every: int) -> None:
         table(f"**{name.capitalize()}**", [*heads, *insides, *ends], by_steering(name, found))
 
 
-def other_logs() -> Iterator[tuple[str, Flight]]:
-    """Flights of the logs that ``recorded_flights`` has not: DataFlash, ULog, and those that others recorded."""
-    for path in sorted([*SHARED.glob("sitl_*/*"), *SHARED.glob("logs/*"), *SHARED.glob("real/*/*")]):
-        if "".join(path.suffixes[-2:]).lower().endswith((".bin", ".ulg", ".ulg.xz")):
-            try:
-                yield path.name, read_flight(path)
-            except (NotLearnable, Unreadable) as reason:
-                log(f"{path.name}: refused: {reason}")
-
-
 def row_of(label: Sequence[str], flight: Flight) -> list[str]:
     """A row of a table without a truth: estimates with their intervals, marked unless they are reported."""
     row = [*label, f"{flight.dt * len(flight):.0f}", f"{1 / flight.dt:.0f}"]
@@ -193,19 +179,6 @@ def row_of(label: Sequence[str], flight: Flight) -> list[str]:
 
 HEADS = ("s", "Hz", "effect", "damping, 1/s", "lag, ms", "wind's share", "wind, rad/s²", "refinements")
 
-
-def recorded() -> None:
-    """Every recorded flight, whole and in thirds, where there are any (``mavdem.paper.flights.SHARED``)."""
-    rows = []
-    for name, flight in chain(recorded_flights(), other_logs()):
-        log(name)
-        size = len(flight) // 3
-        rows.append(row_of([name, "whole"], flight))
-        rows += [row_of(["", f"{part + 1} of 3"], flight[part * size : (part + 1) * size]) for part in range(3)]
-    table("**Recorded flights**: mean over the motors; (no): not identifiable", ["flight", "of", *HEADS], rows)
-
-
-# The Crazyflie
 
 CRAZYFLIE = SHARED / "real" / "crazyflie" / "roll_pitch_excitation.usdlog"
 EXCITED = (56.0, 89.0)  # s of its clock
@@ -271,12 +244,12 @@ def crazyflie() -> None:
 
 
 @click.command(help=__doc__)
-@click.argument("which", type=click.Choice(["simulated", "recorded", "crazyflie"]))
+@click.argument("which", type=click.Choice(["simulated", "crazyflie"]))
 @click.option("--seed", default=0, show_default=True, help="Of the simulated flights.")
 @click.option("--flights", default=1, show_default=True, help="Simulated, of each vehicle, wind and steering.")
 @click.option("--every", default=1, show_default=True, help="One of so many of these, drawn by seed.")
 def main(which: str, seed: int, flights: int, every: int) -> None:
-    {"simulated": lambda: simulated(seed, flights, every), "recorded": recorded, "crazyflie": crazyflie}[which]()
+    {"simulated": lambda: simulated(seed, flights, every), "crazyflie": crazyflie}[which]()
 
 
 if __name__ == "__main__":

@@ -1,8 +1,7 @@
 #!/usr/bin/env python
 """What the verdict on a vehicle's motors is worth: on recorded flights with a cut propeller, by chance, simulated.
 
-recorded: each flight of FOLDER against the good ones, and each good one against the other good ones; and all of them
-against every choice of two or more good ones.
+recorded: each flight of FOLDER against the good ones, and each good one against the other good ones.
 chance: how often healthy flights are called otherwise, if they scatter as the prior says.
 simulated: healthy flights, weak motors, chipped propellers and shifted loads in wind from all sides.
 
@@ -12,9 +11,7 @@ Usage: tools/validation/propellers.py [FOLDER] [--vehicles 400] [--flights 40]
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
-from itertools import combinations
 from pathlib import Path
 
 import click
@@ -87,25 +84,6 @@ def recorded(folder: Path) -> None:
         change = "     -" if found.change_probability is None else f"{found.change_probability:6.3f}"
         harder = "" if found.harder is None else "{:.0f} ({:.0f} to {:.0f})".format(*found.harder)
         print(f"{flight.name:20} {found.health:8} {probability} {change} {found.suspect_motor or '-':>5}  {harder}")
-    leaving_out(flights, good)
-
-
-def leaving_out(flights: Sequence[HealthFigures], good: Sequence[HealthFigures]) -> None:
-    """All choices of two or more good flights as the healthy ones: the rest of the good ones, and the cut ones."""
-    counts: dict[str, Counter[str]] = {}
-    named: Counter[int | None] = Counter()
-    for size in range(reference.FEWEST_FLIGHTS, len(good) + 1):
-        for chosen in combinations(good, size):
-            others = [flight for flight in flights if flight not in chosen]
-            for flight, found in zip(others, assess(others, chosen), strict=True):
-                kind = flight.name.split("_")[1]
-                counts.setdefault(kind, Counter())[found.health] += 1
-                if found.health == "fault":
-                    named[found.suspect_motor] += 1
-    print("\nThe same with every choice of two or more good flights as the healthy ones:")
-    for kind, count in sorted(counts.items(), key=lambda item: (len(item[0]), item[0])):
-        print(f"  {kind:9} " + ", ".join(f"{name} {count[name]}" for name in VERDICTS if count[name]))
-    print("  motors named in faults: " + ", ".join(f"{motor or 'none'} {count}" for motor, count in named.items()))
 
 
 def by_chance(healthy: int, vehicles: int) -> None:

@@ -41,7 +41,7 @@ MAX_STARTS = 200  # of the plant's forecasts of the training data
 LEFT_OUT_STARTS = 80  # of the autoregressions' forecasts of what was left out
 FOLDS = 4  # parts of the training data, each left out in turn
 VAR_LAGS, AXIS_LAGS = 10, 20  # samples: of the autoregression of all inputs, and of the combination that turns the axis
-MEASURED_RIDGE, PREDICTED_RIDGE = 1e-4, 1e-3
+MEASURED_RIDGE, PREDICTED_RIDGE = 1e-4, 3e-4
 """Of their priors with the motors known and unknown: what motors say of the motion is nearly exact, and a stronger
 prior would blur it; without them less is known."""
 

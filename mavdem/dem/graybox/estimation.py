@@ -50,10 +50,14 @@ def physical(train: UniformRecord | Sequence[UniformRecord]) -> Physical | NotId
 
     Takes about three seconds for 60 s at 100 Hz. Forecasts do not use it.
 
-    >>> import mavdem, numpy as np
-    >>> time, noise = 0.01 * np.arange(1000), np.random.default_rng(0).standard_normal(1000)
-    >>> mavdem.dem.physical(mavdem.Flight(time, inputs=np.full((1000, 4), 1500.0), outputs=noise)).reason
-    'Physical parameters need motors that move: all inputs are constant.'
+    >>> found = mavdem.dem.physical(mavdem.read_flight("flight.tlog")[:2000])
+    >>> found.status
+    {'effect': 'reported', 'damping': 'reported', 'lag': 'reported'}
+    >>> len(found.effect)
+    4
+
+    See Also:
+        ``Learned.physical``, of the flight that a model was trained on.
 
     Args:
         train: a ``Flight``, or a list of them, segments with gaps between: rates in rad/s. The rate is the output that

@@ -1,0 +1,107 @@
+"""A made-up analysis of a log, with figures that no fit decides, as reports and findings read it."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from mavdem.analysis.figures import LogAnalysis
+from mavdem.analysis.findings import findings
+from mavdem.condition.hover import HoverFigures
+from mavdem.dem.graybox import DetectedGust
+from mavdem.evaluate import HeldOut
+
+MOTORS = ("motor 1 (front right)", "motor 2 (rear left)", "motor 3 (front left)", "motor 4 (rear right)")
+NAN = float("nan")
+
+
+class Parameters(SimpleNamespace):
+    """Physical parameters as they are read by reports."""
+
+    def interval(self, level: float) -> SimpleNamespace:
+        return self.half
+
+    def mean_effect(self, level: float) -> tuple[float, float]:
+        return self.mean
+
+    @property
+    def identifiable(self) -> bool:
+        return self.status["effect"] != "not identifiable"
+
+
+class Halves(SimpleNamespace):
+    def __iter__(self):
+        return iter((self.effect, self.damping, self.lag, self.delay))
+
+
+def physical(share: float | None = None, **status: str) -> Parameters:
+    """Physical parameters of which these are not reported; half widths of intervals are a ``share``, if given."""
+    effect, damping, lag = np.array([-0.0684, 0.0698, 0.0686, -0.0693]), 1.9, 0.0177
+    half = Halves(effect=np.full(4, 0.0037), damping=0.54, lag=0.0018, delay=0.004)
+    if share is not None:
+        half = Halves(effect=share * np.abs(effect), damping=share * damping, lag=share * lag, delay=0.004)
+    for name, value in status.items():
+        if value == "not identifiable":
+            setattr(half, name, NAN * getattr(half, name))
+    names = ("effect", "damping", "lag")
+    return Parameters(
+        effect=effect,
+        damping=damping,
+        lag=lag,
+        delay=0.003,
+        half=half,
+        mean=(0.069, 0.003 if share is None else 0.069 * share),
+        status={name: status.get(name, "reported") for name in names},
+        reasons={name: f"Why {name}. And more." if name in status else "" for name in names},
+        wind_share=0.07,
+    )
+
+
+def model(parameters: Parameters, **wind: object) -> SimpleNamespace:
+    """A learned model as reports read it, with other figures of the ``wind``."""
+    record = SimpleNamespace(
+        inputs=np.zeros((1, 4)),
+        outputs=np.zeros((1, 2)),
+        input_names=MOTORS,
+        output_names=("roll", "roll rate"),
+        input_units=("µs",) * 4,
+        output_units=("rad", "rad/s"),
+    )
+    torque = {"sd": 0.977, "mean": -1.71, "mean_band": 0.07, "scale_error": 0.03, "reason": None, "resolved": True}
+    gusts = {"gusts": (DetectedGust(120, 1.2, 0.4, -9.0),), "gust_threshold": 3.28, "false_gusts_per_minute": 0.1}
+    known = SimpleNamespace(**(torque | gusts | wind))
+    return SimpleNamespace(record=record, physical=parameters, physical_reason="", wind=known, stable=True)
+
+
+def held_out(
+    forecast: float = 0.1, last: float = 0.5, band: float = 1.0, expected: float = 0.01, count: int = 40
+) -> HeldOut:
+    """Windows in which the forecast and the last sample err by so much, and the mean by 1."""
+    measured = np.zeros((count, 10, 2))
+    errors = {"forecast": forecast, "prediction": 0.9, "constant mean": 1.0, "hold last": last}
+    forecasts = {name: measured + error for name, error in errors.items()}
+    time = np.arange(10.0 * count).reshape(count, 10) / 10
+    return HeldOut(time, measured, forecasts, measured + band, measured + expected, np.ones(2))
+
+
+HOVER = HoverFigures(
+    MOTORS,
+    "µs",
+    55.0,
+    trim=(1699.0, 1710.0, 1711.0, 1698.0),
+    trim_of_range=(0.699, 0.71, 0.711, 0.698),
+    trim_share=(0.992, 1.008, 1.01, 0.99),
+    headroom=(0.14, 0.13, 0.13, 0.12),
+    at_upper_limit=(0.0, 0.0, 0.001, 0.0),
+    at_lower_limit=(0.0,) * 4,
+    roll=8.0,
+    pitch=0.6,
+)
+
+
+def analysis(parameters: Parameters) -> LogAnalysis:
+    learned, windows = model(parameters), held_out()
+    known = {"tier": SimpleNamespace(name="a"), "vehicle": SimpleNamespace(hover=HOVER)}
+    empty = dict.fromkeys(("verdict", "condition", "identity"))
+    return LogAnalysis(**known, **empty, learned=learned, held_out=windows, findings=findings(learned, windows))

@@ -1,0 +1,114 @@
+"""What the screens say, one golden file a screen; layouts as text, Markdown and HTML, and what notebooks show."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from golden import is_golden
+from made_up_analysis import analysis, held_out, model, physical
+
+import mavdem
+from mavdem import baselines
+from mavdem.condition.inventory import inventory
+from mavdem.evaluate import compare, windows
+from mavdem.evaluate.comparison import Method
+from mavdem.evaluate.truth import ComparedParameter, ComparedWind, TruthComparison
+from mavdem.ingest import read_log
+from mavdem.report.blocks import Sentence, Table, markdown
+from mavdem.report.comparison import comparison_report
+from mavdem.report.condition import log_blocks
+from mavdem.report.flights import truth_blocks
+from mavdem.report.page import notebook_html
+from mavdem.report.screen import analysis_blocks, key_figures
+
+LOGS = Path(__file__).parents[2] / "logs"
+NAN = float("nan")
+
+
+def test_the_screen_of_a_model(request):
+    is_golden(request, "model", analysis_blocks(analysis(physical())))
+
+
+def test_the_screen_where_the_time_constant_is_not_identifiable_and_the_rest_uncertain(request):
+    is_golden(request, "doubtful", analysis_blocks(analysis(physical(0.2, lag="not identifiable", damping="biased"))))
+
+
+def test_the_contents_of_a_log_that_allows_its_condition_only(request):
+    is_golden(request, "contents", log_blocks(inventory(read_log(LOGS / "ardupilot_default_rates.tlog"))))
+
+
+def test_a_comparison_of_methods(request):
+    flight = mavdem.read_flight(LOGS / "px4_wind5_steps.tlog")
+    methods = [
+        Method("hold last", baselines.hold, predicts=True),
+        Method("constant mean", baselines.constant_mean, predicts=True),
+        Method("ARX(2)", baselines.arx),
+    ]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
+        compared = compare(windows("px4", flight, hop=850), methods)
+    is_golden(request, "comparison", comparison_report(compared))
+
+
+def test_estimates_beside_the_truth(request):
+    parameters = (
+        ComparedParameter("effectiveness of motor 1", "rad/s² per µs", 0.0408, 0.0023, 0.041),
+        ComparedParameter("rate damping", "1/s", 9.0, 0.5, 0.65, "biased"),
+        ComparedParameter("motor time constant", "s", 0.0195, NAN, 0.0188, "not identifiable"),
+    )
+    steady = ComparedParameter("steady part", "rad/s²", -1.7, 0.1, -1.65)
+    wind = ComparedWind(0.7, 0.33, 0.35, 0.99, True, steady)
+    is_golden(request, "truth", truth_blocks(TruthComparison("flight.truth.npz", parameters, wind)))
+
+
+def test_figures_at_a_glance_have_no_number_of_what_is_not_identifiable():
+    figures = dict(key_figures(model(physical(lag="not identifiable")), held_out()))
+    assert figures["control effectiveness"] == "3.95 ± 0.17 °/s² per µs"
+    assert figures["motor time constant"] == "not identifiable" and figures["90 % band holds"] == "100 %"
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return mavdem.read_flight(LOGS / "ardupilot_wind5_steps.tlog")[:800]
+
+
+def test_a_notebook_shows_a_flight_with_a_row_a_channel_in_degrees(flight):
+    page = ElementTree.fromstring(flight._repr_html_())
+    rows = [[cell.text for cell in row] for row in page.iter("tr")]
+    assert [row[0] for row in rows[1:]] == [
+        *(f"{name}, µs" for name in flight.input_names),
+        "roll, °",
+        "roll rate, °/s",
+    ]
+    assert float(rows[5][2]) == pytest.approx(np.degrees(flight.outputs[:, 0].mean()), abs=0.05)
+    assert "ardupilot_wind5_steps.tlog" in "".join(page.itertext()) and "8 s" in "".join(page.itertext())
+
+
+def test_what_is_unknown_is_a_dash():
+    time = np.arange(5.0)
+    flight = mavdem.Flight(time, time, time, setpoints=np.full(5, np.nan), setpoint_names=("asked",))
+    assert re.search(r">asked</td>.*>-</td>", flight._repr_html_())
+
+
+def test_a_notebook_shows_what_a_model_is_good_for(flight):
+    learned = mavdem.learn(flight, mavdem.Settings(order=2, d=2, window=9, parameter_precision=1.0, horizon=None))
+    text = "".join(ElementTree.fromstring(learned._repr_html_()).itertext())
+    assert "control effectiveness" in text and "2 states, from 8 s at 100 Hz" in text
+
+
+def test_every_text_is_escaped():
+    evil = "<script>alert(1)</script>&"
+    shown = notebook_html([Sentence(evil, evil), Table([evil], [[evil]])])
+    assert "<script" not in shown and shown.count("&lt;script&gt;") == 4
+    time = np.arange(5.0)
+    flight = mavdem.Flight(time, time, time, input_names=(evil,), provenance={"source": f"/tmp/{evil}"})
+    assert "<script" not in flight._repr_html_()
+
+
+def test_markdown_aligns_numbers_to_the_right():
+    said = markdown([Sentence("Text.", "Lead:"), Table(["a", "b"], [["x", "1"]]), Table(["a", "b"], [], words=True)])
+    assert said == "**Lead:** Text.\n\n| a | b |\n| --- | ---: |\n| x | 1 |\n\n| a | b |\n| --- | --- |"
