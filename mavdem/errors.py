@@ -45,12 +45,12 @@ class MissingExtra(ImportError):
 
 
 def missing(extra: str) -> tuple[str, ...]:
-    """The modules of an extra that are not installed; nothing is imported."""
+    """Returns the modules of an extra that are not installed; nothing is imported."""
     return tuple(name for name in EXTRAS[extra] if find_spec(name) is None)
 
 
 def advice(purpose: str, extra: str) -> str:
-    """One sentence, such as "The dashboard needs rerun: pip install 'mavdem[view]'."; empty if nothing is missing."""
+    """Returns a sentence, such as "The dashboard needs rerun: pip install 'mavdem[view]'."; empty if nothing is missing."""
     names = missing(extra)
     return f"{purpose} needs {' and '.join(names)}: pip install 'mavdem[{extra}]'." if names else ""
 
@@ -62,7 +62,7 @@ def require(purpose: str, extra: str) -> None:
 
 
 def downstream(module: str, name: str) -> Any:
-    """What ``mavdem.<module>`` calls ``name``."""
+    """Returns what ``mavdem.<module>`` calls ``name``."""
     return getattr(import_module(f"mavdem.{module}"), name)
 
 
