@@ -50,7 +50,7 @@ def missing(extra: str) -> tuple[str, ...]:
 
 
 def advice(purpose: str, extra: str) -> str:
-    """Returns a sentence, such as "The dashboard needs rerun: pip install 'mavdem[view]'."; empty if nothing is missing."""
+    """Returns "The dashboard needs rerun: pip install 'mavdem[view]'." for that purpose; empty if nothing is missing."""
     names = missing(extra)
     return f"{purpose} needs {' and '.join(names)}: pip install 'mavdem[{extra}]'." if names else ""
 
