@@ -1,17 +1,34 @@
-"""ARX: each sample as a linear combination of those before it and their inputs, by least squares."""
+"""ARX: each sample as a linear combination of those before it and their inputs, by least squares.
+
+Joint VAR: outputs and inputs as one vector autoregression, the inputs as measurements that answer the outputs.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from mavdem.baselines.identified import Identified, of_stability, required_order
-from mavdem.baselines.regression import least_ridge, regression, triangle
-from mavdem.baselines.units import Segments, Units
+from mavdem.baselines.identified import (
+    Identified,
+    Segments,
+    Units,
+    least_ridge,
+    of_stability,
+    regression,
+    required_order,
+    triangle,
+)
+from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.engine.linalg import Array, one_thread
+from mavdem.dem.engine.model import STABILITY_TOLERANCE
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import Record, UniformRecord
+from mavdem.dem.forecast.var import RIDGE, Forecast, Var
+from mavdem.dem.record import Record, UniformRecord, required_steps
+from mavdem.dem.validation import is_number
 
 
 def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2, stable: bool = False) -> Identified:
@@ -92,3 +109,160 @@ def _realised(coefficients: Array, order: int, m: int) -> StateSpace:
         input_trim=np.zeros(k),
         output_trim=np.zeros(m),
     )
+
+
+def var(train: UniformRecord | Sequence[UniformRecord], order: int = 10, ridge: float = RIDGE) -> JointAutoregression:
+    """Outputs and inputs as one autoregression of ``order`` lags, with a prior towards a random walk.
+
+    Least squares with a ridge, the "Minnesota prior" (Litterman, 1986; see :mod:`mavdem.dem.forecast.var`). Unlike the
+    other methods it can predict without the inputs; given them, it infers the outputs from what they show of the
+    motion, by a Kalman filter.
+
+    Args:
+        train: a ``Flight``, or a list of them, segments with gaps between: no lag reaches across a gap.
+        order: number of lags.
+        ridge: precision of the prior at lag 1, times i² at lag i, of channels of deviation 1.
+
+    Raises:
+        ValueError: too few samples, values that are not finite, an order that is no positive number, or a ridge that is
+            not positive.
+    """
+    order = required_order(order)
+    if not (is_number(ridge) and 0 < ridge < float("inf")):
+        raise ValueError(f"ridge must be a positive number, not {ridge!r}")
+    record = Record.of(train)
+    with one_thread():
+        return JointAutoregression(f"joint VAR({order})", Var.learn(record, order, ridge), record)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class JointAutoregression:
+    """A joint autoregression with its forecasts and predictions, in physical units; a :class:`mavdem.Forecaster`.
+
+    Attributes:
+        method: its name, such as ``joint VAR(10)``.
+        model: its parameters.
+        record: the training data.
+    """
+
+    method: str
+    model: Var
+    record: Record
+
+    def __repr__(self) -> str:
+        (r, m), length = (table.shape[1] for table in (self.record.inputs, self.record.outputs)), len(self.record)
+        return (
+            f"<JointAutoregression: {self.method}, {r} inputs, {m} outputs from {length} samples at "
+            f"{1 / self.record.dt:.6g} Hz, spectral radius {self.spectral_radius:.4g}>"
+        )
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """One sentence where the model grows."""
+        if self.stable:
+            return ()
+        return (
+            f"The model is unstable: a mode grows by {self.spectral_radius - 1:.2g} of itself at each sample, and so "
+            f"may predictions.",
+        )
+
+    @cached_property
+    def spectral_radius(self) -> float:
+        """The largest magnitude among the eigenvalues of the step from sample to sample, autopilot included."""
+        return self.model.spectral_radius
+
+    @property
+    def stable(self) -> bool:
+        """Whether no mode of vehicle and autopilot together grows, but for rounding."""
+        return self.spectral_radius <= 1 + STABILITY_TOLERANCE
+
+    def one_step(self) -> Array:
+        """(T, m): each training sample from those before it in its segment, and the inputs up to the sample itself."""
+        return self.model.one_step(self.record)
+
+    def predict(self, steps: int) -> Array:
+        """(steps, m): the outputs after the training data, inputs unknown; row 0 is the first sample after it.
+
+        Raises:
+            ValueError: no positive whole number of steps.
+        """
+        return self._predicted(steps).mean
+
+    def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
+        """(H, m): the samples after the training data, by a new prediction from every ``steps``-th of them on.
+
+        Each uses the ``inputs`` (H, r) and ``outputs`` (H, m) before it, and none after.
+
+        Raises:
+            ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
+        """
+        return self.model.predict_every(self._past, steps, *self.record.following(steps, inputs, outputs))
+
+    def predict_band(self, steps: int, level: float = LEVEL) -> Array:
+        """(steps, m) half width, about :meth:`predict`, of the band that holds a sample with probability ``level``.
+
+        It is that of the model as if its parameters were exact, and too narrow by their uncertainty.
+
+        Raises:
+            ValueError: no positive whole number of steps, or a level that is no probability between 0 and 1.
+        """
+        require_probability(level)
+        return half_width(self._predicted(steps).variance, level)
+
+    def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
+        """(H, m): the outputs after the training data given the recorded ``inputs`` (H, r), as measurements.
+
+        Each is given the inputs up to its own sample, or all of them with ``smooth``. ``from_zero`` begins with all
+        channels at their mean, and not with the last samples of training.
+
+        Raises:
+            ValueError: inputs of another width, or not finite.
+        """
+        past = np.tile(self.model.units.center, (self.model.lags, 1)) if from_zero else self._past
+        return self.model.infer(past, self.record.following_inputs(inputs), smooth).mean
+
+    def forecast_variance(self, inputs: ArrayLike) -> Array:
+        """(H, m) expected squared error of :meth:`forecast` with ``inputs`` (H, r), as if parameters were exact."""
+        return self.model.infer(self._past, self.record.following_inputs(inputs)).variance
+
+    def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
+        """(H, m) half width, about :meth:`forecast`, of the band that holds a sample with probability ``level``.
+
+        It is that of the model as if its parameters were exact. ``inputs`` (H, r) are as for :meth:`forecast`.
+
+        Raises:
+            ValueError: inputs of another width or not finite, or a level that is no probability between 0 and 1.
+        """
+        require_probability(level)
+        return half_width(self.forecast_variance(inputs), level)
+
+    def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
+        """(H, m): the samples after the training data, by a new forecast from every ``steps``-th of them on.
+
+        ``inputs`` (H, r) and ``outputs`` (H, m) are in the units of the training data.
+
+        Raises:
+            ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
+        """
+        return self.model.infer_every(self._past, steps, *self.record.following(steps, inputs, outputs)).mean
+
+    def simulate(self, inputs: ArrayLike) -> Array:
+        """Refused: this model has no plant whose ``inputs`` could be commanded.
+
+        Raises:
+            ValueError: always.
+        """
+        raise ValueError(
+            f"{self.method} takes the inputs for the autopilot's answer to the motion, and has no plant to command: "
+            "use Learned.simulate"
+        )
+
+    @cached_property
+    def _past(self) -> Array:
+        """(lags, k) the last samples of the training data."""
+        return self.model.past(self.record)
+
+    def _predicted(self, steps: int) -> Forecast:
+        m = self.record.outputs.shape[1]
+        mean, variance = self.model.predict(self._past, required_steps(steps))
+        return Forecast(mean[:, :m], variance[:, :m])

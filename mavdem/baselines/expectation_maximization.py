@@ -8,11 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.baselines.identified import Identified, of_stability, required_order
-from mavdem.baselines.regression import stable_radius
+from mavdem.baselines.identified import Identified, Segments, Units, of_stability, required_order, stable_radius
 from mavdem.baselines.smoother import GaussianModel, Smoothed, smoothed
 from mavdem.baselines.subspace_identification import found_by_projection, steady_gain
-from mavdem.baselines.units import Segments, Units
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import Record, UniformRecord

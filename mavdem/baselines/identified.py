@@ -1,16 +1,26 @@
-"""The result of a method other than DEM, in physical units."""
+"""The result of a method other than DEM, in physical units.
+
+Linear regression, also with dependent regressors, and with a ridge that makes a model stable.
+
+Between the vehicle's units and those a method works in: centred, of unit size, inputs independent of each other.
+
+The trivial forecasts: without a model of the motion, and what every model must beat.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import qr
 
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.record import Record, required_steps
+from mavdem.dem.record import Record, UniformRecord, required_steps
 from mavdem.dem.validation import is_whole
 
 
@@ -144,3 +154,133 @@ def required_order(order: int) -> int:
     if not (is_whole(order) and order >= 1):
         raise ValueError(f"order must be a positive whole number, not {order!r}")
     return int(order)
+
+
+RANK_TOLERANCE = 1e-8
+"""Singular values of the regressors below this of the largest count as zero: of all solutions the smallest is taken."""
+
+RIDGES = np.geomspace(1e-12, 1e6, 55)  # tried one after the other, per sample: from no effect to zero coefficients
+
+
+def regression(regressors: Array, targets: Array, ridge: NDArray[np.floating] | None = None) -> Array:
+    """The smallest least-squares solution (columns, k) of regressors (N, columns) · solution = targets (N, k).
+
+    The square of each coefficient costs its ``ridge`` (columns,).
+    """
+    if ridge is not None:
+        regressors = np.vstack([regressors, np.diag(np.sqrt(ridge))])
+        targets = np.vstack([targets, np.zeros((len(ridge), targets.shape[1]))])
+    return np.asarray(np.linalg.lstsq(regressors, targets, rcond=RANK_TOLERANCE)[0])
+
+
+def triangle(table: Array) -> Array:
+    """R of the QR decomposition of (N, columns): at most as many rows as columns, with the same inner products."""
+    (R,) = qr(table, mode="r", check_finite=False)
+    return np.asarray(R[: table.shape[1]], np.float64)
+
+
+def stable_radius(samples: int) -> float:
+    """The largest spectral radius of a stabilised model: its slowest mode decays within the length of its data."""
+    return 1 - 1 / samples
+
+
+def least_ridge(radius: Callable[[float], float], samples: int) -> float:
+    """The first of :data:`RIDGES`, times the number of samples, whose model has a small enough spectral radius."""
+    enough = (ridge for ridge in RIDGES * samples if radius(ridge) <= stable_radius(samples))
+    return float(next(enough, RIDGES[-1] * samples))
+
+
+Segments = list[tuple[Array, Array]]  # inputs (T, k) and outputs (T, m) of each segment, in a method's units
+LEAST_VARIANCE = 1e-16  # of a prediction error, in a method's units: smaller errors are zero
+
+DEPENDENCE_TOLERANCE = 1e-6
+"""A combination of inputs, each in units of its own deviation, that moves by less than this share of the
+largest is dependent: the model gets the smallest B that explains the rest."""
+
+
+class Units(NamedTuple):
+    """y = output_trim + output_scale · (the method's y), and (the method's u) = (u − input_trim) input_map.
+
+    The method's inputs are the principal components of the recorded ones, each of variance 1: fewer than those where
+    some are constant or depend on others.
+    """
+
+    input_trim: Array  # (r,)
+    input_map: Array  # (r, k), k ≤ r
+    output_trim: Array  # (m,)
+    output_scale: Array  # (m,)
+
+    @classmethod
+    def of(cls, record: Record) -> Units:
+        """The units in which the training data have mean 0 and variance 1; ``ValueError`` for a constant output."""
+        inputs, outputs = record.spread
+        still = np.flatnonzero(~outputs.moving)
+        if len(still):
+            raise ValueError(f"outputs column {still[0]} must vary: constant samples determine no model")
+        scale = np.where(inputs.moving, np.sqrt(inputs.variance), np.inf)
+        _, sizes, directions = np.linalg.svd((record.inputs - inputs.mean) / scale, full_matrices=False)
+        kept = sizes > DEPENDENCE_TOLERANCE * sizes[0]
+        components = directions[kept].T / sizes[kept] * np.sqrt(len(record))
+        return cls(inputs.mean, components / scale[:, None], outputs.mean, np.sqrt(outputs.variance))
+
+    def segments(self, record: Record) -> Segments:
+        """The record's, in the method's units."""
+        return [
+            ((inputs - self.input_trim) @ self.input_map, (outputs - self.output_trim) / self.output_scale)
+            for inputs, outputs in record.segments
+        ]
+
+    def physical(self, model: StateSpace) -> StateSpace:
+        """A model in the method's units, whose own trims are added to these, brought to physical ones."""
+        scale = self.output_scale
+        return StateSpace(
+            A=model.A,
+            B=model.B @ self.input_map.T,
+            C=scale[:, None] * model.C,
+            D=scale[:, None] * model.D @ self.input_map.T,
+            K=model.K / scale,
+            offset=model.offset - model.B @ model.input_trim,
+            input_trim=self.input_trim,
+            output_trim=self.output_trim + scale * (model.output_trim - model.D @ model.input_trim),
+        )
+
+
+def hold(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
+    """Forecasts the last measurement; the first sample of a segment is predicted by the mean.
+
+    Args:
+        train: a ``Flight``, or a list of them, segments with gaps between.
+
+    Raises:
+        ValueError: values that are not finite, or segments that do not belong together.
+    """
+    record = Record.of(train)
+    return _without_dynamics("hold", record, record.outputs.mean(axis=0), held=record.outputs.shape[1])
+
+
+def constant_mean(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
+    """Forecasts the mean of the training data ``train``, as for :func:`hold`."""
+    record = Record.of(train)
+    return _without_dynamics("constant mean", record, record.outputs.mean(axis=0), held=0)
+
+
+def zero(train: UniformRecord | Sequence[UniformRecord]) -> Identified:
+    """Forecasts zero; ``train`` as for :func:`hold`."""
+    record = Record.of(train)
+    return _without_dynamics("zero", record, np.zeros(record.outputs.shape[1]), held=0)
+
+
+def _without_dynamics(method: str, record: Record, output_trim: Array, held: int) -> Identified:
+    """A state for each output that is held: its last deviation from the trim."""
+    r, m = record.inputs.shape[1], len(output_trim)
+    model = StateSpace(
+        A=np.eye(held),
+        B=np.zeros((held, r)),
+        C=np.eye(m, held),
+        D=np.zeros((m, r)),
+        K=np.eye(held, m),
+        offset=np.zeros(held),
+        input_trim=np.zeros(r),
+        output_trim=output_trim,
+    )
+    return Identified(method, model, record, starts=np.zeros((len(record.lengths), held)))

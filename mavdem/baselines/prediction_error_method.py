@@ -10,10 +10,16 @@ from scipy.linalg import null_space
 from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
-from mavdem.baselines.identified import Identified, of_stability, required_order
-from mavdem.baselines.regression import stable_radius
+from mavdem.baselines.identified import (
+    LEAST_VARIANCE,
+    Identified,
+    Segments,
+    Units,
+    of_stability,
+    required_order,
+    stable_radius,
+)
 from mavdem.baselines.subspace_identification import SubspaceModel, Weighting, found_by_projection
-from mavdem.baselines.units import LEAST_VARIANCE, Segments, Units
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.engine.model import WORST_MODES
 from mavdem.dem.engine.state_space import StateSpace

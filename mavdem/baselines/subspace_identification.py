@@ -9,9 +9,18 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy.linalg import solve_discrete_are
 
-from mavdem.baselines.identified import Identified, of_stability, required_order
-from mavdem.baselines.regression import RANK_TOLERANCE, least_ridge, regression, triangle
-from mavdem.baselines.units import LEAST_VARIANCE, Segments, Units
+from mavdem.baselines.identified import (
+    LEAST_VARIANCE,
+    RANK_TOLERANCE,
+    Identified,
+    Segments,
+    Units,
+    least_ridge,
+    of_stability,
+    regression,
+    required_order,
+    triangle,
+)
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, recursion
 from mavdem.dem.engine.state_space import StateSpace

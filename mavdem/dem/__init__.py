@@ -1,7 +1,7 @@
 """Dynamic Expectation Maximization of linear models: arrays in, a learnt model out."""
 
+from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.dem.engine.model import LinearModel
-from mavdem.dem.engine.trace import FreeEnergy, Learning
 from mavdem.dem.fitting import SmoothnessEstimate, estimate_smoothness
 from mavdem.dem.graybox import NotIdentifiable, Physical, WindTorque, physical
 from mavdem.dem.learned import Learned

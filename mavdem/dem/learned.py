@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.document import from_text, to_text
+from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, LinearModel, unpack
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.engine.trace import FreeEnergy, Learning
 from mavdem.dem.fitting import generalized
 from mavdem.dem.forecast.forecasts import BandedForecast, Forecasts, PlantForecasts, TrainingForecasts
 from mavdem.dem.forecast.simulation_error import SimulationFit

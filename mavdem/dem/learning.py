@@ -8,16 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mavdem.dem.engine.ascent import CoordinateAscent
+from mavdem.dem.engine.ascent import CoordinateAscent, FreeEnergy, Learning
 from mavdem.dem.engine.free_energy import free_energy
 from mavdem.dem.engine.generative import SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, one_thread, raise_on_overflow
-from mavdem.dem.engine.resumable import run_to_end
-from mavdem.dem.engine.trace import FreeEnergy, Learning
 from mavdem.dem.fitting import Fit, Start, fit, generalized, held_by_prior, of_vehicle, predictor_of
 from mavdem.dem.forecast.forecasts import TrainingForecasts, training_forecasts
-from mavdem.dem.forecast.noise_model import lags_of, resumable_noise_model
-from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, horizon_of, resumable_simulation_fit
+from mavdem.dem.forecast.noise_model import lags_of, with_noise_model
+from mavdem.dem.forecast.simulation_error import SHORTEST_HORIZON, fit_simulation, horizon_of
 from mavdem.dem.learned import Learned
 from mavdem.dem.parallel import parallel_map
 from mavdem.dem.priors import hyperparameter_groups
@@ -219,14 +217,12 @@ def _with_simulation_fit(fitted: Fit, record: Record, samples: SufficientStatist
         theta, mixer = start.simulated_theta / scaling.parameter_scale(model.n), start.mixer
     try:
         with raise_on_overflow():
-            refined = run_to_end(
-                resumable_simulation_fit(model, settings, scaling, theta, fitted.gain, record, geometry=mixer)
-            )
+            refined = fit_simulation(model, settings, scaling, theta, fitted.gain, record, geometry=mixer)
             if refined is None:
                 return fitted
             iterate = CoordinateAscent(model, samples).at_theta(refined.theta, ascent.belief)
             predictor = predictor_of(refined.theta, model.sizes, fitted.gain, record.dt)
-            predictor = run_to_end(resumable_noise_model(predictor, scaling.scale_segments(record), lags_of(record.dt)))
+            predictor = with_noise_model(predictor, scaling.scale_segments(record), lags_of(record.dt))
     except np.linalg.LinAlgError:
         return fitted
     refined_ascent = replace(ascent, belief=iterate.belief, state_map=iterate.state_map)

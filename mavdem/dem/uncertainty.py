@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
 from mavdem.confidence import half_width
-from mavdem.dem.engine.ascent import Ascent
+from mavdem.dem.engine.ascent import Ascent, theta_curvature_of_profile
 from mavdem.dem.engine.free_energy import Belief, expected_weights
 from mavdem.dem.engine.generative import GenerativeModel, SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, raise_on_overflow
 from mavdem.dem.engine.model import unpack
-from mavdem.dem.engine.profile import theta_curvature_of_profile
 
 MAX_CORRELATION = 0.999  # of neighbouring slopes, in the kernel's width
 MIN_DEGREES_OF_FREEDOM = 8.0  # that a covariance is estimated with: the limit of the kernel's width

@@ -19,8 +19,8 @@ from scipy.stats import chi2
 
 from mavdem import Flight, Forecaster, baselines, evaluate
 from mavdem.baselines.expectation_maximization import LEAST_NOISE, STARTS, iterated, starting_points
+from mavdem.baselines.identified import Units
 from mavdem.baselines.smoother import GaussianModel, smoothed
-from mavdem.baselines.units import Units
 from mavdem.dem.record import Record
 
 

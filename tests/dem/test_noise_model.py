@@ -9,10 +9,9 @@ from simulated import simulated
 from textbook_filter import TextbookFilter
 
 from mavdem import OnlineLearner, Settings, learn
-from mavdem.dem.engine.resumable import run_to_end
 from mavdem.dem.engine.state_space import StateSpace, filter_gain
 from mavdem.dem.fitting import predictor_of
-from mavdem.dem.forecast.noise_model import FEWEST_LAGS, lags_of, resumable_noise_model
+from mavdem.dem.forecast.noise_model import FEWEST_LAGS, lags_of, with_noise_model
 
 DT = 0.01
 A = np.array([[0.0, 1.0, 0.0], [-9.0, -4.0, 20.0], [0.0, 0.0, -20.0]])
@@ -45,7 +44,7 @@ def made_by(inputs: np.ndarray, errors: np.ndarray) -> np.ndarray:
 
 
 def longer(inputs: np.ndarray, outputs: np.ndarray) -> StateSpace:
-    return run_to_end(resumable_noise_model(predictor(), [(inputs, outputs)]))
+    return with_noise_model(predictor(), [(inputs, outputs)])
 
 
 def test_white_errors_tell_nothing():

@@ -5,11 +5,9 @@ import pytest
 from simulated import simulated
 
 from mavdem import Settings
-from mavdem.dem.engine.ascent import Rates, ascend, plain_rounds
+from mavdem.dem.engine.ascent import Rates, ascend, newton_step, plain_rounds, theta_curvature_of_profile
 from mavdem.dem.engine.free_energy import optimal_terms
 from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics
-from mavdem.dem.engine.profile import resumable_newton_step, theta_curvature_of_profile
-from mavdem.dem.engine.resumable import run_to_end
 from mavdem.dem.engine.steps import d_step, with_optimal_precisions
 from mavdem.dem.fitting import generalized, generative_model
 from mavdem.dem.record import Record
@@ -55,12 +53,12 @@ def test_the_step_leads_back_and_promises_what_it_brings():
     rng = np.random.default_rng(0)
     away = 3 * np.sqrt(belief.theta_covariance.diagonal()) * rng.standard_normal(len(belief.theta))
     displaced = following(model, samples, belief, belief.theta + away)
-    step = run_to_end(resumable_newton_step(model, samples, with_optimal_precisions(model, displaced)))
+    step = newton_step(model, samples, with_optimal_precisions(model, displaced))
     back = following(model, samples, belief, displaced.theta + step.theta)
     gained = height(model, samples, back) - height(model, samples, displaced)
     assert gained > 1
     assert step.gain == pytest.approx(gained, rel=0.1)
-    assert run_to_end(resumable_newton_step(model, samples, belief)).gain < 0.1
+    assert newton_step(model, samples, belief).gain < 0.1
 
 
 @pytest.mark.parametrize("settings", [{}, {"order": 2, "window": 3, "noise_groups": ((0, 1), (0, 1))}])
@@ -68,7 +66,7 @@ def test_a_climb_that_says_it_has_settled_has_nothing_left(settings):
     model, samples = problem(**settings)
     finished = ascend(model, samples, 300)
     assert finished.converged
-    assert run_to_end(resumable_newton_step(model, samples, finished.belief)).gain < 0.1
+    assert newton_step(model, samples, finished.belief).gain < 0.1
 
 
 def test_a_course_that_is_extrapolated_leads_further():

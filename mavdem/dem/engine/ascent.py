@@ -1,21 +1,91 @@
-"""Dynamic Expectation Maximization: D, E and M steps in turn until F̄ converges."""
+"""Dynamic Expectation Maximization: D, E and M steps in turn until F̄ converges.
+
+Coordinate steps converge slowly where X and θ are strongly coupled. So rounds are extrapolated, and at their end a
+Newton step is taken on the profile: F̄ as a function of θ and λ alone, with X following them to its maximum.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import islice
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.engine.free_energy import Belief, optimal_terms
+from mavdem.dem.engine.free_energy import Belief, optimal_terms, state_curvature
 from mavdem.dem.engine.generative import GeneralizedMoments, GenerativeModel, SufficientStatistics
 from mavdem.dem.engine.linalg import Array, inverse, solve
-from mavdem.dem.engine.profile import Newton, resumable_newton_step
-from mavdem.dem.engine.resumable import Resumable, run_to_end
-from mavdem.dem.engine.steps import StateFlow, d_step, e_step, m_step, state_slope, with_optimal_precisions
+from mavdem.dem.engine.steps import (
+    StateFlow,
+    d_step,
+    e_step,
+    lambda_slope,
+    m_step,
+    state_slope,
+    theta_slope,
+    with_optimal_precisions,
+)
+
+DIFFERENCE_SD = 1.0
+"""Step of differences of the slope, in posterior standard deviations: F̄ is nearly quadratic over it, and rounding is
+negligible."""
+
+MIN_CURVATURE = 1e-6
+"""Least curvature of a direction, in units of the posterior's own: it limits the step along flatter ones."""
+
+
+class Newton(NamedTuple):
+    """The Newton step of the profile, of θ and λ to the maximum of the quadratic, and the nats it predicts."""
+
+    theta: Array
+    lambda_: Array
+    gain: float
+
+
+def newton_step(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Newton:
+    """Returns the step from a belief; it increases F̄ also where that is not concave."""
+    unit = np.sqrt(np.concatenate([belief.theta_covariance.diagonal(), belief.lambda_covariance.diagonal()]))
+    here = _slope(model, samples, belief, np.zeros(len(unit)))
+    steps = DIFFERENCE_SD * np.diag(unit)
+    columns = [(here - _slope(model, samples, belief, step)) * unit / DIFFERENCE_SD for step in steps]
+    curvature = np.array(columns)
+    values, modes = np.linalg.eigh((curvature + curvature.T) / 2)
+    along = modes.T @ (unit * here)
+    # Along a direction in which F̄ is convex, the step is that of a concave F̄ with the same curvature.
+    length = along / np.maximum(np.abs(values), MIN_CURVATURE)
+    theta, lambda_ = np.split(unit * (modes @ length), [len(belief.theta)])
+    return Newton(theta, lambda_, 0.5 * float(along @ length))
+
+
+def theta_curvature_of_profile(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) -> Array:
+    """−∂²F̄/∂θ² (k, k), with X following θ and λ held."""
+    k = len(belief.theta)
+    steps = np.zeros((k, k + len(belief.lambda_)))
+    steps[:, :k] = DIFFERENCE_SD * np.diag(np.sqrt(belief.theta_covariance.diagonal()))
+    curvature = np.array(
+        [
+            (_slope(model, samples, belief, -step) - _slope(model, samples, belief, step))[:k] / (2 * step.max())
+            for step in steps
+        ]
+    )
+    return np.asarray((curvature + curvature.T) / 2)
+
+
+def _slope(model: GenerativeModel, samples: SufficientStatistics, belief: Belief, step: Array) -> Array:
+    """∂F̄/∂(θ, λ), (k + g,), a step from the belief, X and its covariance at their maximum there, the others held."""
+    theta, lambda_ = belief.theta + step[: len(belief.theta)], belief.lambda_ + step[len(belief.theta) :]
+    state_map = d_step(model, theta, belief.theta_covariance, lambda_, belief.lambda_covariance)
+    there = belief._replace(
+        moments=GeneralizedMoments.of(model, samples, state_map),
+        state_covariance=inverse(-state_curvature(model, theta, np.exp(lambda_))),
+        theta=theta,
+        lambda_=lambda_,
+    )
+    return np.concatenate([theta_slope(model, samples, there)[0], lambda_slope(model, samples, there)[0]])
+
 
 CONVERGED_NATS = 0.1  # F̄ has converged when less than this is left to gain: so little does not separate two models
 NEWTON_SHARES = (1.0, 0.25, 0.0625)  # shares of a Newton step that are tried in turn
@@ -86,27 +156,14 @@ def ascend(
     A flow of X that is unstable, or that would lower F̄, is replaced by its exact limit in that round. ``LinAlgError``
     where at the start a curvature is not negative definite.
     """
-    return run_to_end(resumable_ascend(model, samples, iterations, rates, start))
-
-
-def resumable_ascend(
-    model: GenerativeModel,
-    samples: SufficientStatistics,
-    iterations: int,
-    rates: Rates = EXACT_RATES,
-    start: tuple[Array, Array] | None = None,
-) -> Resumable[Ascent]:
-    """The same as :func:`ascend`, resumable."""
     ascent = CoordinateAscent(model, samples, rates)
     iterates = [ascent.start(start)]
     converged = False
     while not converged and len(iterates) <= iterations:
         before = iterates[-1].free_energy
-        for iterate in islice(ascent.rounds(iterates[-1]), iterations + 1 - len(iterates)):
-            iterates.append(iterate)
-            yield
+        iterates += islice(ascent.rounds(iterates[-1]), iterations + 1 - len(iterates))
         if iterates[-1].free_energy - before < CONVERGED_NATS:
-            newton = yield from ascent.resumable_newton(iterates[-1])
+            newton = ascent.newton(iterates[-1])
             converged = newton is not None and newton.gain < CONVERGED_NATS
             if newton is None or converged or not rates.exact:
                 continue
@@ -214,10 +271,10 @@ class CoordinateAscent:
                 return then
         return now
 
-    def resumable_newton(self, now: Iterate) -> Resumable[Newton | None]:
+    def newton(self, now: Iterate) -> Newton | None:
         """The Newton step and the gain it predicts; None where rounding hides it."""
         try:
-            return (yield from resumable_newton_step(self.model, self.samples, now.belief))
+            return newton_step(self.model, self.samples, now.belief)
         except (np.linalg.LinAlgError, FloatingPointError):
             return None
 
@@ -278,3 +335,51 @@ def _extrapolated(first: Belief, second: Belief, third: Belief) -> Belief | None
     length = float(np.linalg.norm(step) / np.linalg.norm(bend))
     theta, lambda_ = np.split((a + 2 * length * step + length**2 * bend) * unit, [len(third.theta)])
     return third._replace(theta=theta, lambda_=lambda_)
+
+
+@dataclass(frozen=True, eq=False)
+class FreeEnergy:
+    """F̄ᵒ by iteration, row 0 being the priors' means; behaves as its array of totals, (I + 1,).
+
+    Attributes:
+        terms: the named terms of Eq. ``F_action_opt``, (I + 1,) each, which sum to the total.
+    """
+
+    terms: Mapping[str, Array]
+
+    @cached_property
+    def total(self) -> Array:
+        """F̄ᵒ by iteration, (I + 1,)."""
+        return np.asarray(np.sum(list(self.terms.values()), axis=0))
+
+    @property
+    def gained(self) -> float:
+        """Nats gained from the priors' means to the end."""
+        return float(self.total[-1] - self.total[0])
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        return np.array(self.total, dtype=dtype)
+
+    def __len__(self) -> int:
+        return len(self.total)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.total[index]
+
+    def __iter__(self) -> Iterator[float]:
+        return iter(self.total.tolist())
+
+
+@dataclass(frozen=True, eq=False)
+class Learning:
+    """The estimates by iteration: rows are those of :class:`FreeEnergy`.
+
+    Attributes:
+        theta, theta_sd: (I + 1, k) in physical units, θ = [vec(Aᵀ); vec(Bᵀ); vec(Cᵀ)] without the trim offset.
+        lambda_, lambda_sd: (I + 1, g) log noise precisions in the engine's units: measurement noise, process noise.
+    """
+
+    theta: Array
+    theta_sd: Array
+    lambda_: Array
+    lambda_sd: Array

@@ -13,7 +13,6 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.resumable import Resumable
 
 
 class Quadratic(NamedTuple):
@@ -39,10 +38,10 @@ class Quadratic(NamedTuple):
 class Objective(Protocol):
     """A function to maximise."""
 
-    def resumable_value(self, at: Array) -> Resumable[tuple[float, Array]]:
+    def value(self, at: Array) -> tuple[float, Array]:
         """The value at a point (f,), NaN where there is none, and the residuals that it is made of."""
 
-    def resumable_quadratic(self, at: Array, residuals: Array) -> Resumable[Quadratic]:
+    def quadratic(self, at: Array, residuals: Array) -> Quadratic:
         """The function to second order about a point whose residuals are known."""
 
 
@@ -62,10 +61,10 @@ class Damping(NamedTuple):
         return damping if gained > predicted / 5 else 4 * damping
 
 
-def resumable_gauss_newton(
+def gauss_newton(
     objective: Objective, start: Quadratic, damping: Damping, iterations: int, converged: float
-) -> Resumable[tuple[list[Quadratic], float]]:
-    """Maximises from ``start`` until a step gains no more than ``converged``, by at most so many steps; resumable.
+) -> tuple[list[Quadratic], float]:
+    """Maximises from ``start`` until a step gains no more than ``converged``, by at most so many steps.
 
     Returns:
         the function about each iterate, the first being the start; and what the last step gained or, where no attempt
@@ -77,7 +76,7 @@ def resumable_gauss_newton(
         for _ in range(damping.attempts):
             curvature = now.curvature + damped * np.diag(now.curvature.diagonal())
             step: Array = damping.limited(np.asarray(np.linalg.solve(curvature, now.slope), np.float64))
-            value, residuals = yield from objective.resumable_value(now.at + step)
+            value, residuals = objective.value(now.at + step)
             gained = value - now.value
             if gained > 0:
                 break
@@ -85,5 +84,5 @@ def resumable_gauss_newton(
         if not gained > 0:
             return trace, now.remaining
         damped = damping.after(damped, gained, float(now.slope @ step - 0.5 * step @ now.curvature @ step))
-        trace.append((yield from objective.resumable_quadratic(now.at + step, residuals)))
+        trace.append(objective.quadratic(now.at + step, residuals))
     return trace, gained

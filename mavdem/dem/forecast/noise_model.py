@@ -15,8 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.resumable import Resumable
 from mavdem.dem.engine.state_space import StateSpace
+from mavdem.dem.forecast.var import lagged
 
 LAG_SECONDS, FEWEST_LAGS, MOST_LAGS = 0.025, 3, 6
 """Past errors that count, and changes of the inputs, the one into the sample itself first: those of so many seconds,
@@ -32,10 +32,10 @@ def lags_of(dt: float) -> int:
     return min(max(round(LAG_SECONDS / dt), FEWEST_LAGS), MOST_LAGS)
 
 
-def resumable_noise_model(
+def with_noise_model(
     predictor: StateSpace, segments: Sequence[tuple[Array, Array]], lags: int = FEWEST_LAGS
-) -> Resumable[StateSpace]:
-    """The predictor with a model of its own one-step errors, learnt from segments in the engine's units; resumable.
+) -> StateSpace:
+    """The predictor with a model of its own one-step errors, learnt from segments in the engine's units.
 
     Segments that are too short do not count.
     """
@@ -43,14 +43,11 @@ def resumable_noise_model(
     size = lags * m + lags * r
     gram, cross = np.zeros((size, size)), np.zeros((size, m))
     for inputs, outputs in segments:
-        # An error needs a sample before it, and so does a change.
-        errors = outputs[1:] - predictor.one_step(inputs, outputs)
-        yield
-        regressors = _regressors(errors, np.diff(inputs, axis=0), lags)
-        yield
+        # An error needs a sample before it, and so does a change; that into the sample itself counts.
+        errors, changes = outputs[1:] - predictor.one_step(inputs, outputs), np.diff(inputs, axis=0)
+        regressors = np.hstack([lagged(errors, lags), lagged(np.vstack([changes, changes[-1:]]), lags)[1:]])
         gram += regressors.T @ regressors
         cross += regressors.T @ errors[len(errors) - len(regressors) :]
-        yield
     number = max(1, sum(len(outputs) for _, outputs in segments))
     sizes = np.sqrt(np.diag(gram) / number)
     sizes[sizes < LEAST_RMS] = np.inf
@@ -66,14 +63,6 @@ def _decaying(of_errors: Array) -> Array:
     radius = np.abs(np.linalg.eigvals(companion)).max()
     shrunk = min(1.0, MAX_SPECTRAL_RADIUS / max(radius, MAX_SPECTRAL_RADIUS)) ** np.arange(1, size // m + 1)
     return np.asarray(of_errors * np.repeat(shrunk, m))
-
-
-def _regressors(errors: Array, changes: Array, lags: int) -> Array:
-    """(T, ·) the errors before each error, the latest first, and the changes up to its sample, likewise."""
-    length = max(0, len(errors) - lags)
-    past = [errors[lags - i : lags - i + length] for i in range(1, lags + 1)]
-    recent = [changes[lags - j : lags - j + length] for j in range(lags)]
-    return np.hstack([*past, *recent])
 
 
 def _extended(predictor: StateSpace, of_errors: Array, of_changes: Array) -> StateSpace:

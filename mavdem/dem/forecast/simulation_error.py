@@ -10,18 +10,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mavdem.confidence import quantile
-from mavdem.dem.engine.gauss_newton import Damping, Quadratic, resumable_gauss_newton
+from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
 from mavdem.dem.engine.generative import GenerativeModel
 from mavdem.dem.engine.linalg import Array, inverse, logdet
 from mavdem.dem.engine.model import discretize, unpack
-from mavdem.dem.engine.resumable import Resumable, run_to_end
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.forecast.mixer import MixerPrior, mixer_priors
 from mavdem.dem.priors import KINEMATIC
@@ -46,10 +44,8 @@ CONVERGED_NATS = 0.02  # the fit has converged when a step gains less: the effec
 DAMPING = Damping(first=1e-3, factor=8.0, attempts=6)
 
 RELATIVE_STEP = 1e-6  # of a parameter, or of 1 if that is more: for slopes by differences
+STEPS_AT_ONCE = 8  # of the filter, whose states are kept in memory
 STEPS_COUNTED = 30  # residuals of a horizon at most, evenly spaced: those of faster samples repeat each other
-
-
-STEPS_A_PART = 70  # of one model; of several side by side as many fewer
 
 
 def models_of(thetas: Array, sizes: tuple[int, int, int], gain: Array, dt: float) -> StateSpace:
@@ -60,28 +56,22 @@ def models_of(thetas: Array, sizes: tuple[int, int, int], gain: Array, dt: float
         return StateSpace.of_transition(transition, C[0], gain)
 
 
-def resumable_simulation(models: StateSpace, inputs: Array, outputs: Array, every: int = 1) -> Resumable[Array]:
-    """Outputs (b, S, H / every, m) of b models over H steps, from the state that the filter finds over h steps before.
+def simulate(models: StateSpace, inputs: Array, outputs: Array, every: int = 1) -> Array:
+    """Returns outputs (b, S, H / every, m) of b models over H steps, from the state that the filter finds over h steps.
 
     ``inputs`` are (h + H + 1, S, r), ``outputs`` (h + 1, S, m); one step in ``every`` is returned.
     """
-    settle, steps = len(outputs) - 1, len(inputs) - 1
-    part = max(1, STEPS_A_PART // len(models.A))
-    state, ahead = models.second(inputs[0], outputs[0]), []
-    for begin, end in pairwise(sorted({*range(0, steps, part), settle, steps})):
-        rows = slice(begin + 1, end + 1)
-        # An unstable model may overflow; its errors are then infinite.
-        with np.errstate(over="ignore", invalid="ignore"):
-            if end <= settle:
-                state = models.filtered(state, inputs[rows, None], outputs[rows, None])[-1]
-            else:
-                states = models.driven(state, inputs[rows, None])
-                kept = slice((settle - begin - 1) % every, None, every)
-                state = states[-1]
-                ahead.append(models.outputs(states[:-1][kept], inputs[rows, None][kept]))
-        if not end % part:
-            yield
-    return np.moveaxis(np.concatenate(ahead), 0, 2)
+    settle, state, ahead = len(outputs), models.second(inputs[0], outputs[0]), []
+    # An unstable model may overflow; its errors are then infinite.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for begin in range(1, settle, STEPS_AT_ONCE):
+            rows = slice(begin, min(begin + STEPS_AT_ONCE, settle))
+            state = models.filtered(state, inputs[rows, None], outputs[rows, None])[-1]
+        for begin in range(settle, len(inputs) - every + 1, every):
+            states = models.driven(state, inputs[begin : begin + every, None])
+            ahead.append(models.outputs(states[-2], inputs[begin + every - 1, None]))
+            state = states[-1]
+    return np.stack(ahead, axis=2)
 
 
 class SimulationSegments(NamedTuple):
@@ -200,7 +190,7 @@ class SimulationFit:
         thetas = np.repeat(self.theta[None], len(free) + 1, axis=0)
         thetas[1:, self.places] += np.diag(nudges)
         models = models_of(thetas, sizes, self.gain, dt)
-        ahead = run_to_end(resumable_simulation(models, inputs, outputs))
+        ahead = simulate(models, inputs, outputs)
         with np.errstate(over="ignore", invalid="ignore"):
             jacobian = (ahead[1:] - ahead[0]) / nudges[:, None, None, None]
             variance = np.einsum("isht,ij,jsht->sht", jacobian, self.covariance, jacobian, optimize=True)
@@ -225,30 +215,27 @@ class SimulationError:
         """Effective sample size."""
         return self.segments.number * self.sizes[2]
 
-    def resumable_errors(self, free: Array) -> Resumable[Array]:
+    def errors(self, free: Array) -> Array:
         """(b, S, steps counted, m) of the models whose free parameters are (b, f)."""
         inputs, outputs, settle, _ = self.segments
         every = -(-settle // STEPS_COUNTED)
         thetas = np.repeat(self.theta[None], len(free), axis=0)
         thetas[:, self.places] = free
         models = models_of(thetas, self.sizes, self.gain, self.dt)
-        predicted = yield from resumable_simulation(models, inputs, outputs[: settle + 1], every)
-        yield
+        predicted = simulate(models, inputs, outputs[: settle + 1], every)
         with np.errstate(over="ignore", invalid="ignore"):
             return np.asarray(np.moveaxis(outputs[settle + every :: every], 0, 1) - predicted)
 
-    def resumable_value(self, at: Array) -> Resumable[tuple[float, Array]]:
+    def value(self, at: Array) -> tuple[float, Array]:
         """The log joint up to a constant, with the noise precision at its maximum; and errors (S, steps counted, m)."""
-        errors = (yield from self.resumable_errors(at[None]))[0]
+        errors = self.errors(at[None])[0]
         return self._value(at, errors), errors
 
-    def resumable_quadratic(self, at: Array, residuals: Array) -> Resumable[Quadratic]:
+    def quadratic(self, at: Array, residuals: Array) -> Quadratic:
         """Slope and Gauss-Newton curvature, the posterior precision, by differences of the errors ``residuals``."""
         steps = RELATIVE_STEP * np.maximum(1.0, np.abs(at))
-        beside = yield from self.resumable_errors(at + np.diag(steps))
-        yield
+        beside = self.errors(at + np.diag(steps))
         jacobian = (beside - residuals).reshape(len(at), -1) / steps[:, None]
-        yield
         mse, each = _mean_square(residuals), self.numbers / residuals.size
         slope = -each * jacobian @ residuals.ravel() / mse - self.prior_precision @ (at - self.prior_mean)
         curvature = each * jacobian @ jacobian.T / mse + self.prior_precision
@@ -283,7 +270,7 @@ def _mean_square(errors: Array) -> float:
         return float((errors**2).mean())
 
 
-def resumable_fit_with_prior(
+def fit_with_prior(
     theta: Array,
     prior: tuple[Array, Array],
     sizes: tuple[int, int, int],
@@ -291,11 +278,11 @@ def resumable_fit_with_prior(
     dt: float,
     segments: SimulationSegments,
     iterations: int,
-) -> Resumable[tuple[SimulationFit, Quadratic] | None]:
+) -> tuple[SimulationFit, Quadratic] | None:
     """The fit from θ (k,) by damped Gauss-Newton steps, each of which increases F̄, and the log likelihood about it.
 
     The ``prior`` has mean (k,) and precision (k, k); parameters of A and B with a precision below ``KINEMATIC`` are
-    free. ``None`` where there are none, or errors overflow. Resumable.
+    free. ``None`` where there are none, or errors overflow.
     """
     n, r, _ = sizes
     mean, precision = prior
@@ -306,11 +293,11 @@ def resumable_fit_with_prior(
     numbers = objective.numbers
     if not len(places):
         return None
-    _, errors = yield from objective.resumable_value(theta[places])
+    _, errors = objective.value(theta[places])
     if not np.isfinite(_mean_square(errors)):
         return None
-    start = yield from objective.resumable_quadratic(theta[places], errors)
-    trace, gained = yield from resumable_gauss_newton(objective, start, DAMPING, iterations, CONVERGED_NATS)
+    start = objective.quadratic(theta[places], errors)
+    trace, gained = gauss_newton(objective, start, DAMPING, iterations, CONVERGED_NATS)
     best = theta.copy()
     best[places] = trace[-1].at
     terms = [objective.terms(each) for each in trace]
@@ -329,7 +316,7 @@ def resumable_fit_with_prior(
     ), objective.likelihood(trace[-1])
 
 
-def resumable_simulation_fit(
+def fit_simulation(
     model: GenerativeModel,
     settings: CompleteSettings,
     scaling: Scaling,
@@ -338,8 +325,8 @@ def resumable_simulation_fit(
     record: Record,
     iterations: int = MAX_ITERATIONS,
     geometry: MixerPrior | None = None,
-) -> Resumable[SimulationFit | None]:
-    """The simulation-error fit to a record from θ (k,), with a filter of that gain (n, m); resumable.
+) -> SimulationFit | None:
+    """The simulation-error fit to a record from θ (k,), with a filter of that gain (n, m).
 
     Under the package's own prior the mixer geometry is the known one, ``record.effect_directions``, or the likeliest:
     the fit is made with the ``geometry`` found before, or with none in particular, and once more where another turns
@@ -352,7 +339,6 @@ def resumable_simulation_fit(
     if not horizon:
         return None
     segments = SimulationSegments.of(scaling.scale_segments(record), horizon)
-    yield
     assert segments is not None
     (n, r, _), mean, precision = model.sizes, model.prior.theta_mean, model.prior.theta_precision
     free = np.diag(precision) < KINEMATIC
@@ -365,13 +351,13 @@ def resumable_simulation_fit(
     def precision_of(mixer: MixerPrior | None) -> Array:
         return precision if mixer is None else precision + mixer.added_precision(model.sizes, rows)
 
-    def fitted(mixer: MixerPrior | None) -> Resumable[tuple[SimulationFit, Quadratic] | None]:
+    def fitted(mixer: MixerPrior | None) -> tuple[SimulationFit, Quadratic] | None:
         prior = mean, precision_of(mixer)
-        return resumable_fit_with_prior(theta, prior, model.sizes, gain, record.dt, segments, iterations)
+        return fit_with_prior(theta, prior, model.sizes, gain, record.dt, segments, iterations)
 
     before = [each for each in geometries if geometry is not None and np.array_equal(each.quiet, geometry.quiet)]
     first = next(iter([*before, *geometries]), None)
-    found = yield from fitted(first)
+    found = fitted(first)
     if found is None or not geometries:
         return found and found[0]
     fit, likelihood = found
@@ -382,7 +368,7 @@ def resumable_simulation_fit(
 
     likeliest = max(geometries, key=log_odds)
     if likeliest is not first:
-        found = yield from fitted(likeliest)
+        found = fitted(likeliest)
         assert found is not None
         fit, _ = found
     return replace(fit, layout=likeliest)

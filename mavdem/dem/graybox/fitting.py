@@ -6,9 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.dem.engine.gauss_newton import Damping, Quadratic, resumable_gauss_newton
+from mavdem.dem.engine.gauss_newton import Damping, Quadratic, gauss_newton
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.resumable import Resumable, run_to_end
 from mavdem.dem.forecast.mixer import mixer_priors
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, GUSTS, FlightWindows, Parameters
 
@@ -66,9 +65,8 @@ class _LogJoint(NamedTuple):
     parameters: Parameters
     windows: FlightWindows
 
-    def resumable_value(self, at: Array) -> Resumable[tuple[float, Array]]:
+    def value(self, at: Array) -> tuple[float, Array]:
         """The value; of residuals there is no use."""
-        yield from ()
         with np.errstate(all="ignore"):
             try:
                 errors = np.concatenate([self.parameters.innovations(at[None], part)[0][0] for part in self._chunks])
@@ -76,10 +74,9 @@ class _LogJoint(NamedTuple):
                 return np.nan, np.empty(0)
             return self._value(at, errors), np.empty(0)
 
-    def resumable_quadratic(self, at: Array, residuals: Array) -> Resumable[Quadratic]:
+    def quadratic(self, at: Array, residuals: Array) -> Quadratic:
         """To second order; ``LinAlgError`` if no filter is steady."""
         del residuals
-        yield from ()
         fit = self.about(at)
         mean, sd = self.parameters.prior
         slope = fit.scores.sum(axis=0) - (at - mean) / sd**2
@@ -129,8 +126,8 @@ def fitted(parameters: Parameters, windows: FlightWindows, start: Array) -> Gray
     """The most probable parameters, from ``start`` (k,) on; ``LinAlgError`` where there is no steady filter there."""
     objective = _LogJoint(parameters, windows)
     damping = Damping(first=1e-2, factor=6.0, attempts=12, limited=objective.limited, careful=True)
-    first = run_to_end(objective.resumable_quadratic(start, np.empty(0)))
-    trace, _ = run_to_end(resumable_gauss_newton(objective, first, damping, MAX_ITERATIONS, CONVERGED_NATS))
+    first = objective.quadratic(start, np.empty(0))
+    trace, _ = gauss_newton(objective, first, damping, MAX_ITERATIONS, CONVERGED_NATS)
     return objective.about(trace[-1].at)
 
 
