@@ -203,16 +203,6 @@ def find_in_pieces(data: Bytes, ends: Places, seeds: NDArray[np.int32]) -> tuple
     return frames, np.searchsorted(ends, frames.start, side="right")
 
 
-def candidates(data: Bytes, seeds: NDArray[np.int32]) -> tuple[Places, Places, NDArray[np.bool_]]:
-    """Returns where frames may begin: each place (N,), where the frame would end, and whether its checksum agrees.
-
-    A frame that would end after ``data`` is a candidate too.
-    """
-    block = _FrameBlock(data, 0, len(data), 0, seeds)
-    good = _merged([block.linked(), block.loose(block.end <= len(data))])
-    return block.start, block.end, np.isin(block.start, good.start)
-
-
 class _FrameBlock:
     """The candidates (N,) that begin in one block of the bytes: markers with known incompatibility flags."""
 
