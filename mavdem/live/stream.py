@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import replace
 from math import inf, isnan
 
@@ -15,7 +14,7 @@ from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RATE
 from mavdem.alignment.verdict import NO_ATTITUDE, too_slow
 from mavdem.health.in_flight import MotorAlarm, MotorWatch
-from mavdem.ingest.mavlink.definitions import FrameSender, enum_name
+from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
 from mavdem.ingest.motors import MULTIROTORS
@@ -80,26 +79,18 @@ class LiveStream:
         self._obstacle, self._enough = "The message rates are being measured.", True
 
     @property
+    def followed(self) -> Sender | None:
+        """The vehicle; None before it is known."""
+        return self._senders.followed
+
+    @property
     def parameters(self) -> dict[str, float]:
         """The vehicle's parameters received so far, by name; also those that MAVProxy stores for it."""
-        followed = self._senders.followed
-        if followed is None:
+        if self.followed is None:
             return {}
-        store = self._senders.get(followed.system, PARAMETER_STORE)
-        sent = {**(store.parameters if store else {}), **followed.parameters}
-        return parameters_of(sent.values(), followed.autopilot) if sent else {}
-
-    @property
-    def followed(self) -> FrameSender | None:
-        """The ids of the vehicle; None before it is known."""
-        followed = self._senders.followed
-        return None if followed is None else FrameSender(followed.system, followed.component)
-
-    @property
-    def arrived(self) -> Mapping[int, int]:
-        """Number of the vehicle's messages so far, by message id."""
-        followed = self._senders.followed
-        return {} if followed is None else followed.arrived
+        store = self._senders.get(self.followed.system, PARAMETER_STORE)
+        sent = {**(store.parameters if store else {}), **self.followed.parameters}
+        return parameters_of(sent.values(), self.followed.autopilot) if sent else {}
 
     def feed(self, stamp: float, data: bytes) -> list[AlignedRow]:
         """Takes the next ``data`` of the link, received at ``stamp``, UNIX s; returns the rows that it completes."""
@@ -109,25 +100,21 @@ class LiveStream:
             self._take(frame, rows)
         return rows
 
-    def replies(self) -> list[Message]:
-        """The vehicle's messages of ``REPLIES`` since the last call."""
-        new = list(self._replies)
-        self._replies.clear()
-        return new
-
     def landing(self) -> float | None:
         """The time, s of this boot, since which rows given as settled were of a landing; None if none is new."""
         return self._phase.landing()
 
+    def replies(self) -> list[Message]:
+        """The vehicle's messages of ``REPLIES`` since the last call."""
+        return [self._replies.popleft() for _ in range(len(self._replies))]
+
     def events(self) -> list[Event]:
         """The events since the last call."""
-        new = list(self._events)
-        self._events.clear()
-        return new
+        return [self._events.popleft() for _ in range(len(self._events))]
 
     def status(self) -> SessionStatus:
         """The status of the link and the vehicle."""
-        followed, now = self._senders.followed, self._clock.now
+        followed, now = self.followed, self._clock.now
         return SessionStatus(
             vehicle=followed.name if followed else None,
             obstacle=self._senders.obstacle or (NO_ATTITUDE[""] + self._advice if isnan(now) else self._obstacle),
