@@ -20,7 +20,7 @@ from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
 from mavdem.ingest.motors import MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import UNNAMED
-from mavdem.live.decisions import Inputs, OutputMessages, Phase, Setup
+from mavdem.live.decisions import InputChoice, Inputs, Phase, Setup
 from mavdem.live.history import Event, SessionStatus
 from mavdem.live.messages import Frame, FrameReader, Message, Values, attitude, message_of, outputs, parameters_of
 from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
@@ -29,6 +29,7 @@ from mavdem.live.senders import Sender, Senders
 MAX_EVENTS = 256  # Events kept until they are fetched
 REVIEW_SECONDS, CHOICE_SECONDS = 0.1, 0.5  # Of the boot clock, between two reviews of the phase, and two of the inputs
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
+MAX_PORTS = 4  # Of a message of outputs that are read; PX4 has two
 MAX_REPLIES = 64  # Replies kept until they are fetched
 MIN_JUDGED, CONTRADICTING_SHARE = 64, 0.2  # Messages whose stamps are judged together, and outliers among them
 RATE_CHECK_SAMPLES = 8  # Samples of a stream between two checks of its rate
@@ -68,7 +69,7 @@ class LiveStream:
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._replies: deque[Message] = deque(maxlen=MAX_REPLIES)
         self._streams: dict[tuple[str, int], Samples] = {}  # by message and port, which attitude has none of: 0
-        self._outputs, self._phase, self._grid = OutputMessages(), Phase(), Grid()
+        self._choice, self._phase, self._grid = InputChoice(), Phase(), Grid()
         self._attitude: str | None = None
         self._inputs: Inputs | None = None
         self._alarms = MotorAlarms()
@@ -178,7 +179,7 @@ class LiveStream:
         elif (name in MOTOR_MESSAGES or name == DEMAND_MESSAGE) and placed.stamped:
             port, values = outputs(message)
             # Group 0 of the demand is flight control.
-            if not (name == DEMAND_MESSAGE and port) and self._outputs.take(name, port, time, values):
+            if not (name == DEMAND_MESSAGE and port):
                 self._add(name, port, time, values, rows)
         elif name == "HEARTBEAT":
             kind, autopilot, *state = message.values
@@ -198,8 +199,10 @@ class LiveStream:
 
     def _add(self, name: str, port: int, time: float, values: Values | None, rows: list[AlignedRow]) -> None:
         """Adds a sample to its stream, and the rows that it completes."""
-        stream = self._streams.setdefault((name, port), Samples())
-        if values is None or not stream.add(time, values):
+        stream = self._streams.get((name, port))
+        if stream is None and sum(name == other for other, _ in self._streams) < MAX_PORTS:
+            stream = self._streams[name, port] = Samples()
+        if stream is None or values is None or not stream.add(time, values):
             return
         self.samples += 1
         inputs, streams = self._inputs, self._row_streams()
@@ -218,7 +221,7 @@ class LiveStream:
                 self._report(f"{name} no longer comes at {before:.3g} Hz: a new segment starts.")
                 self._grid.forget_step()
                 for changed in streams:
-                    changed.clear()
+                    changed.break_off()
         if not self._grid.running and self._phase.steady and self._grid.begin(streams):
             self._begin(inputs)
         if self._grid.running:
@@ -292,7 +295,7 @@ class LiveStream:
         ids = sender.system, sender.component, sender.kind, sender.autopilot
         staying = before.message if running and before else None
         vehicle, rates = Telemetry(*ids, {}, parameters), self._rates(self._clock.now)
-        inputs = self._outputs.choose(vehicle, self.axis, self._wanted, staying, rates)
+        inputs = self._choice.choose(self._streams, vehicle, self.axis, self._wanted, staying, rates)
         if inputs is None:
             return  # after a silence there is no evidence of a change
         if before is None or (before.key, before.scale.name) != (inputs.key, inputs.scale.name):
@@ -344,7 +347,7 @@ class LiveStream:
         """Drops everything on the old clock; the vehicle's identity and parameters stay."""
         self.boot = boot
         self._streams.clear()
-        self._outputs.restart()
+        self._choice.restart()
         self._attitude = self._inputs = None
         self._phase = Phase()
         self._alarms.restart()
