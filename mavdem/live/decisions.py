@@ -46,7 +46,8 @@ REPORTED = ("armed", "landed_state")
 TOUCHDOWN_SHARE, TOUCHDOWN_SECONDS = 0.5, 0.2
 """Of the collective in flight, and over how long: in the air a multirotor carries its weight, on the ground it idles at
 a third."""
-MAX_ROWS = 512  # Of each stream of outputs that are looked back on
+MAX_ROWS = 256  # Of each stream of outputs that are looked back on
+MIN_STEP_SECONDS = 0.005  # Between two values of the collective
 MAX_REPORTS = 4096  # Of each kind of what shows the phase
 
 
@@ -84,7 +85,7 @@ class Inputs:
     picks: tuple[tuple[int, int], ...]
     collective: Signal | None  # of the last seconds
 
-    @property
+    @cached_property
     def ports(self) -> tuple[int, ...]:
         """The ports with inputs, the one with most of them first."""
         ports = [port for port, _ in self.picks]
@@ -274,6 +275,8 @@ class Phase:
         if not isfinite(value):
             return
         rows = self._rows[kind]
+        if kind == "collective" and rows and 0 <= time - rows[-1][0] < MIN_STEP_SECONDS:
+            return
         changed = kind == "landed_state" and (not rows or rows[-1][1] != value)
         rows.append((time, value))
         if changed:
