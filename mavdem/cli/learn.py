@@ -147,13 +147,10 @@ def learn_command(
         blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
         details = detail_blocks(learned, report)
     held = inventory(log, verdict.axis, vehicle, inputs, (verdict, condition, analysis.identity))
-    write_results(folder, report, log_page(heading, blocks, held, analysis, details), analysis)
-    hints = (
-        advice(f"{RECORDING} was not written, since it", "view"),
-        advice("Drawing the pictures of report.html", "plot"),
-    )
-    for hint in filter(None, hints if learned is not None else ()):
-        say_aside(hint)
+    write_results(folder, report, log_page(heading, blocks, {verdict.axis: analysis}, held), analysis)
+    for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
+        if learned is not None and (hint := advice(what, extra)):
+            say_aside(hint)
     if as_json:
         print_json(report)
     else:
