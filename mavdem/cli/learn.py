@@ -150,7 +150,7 @@ def learn_command(
     if analysis.truth is not None:
         blocks += truth_blocks(analysis.truth)
     details = detail_blocks(learned, report)
-    page = log_page(heading, blocks, held, analysis, details)
+    page = log_page(heading, blocks, {analysis.verdict.axis: analysis}, held)
     write_results(folder, report, page, analysis.flights, learned, held_out)
     if hint := advice(f"{RECORDING} was not written, since it", "view"):
         say_aside(hint)
@@ -171,7 +171,7 @@ def _without_model(
     heading = Sentence(f"{axis}, {settled:.0f} s of settled flight, no model.", f"{printable(Path(source).name)}:")
     report["error"] = {"reason": analysis.reason, "remedy": analysis.remedy}
     blocks = analysis_blocks(analysis)
-    write_figures(folder, report, log_page(heading, blocks, held, analysis))
+    write_figures(folder, report, log_page(heading, blocks, {axis: analysis}, held))
     if as_json:
         print_json(report)
     else:

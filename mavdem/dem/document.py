@@ -1,4 +1,4 @@
-"""The document of a learnt model, ``model.json``: every field by its name, arrays as nested lists, NaN as null.
+"""The document of a learnt model, ``model.json``: every field by its name, arrays as nested lists.
 
 What a document holds is what the fields of the records say: pydantic checks it by their types. What types do not say,
 shapes and finite numbers, stands in the table :data:`SHAPES`.
@@ -21,60 +21,42 @@ from mavdem.dem.record import LABELS
 from mavdem.dem.settings import Settings
 from mavdem.dem.validation import STRICT, first_problem
 
-SHAPES = {
-    "record.inputs": "T r",
-    "record.outputs": "T m",
-    "record.effect_directions": "r",
-    "record.setpoints": "T q",
-    "model.A": "n n",
-    "model.B": "n r",
-    "model.C": "m n",
-    "model.offset": "n",
-    "model.input_trim": "r",
-    "model.output_trim": "m",
-    "theta_covariance": "k k",
-    "scatter.covariance": "k k",
-    "undetermined.weights": "k",
-    "prior_sd": "k",
-    "known": "k",
-    "free_energy.terms": "iterations",
-    "free_energy_of_samples": "windows",
-    "learning.theta": "iterations k",
-    "learning.theta_sd": "iterations k",
-    "learning.lambda_": "iterations g",
-    "learning.lambda_sd": "iterations g",
-    "training_forecasts.mse": "H m",
-    "training_forecasts.weight": "H m",
-    "training_forecasts.weighted_mse": "H m",
-    "scaling.input_trim": "r",
-    "scaling.input_scale": "r",
-    "scaling.output_trim": "m",
-    "scaling.output_scale": "m",
-    "scaling.known": "r",
-    "predictor.A": "carried carried",
-    "predictor.B": "carried driven",
-    "predictor.C": "m carried",
-    "predictor.D": "m driven",
-    "predictor.K": "carried m",
-    "predictor.offset": "carried",
-    "predictor.input_trim": "driven",
-    "predictor.output_trim": "m",
-    "predictor.second_of_outputs": "carried m",
-    "predictor.second_of_inputs": "carried driven",
-    "state_map": "X data",
-    "theta": "K",
-    "simulation_fit.theta": "K",
-    "simulation_fit.places": "free",
-    "simulation_fit.covariance": "free free",
-    "simulation_fit.terms": "rounds",
-    "simulation_fit.mse": "longest m",
-    "simulation_fit.gain": "n m",
-    "simulation_fit.layout.quiet": "combinations r",
+_PATHS = {
+    "T r": "record.inputs",
+    "T m": "record.outputs",
+    "n n": "model.A",
+    "n r": "model.B",
+    "m n": "model.C",
+    "n": "model.offset",
+    "r": "model.input_trim scaling.input_trim scaling.input_scale scaling.known record.effect_directions",
+    "m": "model.output_trim scaling.output_trim scaling.output_scale predictor.output_trim",
+    "k": "prior_sd known undetermined.weights",
+    "k k": "theta_covariance scatter.covariance",
+    "iterations": "free_energy.terms",
+    "iterations k": "learning.theta learning.theta_sd",
+    "iterations g": "learning.lambda_ learning.lambda_sd",
+    "windows": "free_energy_of_samples",
+    "H m": "training_forecasts.mse training_forecasts.weight training_forecasts.weighted_mse",
+    "carried carried": "predictor.A",
+    "carried driven": "predictor.B predictor.second_of_inputs",
+    "carried m": "predictor.K predictor.second_of_outputs",
+    "m carried": "predictor.C",
+    "m driven": "predictor.D",
+    "carried": "predictor.offset",
+    "driven": "predictor.input_trim",
+    "X data": "state_map",
+    "K": "theta simulation_fit.theta",
+    "free": "simulation_fit.places",
+    "free free": "simulation_fit.covariance",
+    "rounds": "simulation_fit.terms",
+    "longest m": "simulation_fit.mse",
+    "n m": "simulation_fit.gain",
+    "combinations r": "simulation_fit.layout.quiet",
 }
+SHAPES = {path: shape.split() for shape, paths in _PATHS.items() for path in paths.split()}
 """Shapes of all arrays; equal names are equal numbers: T samples, r inputs, m outputs, n states, k parameters of the
 vehicle, K of the engine, which may have a constant input more."""
 
-MISSING = {"record.setpoints"}  # arrays in which NaN stands for what is not known
 POSITIVE = {"prior_sd", "scaling.input_scale", "scaling.output_scale"}
 ROUNDING = 1e-9  # of a covariance: how far below zero its least variance may be, relative to the largest
 
@@ -109,11 +91,7 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
 def _plain(value: Any) -> Any:
     """Arrays, tuples and dataclasses as lists and dictionaries."""
     if isinstance(value, np.ndarray):
-        plain = value
-        if value.dtype.kind == "f" and not np.isfinite(value).all():
-            plain = value.astype(object)
-            plain[~np.isfinite(value)] = None
-        return plain.tolist()
+        return value.tolist()
     if isinstance(value, Settings):
         return value.to_dict()
     if named := _fields(value):
@@ -189,10 +167,10 @@ def _require_shapes(result: Any) -> None:
     """Raises ``ValueError`` for arrays of other shapes than :data:`SHAPES`, and numbers that cannot be."""
     sizes: dict[str, int] = {}
     for path, array in _arrays(result, ""):
-        names = SHAPES[path].split()
+        names = SHAPES[path]
         if path.endswith(".quiet") and not array.size:  # in JSON, a table without rows has no columns
             array.resize((0, sizes.get(names[-1], 0)), refcheck=False)
-        if array.ndim != len(names) or not (np.isfinite(array).all() or path in MISSING):
+        if array.ndim != len(names) or not np.isfinite(array).all():
             raise ValueError(f"{path} must be finite and of shape ({', '.join(names)}), not {array.shape}")
         expected = tuple(sizes.setdefault(name, size) for name, size in zip(names, array.shape, strict=True))
         if array.shape != expected:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -117,7 +118,13 @@ def generative_model(settings: CompleteSettings, scaling: Scaling, record: Recor
     if settings.prior == "regulated" and (n < m or (n > most and not settings.last_derivative_zero)):
         raise ValueError(f"order must be between {m} and {most} with {m} outputs and p = {settings.p}, not {n}")
     r = motors + scaling.constant
-    q = settings.p if settings.last_derivative_zero else settings.p - 1
+    p, s = settings.p, smoothness_of(settings, record.dt)
+    q = p if settings.last_derivative_zero else p - 1
+    if settings.correlation == "continuous":
+        correlations = temporal_precision(p, s), temporal_precision(q, s)
+    else:
+        reading = s, record.dt, settings.window
+        correlations = sampled_output_precision(p, *reading), sampled_state_precision(q, *reading)
     output_groups, state_groups = hyperparameter_groups(settings, n, m)
     return GenerativeModel(
         n,
@@ -126,29 +133,12 @@ def generative_model(settings: CompleteSettings, scaling: Scaling, record: Recor
         settings.p,
         settings.d,
         q,
-        *_correlations(settings, q, smoothness_of(settings, record.dt), record.dt),
+        *correlations,
         output_groups,
         state_groups,
         _input_precision(settings, motors, scaling.constant),
         Prior(*_parameter_prior(settings, scaling, record, r), *hyperparameter_prior(settings, n, m)),
     )
-
-
-def with_smoothness(
-    model: GenerativeModel, settings: CompleteSettings, smoothness: float, dt: float
-) -> GenerativeModel:
-    """The same model of noise of another smoothness, s."""
-    of_z, of_w = _correlations(settings, model.q, smoothness, dt)
-    return replace(model, output_correlation=of_z, state_correlation=of_w)
-
-
-def _correlations(settings: CompleteSettings, q: int, smoothness: float, dt: float) -> tuple[Array, Array]:
-    """S of z̃, up to order p, and of w̃, up to order q."""
-    p = settings.p
-    if settings.correlation == "continuous":
-        return temporal_precision(p, smoothness), temporal_precision(q, smoothness)
-    reading = smoothness, dt, settings.window
-    return sampled_output_precision(p, *reading), sampled_state_precision(q, *reading)
 
 
 def _parameter_prior(settings: CompleteSettings, scaling: Scaling, record: Record, r: int) -> tuple[Array, Array]:
@@ -263,74 +253,54 @@ class SmoothnessEstimate(NamedTuple):
     free_energy: Array
 
     def interval(self, level: float = LEVEL) -> tuple[float, float]:
-        """The interval of s with probability ``level``, seconds."""
+        """Returns the interval of s with probability ``level``, seconds."""
         require_probability(level)
         span = float(np.exp(quantile(level) * self.log_sd))
         return self.smoothness / span, self.smoothness * span
 
 
-def estimate_smoothness(
-    train: UniformRecord | Sequence[UniformRecord], settings: CompleteSettings | None = None
-) -> SmoothnessEstimate:
-    """The smoothness s of a flight's noise: the maximum of F̄ᵒ over s.
+def estimate_smoothness(train: UniformRecord | Sequence[UniformRecord]) -> SmoothnessEstimate:
+    """Estimates the smoothness s of the noise of a flight, or of segments: the maximum of F̄ᵒ over s.
 
     Each sample's derivatives determine s: a noise of variance 1 has a derivative of variance 1/(2s²). So the shortest
     window with two derivatives is enough, without hidden states, which would explain coloured noise as motion. Sensor
     noise is assumed small (``Settings.lambda_z``): where it is not, s is too short.
 
-    Args:
-        train: a ``Flight``, or a list of segments, as for ``learn``.
-        settings: whose ``smoothness`` is not used; unless given, those described above.
-
     Raises:
         ValueError: no segment has a window of three samples, or no smoothness in range could be fitted.
     """
     record = Record.of(train)
-    if settings is None:
-        settings = CompleteSettings(order=record.outputs.shape[1], p=2, d=2, window=3, parameter_precision=1.0)
+    settings = CompleteSettings(order=record.outputs.shape[1], p=2, d=2, window=3, parameter_precision=1.0)
     if not record.windows(settings.window):
         raise ValueError(f"train must have a segment of at least {settings.window} samples, not {record.longest}")
     scaling = Scaling.of(*record.spread, settings)
-    model = generative_model(settings, scaling, record)
     samples = SufficientStatistics.of(*generalized(settings, scaling, record))
-    values: dict[float, float] = {}
 
+    @cache
     def value(log_s: float) -> float:
-        if log_s not in values:
-            try:
-                with raise_on_overflow():
-                    own = with_smoothness(model, settings, float(np.exp(log_s)), record.dt)
-                    values[log_s] = float(ascend(own, samples, settings.iterations).free_energy[-1])
-            except (np.linalg.LinAlgError, ValueError):
-                values[log_s] = -np.inf
-        return values[log_s]
+        try:
+            with raise_on_overflow():
+                model = generative_model(replace(settings, smoothness=float(np.exp(log_s))), scaling, record)
+                return float(ascend(model, samples, settings.iterations).free_energy[-1])
+        except ValueError:  # LinAlgError is one
+            return -np.inf
 
     longest = min(max(MAX_SHARE * record.longest, 1.0), MAX_STEPS)
-    lowest, highest = np.log([MIN_STEPS * record.dt, longest * record.dt])
-    grid = np.linspace(lowest, highest, GRID_POINTS)
-    best = int(np.argmax([value(place) for place in grid]))
-    if not np.isfinite(value(grid[best])):
+    tried = np.linspace(np.log(MIN_STEPS * record.dt), np.log(longest * record.dt), GRID_POINTS).tolist()
+    best = int(np.argmax([value(log_s) for log_s in tried]))
+    if not np.isfinite(value(tried[best])):
         raise ValueError("the training data do not determine the smoothness of their noise: set it")
-    log_s, log_sd = float(grid[best]), np.inf
-    if 0 < best < GRID_POINTS - 1 and np.isfinite([value(grid[best - 1]), value(grid[best + 1])]).all():
-        bracket = grid[best - 1], grid[best + 1]
-        # Where F̄ᵒ cannot be computed between the two, it counts as the lower of them.
-        lowest_value = min(value(place) for place in bracket)
-        found = minimize_scalar(lambda at: -max(value(at), lowest_value), bounds=bracket, options={"xatol": 0.01})
-        log_s = float(found.x)
-        curvature = (
-            value(log_s - CURVATURE_STEP) + value(log_s + CURVATURE_STEP) - 2 * value(log_s)
-        ) / CURVATURE_STEP**2
-        if -np.inf < curvature < 0:
-            log_sd = float(np.sqrt(_redundancy(np.exp(log_s), record.dt) / -curvature))
-    tried = sorted(place for place, found in values.items() if np.isfinite(found))
-    return SmoothnessEstimate(float(np.exp(log_s)), log_sd, np.exp(tried), np.array([values[place] for place in tried]))
-
-
-def _redundancy(smoothness: float, dt: float) -> float:
-    """Samples per effective sample: Σ_k ρ(k dt)², for the autocorrelation ρ of the noise.
-
-    A sample's square, by which variances are estimated, is correlated with its neighbours' by ρ².
-    """
-    lags = np.arange(-round(10 * smoothness / dt) - 1, round(10 * smoothness / dt) + 2) * dt
-    return float(np.exp(-((lags / smoothness) ** 2) / 2).sum())
+    log_s, log_sd, beside = tried[best], np.inf, tried[max(best - 1, 0) : best + 2]
+    # Where F̄ᵒ cannot be computed between its neighbours, it counts as the lower of them.
+    lowest = min(value(log_s) for log_s in beside)
+    if len(beside) == 3 and np.isfinite(lowest):
+        objective = lambda log_s: tried.append(float(log_s)) or -max(value(float(log_s)), lowest)  # noqa: E731
+        log_s = float(minimize_scalar(objective, bounds=(beside[0], beside[2]), options={"xatol": 0.01}).x)
+        around = value(log_s - CURVATURE_STEP) + value(log_s + CURVATURE_STEP) - 2 * value(log_s)
+        if -np.inf < around < 0:
+            # A sample's square, by which variances are estimated, is correlated with its neighbours' by ρ².
+            lags = np.arange(-np.ceil(10 * np.exp(log_s) / record.dt), np.ceil(10 * np.exp(log_s) / record.dt) + 1)
+            redundancy = np.exp(-((lags * record.dt / np.exp(log_s)) ** 2) / 2).sum()
+            log_sd = float(np.sqrt(redundancy / -around)) * CURVATURE_STEP
+    tried = sorted({log_s for log_s in tried if np.isfinite(value(log_s))})
+    return SmoothnessEstimate(float(np.exp(log_s)), log_sd, np.exp(tried), np.array([value(log_s) for log_s in tried]))

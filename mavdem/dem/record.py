@@ -61,8 +61,7 @@ class UniformRecord(Protocol):
     @property
     def dt(self) -> float: ...  # noqa: D102
 
-    # May have as well, as a ``Flight`` has: ``effect_directions``, ``input_names``, ``setpoints``, ``setpoint_names``,
-    # ``time``, ``output_names``, ``input_units``, ``output_units``.
+    # May have as well, as a ``Flight`` has: ``effect_directions``, ``time``, and names and units of its columns.
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +69,7 @@ class Record:
     """Samples of segments of ``lengths``, one after the other: inputs (T, r), outputs (T, m), physical.
 
     ``effect_directions`` (r,) are the relative effect of each motor on the axis; ``None`` where the mixer's geometry is
-    not known. ``setpoints`` (T, q), of these names, are NaN where they are not known, and ``None`` where any segment
-    has none. Names and units of inputs and outputs are the flight's, and ``begins`` (segments,) the times of the
+    not known. Names and units of inputs and outputs are the flight's, and ``begins`` (segments,) the times of the
     segments' first samples on its clock, s; none where it has none.
     """
 
@@ -80,13 +78,11 @@ class Record:
     dt: float
     lengths: tuple[int, ...]
     effect_directions: Array | None = None
+    begins: tuple[float, ...] = ()
     input_names: tuple[str, ...] = ()
-    setpoints: Array | None = None
-    setpoint_names: tuple[str, ...] = ()
     output_names: tuple[str, ...] = ()
     input_units: tuple[str, ...] = ()
     output_units: tuple[str, ...] = ()
-    begins: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         if not SHORTEST_STEP <= self.dt <= 1 / SHORTEST_STEP:
@@ -117,21 +113,8 @@ class Record:
         directions = _directions(flights, inputs[0].shape[1])
         labels = {name: tuple(getattr(flights[0], name, ())) for name in LABELS}
         times: list[Sequence[float]] = [getattr(flight, "time", ()) for flight in flights]
-        asked = {tuple(getattr(flight, "setpoint_names", ())) for flight in flights}
-        return cls(
-            np.concatenate(inputs),
-            np.concatenate(outputs),
-            steps[0],
-            lengths,
-            directions,
-            labels["input_names"],
-            _setpoints(flights) if len(asked) == 1 else None,
-            asked.pop() if len(asked) == 1 else (),
-            labels["output_names"],
-            labels["input_units"],
-            labels["output_units"],
-            tuple(float(time[0]) for time in times) if all(map(len, times)) else (),
-        )
+        begins = tuple(float(time[0]) for time in times) if all(map(len, times)) else ()
+        return cls(np.concatenate(inputs), np.concatenate(outputs), steps[0], lengths, directions, begins, **labels)
 
     def __len__(self) -> int:
         return len(self.outputs)
@@ -221,15 +204,6 @@ def _table(values: ArrayLike, name: str, columns: int) -> Array:
     return table
 
 
-def _setpoints(flights: Sequence[UniformRecord]) -> Array | None:
-    """The setpoints of all segments, one after the other; ``None`` unless all have them, sample by sample."""
-    tables = [getattr(flight, "setpoints", None) for flight in flights]
-    known = [table for table in tables if table is not None]
-    if [len(table) for table in known] != [len(flight.outputs) for flight in flights]:
-        return None
-    return np.concatenate([real_numbers(table, "setpoints") for table in known])
-
-
 def _directions(flights: Sequence[UniformRecord], motors: int) -> Array | None:
     """(r,) the effect directions of all segments; ``None`` unless each has the same, and not all are zero."""
     given = [getattr(flight, "effect_directions", None) for flight in flights]
@@ -252,3 +226,20 @@ def _checked(train: UniformRecord) -> tuple[Array, Array, float]:
     if not (inputs.shape[1] and outputs.shape[1]):
         raise ValueError(f"inputs and outputs must have at least one column, not {inputs.shape} and {outputs.shape}")
     return inputs, outputs, dt
+
+
+def folds(lengths: Sequence[int], count: int) -> list[list[tuple[int, int, int]]]:
+    """Returns the samples of segments of these ``lengths`` in ``count`` parts of about equal length, none empty.
+
+    A part has pieces of one segment each: its number, and the first sample and the one after the last.
+    """
+    total, parts = sum(lengths), []
+    for fold in range(count):
+        begin, end, before, pieces = total * fold // count, total * (fold + 1) // count, 0, []
+        for number, length in enumerate(lengths):
+            first, stop = max(begin - before, 0), min(end - before, length)
+            if first < stop:
+                pieces.append((number, first, stop))
+            before += length
+        parts.append(pieces)
+    return [pieces for pieces in parts if pieces]

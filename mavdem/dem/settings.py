@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from pydantic import AfterValidator, Field
 
 from mavdem.dem.engine.linalg import Array, require_positive_definite
-from mavdem.dem.validation import checked_values, json_values, real_numbers
+from mavdem.dem.validation import checked_values, real_numbers
 
 LARGEST_LOG = 100.0  # of a log precision: e^±100 is beyond anything measured, and far from overflow
 SMALLEST = 1e-50  # of a positive setting; the largest is its inverse
@@ -131,9 +131,8 @@ COMPLETE_RULES = RULES | {
 
 FORMER = {
     "lambda_prior": "lambda_z and lambda_w are the means, and lambda_log_precision has the logs of the precisions",
-    "state_rate": "learning_rates has all three rates",
-    "parameter_rate": "learning_rates has all three rates",
-    "hyperparameter_rate": "learning_rates has all three rates",
+    **dict.fromkeys(("state_rate", "parameter_rate", "hyperparameter_rate"), "learning_rates has all three"),
+    **dict.fromkeys(("output_groups", "state_groups"), "noise_groups has both"),
 }
 """Settings that are no more, and what to use; those that :func:`_translated` knows keep working."""
 
@@ -159,28 +158,19 @@ def _translated(values: Mapping[str, Any]) -> dict[str, Any]:
         if new.pop(name) is not None:
             raise ValueError(f"{name} is no setting any more: {FORMER[name]}")
     precisions = list(new.get("lambda_log_precision", (25.0, -4.6)))
-    for place, name in enumerate(("lambda_z_precision", "lambda_w_precision")):
+    for index, name in enumerate(("lambda_z_precision", "lambda_w_precision")):
         if name in new:
-            precisions[place] = _log(new.pop(name), name)
+            precision = real_numbers(new.pop(name), name)
+            if not (precision > 0).all():
+                raise ValueError(f"{name} must be positive, not {values[name]!r}")
+            precisions[index] = np.log(precision).tolist()
             new["lambda_log_precision"] = tuple(precisions)
-    of_outputs, of_states = new.pop("output_groups", None), new.pop("state_groups", None)
-    if of_outputs is not None and of_states is not None:
-        new["noise_groups"] = of_outputs, of_states
-    elif of_outputs is not None or of_states is not None:
-        raise ValueError("output_groups and state_groups must be given together, as noise_groups = (outputs, states)")
     if "last_derivative_zero" in new:
         new["correlation"] = "continuous" if new.pop("last_derivative_zero") else "sampled"
     shrunk, closed = new.pop("shrink_forecasts", None), new.pop("closed_loop", None)
     if shrunk is not None or closed is not None:
         new["forecasts"] = "model" if shrunk is False else "shrunk" if closed is False else "mixed"
     return new
-
-
-def _log(value: ArrayLike, name: str) -> Any:
-    precision = real_numbers(value, name)
-    if not (precision > 0).all() or precision.ndim > 1:
-        raise ValueError(f"{name} must be positive, a number or one for each, not {value!r}")
-    return np.log(precision).tolist()
 
 
 @_takes_former_names
@@ -364,7 +354,11 @@ class Settings:
     @classmethod
     def from_json(cls, text: str) -> Self:
         """Returns settings from the ``text`` of :meth:`to_json`; ``ValueError`` names a key that is not a setting."""
-        return cls.from_dict(json_values(text, "settings"))
+        try:
+            values = json.loads(text)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise ValueError(f"settings must be a JSON document: {error}") from None
+        return cls.from_dict(values)
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:

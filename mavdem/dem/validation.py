@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from functools import cache
 from reprlib import Repr
@@ -47,14 +46,6 @@ def first_problem(error: ValidationError) -> str:
     if first["type"] == "value_error":
         return f"{name} {said}".lstrip()
     return f"{name} {said.replace('Input should be', 'must be', 1)}, not {SHORT.repr(first['input'])}".lstrip()
-
-
-def json_values(text: str, name: str) -> Any:
-    """The values in a JSON document; ``ValueError``, which names what it should have been, for anything else."""
-    try:
-        return json.loads(text)
-    except (TypeError, ValueError, RecursionError) as error:
-        raise ValueError(f"{name} must be a JSON document: {error}") from None
 
 
 def real_numbers(values: ArrayLike, name: str) -> NDArray[np.float64]:

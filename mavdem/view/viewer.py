@@ -36,7 +36,9 @@ reason, even if it is killed. It runs in a session of its own."""
 def show(path: str | os.PathLike[str]) -> str:
     """Opens the recording at ``path`` in the Rerun viewer; returns "" at once, or in one sentence why it cannot."""
     if not has_screen():
-        return f"There is no screen here; open the recording where there is one, with `{_command(path)}`."
+        program = ["rerun"] if shutil.which("rerun") else [sys.executable, "-m", "rerun"]
+        command = shlex.join([*program, os.fspath(path)])
+        return f"There is no screen here; open the recording where there is one, with `{command}`."
     if not Path(path).is_file():
         return f"There is no recording {path}."
     _start(os.fspath(path))
@@ -46,16 +48,6 @@ def show(path: str | os.PathLike[str]) -> str:
 def has_screen() -> bool:
     """Returns whether a window can probably be opened here."""
     return not sys.platform.startswith("linux") or bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
-
-
-def _command(path: str | os.PathLike[str]) -> str:
-    """What to type to open ``path``: the viewer beside this Python, by its path unless a shell finds it by name."""
-    beside = Path(sys.executable).with_name("rerun")
-    if not beside.is_file() or shutil.which("rerun") == str(beside):
-        return shlex.join(["rerun", os.fspath(path)])
-    here = Path.cwd()
-    viewer = beside.relative_to(here) if here in beside.parent.parents else beside
-    return shlex.join([str(viewer), os.fspath(path)])
 
 
 def _start(*options: str, watched: bool = False) -> subprocess.Popen[bytes]:
@@ -79,27 +71,18 @@ def _start(*options: str, watched: bool = False) -> subprocess.Popen[bytes]:
 
 
 class Sink:
-    """A destination of a live flight.
+    """A destination of a live flight."""
 
-    Attributes:
-        name: as a user calls it.
-        period: seconds between batches.
-        retried: whether one that fails, or is not there yet, is tried again.
-    """
-
-    name: str
-    period: float
-    retried: bool
+    name: str  # as a user calls it
+    period: float  # seconds between batches
+    retried: bool  # whether one that fails, or is not there yet, is tried again
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Directs the recording to the sink; returns whether it could; ``RuntimeError`` if it never can."""
         raise NotImplementedError
 
-    def delivered(self) -> None:
-        """Notes that all that was sent has arrived."""
-
-    def failed(self) -> None:
-        """Notes that what was sent since the last delivery has not arrived."""
+    def delivered(self, arrived: bool = True) -> None:
+        """Notes whether all that was sent has arrived."""
 
     def close(self) -> None:
         """Ends what was started for it, after the recording is disconnected."""
@@ -132,14 +115,13 @@ class RecordingFile(Sink):
         recording.set_sinks(rr.FileSink(self.path))
         return True
 
-    def delivered(self) -> None:
-        """See :class:`Sink`."""
-        self._complete = self.path.stat().st_size
-
-    def failed(self) -> None:
-        """See :class:`Sink`."""
-        self.broken = True
-        os.truncate(self.path, self._complete)
+    def delivered(self, arrived: bool = True) -> None:
+        """Keeps what has arrived; see :class:`Sink`."""
+        if arrived:
+            self._complete = self.path.stat().st_size
+        else:
+            self.broken = True
+            os.truncate(self.path, self._complete)
 
 
 class Viewer(Sink):
@@ -204,16 +186,6 @@ class WebServer(Viewer):
             self.process.wait()
 
 
-def native_viewer() -> Viewer:
-    """Opens a viewer's window, which stays open after the process ends; returns it as a sink."""
-    with socket.socket() as probe:
-        probe.bind((LOOPBACK, 0))
-        port = int(probe.getsockname()[1])
-    limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", VIEWER_MEMORY)
-    _start(*limits, "--port", str(port), "--expect-data-soon", "--hide-welcome-screen")
-    return Viewer(f"rerun+http://{LOOPBACK}:{port}/proxy")
-
-
 def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, connect: str | None = None) -> list[Sink]:
     """Returns the sinks that a user asked for; with a screen and neither ``serve`` nor ``connect``, also a window.
 
@@ -228,7 +200,13 @@ def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, co
         sinks.append(WebServer())
     if not serve and connect is None:
         if has_screen():
-            sinks.append(native_viewer())
+            # A window, which stays open after the process ends.
+            with socket.socket() as probe:
+                probe.bind((LOOPBACK, 0))
+                port = int(probe.getsockname()[1])
+            limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", VIEWER_MEMORY)
+            _start(*limits, "--port", str(port), "--expect-data-soon", "--hide-welcome-screen")
+            sinks.append(Viewer(f"rerun+http://{LOOPBACK}:{port}/proxy"))
         elif rrd is None:
             raise ValueError(NO_SCREEN)
     return sinks

@@ -97,17 +97,12 @@ def test_what_does_not_fit_is_named(path, value, message, document):
         Learned.from_json(json.dumps(values))
 
 
-def test_what_only_physical_parameters_use_is_kept():
+def test_what_a_flight_says_of_its_vehicle_is_kept():
     flight = FLIGHT[:500]
-    setpoints = np.sin(flight.time)[:, None]
-    setpoints[:9] = np.nan
     directions = np.ones(flight.inputs.shape[1])
-    further = {"setpoints": setpoints, "setpoint_names": ("roll stick",), "effect_directions": directions}
-    known = Flight(flight.time, flight.inputs, flight.outputs, **further)
+    known = Flight(flight.time, flight.inputs, flight.outputs, effect_directions=directions)
     learned = learn(known, Settings(order=3, d=2, window=9, parameter_precision=1.0))
     record = Learned.from_json(learned.to_json()).record
-    np.testing.assert_array_equal(record.setpoints, setpoints)
     np.testing.assert_array_equal(record.effect_directions, directions)
-    assert record.setpoint_names == ("roll stick",)
     assert record.begins == (flight.time[0],)
     assert {name: getattr(record, name) for name in LABELS} == {name: getattr(known, name) for name in LABELS}

@@ -4,7 +4,6 @@ import calibration
 import numpy as np
 import pytest
 
-from mavdem import Settings
 from mavdem.dem.engine.coordinates import (
     embed,
     sampled_output_precision,
@@ -15,8 +14,6 @@ from mavdem.dem.fitting import MIN_STEPS, estimate_smoothness
 from mavdem.dem.record import Record
 
 DT = 0.01
-COMPLETE = Settings(order=2, d=2, window=3, parameter_precision=1.0)
-"""What is estimated with unless asked for something else."""
 
 
 def record(ratio, seed, wind=1.0, samples=6000):
@@ -30,14 +27,14 @@ def record(ratio, seed, wind=1.0, samples=6000):
 @pytest.mark.slow
 @pytest.mark.parametrize("ratio", [0.7, 2, 10])
 def test_smoothness_is_recovered_over_more_than_a_tenfold_range(ratio):
-    estimates = [estimate_smoothness(record(ratio, seed), COMPLETE).smoothness / DT for seed in range(2)]
+    estimates = [estimate_smoothness(record(ratio, seed)).smoothness / DT for seed in range(2)]
     np.testing.assert_allclose(estimates, ratio, rtol=0.15)
 
 
 @pytest.mark.slow
 def test_its_interval_holds_it_as_often_as_it_says():
     ratio, flights = 3, 20
-    estimates = [estimate_smoothness(record(ratio, seed, samples=3000), COMPLETE) for seed in range(flights)]
+    estimates = [estimate_smoothness(record(ratio, seed, samples=3000)) for seed in range(flights)]
     inside = [low <= ratio * DT <= high for low, high in (estimate.interval(0.9) for estimate in estimates)]
     # Three standard errors of a share of 0.9 among so many.
     assert np.mean(inside) > 0.9 - 3 * np.sqrt(0.9 * 0.1 / flights)
@@ -47,7 +44,7 @@ def test_its_interval_holds_it_as_often_as_it_says():
 
 
 def test_the_free_energy_is_highest_where_it_says_and_flatter_with_less_data():
-    long, short = (estimate_smoothness(record(2, 0, samples=samples), COMPLETE) for samples in (6000, 1500))
+    long, short = (estimate_smoothness(record(2, 0, samples=samples)) for samples in (6000, 1500))
     assert long.tried[np.argmax(long.free_energy)] == pytest.approx(long.smoothness)
     assert (np.diff(long.tried) > 0).all()
     # Four times the samples tell four times as much.
@@ -58,9 +55,7 @@ def test_noise_that_is_white_to_the_samples_is_said_to_be():
     rng = np.random.default_rng(0)
     outputs = rng.standard_normal((2000, 1))
     inputs = np.sin(0.05 * np.arange(2000))[:, None]
-    estimate = estimate_smoothness(
-        Record(inputs, outputs, DT, (2000,)), Settings(order=1, d=2, window=3, parameter_precision=1.0)
-    )
+    estimate = estimate_smoothness(Record(inputs, outputs, DT, (2000,)))
     assert estimate.smoothness < 1.0 * DT
 
 
@@ -95,5 +90,5 @@ def test_noise_as_it_is_read_becomes_the_true_one_when_sampling_is_fine():
 
 
 def test_the_range_begins_where_noise_is_white():
-    estimate = estimate_smoothness(record(2, 0, samples=600), COMPLETE)
+    estimate = estimate_smoothness(record(2, 0, samples=600))
     assert estimate.tried[0] == pytest.approx(MIN_STEPS * DT)

@@ -15,12 +15,11 @@ from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack
 from mavdem.dem.graybox.wind import LEVEL_SECONDS, gusts
 from mavdem.dem.record import Record
+from mavdem.live.history import AHEAD
 from mavdem.report.numbers import place, readable
 from mavdem.report.palette import BAD, BAND_OPACITY, BOUND, COMMAND, DISTURBANCE, MEASURED, PREDICTED, distinct
 from mavdem.view.plots import BOOT_CLOCK, Lines, faint, free_parameters, free_precisions
 
-AHEAD_SECONDS = 0.25  # horizon shown, before errors say which is useful
-CHANGE_SECONDS = 10.0  # for which a horizon is shown at least
 GUST_SECONDS = 60.0  # of the latest torque, which gusts are found in
 BEYOND = 0.3  # how far predictions and bands are drawn beyond what was measured, in spans of it
 
@@ -84,12 +83,11 @@ class LiveWriter:
         self._seen: dict[str, tuple[float, float]] = {}  # by plot, the least and most that were measured
         self._unusual = False
         self._model: LinearModel | None = None
-        seconds = np.array(channels.horizons) * channels.dt
-        self._horizon, self._since = int(np.abs(seconds - AHEAD_SECONDS).argmin()), -np.inf
+        self._horizon = int(np.abs(np.array(channels.horizons) * channels.dt - AHEAD).argmin())
         self.lines = {lines.path: lines.under(root) for lines in self._all_lines()}
 
     def _all_lines(self) -> list[Lines]:
-        """All lines but those of the model, predictions as far ahead as the horizon that is shown."""
+        """All lines but those of the model; predictions are those nearest to ``AHEAD`` seconds ahead."""
         channels = self._channels
         names = ("motors' difference",) if channels.command else tuple(map(place, channels.input_names))
         colours = (COMMAND,) if channels.command else tuple(map(distinct, range(len(names))))
@@ -142,7 +140,6 @@ class LiveWriter:
     def _outputs(
         self, recording: rr.RecordingStream, rows: list[ViewRow], time: Array, breaks: NDArray[np.intp]
     ) -> None:
-        self._choose_horizon(recording, rows[-1])
         h, nothing = self._horizon, np.full(len(self._channels.output_names), np.nan)
 
         def column(part: Callable[[Estimate], Array]) -> Array:
@@ -170,19 +167,6 @@ class LiveWriter:
             self._seen[plot] = low, high = min(low, float(finite.min())), max(high, float(finite.max()))
         beyond = BEYOND * (high - low)
         return np.clip(values, low - beyond, high + beyond) if high > low else values
-
-    def _choose_horizon(self, recording: rr.RecordingStream, row: ViewRow) -> None:
-        """Shows the longest useful horizon from here on, and its name in the legend; the first where none is useful."""
-        if row.estimate is None or not np.isfinite(row.estimate.ahead_ratio).all():
-            return
-        useful = row.estimate.useful or 0
-        if useful == self._horizon or row.time - self._since < CHANGE_SECONDS:
-            return
-        self._horizon, self._since = useful, row.time
-        for lines in self._all_lines():
-            if lines.path.endswith("/2_predicted"):
-                self.lines[lines.path] = lines.under(self.root)
-                self.lines[lines.path].send_style(recording)
 
     def _wind(self, recording: rr.RecordingStream, estimates: Sequence[tuple[Estimate, float]]) -> None:
         """Draws the wind torque with its band at the times it is of, and logs gusts; NaN where it is not known."""

@@ -150,7 +150,7 @@ class SinkThread:
             self._recording.disconnect()
             self._recording = None
             with suppress(OSError):
-                self.sink.failed()
+                self.sink.delivered(arrived=False)
 
     def _open(self) -> bool:
         recording = rr.RecordingStream("mavdem", recording_id=self._id)
