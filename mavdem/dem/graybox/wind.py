@@ -1,7 +1,7 @@
 """The wind's torque in a recorded flight: its course with a band, and its level, spectrum and gusts.
 
 With the physical parameters known, the rate's equation leaves the wind's torque d = rate' + damping · rate − torque.
-It is smoothed over each segment, as coloured noise of the components that the fit found (:mod:`mavdem.dem.engine.kalman`).
+It is smoothed over each segment, as coloured noise of the components that the fit found.
 
 **The steady part.** Its mean is what the motors' mean balances. A motor's absolute command says nothing about torque,
 only differences between motors do: so the steady part is that of equal motors and a centred load. An unequal motor or
