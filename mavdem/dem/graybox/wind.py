@@ -1,7 +1,7 @@
 """The wind's torque in a recorded flight: its course with a band, and its level, spectrum and gusts.
 
 With the physical parameters known, the rate's equation leaves the wind's torque d = rate' + damping · rate − torque.
-It is smoothed over each segment, as coloured noise of the components that the fit found (``smoother``).
+It is smoothed over each segment, as coloured noise of the components that the fit found.
 
 **The steady part.** Its mean is what the motors' mean balances. A motor's absolute command says nothing about torque,
 only differences between motors do: so the steady part is that of equal motors and a centred load. An unequal motor or
@@ -24,7 +24,6 @@ from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS
 from mavdem.dem.graybox.likelihood import Coloured, plant
 from mavdem.dem.graybox.parameters import rate_column
-from mavdem.dem.graybox.smoother import SteadyFilter
 from mavdem.dem.record import Record
 
 RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
@@ -224,7 +223,7 @@ def wind(physical: PlantParameters, record: Record) -> WindTorque:
 def _torques(theta: Array, physical: PlantParameters, record: Record, column: int) -> _Torques:
     """With effect, damping, lag and delay ``theta`` (r + 3,), of the rate in a ``column`` of the outputs."""
     effect, (damping, lag, delay) = theta[:-3], theta[-3:].tolist()
-    of = SteadyFilter.of(plant(damping, lag, physical.components, record.dt), physical.noise)
+    axis = plant(damping, lag, physical.components, record.dt)
     trim = record.inputs.mean(axis=0)
     level = balanced(effect, trim, record.effect_directions)
     parts = []
@@ -232,8 +231,8 @@ def _torques(theta: Array, physical: PlantParameters, record: Record, column: in
         rate, commanded = outputs[:, column], (inputs - trim) @ effect
         # What is steady acts like a steady command; about it the wind's mean is 0.
         constant = steady(rate, commanded, damping, record.dt)
-        smoothed = of.smoothed(commanded + constant, delay / record.dt, rate)
-        parts.append((smoothed.mean + constant + level, smoothed.variance, smoothed.motors - constant))
+        smoothed = axis.smoothed(physical.noise, commanded + constant, delay / record.dt, rate)
+        parts.append((smoothed.mean + constant + level, smoothed.variance, smoothed.states[:, 1] - constant))
     torque, variance, motors = (np.concatenate(each) for each in zip(*parts, strict=True))
     return _Torques(torque, variance, motors)
 
