@@ -1,7 +1,8 @@
 #!/usr/bin/env python
 """The cost of `mavdem live`: latency from a datagram to its estimate, and the share of a core.
 
-Input is a simulated hover at 100, 400 and 1000 Hz over UDP on this machine for half a minute, sent by another process, default settings.
+Input is a simulated hover at 100, 400 and 1000 Hz, sent by another process over UDP on this machine for half a minute.
+Settings are the default ones.
 
 Usage: tools/bench/live_latency.py
 """
