@@ -1,7 +1,7 @@
 """The document of a learnt model: both ways, and what is no such document."""
 
 import json
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def arrays_of(value, name=""):
         yield name, value
         return
     if is_dataclass(value):
-        value = vars(value)
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
     elif hasattr(value, "_asdict"):
         value = value._asdict()
     elif isinstance(value, tuple):
