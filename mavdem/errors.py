@@ -45,12 +45,12 @@ class MissingExtra(ImportError):
 
 
 def missing(extra: str) -> tuple[str, ...]:
-    """The modules of an extra that are not installed; nothing is imported."""
+    """Returns the modules of an extra that are not installed; nothing is imported."""
     return tuple(name for name in EXTRAS[extra] if find_spec(name) is None)
 
 
 def advice(purpose: str, extra: str) -> str:
-    """One sentence, such as "The dashboard needs rerun: pip install 'mavdem[view]'."; empty if nothing is missing."""
+    """Returns a sentence such as "The dashboard needs rerun: pip install 'mavdem[view]'."; empty if none is missing."""
     names = missing(extra)
     return f"{purpose} needs {' and '.join(names)}: pip install 'mavdem[{extra}]'." if names else ""
 
@@ -61,64 +61,46 @@ def require(purpose: str, extra: str) -> None:
         raise MissingExtra(sentence)
 
 
-def downstream(module: str, name: str) -> Any:
-    """What ``mavdem.<module>`` calls ``name``."""
+def downstream(module: str, name: str, purpose: str = "", extra: str = "") -> Any:
+    """Returns what ``mavdem.<module>`` calls ``name``, which may need an ``extra`` for a ``purpose``."""
+    if extra:
+        require(purpose, extra)
     return getattr(import_module(f"mavdem.{module}"), name)
 
 
 class FlightDownstream:
-    """What becomes of a :class:`mavdem.Flight`."""
+    """What becomes of a :class:`mavdem.Flight`; ImportError is raised where a package is not installed."""
 
     def to_pandas(self) -> Any:
-        """A ``pandas.DataFrame``: a row a sample, by time in s; columns named with their units as in ``flight.csv``.
-
-        Raises:
-            ImportError: pandas is not installed.
-        """
-        require("Flight.to_pandas()", "pandas")
-        return downstream("export.tables", "to_pandas")(self)
+        """Returns a ``pandas.DataFrame``: a row a sample, by time in s; columns with units as in ``flight.csv``."""
+        return downstream("export.tables", "to_pandas", "Flight.to_pandas()", "pandas")(self)
 
     def to_xarray(self) -> Any:
-        """An ``xarray.Dataset``: inputs and outputs by time in s and name, their units beside them.
-
-        Raises:
-            ImportError: xarray is not installed.
-        """
-        require("Flight.to_xarray()", "xarray")
-        return downstream("export.tables", "to_xarray")(self)
+        """Returns an ``xarray.Dataset``: inputs and outputs by time in s and name, their units beside them."""
+        return downstream("export.tables", "to_xarray", "Flight.to_xarray()", "xarray")(self)
 
     def _repr_html_(self) -> str:
         return str(downstream("report.page", "flight_html")(self))
 
 
 class LearnedDownstream:
-    """What becomes of a :class:`mavdem.Learned`."""
+    """What becomes of a :class:`mavdem.Learned`; ImportError is raised where a package is not installed."""
 
     @property
     def plot(self) -> Any:
-        """Its pictures: ``plot.bode()`` and others return a ``matplotlib`` figure; see ``report.figures.Plots``.
-
-        Raises:
-            ImportError: matplotlib is not installed.
-        """
-        require("Learned.plot", "plot")
-        return downstream("report.figures", "Plots")(self)
+        """Its pictures: ``plot.bode()`` and others return a ``matplotlib`` figure; see ``report.figures.Plots``."""
+        return downstream("report.figures", "Plots", "Learned.plot", "plot")(self)
 
     def summary(self) -> str:
-        """What the vehicle does in wind, on one screen; without windows that the model has not seen.
+        """Returns what the vehicle does in wind, on one screen; without windows that the model has not seen.
 
         ``mavdem.evaluate.held_out_windows`` forecasts such windows.
         """
         return str(downstream("report.screen", "summary")(self))
 
     def to_control(self) -> Any:
-        """The model as a ``control.StateSpace``, about its trim; states, inputs and outputs have their names.
-
-        Raises:
-            ImportError: control is not installed.
-        """
-        require("Learned.to_control()", "control")
-        return downstream("export.tables", "to_control")(self)
+        """Returns the model as a ``control.StateSpace``, about its trim, with names of states, inputs and outputs."""
+        return downstream("export.tables", "to_control", "Learned.to_control()", "control")(self)
 
     def _repr_html_(self) -> str:
         return str(downstream("report.page", "learned_html")(self))

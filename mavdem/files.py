@@ -55,7 +55,7 @@ def atomic_writes(*paths: str | os.PathLike[str], scratch: Path | None = None) -
 
 
 def replaceable(path: str | os.PathLike[str]) -> Path:
-    """The file that writing to ``path`` makes or replaces: itself, or where a symbolic link leads.
+    """Returns the file that writing to ``path`` makes or replaces: itself, or where a symbolic link leads.
 
     Raises:
         OSError: something is there that cannot be replaced, or a name is too long, or a folder not writable.

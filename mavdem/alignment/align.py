@@ -63,7 +63,7 @@ def settled_segments(signals: Signals) -> tuple[Segment, ...]:
 
 
 def longest_recorded(signals: Signals) -> Segment | None:
-    """The longest part, flown or not, in which attitude and inputs come without gaps, at any rate; None without any."""
+    """Returns the longest part, flown or not, with attitude and inputs without gaps, at any rate; None without any."""
     attitude, drive = signals.attitude, signals.drive
     if attitude is None or drive is None:
         return None
@@ -86,7 +86,7 @@ def within(stream: Attitude | Motors | Signal, *segments: Segment) -> NDArray[np
 
 
 def is_sampled(attitude: Attitude, motors: Motors, segment: Segment) -> bool:
-    """Whether both streams have the two samples in the segment that a rate takes, and a time in common."""
+    """Returns whether both streams have the two samples in the segment that a rate takes, and a time in common."""
     near, driven = attitude.time[within(attitude, segment)], motors.time[within(motors, segment)]
     return len(near) > 1 < len(driven) and bool(max(near[0], driven[0]) <= min(near[-1], driven[-1]))
 
@@ -100,7 +100,7 @@ def _fast(time: NDArray[np.float64]) -> Intervals:
 
 
 def slow_runs(time: NDArray[np.float64]) -> Intervals:
-    """Where the stamps (N,) of one boot usually come slower than ``MINIMUM_RATE``; outages are not slow."""
+    """Returns where the stamps (N,) of one boot usually come slower than ``MINIMUM_RATE``; outages are not slow."""
     return unbroken(time, ~_usually_slow(np.diff(time))) if len(time) > 1 else []
 
 
@@ -127,7 +127,7 @@ FILTER_EDGE_STEPS = 5
 
 
 def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight:
-    """The flight of ``segment``, uniform on the boot clock, in steps of ``dt``, s.
+    """Returns the flight of ``segment``, uniform on the boot clock, in steps of ``dt``, s.
 
     Its inputs are one column a motor, or the demand (``Signals.drive``), its outputs angle and rate of the axis, of yaw
     the rate only.
@@ -200,7 +200,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
 
 
 def step(rates: Iterable[float]) -> float:
-    """The step, s, of a grid for streams of these mean rates, Hz: the interval of the slowest, to 0.1 ms."""
+    """Returns the step, s, of a grid for streams of these mean rates, Hz: the interval of the slowest, to 0.1 ms."""
     return max(round(1 / min(rates), 4), 1e-4)
 
 
@@ -253,7 +253,7 @@ def kept_rows(grid: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[n
 
 
 def is_low_passed(time: NDArray[np.float64], dt: float) -> bool:
-    """Whether a stream, sampled at ``time`` (N,), is so much faster than a grid of ``dt`` that it is low-passed."""
+    """Returns whether a stream sampled at ``time`` (N,) is so much faster than a grid of ``dt`` to be low-passed."""
     return mean_rate(time) * dt >= LOW_PASS_RATIO
 
 

@@ -60,18 +60,18 @@ def series(columns: Columns, values: NDArray[np.float64], rows: NDArray[np.bool_
 
 
 def message_counts(telemetry: Telemetry, names: tuple[str, ...]) -> dict[str, int]:
-    """How many of each message there are, of those that there are."""
+    """Returns how many of each message there are, of those that there are."""
     return {name: len(telemetry.messages[name]["time"]) for name in names if name in telemetry.messages}
 
 
 def preferred_message(counts: Mapping[str, int]) -> str | None:
-    """The first of the messages in ``counts``, the preferred first, that came about as often as the most frequent."""
+    """Returns the first of ``counts``, the preferred first, that came about as often as the most frequent."""
     most = max(counts.values(), default=0)
     return next((name for name, count in counts.items() if count and count >= FREQUENT_ENOUGH * most), None)
 
 
 def by_preference(counts: Mapping[str, int]) -> Iterator[str]:
-    """The :func:`preferred_message` of ``counts``, then that of the others, and so on."""
+    """Yields the :func:`preferred_message` of ``counts``, then that of the others, and so on."""
     left = dict(counts)
     while (name := preferred_message(left)) is not None:
         yield name

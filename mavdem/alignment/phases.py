@@ -154,7 +154,7 @@ def in_states(signals: Signals, boot: int, states: tuple[int, ...]) -> Intervals
 
 
 def between_transients(flight: Interval, climb: Signal | None) -> Interval | None:
-    """The settled part of one flight; an end of the flight that was not seen has no transient to cut."""
+    """Returns the settled part of one flight; an end of the flight that was not seen has no transient to cut."""
     start, end = flight
     after, before = start + TRANSIENT_SECONDS, end - TRANSIENT_SECONDS
     if climb is not None:
@@ -181,7 +181,7 @@ def _of_boot(signal: Signal | None, boot: int) -> Signal | None:
 
 
 def average(signal: Signal) -> NDArray[np.float64]:
-    """Centred mean of the samples within half of ``AVERAGING_SECONDS`` on either side."""
+    """Returns centred mean of the samples within half of ``AVERAGING_SECONDS`` on either side."""
     total = np.concatenate([[0.0], np.cumsum(signal.values)])
     first = np.searchsorted(signal.time, signal.time - AVERAGING_SECONDS / 2, side="left")
     after = np.searchsorted(signal.time, signal.time + AVERAGING_SECONDS / 2, side="right")

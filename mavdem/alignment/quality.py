@@ -67,7 +67,7 @@ class QualityFigures:
 
 
 def of_log(signals: Signals, segments: int) -> QualityFigures:
-    """The figures of a whole log with so many ``segments``; its rates are those between outages."""
+    """Returns the figures of a whole log with so many ``segments``; its rates are those between outages."""
     attitude, drive = signals.attitude, signals.drive
     assert attitude is not None and drive is not None
     armed = airborne = 0.0
@@ -100,7 +100,7 @@ def _recorded(drive: Motors, boot: int) -> Intervals:
 
 
 def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityFigures) -> QualityFigures:
-    """The figures of one segment and the flight made of it, together with those of the ``log`` that hold for all."""
+    """Returns the figures of one segment and the flight made of it, with those of the ``log`` that hold for all."""
     attitude, motors = signals.attitude, signals.drive
     assert attitude is not None and motors is not None
     here, there = within(attitude, segment), within(motors, segment)

@@ -85,7 +85,7 @@ def read_segments(
 def learnable_flight(
     log: Log, axis: str = "roll", vehicle: str | None = None, inputs: str | None = None, tier: str = "a"
 ) -> tuple[Flight, Verdict]:
-    """The longest usable segment of a log, as :func:`read_flight` gives it, and the verdict on it."""
+    """Returns the longest usable segment of a log, as :func:`read_flight` gives it, and the verdict on it."""
     signals = Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs)
     verdict = verdict_of(signals, log.components)
     if verdict.learnable or tier == "a":

@@ -93,7 +93,7 @@ class Setpoint:
 
 
 def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
-    """The setpoints of ``axis`` that were recorded, of at most three.
+    """Returns the setpoints of ``axis`` that were recorded, of at most three.
 
     "roll rate setpoint" (rad/s) and, not of yaw, "roll setpoint" (rad), from ATTITUDE_TARGET; "roll stick" from
     MANUAL_CONTROL (-1 to 1) or else the receiver's channel (µs).
@@ -121,7 +121,7 @@ def setpoints(telemetry: Telemetry, axis: str) -> tuple[Setpoint, ...]:
 
 
 def held(setpoint: Setpoint, boot: int, time: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The setpoint at ``time`` (T,) s of ``boot``: the last one until then; NaN where none came in ``HOLD_SECONDS``."""
+    """Returns the last setpoint until ``time`` (T,) s of ``boot``; NaN where none came in ``HOLD_SECONDS``."""
     here = setpoint.signal.boot == boot
     stamps, values = setpoint.signal.time[here], setpoint.signal.values[here]
     if not len(stamps):
@@ -287,19 +287,19 @@ class Signals:
 def motors_or_demand(
     motors: Inputs | None, demand: Inputs | None, motor_rate: float, demand_rate: float
 ) -> Inputs | None:
-    """The motors, or the demand where only it comes at ``MINIMUM_RATE``; rates in Hz."""
+    """Returns the motors, or the demand where only it comes at ``MINIMUM_RATE``; rates in Hz."""
     if demand is None or motor_rate >= MINIMUM_RATE:
         return motors
     return demand if motors is None or demand_rate >= MINIMUM_RATE else motors
 
 
 def usual_rate(stream: Attitude | Motors) -> float:
-    """Messages a second between outages; steps of more than three usual ones, and those from boot to boot, left out."""
+    """Returns messages a second between outages, steps of over three usual ones, and boots."""
     return rate_without_gaps(np.diff(stream.time)[np.diff(stream.boot) == 0])
 
 
 def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
-    """Angle and rate of ``axis``, "roll", "pitch" or "yaw".
+    """Returns angle and rate of ``axis``, "roll", "pitch" or "yaw".
 
     From ATTITUDE or, where it comes clearly faster, ATTITUDE_QUATERNION.
     Both messages give body rates p, q, r, not the derivatives of the Euler angles; near hover they are the same.
@@ -336,7 +336,7 @@ def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
 
 
 def axis_outputs(axis: str) -> tuple[tuple[str, str], ...]:
-    """Name and unit of each output of a flight of ``axis``: angle and rate, of yaw the rate only.
+    """Returns name and unit of each output of a flight of ``axis``: angle and rate, of yaw the rate only.
 
     A heading is any angle and nothing of the dynamics depends on it.
     """
@@ -345,7 +345,7 @@ def axis_outputs(axis: str) -> tuple[tuple[str, str], ...]:
 
 
 def voltage(telemetry: Telemetry) -> Signal | None:
-    """Voltage of the first battery, V; None where it was not measured."""
+    """Returns voltage of the first battery, V; None where it was not measured."""
     for message in by_preference(message_counts(telemetry, BATTERY_MESSAGES)):
         columns = telemetry.messages[message]
         volts = _of_cells(columns) if message == "BATTERY_STATUS" else floats(columns, "voltage_battery")

@@ -27,12 +27,12 @@ IMPOSSIBLE = f"an angle beyond 2π or a rate beyond {MAX_BODY_RATE:.0f} rad/s"
 
 
 def measured(axis: str, between: str) -> str:
-    """What a flight of ``axis`` has, in words: "roll angle or rate"."""
+    """Returns what a flight of ``axis`` has, in words: "roll angle or rate"."""
     return f"{axis} angle {between} rate" if axis in TILT_AXES else f"{axis} rate"
 
 
 def steps(axis: str, figures: QualityFigures) -> str:
-    """The quantisation steps of that."""
+    """Returns the quantisation steps of that."""
     angle = f"{figures.angle_step:.2g} rad and " if axis in TILT_AXES else ""
     return f"{angle}{figures.rate_step:.2g} rad/s"
 
@@ -81,7 +81,7 @@ def cautions_of(signals: Signals, figures: QualityFigures) -> tuple[str, ...]:
 
 
 def below(value: float, limit: float) -> str:
-    """The value with as many decimals, at least one, as show that it is below the limit."""
+    """Returns the value with as many decimals, at least one, as show that it is below the limit."""
     return next((text for digits in range(1, 6) if float(text := f"{value:.{digits}f}") < limit), f"{value:.6g}")
 
 
@@ -130,7 +130,7 @@ class Verdict:
 
 
 def verdict_of(signals: Signals, speakers: Sequence[Component] = (), least_rate: float = MINIMUM_RATE) -> Verdict:
-    """The verdict: yes on the longest settled segment that can be learnt from, or no on the longest.
+    """Returns the verdict: yes on the longest settled segment that can be learnt from, or no on the longest.
 
     The ``speakers`` are the components in the log, among them whoever asks the vehicle for other rates; ``least_rate``,
     Hz, is what both streams need: ``SLOW_MOTION_RATE`` where the slow motion is enough.
@@ -336,7 +336,7 @@ def _for_faster(log: _Evidence, attitude_is_fast: bool) -> str:
 
 
 def too_slow(rates: Mapping[str, float], axis: str, least: float = MINIMUM_RATE) -> str | None:
-    """A sentence on all messages slower than ``least``, of ``rates`` in Hz by name; None if none is."""
+    """Returns a sentence on all messages slower than ``least``, of ``rates`` in Hz by name; None if none is."""
     slow = [(name, below(rate, least)) for name, rate in rates.items() if rate < least]
     if not slow:
         return None

@@ -26,7 +26,7 @@ from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, held_out_windows
-from mavdem.evaluate.paired_test import SIGNIFICANCE, paired
+from mavdem.evaluate.scores import SIGNIFICANCE, paired
 from mavdem.evaluate.truth import compare_with_truth, truth_of
 from mavdem.evaluate.windows import TEST_SECONDS, Length, fewer_samples, samples_in
 from mavdem.flight import Flight

@@ -26,7 +26,7 @@ COMPLETION = "_MAVDEM_COMPLETE"
 
 
 def imported_command(name: str) -> click.Command:
-    """The command of this name, from the module that is named like it."""
+    """Returns the command of this name, from the module that is named like it."""
     command: click.Command = getattr(import_module(f"mavdem.cli.{name}"), f"{name}_command")
     return command
 

@@ -29,7 +29,7 @@ Value = TypeVar("Value")
 
 
 def file_option(name: str, text: str) -> Callable[[Command], Command]:
-    """An option that names a file."""
+    """Returns an option that names a file."""
     return click.option(name, type=click.Path(path_type=Path), callback=no_option, help=text)
 
 

@@ -64,7 +64,7 @@ def _plain(error: UnicodeError) -> tuple[str, int]:
 
 
 def json_text(document: Any) -> str:
-    """A JSON document; NaN and infinity become null."""
+    """Returns a JSON document; NaN and infinity become null."""
     return json.dumps(_finite(document), indent=1, allow_nan=False)
 
 
@@ -107,7 +107,7 @@ def _one_line(text: str) -> str:
 
 
 def print_json(document: Any) -> None:
-    """The one document on standard output of ``--json``."""
+    """Returns the one document on standard output of ``--json``."""
     click.echo(json_text(document))
 
 

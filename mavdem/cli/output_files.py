@@ -26,7 +26,7 @@ FIGURES = ("report.json", "report.html")  # those that need no model
 
 
 def folder_named(context: click.Context, parameter: click.Parameter, value: str | None) -> Path | None:
-    """The folder of an option; refuses no name, which a path would take for the current folder."""
+    """Returns the folder of an option; refuses no name, which a path would take for the current folder."""
     if value is None:
         return None
     if not no_option(context, parameter, value):
@@ -79,7 +79,7 @@ def write_page(path: Path, page: str) -> None:
 
 
 def page_bytes(page: str) -> bytes:
-    """HTML in UTF-8, which a file's name in it need not be."""
+    """Returns HTML in UTF-8, which a file's name in it need not be."""
     return page.encode(errors="replace")
 
 
@@ -93,7 +93,7 @@ def write_figures(folder: Path, report: dict[str, Any], page: str) -> None:
 
 
 def result_files(with_model: bool = True) -> tuple[str, ...]:
-    """The ``RESULT_FILES`` that can be written: most need a model, and the recording needs Rerun."""
+    """Returns the ``RESULT_FILES`` that can be written: most need a model, and the recording needs Rerun."""
     if not with_model:
         return FIGURES
     return tuple(name for name in RESULT_FILES if name != RECORDING or not missing("view"))

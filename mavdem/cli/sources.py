@@ -34,7 +34,7 @@ def refuse_link(source: str) -> None:
 
 
 def read_source(source: str) -> Log:
-    """The log that SOURCE names; raises ``Unreadable`` for a link and for what ``read_log`` cannot read."""
+    """Returns the log that SOURCE names; raises ``Unreadable`` for a link and for what ``read_log`` cannot read."""
     refuse_link(source)
     with progress(f"Reading {source}") as done:
         return read_log(source, done)
@@ -69,7 +69,7 @@ def names_of(sources: Sequence[str]) -> list[str]:
 def of_each(
     sources: Sequence[str], axis: str, vehicle: str | None, inputs: str | None, use: Callable[[str, Flight], Result]
 ) -> tuple[dict[str, Result], list[Refused]]:
-    """What ``use`` makes of each settled flight, by the flight's name, and the refused SOURCEs."""
+    """Returns what ``use`` makes of each settled flight, by the flight's name, and the refused SOURCEs."""
     for place, source in enumerate(sources):
         if source in sources[:place]:
             raise click.BadParameter(f"{source} is named twice: each flight counts once.", param_hint="SOURCE")

@@ -86,12 +86,12 @@ def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> Hove
 
 
 def hover_of_log(log: Log, vehicle: str | None = None) -> HoverFigures:
-    """The figures of a ``vehicle`` in a ``log``, as :func:`hover` gives them."""
+    """Returns the figures of a ``vehicle`` in a ``log``, as :func:`hover` gives them."""
     return hover_of(Signals(choose_vehicle(log.vehicles, vehicle), inputs="motors"), log.components)
 
 
 def hover_of(signals: Signals, speakers: Sequence[Component] = ()) -> HoverFigures:
-    """The figures of ``signals`` with the motors as inputs, as :func:`hover` gives them."""
+    """Returns the figures of ``signals`` with the motors as inputs, as :func:`hover` gives them."""
     segments = settled_segments(signals)
     motors = signals.motors
     if not segments or motors is None or signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
@@ -105,7 +105,7 @@ def hover_of(signals: Signals, speakers: Sequence[Component] = ()) -> HoverFigur
 
 
 def hover_figures(flights: Sequence[Flight], scale: OutputScale | None = None) -> HoverFigures:
-    """The figures of flights with the same motors as inputs, one at least.
+    """Returns the figures of flights with the same motors as inputs, one at least.
 
     The lean is that of the angles among their outputs: flights of roll and of pitch give both.
 

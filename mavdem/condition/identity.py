@@ -57,7 +57,7 @@ class Identity:
 
 
 def identity_of(signals: Signals, received: float = float("nan")) -> Identity:
-    """The identity of the vehicle of ``signals``; ``received`` is when the log's first message was, UNIX s."""
+    """Returns the identity of the vehicle of ``signals``; ``received`` is when the log's first message was, UNIX s."""
     telemetry = signals.telemetry
     name, basis = _name(telemetry)
     return Identity(

@@ -62,7 +62,7 @@ class Tier(NamedTuple):
 
 
 def tier_of(verdict: Verdict, condition: Condition) -> Tier:
-    """The tier of a vehicle with a ``verdict`` on one axis and the ``condition`` of its settled flight.
+    """Returns the tier of a vehicle with a ``verdict`` on one axis and the ``condition`` of its settled flight.
 
     It goes by the rates. In the second tier a model may still be refused, such as for rates and angles that contradict
     each other; :func:`mavdem.analysis.analyse` says.
@@ -85,7 +85,7 @@ def inventory(
     inputs: str | None = None,
     known: tuple[Verdict, Condition, Identity] | None = None,
 ) -> dict[str, Any]:
-    """Everything there is to report of a log before learning, as plain JSON values; times in s, rates in Hz.
+    """Returns everything there is to report of a log before learning, as plain JSON values; times in s, rates in Hz.
 
     Of each component ``lost_share`` is the share of its sequence numbers that do not occur, and of a vehicle
     ``missing_share`` the share of messages missing from a stream by the stream's usual step, the median over its

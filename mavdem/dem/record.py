@@ -226,3 +226,20 @@ def _checked(train: UniformRecord) -> tuple[Array, Array, float]:
     if not (inputs.shape[1] and outputs.shape[1]):
         raise ValueError(f"inputs and outputs must have at least one column, not {inputs.shape} and {outputs.shape}")
     return inputs, outputs, dt
+
+
+def folds(lengths: Sequence[int], count: int) -> list[list[tuple[int, int, int]]]:
+    """Returns the samples of segments of these ``lengths`` in ``count`` parts of about equal length, none empty.
+
+    A part has pieces of one segment each: its number, and the first sample and the one after the last.
+    """
+    total, parts = sum(lengths), []
+    for fold in range(count):
+        begin, end, before, pieces = total * fold // count, total * (fold + 1) // count, 0, []
+        for number, length in enumerate(lengths):
+            first, stop = max(begin - before, 0), min(end - before, length)
+            if first < stop:
+                pieces.append((number, first, stop))
+            before += length
+        parts.append(pieces)
+    return [pieces for pieces in parts if pieces]

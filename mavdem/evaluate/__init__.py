@@ -6,8 +6,7 @@ tests two of them; ``held_out_windows`` forecasts every part of a flight by mode
 
 from mavdem.evaluate.comparison import METHODS, Comparison, Method, compare
 from mavdem.evaluate.held_out import HeldOut, held_out_test, held_out_windows
-from mavdem.evaluate.paired_test import Paired, paired
-from mavdem.evaluate.scores import HORIZONS, Mspe, horizons, mspe, relative_mspe
+from mavdem.evaluate.scores import HORIZONS, Mspe, Paired, horizons, mspe, paired, relative_mspe
 from mavdem.evaluate.windows import Window, windows
 
 __all__ = [

@@ -22,15 +22,17 @@ from mavdem import baselines
 from mavdem.dem import Settings, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import parallel_map
-from mavdem.evaluate.paired_test import FEWEST_PAIRS, Paired, paired
 from mavdem.evaluate.scores import (
+    FEWEST_PAIRS,
     FROM_ZERO,
     KNOWN,
     UNKNOWN,
+    Paired,
     ScoreTable,
     by_horizon,
     error_over,
     horizons,
+    paired,
     ratio,
     score,
     score_values,

@@ -12,16 +12,17 @@ References:
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from math import ceil
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Settings, learn
 from mavdem.dem.engine.linalg import Array
+from mavdem.dem.record import folds
 from mavdem.evaluate.scores import error_over
 from mavdem.evaluate.windows import TEST_SECONDS, samples_in
 from mavdem.flight import Flight
@@ -32,14 +33,6 @@ MIN_PIECE_SECONDS = 1.0
 
 FORECAST, PREDICTION = "forecast", "prediction"
 BASELINES = CONSTANT_MEAN, HOLD_LAST = "constant mean", "hold last"
-
-
-class Piece(NamedTuple):
-    """Samples ``start`` to ``stop`` of a flight."""
-
-    flight: Flight
-    start: int
-    stop: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,22 +69,22 @@ class HeldOut:
         return float(np.ptp(self.time[0]) * steps / (steps - 1)) if len(self) and steps > 1 else 0.0
 
     def squared_errors(self, name: str = FORECAST) -> Array:
-        """(W, m) mean squared error of the forecast ``name`` in each window; infinite where there is none."""
+        """Returns the mean squared error (W, m) of the forecast ``name`` in each window; infinite without one."""
         with np.errstate(over="ignore", invalid="ignore"):
             squares = ((self.measured - self.forecasts[name]) ** 2).mean(axis=1)
         return np.where(np.isnan(squares), np.inf, squares)
 
     def rmse(self, name: str = FORECAST) -> Array:
-        """(m,) root mean squared error of the forecast ``name`` over all windows, in the units of the outputs."""
+        """Returns the root mean squared error (m,) of the forecast ``name`` over all windows, in the outputs' units."""
         return np.asarray(np.sqrt(self.squared_errors(name).mean(axis=0)))
 
     def error_ratio(self, name: str = FORECAST) -> float:
-        """Mean squared error of the forecast ``name`` over that of the constant mean, all windows together."""
+        """Returns the mean squared error of the forecast ``name`` over that of the constant mean, of all windows."""
         ours, theirs = (self._sizes(each).mean() for each in (name, CONSTANT_MEAN))
         return float(error_over(ours, theirs))
 
     def error_ratios(self, name: str = FORECAST, baseline: str = CONSTANT_MEAN) -> Array:
-        """(W,) mean squared error of the forecast ``name`` over that of the ``baseline``, in each window alone."""
+        """Returns the mean squared error of the forecast ``name`` over that of the ``baseline``, by window (W,)."""
         return error_over(self._sizes(name), self._sizes(baseline))
 
     def _sizes(self, name: str) -> Array:
@@ -118,7 +111,7 @@ class HeldOut:
         return float(error_over(self._sizes(FORECAST).mean(), expected))
 
     def as_dict(self) -> dict[str, Any]:
-        """The figures as plain JSON values: without the series."""
+        """Returns the figures as plain JSON values: without the series."""
         ratios = self.error_ratios()
         return {
             "windows": len(self),
@@ -144,7 +137,7 @@ def held_out_windows(
     progress: Callable[[float], None] = lambda _: None,
     start: Learned | None = None,
 ) -> HeldOut:
-    """Forecasts of all of some flights, by five models that are each trained on four fifths of the samples.
+    """Returns forecasts of all of some flights, by five models that are each trained on four fifths of the samples.
 
     Every window follows samples that only the filter sees: those before it in its flight, or at the beginning of a
     flight, its first 1.5 s or more, which are in no window.
@@ -160,125 +153,96 @@ def held_out_windows(
         ValueError: too little flight for a window in any part.
     """
     steps = samples_in(TEST_SECONDS, flights[0].dt) if steps is None else steps
-    found: list[HeldOut] = []
-    for fold in range(FOLDS):
-        inside, outside = _split(flights, fold)
-        found += _of_fold(inside, outside, settings, steps, start)
-        progress((fold + 1) / FOLDS)
-    if not found:
+    parts = []
+    for number, fold in enumerate(folds([len(flight) for flight in flights], FOLDS), start=1):
+        training, model, failures = _others(flights, fold), None, tuple[str, ...]()
+        try:
+            model = learn(training, settings, start)
+        except ValueError as error:
+            failures = (str(error),)
+        for flight, first, stop in ((flights[i], first, stop) for i, first, stop in fold):
+            # The filter finds its state in whole windows before the first that counts.
+            lead = steps * ceil(samples_in(TEST_SECONDS, flight.dt) / steps)
+            first = max(first, lead)
+            count = (stop - first) // steps
+            if count > 0:
+                part = flight[first - lead : first + count * steps]
+                parts.append(_forecast(model, training or [part], part, steps, lead, flight.outputs[:1], failures))
+        progress(number / FOLDS)
+    if not parts:
         raise ValueError(f"no held-out window of {steps} samples fits into a part of these flights")
-    return _together(found)
+    return _together(parts)
 
 
 def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
-    """The one window ``test``, right after the training data ``train`` of the model ``learned``: the paper's protocol.
+    """Returns the one window ``test``, right after the training data ``train`` of ``learned``: the paper's protocol.
 
     Raises:
         ValueError: samples of other widths than the model's.
     """
-    return _forecast(learned, test, len(test), 0, train.outputs[-1:])
+    return _forecast(learned, [train], test, len(test), 0, train.outputs[-1:])
 
 
-def _split(flights: Sequence[Flight], fold: int) -> tuple[list[Piece], list[Piece]]:
-    """The pieces inside a fold, a contiguous part of all samples, and those outside it."""
-    total = sum(map(len, flights))
-    begin, end = (total * place // FOLDS for place in (fold, fold + 1))
-    inside, outside, first = [], [], 0
-    for flight in flights:
-        cuts = [0, *(min(max(place - first, 0), len(flight)) for place in (begin, end)), len(flight)]
-        before, within, after = (Piece(flight, *cut) for cut in zip(cuts, cuts[1:], strict=False))
-        inside.append(within)
-        outside += [before, after]
-        first += len(flight)
+def _others(flights: Sequence[Flight], fold: Sequence[tuple[int, int, int]]) -> list[Flight]:
+    """The pieces of the flights outside a fold that are long enough to learn from."""
+    inside = {i: (first, stop) for i, first, stop in fold}
+    pieces = []
+    for i, flight in enumerate(flights):
+        first, stop = inside.get(i, (len(flight), len(flight)))
+        pieces += [(flight, 0, first), (flight, stop, len(flight))]
     least = MIN_PIECE_SECONDS / flights[0].dt
-    return [piece for piece in inside if piece.stop > piece.start], [
-        piece for piece in outside if piece.stop - piece.start >= least
-    ]
+    return [flight[first:stop] for flight, first, stop in pieces if stop - first >= max(least, 1)]
 
 
-def _of_fold(
-    inside: list[Piece], outside: list[Piece], settings: Settings | None, steps: int, begin: Learned | None
-) -> Iterator[HeldOut]:
-    """The windows of each piece inside a fold, by a model of those outside."""
-    training = [piece.flight[piece.start : piece.stop] for piece in outside]
-    learned: Learned | None = None
-    failure: tuple[str, ...] = ()
-    try:
-        learned = learn(training, settings, begin)
-    except ValueError as error:
-        failure = (str(error),)
-    for flight, start, stop in inside:
-        # The filter finds its state in whole windows before the first that counts.
-        lead = steps * ceil(samples_in(TEST_SECONDS, flight.dt) / steps)
-        first = max(start, lead)
-        windows = (stop - first) // steps
-        if windows < 1:
-            continue
-        part = flight[first - lead : first + windows * steps]
-        if learned is None:
-            yield _lost(training, part, steps, lead, failure)
-        else:
-            yield _forecast(learned, part, steps, lead, flight.outputs[:1])
+def _forecast(
+    learned: Learned | None,
+    training: Sequence[Flight],
+    part: Flight,
+    steps: int,
+    lead: int,
+    before: Array,
+    failures: tuple[str, ...] = (),
+) -> HeldOut:
+    """Windows of ``steps`` samples after the first ``lead`` of a part, which follows the sample ``before`` (1, m).
 
-
-def _forecast(learned: Learned, part: Flight, steps: int, lead: int, before: Array) -> HeldOut:
-    """Windows of ``steps`` samples after the first ``lead`` of a part, which follows the sample ``before`` (1, m)."""
+    Without a model there are the baselines only.
+    """
     inputs, outputs = part.inputs, part.outputs
-    last = np.concatenate([before, outputs])[lead : len(outputs) : steps]
-    forecast = learned.forecast_every_with_band(steps, inputs, outputs, LEVEL)
-    with np.errstate(over="ignore", invalid="ignore"):
-        prediction = learned.predict_every(steps, inputs, outputs)
 
     def windows(values: Array) -> Array:
         return values[lead:].reshape(-1, steps, *values.shape[1:])
 
-    shape = windows(outputs).shape
-    return HeldOut(
-        windows(part.time),
-        windows(outputs),
-        {
-            FORECAST: windows(forecast.mean),
-            PREDICTION: windows(prediction),
-            **_baselines(learned.record.outputs, last, shape),
-        },
-        windows(forecast.half_width),
-        windows(forecast.variance),
-        learned.record.outputs.var(axis=0),
-    )
-
-
-def _lost(training: list[Flight], part: Flight, steps: int, lead: int, failures: tuple[str, ...]) -> HeldOut:
-    """Windows after the first ``lead`` samples of a part that no model forecasts, beside the baselines."""
-    measured = part.outputs[lead:].reshape(-1, steps, part.outputs.shape[1])
-    trained = np.concatenate([flight.outputs for flight in training or [part]])
-    missing = np.full_like(measured, np.nan)
-    baselines = _baselines(trained, part.outputs[lead - 1 : -1 : steps], measured.shape)
-    time = part.time[lead:].reshape(-1, steps)
-    forecasts = {FORECAST: missing, PREDICTION: missing, **baselines}
-    return HeldOut(time, measured, forecasts, missing, missing, trained.var(axis=0), failures)
-
-
-def _baselines(trained: Array, last: Array, shape: tuple[int, ...]) -> dict[str, Array]:
-    """Of windows of a ``shape`` (W, H, m): the mean of what was trained on, and the sample before each, ``last``."""
-    return {
-        CONSTANT_MEAN: np.broadcast_to(trained.mean(axis=0), shape),
-        HOLD_LAST: np.broadcast_to(last[:, None], shape),
+    measured = windows(outputs)
+    forecast = prediction = expected = band = np.full_like(measured, np.nan)
+    if learned is not None:
+        made = learned.forecast_every_with_band(steps, inputs, outputs, LEVEL)
+        forecast, expected, band = windows(made.mean), windows(made.variance), windows(made.half_width)
+        with np.errstate(over="ignore", invalid="ignore"):
+            prediction = windows(learned.predict_every(steps, inputs, outputs))
+    trained = np.concatenate([flight.outputs for flight in training])
+    last = np.concatenate([before, outputs])[lead : len(outputs) : steps]
+    forecasts = {
+        FORECAST: forecast,
+        PREDICTION: prediction,
+        CONSTANT_MEAN: np.broadcast_to(trained.mean(axis=0), measured.shape),
+        HOLD_LAST: np.broadcast_to(last[:, None], measured.shape),
     }
+    return HeldOut(windows(part.time), measured, forecasts, band, expected, trained.var(axis=0), failures)
 
 
 def _together(parts: Sequence[HeldOut]) -> HeldOut:
     """All windows of several parts in the order of time; the variance is the mean of the parts'."""
     order = np.argsort(np.concatenate([part.time[:, 0] for part in parts]), kind="stable")
 
-    def joined(name: str) -> Array:
-        return np.concatenate([getattr(part, name) for part in parts])[order]
+    def joined(columns: Iterable[Array]) -> Array:
+        return np.concatenate(list(columns))[order]
 
     return HeldOut(
-        joined("time"),
-        joined("measured"),
-        {name: np.concatenate([part.forecasts[name] for part in parts])[order] for name in parts[0].forecasts},
-        joined("band"),
-        joined("expected"),
+        joined(part.time for part in parts),
+        joined(part.measured for part in parts),
+        {name: joined(part.forecasts[name] for part in parts) for name in parts[0].forecasts},
+        joined(part.band for part in parts),
+        joined(part.expected for part in parts),
         np.mean([part.variance for part in parts], axis=0),
         tuple(dict.fromkeys(failure for part in parts for failure in part.failures)),
     )

@@ -1,7 +1,8 @@
 """Scores: squared errors of forecasts beside those of the constant mean, in one table.
 
 A row is one method's forecasts of one window that answer one question in pieces of so many steps; what has an entry an
-output is an array in it. ``ratio`` is the error ratio of rows, ``by_horizon`` sorts them by the length of a forecast.
+output is an array in it. ``ratio`` is the error ratio of rows, ``by_horizon`` sorts them by the length of a forecast,
+``paired`` tests whether one method has a lower error than another, beyond chance.
 
 A test part of H samples is forecast in pieces of k steps: at every k-th sample a forecast starts from all data before
 it. So each sample counts once at every horizon, forecasts do not overlap, the error is the mean *up to* the k-th step,
@@ -11,16 +12,28 @@ training.
 The error *at* the k-th step of that one forecast would be a single sample of each window. Forecasts from every sample
 would count a sample in the middle k times and those at the ends once, with hardly more information, because
 neighbouring errors are correlated.
+
+Methods run on the same windows, so each window gives one ratio of their errors. Wilcoxon's signed-rank test is on the
+logarithms of these ratios: twice the error and half the error are then equally far from zero. The test assumes
+independent windows, so it is applied to windows that do not overlap, as many as possible; the median ratio is of all.
+Windows of one flight still share its vehicle and its weather: a small p-value is about windows *of these flights*. For
+flights in general, use one ratio of each of several flights.
+
+References:
+    F. Wilcoxon, "Individual comparisons by ranking methods", Biometrics Bulletin 1 (1945) 80-83.
 """
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.stats import rankdata, wilcoxon
 
 from mavdem.dem.engine.linalg import Array
+from mavdem.evaluate.windows import Window
 from mavdem.flight import Flight
 
 HORIZONS = (1, 5, 10, 25, 50, 150)
@@ -154,3 +167,91 @@ def score_values(row: Any) -> dict[str, Any]:
         "relative_per_output": error_over(row["squared_error"], row["baseline"]).tolist(),
         "relative": float(ratio(np.array([row]))[0]),
     }
+
+
+SIGNIFICANCE = 0.05
+"""The level of the test. Of fewer than ``FEWEST_PAIRS`` pairs no p-value is below it, whatever they are."""
+
+FEWEST_PAIRS = 6
+
+Verdict = Literal["lower", "higher", "not distinguishable"]
+
+
+class Paired(NamedTuple):
+    """The errors of one method ("ours") beside those of another ("theirs").
+
+    Attributes:
+        ratio: the median over windows of our error over theirs: below 1, ours is lower. NaN without windows.
+        less: number of windows in which ours is lower.
+        windows: number of windows.
+        tested: number of windows that do not overlap, which the test uses.
+        p_value: of Wilcoxon's signed-rank test on the logarithms of the ratios, two-sided. Of k windows it is 2¹⁻ᵏ at
+            least, so fewer than six prove nothing at 0.05; 1 where there is no difference at all, or no window.
+    """
+
+    ratio: float
+    less: int
+    windows: int
+    tested: int
+    p_value: float
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether our error is lower or higher than theirs, or the two cannot be told apart."""
+        if not self.p_value < SIGNIFICANCE:
+            return "not distinguishable"
+        return "lower" if self.ratio < 1 else "higher"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As plain JSON values by name."""
+        return self._asdict() | {"verdict": self.verdict}
+
+
+def paired(ours: ArrayLike, theirs: ArrayLike, windows: Sequence[Window] | None = None) -> Paired:
+    """Returns how two methods' errors compare on the same windows, ``ours`` and ``theirs``, (W,) each and at least 0.
+
+    They are infinite if a method diverged or had no forecast; two that are both infinite, or both 0, count as equal.
+    Without the ``windows`` these count as independent.
+
+    Raises:
+        ValueError: arrays of different lengths, or errors that are negative or NaN.
+    """
+    a, b = np.asarray(ours, np.float64), np.asarray(theirs, np.float64)
+    if a.shape != b.shape or a.ndim != 1 or (windows is not None and len(windows) != len(a)):
+        raise ValueError(f"ours, theirs and windows must be of the same windows, not {a.shape} and {b.shape}")
+    if not ((a >= 0).all() and (b >= 0).all()):
+        raise ValueError("ours and theirs must be errors: at least 0, and no NaN")
+    with np.errstate(divide="ignore", invalid="ignore"):
+        differences = np.log(a) - np.log(b)
+    differences = np.where(np.isnan(differences), 0.0, differences)
+    apart = np.arange(len(a)) if windows is None else disjoint(windows)
+    return Paired(_median_ratio(differences), int((a < b).sum()), len(a), len(apart), _signed_rank(differences[apart]))
+
+
+def disjoint(windows: Sequence[Window]) -> NDArray[np.intp]:
+    """Returns the indices of ``windows`` that share no sample: as many as possible, those that end first."""
+    chosen: list[int] = []
+    free: dict[str, int] = {}
+    for i, window in sorted(enumerate(windows), key=lambda numbered: numbered[1].stop):
+        if window.start >= free.get(window.flight, window.start):
+            chosen.append(i)
+            free[window.flight] = window.stop
+    return np.array(sorted(chosen), np.intp)
+
+
+def _median_ratio(differences: Array) -> float:
+    """The median of the ratios that these are the logarithms of."""
+    if not len(differences):
+        return float("nan")
+    with np.errstate(invalid="ignore", over="ignore"):
+        middle = np.median(differences)
+        # Two middle ones of opposite infinity have no mean: each method diverged as often as the other.
+        return 1.0 if np.isnan(middle) else float(np.exp(middle))
+
+
+def _signed_rank(differences: Array) -> float:
+    """The p-value of Wilcoxon's test."""
+    differences = differences[differences != 0]
+    # Only signs and ranks count, and ranks are finite if a method diverged.
+    ranks = np.sign(differences) * rankdata(np.abs(differences))
+    return float(wilcoxon(ranks).pvalue) if len(differences) else 1.0

@@ -63,12 +63,6 @@ class MotorSignatures:
         return np.asarray(self._mixer @ self.weights).T
 
     @cached_property
-    def shifted_load(self) -> Array:
-        """(2 or 0, a) how the balance changes by a load that shifts to the left, and to the front, or by wind."""
-        rows = [axis for axis in ("roll", "pitch") if axis in self.axes]
-        return np.array([np.eye(len(self.axes))[self.axes.index(axis)] for axis in rows]).reshape(-1, len(self.axes))
-
-    @cached_property
     def names_a_motor(self) -> bool:
         """Whether a weak motor can be told from a shifted load and from another weak motor.
 

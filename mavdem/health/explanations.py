@@ -172,11 +172,6 @@ class Explanations:
         return float(self.faults.sum())
 
     @property
-    def motor(self) -> float:
-        """That any motor or propeller is weak."""
-        return float(self.motors.sum())
-
-    @property
     def suspect(self) -> int:
         """Which motor is the likeliest to be weak by any amount, from 1."""
         return int(self.motors.argmax()) + 1

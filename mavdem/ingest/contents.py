@@ -27,7 +27,7 @@ MAX_UNPACKED_BYTES = 1 << 30
 
 
 def file_bytes(path: str | os.PathLike[str]) -> bytes:
-    """The whole file, or the contents of an xz archive.
+    """Returns the whole file, or the contents of an xz archive.
 
     Raises Unreadable: it is missing, no plain file, not permitted, empty, or larger than the memory; or an archive that
     is damaged, or holds more than ``MAX_UNPACKED_BYTES``.
@@ -46,7 +46,7 @@ def mapped_bytes(path: str | os.PathLike[str]) -> bytes | mmap.mmap:
 
 
 def is_dataflash_text(content: bytes) -> bool:
-    """Whether ``content``, the beginning of a log or all of it, is a DataFlash log as text."""
+    """Returns whether ``content``, the beginning of a log or all of it, is a DataFlash log as text."""
     # Ground stations write the firmware and the date before the first FMT.
     return b"\nFMT," in b"\n" + content[:4096]
 

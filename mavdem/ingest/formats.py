@@ -64,7 +64,7 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = N
 
 
 def looks_like_log(path: str | bytes | os.PathLike[str]) -> bool:
-    """Whether a file is a log by its name, or where that says nothing, by its first bytes; it need not be readable."""
+    """Returns whether a file is a log, by its name or else by its first bytes; it need not be readable."""
     name = os.fsdecode(path)
     if Path(name.lower().removesuffix(".xz")).suffix in (*EXTENSIONS, ".tlog"):
         return True

@@ -68,7 +68,7 @@ class MotorGeometry:
 
 
 def demand_geometry(axis: str) -> MotorGeometry:
-    """The controller's demand on an axis as the one input: like a motor with effect 1 about it."""
+    """Returns the controller's demand on an axis as the one input: like a motor with effect 1 about it."""
     place = {"roll": (0.0, -1.0), "pitch": (1.0, 0.0), "yaw": (0.0, 0.0)}[axis]
     basis = "the controller's demand, before the mixer distributes it to the motors"
     return MotorGeometry((1,), (1,), (place,), basis, False, False, (f"{axis} demand",), (1,))
@@ -77,7 +77,7 @@ def demand_geometry(axis: str) -> MotorGeometry:
 def motor_geometry(
     vehicle: str, autopilot: str, parameters: Mapping[str, float], moving: Sequence[int], bank: int
 ) -> MotorGeometry | None:
-    """The motors of a vehicle; None when no channel can be one.
+    """Returns the motors of a vehicle; None when no channel can be one.
 
     ``vehicle`` and ``autopilot`` are MAV_TYPE and MAV_AUTOPILOT without prefixes, ``moving`` the channels, from 1,
     whose outputs change, ``bank`` how many channels a bank has (PX4 numbers those of each driver, and bank, from 1).
@@ -124,7 +124,7 @@ def motor_geometry(
 
 
 def place_name(position: Position) -> str:
-    """Where a motor is, in words: ``front right``."""
+    """Returns where a motor is, in words: ``front right``."""
     bearing = degrees(atan2(position[1], position[0]))
     return _COMPASS[round(bearing / 45) % 8]
 
@@ -252,7 +252,7 @@ MIN_PULSE_RANGE = 300.0  # µs from no to full throttle; less is no range of a s
 
 
 def output_scale(outputs: NDArray[np.float64], parameters: Mapping[str, float]) -> OutputScale:
-    """The scale of motor outputs of any shape, as sent, also while disarmed; non-finite values are ignored.
+    """Returns the scale of motor outputs of any shape, as sent, also while disarmed; non-finite values are ignored.
 
     Pulse widths never fall below 750 µs except to 0 for "off"; PX4's DShot runs to 1999 and idles far below that, and
     its simulators send 150..1000. ArduPilot's MOT_PWM_MIN and MOT_PWM_MAX are the range of pulse widths; where they are

@@ -68,7 +68,7 @@ def mav_type(topics: Topics, parameters: Parameters) -> int | None:
 
 
 def messages(topics: Topics, parameters: Parameters, vehicle: str, kind: int | None) -> dict[str, Columns]:
-    """The messages that topics make, by name; ``time`` is PX4's own stamp of the topic, ``boot`` 0 throughout.
+    """Returns the messages that topics make, by name; ``time`` is PX4's own stamp of the topic, ``boot`` 0 throughout.
 
     ``vehicle`` is the MAV_TYPE without its prefix, ``kind`` its number, None when unknown.
     """

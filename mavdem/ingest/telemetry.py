@@ -63,24 +63,24 @@ class Telemetry:
 
 
 def rate_without_gaps(steps: NDArray[np.float64]) -> float:
-    """Messages a second by the ``steps`` (N,), s, between them; gaps of over three usual ones count not; 0 of none."""
+    """Returns messages a second by the ``steps`` (N,), s, between them, without gaps of over three usual ones."""
     return 1 / float(steps[steps <= 3 * np.median(steps)].mean()) if len(steps) else 0.0
 
 
 def rows_by(values: NDArray[np.integer[Any]]) -> dict[int, NDArray[np.intp]]:
-    """The rows of each value in ``values`` (N,), both ascending."""
+    """Returns the rows of each value in ``values`` (N,), both ascending."""
     order = np.argsort(values, kind="stable")
     found, first = np.unique(values[order], return_index=True)
     return dict(zip(found.tolist(), np.split(order, first)[1:], strict=True))
 
 
 def selected(columns: Columns, rows: slice | NDArray[Any]) -> dict[str, NDArray[Any]]:
-    """Those rows of every column."""
+    """Returns those rows of every column."""
     return {name: values[rows] for name, values in columns.items()}
 
 
 def joined(parts: Sequence[Columns]) -> dict[str, NDArray[Any]]:
-    """Parts, one at least, one after the other, with the columns that all have; one part alone is not copied."""
+    """Returns parts, one at least, one after the other, with the columns that all have; one alone is not copied."""
     if len(parts) == 1:
         return dict(parts[0])
     names = [name for name in parts[0] if all(name in part for part in parts)]
@@ -155,7 +155,7 @@ class Log:
 
 
 def listed(names: Iterable[str]) -> str:
-    """Names for a sentence: a few, in one line, whatever the file contains."""
+    """Returns names for a sentence: a few, in one line, whatever the file contains."""
     ordered = sorted(names)
     shown = [name if len(name) <= MAX_CHARACTERS else f"{name[:MAX_CHARACTERS]}…" for name in ordered[:MAX_LISTED]]
     shown = ["".join(one if one.isprintable() else "\N{REPLACEMENT CHARACTER}" for one in name) for name in shown]
@@ -163,7 +163,7 @@ def listed(names: Iterable[str]) -> str:
 
 
 def repair_sentences(*counted: tuple[int, str]) -> tuple[str, ...]:
-    """The sentences whose count is not 0."""
+    """Returns the sentences whose count is not 0."""
     return tuple(sentence for count, sentence in counted if count)
 
 
@@ -174,7 +174,7 @@ def log_of_vehicles(
     receive_time: tuple[float, float] = (nan, nan),
     counts: Mapping[str, int] | None = None,
 ) -> Log:
-    """The log of a file that contains vehicles, one at least, and no other components.
+    """Returns the log of a file that contains vehicles, one at least, and no other components.
 
     ``counts`` are the messages by their names in the file; those of ``Telemetry.messages`` unless given.
     """

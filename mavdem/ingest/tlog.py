@@ -49,7 +49,7 @@ def read_tlog(path: str | os.PathLike[str], progress: Progress | None = None) ->
 
 
 def tlog_stream(path: str | os.PathLike[str], progress: Progress | None = None) -> FrameStream:
-    """The frames of a telemetry log with their receive stamps, in the order they were received.
+    """Returns the frames of a telemetry log with their receive stamps, in the order they were received.
 
     Raises Unreadable: as ``read_tlog``.
     """

@@ -34,7 +34,7 @@ VERSION_KINDS = {0: "dev", 64: "alpha", 128: "beta", 192: "rc", 255: ""}
 
 
 def version_text(number: int) -> str:
-    """A firmware's version as PX4 and ArduPilot number it, a byte each: "1.16.1-rc"."""
+    """Returns a firmware's version as PX4 and ArduPilot number it, a byte each: "1.16.1-rc"."""
     major, minor, patch, last = number.to_bytes(4, "big")
     kind = next(name for least, name in reversed(VERSION_KINDS.items()) if last >= least)
     return f"{major}.{minor}.{patch}-{kind}".rstrip("-")
@@ -82,7 +82,7 @@ Array = NDArray[np.float64]
 
 
 def euler_angles(attitude: Array) -> tuple[Array, Array, Array]:
-    """Roll, pitch and yaw (N,), rad, of unit quaternions (N, 4): w, x, y, z, body to north-east-down, Z-Y-X."""
+    """Returns roll, pitch and yaw (N,), rad, of unit quaternions (N, 4): w, x, y, z, body to north-east-down, Z-Y-X."""
     w, x, y, z = attitude.T
     roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1, 1))
@@ -90,6 +90,6 @@ def euler_angles(attitude: Array) -> tuple[Array, Array, Array]:
 
 
 def quaternion(roll: Array, pitch: Array, yaw: Array) -> Array:
-    """Unit quaternions (N, 4), w, x, y, z, of Euler angles (N,), rad: the inverse of :func:`euler_angles`."""
+    """Returns unit quaternions (N, 4), w, x, y, z, of Euler angles (N,), rad: the inverse of :func:`euler_angles`."""
     (a, b), (c, d), (e, f) = ((np.cos(angle / 2), np.sin(angle / 2)) for angle in (roll, pitch, yaw))
     return np.column_stack([a * c * e + b * d * f, b * c * e - a * d * f, a * d * e + b * c * f, a * c * f - b * d * e])

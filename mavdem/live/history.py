@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import nan
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -84,13 +84,7 @@ class SessionStatus:
     useful: tuple[float, float] = (nan, nan)
     lost: int = 0  # messages of the vehicle missing by its sequence numbers
     late: int = 0  # samples that came too late for their row
-    outlier_stamps: int = 0  # messages with outlier time stamps
-    frames: int = 0  # complete ones
-    unread: int = 0  # those of another dialect or damaged
-    garbage: int = 0  # bytes that belong to no frame
-    # each sender kept: system, component, kind, autopilot, frames, lost, flies; and frames of those no longer kept
-    senders: tuple[dict[str, Any], ...] = ()
-    others: int = 0
+    unread: int = 0  # frames of another dialect or damaged
     # lasting changes of the motors' balance, the latest of all boots; those without a motor are no alarms
     alarms: tuple[MotorAlarm, ...] = ()
     alarm_count: int = 0  # number of these so far

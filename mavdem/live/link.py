@@ -178,9 +178,8 @@ class Link:
 
     def close(self) -> None:
         """Closes it."""
-        for one in (self._socket, self._server):
-            if one is not None:
-                one.close()
+        for opened in filter(None, (self._socket, self._server)):
+            opened.close()
         if self._serial is not None:
             with contextlib.suppress(OSError):
                 os.close(self._serial)

@@ -65,14 +65,10 @@ class Frame(NamedTuple):
 
 
 class FrameReader:
-    """Finds the frames of one stream.
-
-    ``frames``: complete frames so far, unread ones included. ``unread``: those of other dialects, and damaged ones.
-    ``garbage``: bytes that belong to no frame.
-    """
+    """Finds the frames of one stream. ``unread``: number of those of other dialects, and damaged ones."""
 
     def __init__(self) -> None:
-        self.frames = self.unread = self.garbage = 0
+        self.unread = 0
         self._rest = b""
         message_readers(), seeds()  # slow the first time
 
@@ -92,7 +88,6 @@ class FrameReader:
             else:
                 start = decided
         self._rest = data[start:]
-        self.frames += len(found)
         self.unread += sum(frame.verdict != GOOD for frame in found)
         return found
 
@@ -114,7 +109,6 @@ class FrameReader:
             message_id, system, component, sequence, verdict = (int(column[row]) for column in header)
             payload = data[begin : begin + length]
             found.append(Frame(message_id, system, component, sequence, verdict, payload))
-        self.garbage += until - int((table.end - table.start).sum())
         return start + until
 
 

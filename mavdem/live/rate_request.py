@@ -52,10 +52,7 @@ class Arrivals:
         self._heard, self._total = -np.inf, 0
 
     def rates(self, now: float, arrived: Mapping[int, int]) -> dict[int, float] | None:
-        """Hz by message id; None while the window is too short.
-
-        ``arrived``: number of messages so far, by message id.
-        """
+        """Returns Hz by message id from the number of messages so far by id; None while the window is too short."""
         total = sum(arrived.values())
         new = total != self._total
         self.resumed = new and self._total > 0 and now - self._heard > SILENCE_SECONDS
@@ -81,13 +78,13 @@ class _Interval:
     rate: float  # asked for, Hz
     least: bool = False  # whether about that rate is enough, however it is reached
     before: int | None = None  # the former interval, µs, once known
-    queries: int = 0  # with settings: number of queries, and of settings since the last reset
-    settings: int = 0
+    queries: int = 0  # so far
+    settings: int = 0  # since the last reset
     set: bool = False  # whether it was ever set
     unrefused: int = 0  # number of settings ever that the vehicle did not refuse
     last: float = -np.inf  # s, of the last query or setting
-    done: bool = False  # with refused: whether no reply is awaited, and whether the vehicle refused
-    refused: bool = False
+    done: bool = False  # whether no reply is awaited
+    refused: bool = False  # by the vehicle
     reached: float = 0.0  # Hz reached since it was set
     again: int = 0  # number of times that it was asked for again since it last stayed
     restored: bool = False  # whether the vehicle confirmed the former interval
@@ -97,6 +94,10 @@ class _Interval:
         """Of the message."""
         return definitions()[self.message_id].name
 
+    def is_enough(self, rate: float) -> bool:
+        """Whether ``rate``, Hz, needs no setting: what comes faster already stays as it is."""
+        return rate >= SLOW * self.rate if self.least else not self.set and rate >= self.rate
+
 
 class RateRequest:
     """Makes a vehicle send attitude and motor outputs at a rate, Hz, and restores its former rates at the end.
@@ -104,8 +105,8 @@ class RateRequest:
     Messages that distinguish flight from landing, ``evidence``, are asked for at ``EVIDENCE_RATE``. First the interval
     of each message is queried, then set, one at a time since a confirmation does not name the message. If the message
     comes much slower later, after a reboot or by a ground station, it is set again, at most every ``PAUSE_SECONDS``. If
-    the vehicle never reports the interval, the one measured before is restored. What comes faster already stays as it
-    is. ``events``: sentences to report, the oldest first; the caller removes them.
+    the vehicle never reports the interval, the one measured before is restored. ``events``: sentences to report, the
+    oldest first; the caller removes them.
     """
 
     def __init__(
@@ -117,82 +118,86 @@ class RateRequest:
     ) -> None:
         self.events: list[str] = []
         self._vehicle = vehicle
-        self._asked = [_Interval(message_id, rate) for message_id in messages]
-        self._asked += [_Interval(message_id, EVIDENCE_RATE, least=True) for message_id in evidence]
+        self._intervals = [_Interval(message_id, rate) for message_id in messages]
+        self._intervals += [_Interval(message_id, EVIDENCE_RATE, least=True) for message_id in evidence]
         self._sequence = 0
         self._contested = self._restoring = False
         self._unconfirmed: deque[_Interval] = deque()
 
     def due(self, now: float, measured: Mapping[int, float] | None) -> list[bytes]:
-        """Frames to send at ``now``, s of a monotonic clock.
+        """Returns frames to send at ``now``, s of a monotonic clock.
 
         The ``measured`` rates, Hz by message id, are restored if the vehicle does not report intervals; None while they
         are not known.
         """
         frames = []
-        for one in self._asked:
-            rate = None if measured is None else measured.get(one.message_id, 0.0)
-            self._watch(one, now, rate)
-            if one.done or now - one.last < REPLY_SECONDS:
+        for interval in self._intervals:
+            rate = None if measured is None else measured.get(interval.message_id, 0.0)
+            self._watch(interval, now, rate)
+            if interval.done or now - interval.last < REPLY_SECONDS:
                 continue
-            if one.before is None and one.queries < MAX_TRIES:
-                one.queries += 1
-                frames.append(self._command(GET_INTERVAL, one.message_id))
-            elif self._waiting(now) or (rate is None and (one.least or not one.set)):
+            if interval.before is None and interval.queries < MAX_TRIES:
+                interval.queries += 1
+                frames.append(self._command(GET_INTERVAL, interval.message_id))
+            elif self._waiting(now) or (rate is None and (interval.least or not interval.set)):
                 continue
-            elif rate is not None and (rate >= SLOW * one.rate if one.least else not one.set and rate >= one.rate):
-                one.done = True
-            elif one.settings < MAX_TRIES:
-                if one.before is None:
-                    one.before = round(1e6 / rate) if rate else STOPPED
-                one.settings += 1
-                one.set = True
-                one.unrefused += 1
-                frames.append(self._command(SET_INTERVAL, one.message_id, round(1e6 / one.rate)))
+            elif rate is not None and interval.is_enough(rate):
+                interval.done = True
+            elif interval.settings < MAX_TRIES:
+                if interval.before is None:
+                    interval.before = round(1e6 / rate) if rate else STOPPED
+                interval.settings += 1
+                interval.unrefused += 1
+                interval.set = True
+                frames.append(self._command(SET_INTERVAL, interval.message_id, round(1e6 / interval.rate)))
             else:
-                one.done = True
-                if not one.least:
-                    self.events.append(f"The vehicle has not confirmed a faster rate of {one.name}.")
-            one.last = now
+                interval.done = True
+                if not interval.least:
+                    self.events.append(f"The vehicle has not confirmed a faster rate of {interval.name}.")
+            interval.last = now
         return frames
 
     def take(self, message: Message) -> None:
-        """A MESSAGE_INTERVAL or a COMMAND_ACK of the vehicle."""
+        """Takes a MESSAGE_INTERVAL or a COMMAND_ACK of the vehicle."""
         first, second, *addressee = message.values
         if message.name == "MESSAGE_INTERVAL":
-            for one in self._asked:
-                # After a setting it is not the former one.
-                sound = second == STOPPED or second >= SHORTEST_INTERVAL
-                if one.message_id == first and one.before is None and not one.settings and sound:
-                    one.before, one.last = second, -np.inf
+            for interval in self._intervals:
+                # After a setting it is not the former interval.
+                possible = second == STOPPED or second >= SHORTEST_INTERVAL
+                if interval.message_id == first and interval.before is None and not interval.settings and possible:
+                    interval.before, interval.last = second, -np.inf
         elif first != SET_INTERVAL or second == IN_PROGRESS or not _is_for_us(*addressee):
             return
         elif self._restoring:
             # In the order of the requests.
             if self._unconfirmed:
                 self._unconfirmed.popleft().restored = second == ACCEPTED
-        else:
+        elif waiting := [interval for interval in self._intervals if interval.settings and not interval.done]:
             # It does not contain the message: take the one that was set last.
-            waiting = [one for one in self._asked if one.settings and not one.done]
-            for one in sorted(waiting, key=lambda one: -one.last)[:1]:
-                one.done, one.refused = True, second != ACCEPTED
-                one.unrefused -= one.refused
-                if one.refused and not one.least:
-                    self.events.append(f"The vehicle refuses a faster rate of {one.name} (MAV_RESULT {second}).")
+            latest = max(waiting, key=lambda interval: interval.last)
+            latest.done, latest.refused = True, second != ACCEPTED
+            latest.unrefused -= latest.refused
+            if latest.refused and not latest.least:
+                self.events.append(f"The vehicle refuses a faster rate of {latest.name} (MAV_RESULT {second}).")
 
     def restart(self) -> None:
         """The vehicle may have rebooted, and forgotten all rates: asks for them again at once."""
-        for one in self._asked:
-            one.settings, one.done, one.refused = 0, False, False
-            one.last, one.again = -np.inf, 0
-        if any(one.set for one in self._asked):
+        for interval in self._intervals:
+            interval.settings, interval.done, interval.refused = 0, False, False
+            interval.last, interval.again = -np.inf, 0
+        if any(interval.set for interval in self._intervals):
             self.events.append("The vehicle is back: asking for its message rates again.")
 
     def restore(self) -> list[bytes]:
-        """Frames that restore each former interval that may have changed and is not confirmed as before yet."""
+        """Returns frames that restore each former interval that may have changed and is not confirmed as before yet."""
         self._restoring = True
-        self._unconfirmed = deque(one for one in self._asked if one.unrefused and not one.restored)
-        return [self._command(SET_INTERVAL, one.message_id, one.before or STOPPED) for one in self._unconfirmed]
+        self._unconfirmed = deque(
+            interval for interval in self._intervals if interval.unrefused and not interval.restored
+        )
+        return [
+            self._command(SET_INTERVAL, interval.message_id, interval.before or STOPPED)
+            for interval in self._unconfirmed
+        ]
 
     @property
     def restoring(self) -> bool:
@@ -201,43 +206,41 @@ class RateRequest:
 
     def _waiting(self, now: float) -> bool:
         """Whether a setting may still be confirmed."""
-        return any(one.settings and not one.done and now - one.last < REPLY_SECONDS for one in self._asked)
+        return any(
+            interval.settings and not interval.done and now - interval.last < REPLY_SECONDS
+            for interval in self._intervals
+        )
 
-    def _watch(self, one: _Interval, now: float, rate: float | None) -> None:
+    def _watch(self, interval: _Interval, now: float, rate: float | None) -> None:
         """Sets the interval of a message again that comes much slower than before, or that was never confirmed."""
-        if rate is None or not one.done or one.refused:
+        if rate is None or not interval.done or interval.refused:
             return
-        one.reached = max(one.reached, min(rate, one.rate))
-        unconfirmed = one.settings == MAX_TRIES and not one.reached
-        if rate >= SLOW * one.reached and not unconfirmed:
-            if now - one.last >= MAX_PAUSE_SECONDS:
-                one.again = 0
+        interval.reached = max(interval.reached, min(rate, interval.rate))
+        unconfirmed = interval.settings == MAX_TRIES and not interval.reached
+        if rate >= SLOW * interval.reached and not unconfirmed:
+            if now - interval.last >= MAX_PAUSE_SECONDS:
+                interval.again = 0
             return
-        if now - one.last < min(PAUSE_SECONDS * 2**one.again if unconfirmed else PAUSE_SECONDS, MAX_PAUSE_SECONDS):
+        if now - interval.last < min(
+            PAUSE_SECONDS * 2**interval.again if unconfirmed else PAUSE_SECONDS, MAX_PAUSE_SECONDS
+        ):
             return
-        if not one.least and not unconfirmed and not self._contested:
-            self.events.append(f"{one.name} no longer comes at {one.reached:.3g} Hz; asking for it again.")
+        if not interval.least and not unconfirmed and not self._contested:
+            self.events.append(f"{interval.name} no longer comes at {interval.reached:.3g} Hz; asking for it again.")
         # A request is withdrawn by another program, not by a reboot, if that occurs every time.
-        if rate and one.again >= 2 and not self._contested:
+        if rate and interval.again >= 2 and not self._contested:
             self._contested = True
             self.events.append(
                 "Message rates are set back again and again, perhaps by another ground station (in MAVProxy, "
                 "`set streamrate -1` ends that): each time they are asked for again."
             )
-        one.settings, one.done, one.again = 0, False, one.again + 1
+        interval.settings, interval.done, interval.again = 0, False, interval.again + 1
 
     def _command(self, command: int, first: float, second: float = 0.0) -> bytes:
         self._sequence += 1
-        return _frame(
-            "COMMAND_LONG",
-            GROUND_STATION,
-            self._sequence - 1,
-            target_system=self._vehicle.system,
-            target_component=self._vehicle.component,
-            command=command,
-            param1=first,
-            param2=second,
-        )
+        target = {"target_system": self._vehicle.system, "target_component": self._vehicle.component}
+        fields = target | {"command": command, "param1": first, "param2": second}
+        return _frame("COMMAND_LONG", GROUND_STATION, self._sequence - 1, fields)
 
 
 def _is_for_us(system: int, component: int) -> bool:
@@ -245,17 +248,16 @@ def _is_for_us(system: int, component: int) -> bool:
 
 
 def greeting(number: int) -> bytes:
-    """The ``number``-th HEARTBEAT, from 0 on, for vehicles that send only after they have received something."""
+    """Returns the ``number``-th HEARTBEAT, from 0 on, for vehicles that send only after they have received interval."""
     fields = {"type": GCS, "autopilot": NO_AUTOPILOT, "system_status": ACTIVE, "mavlink_version": VERSION}
-    return _frame("HEARTBEAT", GREETER, number, **fields)
+    return _frame("HEARTBEAT", GREETER, number, fields)
 
 
-def _frame(name: str, sender: FrameSender, number: int, **fields: float) -> bytes:
+def _frame(name: str, sender: FrameSender, number: int, fields: Mapping[str, float]) -> bytes:
     definition = definition_named(name)
     assert definition is not None
     payload = np.zeros(1, dtype=definition.wire)
     for field, value in fields.items():
         payload[field] = value
-    sequence = np.array([number % 256], dtype=np.uint8)
-    data, _ = composed_frames(payload, definition, sender, sequence)
+    data, _ = composed_frames(payload, definition, sender, np.array([number % 256], dtype=np.uint8))
     return data.tobytes()

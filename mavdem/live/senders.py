@@ -111,13 +111,12 @@ class Sender:
 class Senders:
     """All senders of a link and the one that is followed: ``wanted``, "system" or "system:component", or the only one.
 
-    ``followed``: the chosen vehicle; None before the choice. ``others``: frames of senders that are no longer kept.
-    ``obstacle``: why none is followed, one sentence; empty when one is.
+    ``followed``: the chosen vehicle; None before the choice. ``obstacle``: why none is followed, one sentence; empty
+    when one is.
     """
 
     def __init__(self, wanted: str | None, report: Callable[[str], None]) -> None:
         self.followed: Sender | None = None
-        self.others = 0
         self.obstacle = "No vehicle found yet." if wanted is None else f"Vehicle {wanted} not found yet."
         self._wanted = wanted
         self._senders: dict[int, Sender] = {}
@@ -134,10 +133,8 @@ class Senders:
         sender = self._senders.get(key)
         if sender is None:
             if len(self._senders) >= MAX_SENDERS:
-                others = [entry for entry in self._senders.items() if entry[1] is not self.followed]
-                least, dropped = min(others, key=lambda entry: entry[1].frames)
-                self.others += dropped.frames
-                del self._senders[least]
+                others = [key for key, other in self._senders.items() if other is not self.followed]
+                del self._senders[min(others, key=lambda key: self._senders[key].frames)]
             sender = self._senders[key] = Sender(frame.system, frame.component)
         return sender
 
@@ -153,14 +150,16 @@ class Senders:
             if self._wanted == sender.name or (self._wanted == str(sender.system) and sender.can_be_followed):
                 self._follow(sender)
         elif sender.can_be_followed:
-            flying = [one for one in self if one.flies] or [one for one in self if one.kind in MULTIROTORS]
+            flying = [other for other in self if other.flies] or [other for other in self if other.kind in MULTIROTORS]
             if flying == [sender]:
                 self._follow(sender)
-            elif len(flying) > 1 and self._rivals != (rivals := {one.system << 8 | one.component for one in flying}):
+            elif len(flying) > 1 and self._rivals != (
+                rivals := {other.system << 8 | other.component for other in flying}
+            ):
                 self._rivals = rivals
                 choose = f"choose one, for example with `--vehicle {flying[0].name}`."
                 self.obstacle = f"Several vehicles found: {choose}"
-                listed = ", ".join(f"{one.name} ({one.kind}, {one.autopilot})" for one in flying[:MAX_LISTED])
+                listed = ", ".join(f"{other.name} ({other.kind}, {other.autopilot})" for other in flying[:MAX_LISTED])
                 listed += " and more" * (len(flying) > MAX_LISTED)
                 self._report(f"Several vehicles found: {listed}. {choose.capitalize()}")
 

@@ -15,13 +15,12 @@ from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from typing import ParamSpec, Protocol, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
 from mavdem.alignment.signals import axis_outputs
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
-from mavdem.dem.engine.linalg import Array
 from mavdem.dem.parallel import pool
 from mavdem.live.decisions import Setup
 from mavdem.live.history import (
@@ -84,24 +83,6 @@ class LearningProcess(Executor):
             self._pool.submit(os.nice, LOW_PRIORITY)
 
 
-class Display(Protocol):
-    """Shows rows and sentences; returns at once."""
-
-    def put(
-        self,
-        time: float,
-        segment: int,
-        outputs: Array,
-        inputs: Array,
-        estimate: Estimate | None = None,
-        learned: Learned | None = None,
-    ) -> None:
-        """Shows a row."""
-
-    def log(self, text: str) -> None:
-        """Shows a sentence."""
-
-
 @dataclass
 class LiveSession:
     """A link and all that is done with what it receives.
@@ -112,7 +93,9 @@ class LiveSession:
     link: Link  # open
     stream: LiveStream  # of one vehicle
     settings: Settings  # of the learner
-    show: Callable[[Setup], Display | None]  # called with the first setup and each new one; the display of its rows
+    # Called with the first setup and each new one; returns the display of its rows, or None. Its ``put`` takes a row's
+    # time, segment, outputs, inputs, estimate and model, its ``log`` a sentence, and both return at once.
+    show: Callable[[Setup], Any]
     report: Callable[[SessionStatus], None]  # called once a second with the status
     say: Callable[[str], None]  # called with each sentence
     executor: Executor | None = None  # for batch learning
@@ -129,7 +112,7 @@ class LiveSession:
         self._newest: Learned | None = None
         self._landed = False  # whether no model has come since the last landing
         self._setup: Setup | None = None
-        self._display: Display | None = None
+        self._display: Any = None
         self._display_failed = False
         self._request: RateRequest | None = None
         self._arrivals, self._boot = Arrivals(), 0
@@ -413,7 +396,9 @@ class LiveSession:
         now, kind = time.monotonic(), _NUMBERS.sub("", said)
         if now - self._last_said.get(kind, -np.inf) < REPEAT_SECONDS:
             return
-        self._last_said = {one: at for one, at in self._last_said.items() if now - at < REPEAT_SECONDS} | {kind: now}
+        self._last_said = {before: at for before, at in self._last_said.items() if now - at < REPEAT_SECONDS} | {
+            kind: now
+        }
         self.say(said)
         self.history.note(now - self._began, said)
         if self._display is not None:

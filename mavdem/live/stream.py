@@ -128,7 +128,6 @@ class LiveStream:
     def status(self) -> SessionStatus:
         """The status of the link and the vehicle."""
         followed, now = self._senders.followed, self._clock.now
-        facts = ("system", "component", "kind", "autopilot", "frames", "lost", "flies")
         return SessionStatus(
             vehicle=followed.name if followed else None,
             obstacle=self._senders.obstacle or (NO_ATTITUDE[""] + self._advice if isnan(now) else self._obstacle),
@@ -136,12 +135,7 @@ class LiveStream:
             flying=self._phase.flying,
             lost=followed.lost if followed else 0,
             late=sum(stream.late for stream in self._streams.values()),
-            outlier_stamps=self._clock.outliers,
-            frames=self._frames.frames,
             unread=self._frames.unread,
-            garbage=self._frames.garbage,
-            senders=tuple({fact: getattr(one, fact) for fact in facts} for one in self._senders),
-            others=self._senders.others,
             alarms=tuple(self._alarms.latest),
             alarm_count=self._alarms.count,
             alarm=self._alarms.sentence,
@@ -236,8 +230,8 @@ class LiveStream:
             elif stream.added % RATE_CHECK_SAMPLES == 0 and (before := self._grid.former_rate(stream)) is not None:
                 self._report(f"{name} no longer comes at {before:.3g} Hz: a new segment starts.")
                 self._grid.forget_step()
-                for one in streams:
-                    one.clear()
+                for changed in streams:
+                    changed.clear()
         if not self._grid.running and self._phase.steady and self._grid.begin(streams):
             self._begin(inputs)
         if self._grid.running:

@@ -82,7 +82,7 @@ def run(runner: Runner) -> Result:
                 "median_error_over_constant_mean": {name: [one[name] for one in relative.values()] for name in SHOWN},
             },
             "unstable_models": {
-                flight: {name: sum(trial.stable is False for trial in trials[name]) for name in SHOWN}
+                flight: {name: sum(trial.stable is False for trial in tried) for name, tried in trials.items()}
                 | {"windows": len(trials[MEAN])}
                 for flight, trials in runner.trials.items()
             },
@@ -113,18 +113,6 @@ def run(runner: Runner) -> Result:
                 "Squared error by step",
                 f"n steps ahead on {runner.sample.flight}, summed over outputs.",
                 partial(figures.lines, {"": squares}, "steps ahead, n", first=1, scale="log"),
-            ),
-            Picture(
-                "MSPE of the five experiments",
-                "Each method on each experiment.",
-                partial(
-                    figures.errors,
-                    {
-                        f"from {start}": {name: own[:, None] for name, own in one.items()}
-                        for start, one in experiments.items()
-                    },
-                    [f"expt {number}" for number in numbers],
-                ),
             ),
         ),
         remarks=(

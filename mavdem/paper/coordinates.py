@@ -42,7 +42,7 @@ def run(runner: Runner) -> Result:
     """Tries DEM with p = 2 and p = 1 on the five experiments, from many random priors, and on recorded flights."""
     drawn = [runner.draws[name].values() for name in (WITH, WITHOUT)]
     default = [[[runner.trial(name, number)] for number in runner.experiments] for name in (OURS, OURS_WITHOUT)]
-    errors = {f"the paper’s settings, from {start}": _errors(drawn, start) for start in STARTS}
+    errors = {f"paper’s settings, from {start}": _errors(drawn, start) for start in STARTS}
     ours = {f"default settings, from {start}": _errors(default, start) for start in STARTS}
     middle = {
         f"p = {p}": median_draw(runner.draws[name][runner.extent.sample], STARTS[0])
@@ -76,15 +76,6 @@ def run(runner: Runner) -> Result:
                     },
                 ),
                 large=True,
-            ),
-            Picture(
-                "MSPE of the five experiments",
-                "Dots: from each random prior; bars: their median.",
-                partial(
-                    figures.errors,
-                    {name: {"p = 1": pair[1], "p = 2": pair[0]} for name, pair in errors.items()},
-                    [f"expt {number}" for number in runner.experiments],
-                ),
             ),
         ),
         remarks=(

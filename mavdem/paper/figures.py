@@ -1,8 +1,8 @@
-"""Figures of the experiments: lines, forecasts beside what was measured, and errors from many priors."""
+"""Figures of the experiments: lines, forecasts beside what was measured, histograms."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -70,25 +70,6 @@ def forecasts(window: Window, panels: Mapping[str, Mapping[str, Array]], one_ste
         for axes in rows[-1]:
             axes.set_xlabel("time, s")
         legend_above(rows[0, -1])
-        return figure
-
-
-def errors(panels: Mapping[str, Mapping[str, Iterable[Array]]], groups: Sequence[str], label: str = "MSPE") -> Figure:
-    """Draws errors, one dot each, by the title of their panel, by method and by group; a bar is the median."""
-    jitter = np.random.default_rng(0)
-    with picture(ROW_HEIGHT * len(panels)) as figure:
-        column = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-        for axes, (title, methods) in zip(column, panels.items(), strict=True):
-            width = 0.8 / len(methods)
-            for number, (name, by_group) in enumerate(methods.items()):
-                x = np.arange(len(groups)) + (number - (len(methods) - 1) / 2) * width
-                axes.bar(x, [np.median(values) for values in by_group], 0.9 * width, color=distinct(number), alpha=0.35)
-                for at, values in zip(x, by_group, strict=True):
-                    near = at + width * jitter.uniform(-0.3, 0.3, len(values))
-                    axes.plot(near, values, ".", markersize=3, color=distinct(number))
-                axes.plot([], [], "s", color=distinct(number), label=name)
-            axes.set(title=title, ylabel=label, yscale="log", xticks=range(len(groups)), xticklabels=groups)
-        legend_above(column[0], 4)
         return figure
 
 

@@ -12,7 +12,6 @@ from mavdem.dem import learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.windows import Window
 from mavdem.flight import Flight
-from mavdem.paper import figures
 from mavdem.paper.claims import ORACLE
 from mavdem.paper.flights import SHARED, TRAIN
 from mavdem.paper.runner import (
@@ -29,7 +28,6 @@ from mavdem.paper.runner import (
 )
 from mavdem.report.blocks import Sentence, Table
 from mavdem.report.numbers import rounded
-from mavdem.report.page import Picture
 
 FOLDER = SHARED / "oracle"
 CENTRAL_SHARE = 0.9  # central share of our errors over random priors that must contain the authors' error
@@ -67,23 +65,6 @@ def run(runner: Runner) -> Result:
                     [f"{name}, from {start}", *(_range(each[start][name]) for each in (theirs, ours))]
                     for name, start in cases
                 ],
-            ),
-        ),
-        pictures=(
-            Picture(
-                "150-step MSPE on the authors’ simulated System 2",
-                "From each random prior or start; bars: medians.",
-                partial(
-                    figures.errors,
-                    {
-                        f"from {start}": {
-                            "ours": [ours[start][name] for name in METHODS],
-                            "theirs": [theirs[start][name] for name in METHODS],
-                        }
-                        for start in STARTS
-                    },
-                    METHODS,
-                ),
             ),
         ),
         remarks=(

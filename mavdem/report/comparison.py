@@ -12,8 +12,7 @@ from typing import Any
 from mavdem.analysis.findings import PREDICTION_LIMITS
 from mavdem.dem.order_choice import OrderChoice
 from mavdem.evaluate.comparison import GENERALIZED_COORDINATES, Comparison
-from mavdem.evaluate.paired_test import FEWEST_PAIRS, SIGNIFICANCE, Paired
-from mavdem.evaluate.scores import FROM_ZERO, HORIZONS, KNOWN, UNKNOWN, error_over
+from mavdem.evaluate.scores import FEWEST_PAIRS, FROM_ZERO, HORIZONS, KNOWN, SIGNIFICANCE, UNKNOWN, Paired, error_over
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import THREE_STATES, listed, named, readable
 

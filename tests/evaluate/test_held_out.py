@@ -41,9 +41,9 @@ def test_no_window_is_in_the_training_data_of_its_model(monkeypatch):
         trained.append({float(time) for segment in segments for time in segment.time})
         return learn(segments, settings, begin)
 
-    def seen(learned, part, steps, lead, before):
+    def seen(learned, training, part, steps, lead, *others):
         forecasts.append({float(time) for time in part.time[lead:]})
-        return forecast(learned, part, steps, lead, before)
+        return forecast(learned, training, part, steps, lead, *others)
 
     monkeypatch.setattr(module, "learn", watched)
     monkeypatch.setattr(module, "_forecast", seen)

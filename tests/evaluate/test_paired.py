@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, wilcoxon
 
-from mavdem.evaluate.paired_test import Paired, disjoint, paired
+from mavdem.evaluate.scores import Paired, disjoint, paired
 
 INF = np.inf
 

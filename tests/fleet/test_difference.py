@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -10,8 +11,10 @@ from fleet_rows import flight_row
 
 from mavdem.fleet.difference import (
     BETWEEN,
+    DAMPING,
     EFFECT,
     FAMILY_ERROR,
+    LAG,
     MEAN_EFFECT,
     RESOLUTION,
     SHARE,
@@ -105,6 +108,7 @@ def test_several_flights_narrow_the_interval_and_flights_that_differ_widen_it():
     ("changed", "kind"),
     [
         ({"lean_roll": 0.2, "lean_pitch": 0.0}, SHARE),
+        ({"lean_roll": None, "lean_pitch": None}, SHARE),  # no lean of nothing
         ({"voltage_mean": 12.0}, MEAN_EFFECT),
         ({"collective": 0.6}, MEAN_EFFECT),
     ],
@@ -119,88 +123,43 @@ def test_other_conditions_widen_what_they_can_change(changed, kind):
     assert not other.of("changed")
 
 
-def test_an_effect_that_is_biased_or_not_identifiable_is_not_compared_and_the_reason_is_said():
-    biased = [replace(row, effect_status="biased") for row in flight(1)]
-    found = vehicle_difference(flight(0), biased)
-    assert not {EFFECT, MEAN_EFFECT} & {one.quantity.kind for one in found.changes}
-    assert dict(found.incomparable)["motors' effects"] == "biased in B."
-
-
-def test_flights_of_other_tiers_are_compared_in_what_both_have():
-    slow = [
-        replace(
-            row, tier="c", effect=None, effect_status=None, damping=None, damping_status=None, lag=None, lag_status=None
-        )
-        for row in flight(1)
-    ]
-    found = vehicle_difference(flight(0), slow)
-    assert {one.quantity.kind for one in found.changes} == {SHARE}
-    assert "B is of tier c; this needs tier a" in dict(found.incomparable)["motors' effects"]
+NO_MODEL = dict.fromkeys(f"{name}{end}" for name in ("effect", "damping", "lag") for end in ("", "_status"))
+BY_DEMAND = {"inputs": "demand", "input_unit": "", "effect": (20.0,), "effect_interval": (1.0,)}
 
 
 @pytest.mark.parametrize(
-    ("changed", "words"),
+    ("changed", "kinds", "quantity", "reason"),
     [
-        (
-            {"motors": ("1", "2", "3", "4", "5", "6"), "trim_share": (1.0,) * 6, "trim_share_interval": (0.01,) * 6},
-            "other vehicles",
-        ),
-        ({"frame": "HEXAROTOR"}, "other vehicles"),
-        ({"trim_unit": "µs"}, "other units"),
-        ({"status": "It is empty."}, "B has no flight"),
+        ({"effect_status": "biased"}, {SHARE, DAMPING, LAG}, "motors' effects", "biased in B."),
+        ({"tier": "c", **NO_MODEL}, {SHARE}, "motors' effects", "B is of tier c; this needs tier a"),
+        ({"trim_share_interval": (None,) * 4}, {*BETWEEN} - {SHARE}, "motors' shares", "B has too little flight"),
+        (BY_DEMAND, {SHARE}, "effects, damping and lag", "controller's demand"),
+        ({"frame": "HEXAROTOR"}, set(), "everything", "other vehicles"),
+        ({"motors": tuple("123456"), "trim_share": None, "effect": None}, set(), "everything", "other vehicles"),
+        ({"trim_unit": "%"}, set(), "everything", "other units"),
+        ({"status": "It is empty."}, set(), "everything", "B has no flight"),
     ],
 )
-def test_nothing_is_compared_between_vehicles_of_other_kinds(changed, words):
-    before = [replace(row, frame="QUADROTOR", trim_unit="") for row in flight(0)]
-    after = [replace(row, **({"frame": "QUADROTOR", "trim_unit": ""} | changed)) for row in flight(1)]
+def test_what_is_not_known_in_both_is_not_compared_and_the_reason_is_said(changed, kinds, quantity, reason):
+    known = {"frame": "QUADROTOR", "trim_unit": "µs", "inputs": "motors", "input_unit": "µs"}
+    before = [replace(row, **known) for row in flight(0)]
+    after = [replace(row, **(known | changed)) for row in flight(1)]
     found = vehicle_difference(before, after)
-    assert not found.changes and words in dict(found.incomparable)["everything"]
+    assert {change.quantity.kind for change in found.changes} == kinds
+    assert reason in dict(found.incomparable)[quantity]
+    document = found.as_dict()
+    assert json.loads(json.dumps(document, allow_nan=False)) == document
 
 
 def test_an_input_that_is_no_motor_has_an_effect_of_its_own():
-    (row,) = [replace(flight(0)[0], effect=(2.0,), effect_interval=(0.1,), motors=("roll demand",))]
-    assert set(estimates_of([row])) >= {Quantity(MEAN_EFFECT, 0, "roll")}
-    assert not any(quantity.kind == EFFECT for quantity in estimates_of([row]))
-
-
-def test_the_document_is_plain_json():
-    import json
-
-    found = vehicle_difference(flight(0), flight(1, share=0.2)).as_dict()
-    assert json.loads(json.dumps(found, allow_nan=False)) == found
-
-
-def test_shares_without_an_interval_are_not_compared_and_the_reason_is_said():
-    short = [replace(row, trim_share_interval=(None,) * 4) for row in flight(1)]
-    found = vehicle_difference(flight(0), short)
-    assert SHARE not in {one.quantity.kind for one in found.changes}
-    assert "B has too little flight" in dict(found.incomparable)["motors' shares"]
+    row = replace(flight(0)[0], effect=(2.0,), effect_interval=(0.1,), motors=("roll demand",))
+    quantities = set(estimates_of([row]))
+    assert Quantity(MEAN_EFFECT, 0, "roll") in quantities and EFFECT not in {one.kind for one in quantities}
 
 
 @pytest.mark.parametrize(("harder", "outcome"), [(0.0, "same"), (0.05, "uncertain"), (0.3, "changed")])
 def test_the_same_is_said_only_where_the_whole_interval_is_small(harder, outcome):
     before = flight(0)
     after = [replace(row, trim_share=tuple(np.array(row.trim_share) * (1 + harder * np.eye(4)[2]))) for row in before]
-    (one,) = [one for one in vehicle_difference(before, after).changes if one.quantity == Quantity(SHARE, 3)]
-    assert one.half_width < RESOLUTION[SHARE] or outcome == "changed"
-    assert one.outcome == outcome
-
-
-def test_models_of_the_demand_are_not_compared_with_models_of_the_motors_but_shares_are():
-    by_motors = [replace(row, inputs="motors", input_unit="µs", trim_unit="µs") for row in flight(0)]
-    by_demand = [
-        replace(row, inputs="demand", input_unit="", trim_unit="µs", effect=(20.0,), effect_interval=(1.0,))
-        for row in flight(1)
-    ]
-    found = vehicle_difference(by_motors, by_demand)
-    assert {one.quantity.kind for one in found.changes} == {SHARE}
-    assert "demand" in dict(found.incomparable)["effects, damping and lag"]
-
-
-def test_a_lean_that_is_not_known_is_no_lean_of_nothing():
-    def width(lean):
-        rows = [replace(row, lean_roll=lean, lean_pitch=lean) for row in flight(1)]
-        found = vehicle_difference(flight(0), rows)
-        return next(one.half_width for one in found.changes if one.quantity == Quantity(SHARE, 1))
-
-    assert width(None) > 1.1 * width(0.0)
+    (change,) = [one for one in vehicle_difference(before, after).changes if one.quantity == Quantity(SHARE, 3)]
+    assert change.outcome == outcome and (change.half_width < RESOLUTION[SHARE] or outcome == "changed")

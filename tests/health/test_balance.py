@@ -1,4 +1,4 @@
-"""The balance of a flight against one whose balance, lean and effect of lean are known."""
+"""The balance of a flight against one that is known, and signatures against a vehicle whose trim is solved for."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from mavdem.health.balance import balance_figures, motor_signatures
+from mavdem.ingest.motors import motor_geometry
 
 QUAD_X = motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)], [1, 1, -1, -1])
 MEAN = np.array([0.03, -0.02, 0.01])
@@ -51,24 +52,82 @@ def test_the_battery_does_not_change_the_balance():
     np.testing.assert_allclose(charged.mean, empty.mean)
 
 
-def test_a_steady_lean_has_no_effect_that_could_be_seen():
-    time, commands, _ = flown(1)
-    found = balance_figures(time, commands, np.full((len(time), 2), 0.02), QUAD_X)
-    assert found is not None
-    assert np.isnan(found.lean_effect).all()
-    assert np.isfinite(found.mean).all()
-
-
-def test_what_is_too_short_or_of_unknown_motors_has_no_figures():
-    time, commands, lean = flown(1, seconds=15.0)
-    assert balance_figures(time, commands, lean, QUAD_X) is None
+def test_what_cannot_be_seen_is_not_known():
     time, commands, lean = flown(1)
+    steady = balance_figures(time, commands, np.full((len(time), 2), 0.02), QUAD_X)
+    assert np.isnan(steady.lean_effect).all() and np.isfinite(steady.mean).all()
+    without_spins = motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)])
+    assert np.isfinite(balance_figures(time, commands, lean, without_spins).mean).tolist() == [True, True, False]
     assert balance_figures(time, commands, lean, motor_signatures(4)) is None
+    assert balance_figures(*flown(1, seconds=15.0), QUAD_X) is None
 
 
-def test_axes_that_the_layout_does_not_tell_are_nan():
-    time, commands, lean = flown(1)
-    found = balance_figures(time, commands, lean, motor_signatures(4, [(1, 1), (-1, -1), (1, -1), (-1, 1)]))
-    assert found is not None
-    assert np.isfinite(found.mean[:2]).all()
-    assert np.isnan(found.mean[2])
+def frame(vehicle: str, frame_class: int, frame_type: int, motors: int):
+    functions = {f"SERVO{n}_FUNCTION": 32.0 + n for n in range(1, motors + 1)}
+    parameters = {"FRAME_CLASS": float(frame_class), "FRAME_TYPE": float(frame_type)} | functions
+    layout = motor_geometry(vehicle, "ARDUPILOTMEGA", parameters, range(1, motors + 1), 8)
+    assert layout is not None and not layout.positions_assumed
+    return layout
+
+
+LAYOUTS = {
+    "quad X": frame("QUADROTOR", 1, 1, 4),
+    "quad +": frame("QUADROTOR", 1, 0, 4),
+    "hexa X": frame("HEXAROTOR", 2, 1, 6),
+    "octa +": frame("OCTOROTOR", 3, 0, 8),
+}
+
+
+@pytest.fixture(params=LAYOUTS)
+def layout(request):
+    return LAYOUTS[request.param]
+
+
+def trimmed(layout, thrusts: np.ndarray) -> np.ndarray:
+    """Commands by which a mixer holds the forces of a hover where motor i gives ``thrusts[i]`` for a command of 1."""
+    forward, right = np.array(layout.positions).T
+    forces = np.array([np.ones(len(right)), -right, forward, np.array(layout.spins, dtype=float)])
+    wanted = forces @ np.ones(len(right))
+    mixer = np.linalg.pinv(forces)
+    return mixer @ np.linalg.solve(forces * thrusts @ mixer, wanted)
+
+
+def test_a_weak_motor_changes_the_trim_as_its_signature_says(layout):
+    count = len(layout.motors)
+    signatures = motor_signatures(count, layout.positions, layout.spins)
+    for motor in range(count):
+        thrusts = np.ones(count)
+        thrusts[motor] = 1 - 1e-5
+        change = (trimmed(layout, thrusts) - trimmed(layout, np.ones(count))) / 1e-5
+        np.testing.assert_allclose(change, signatures.weak_motor_commands[motor], atol=1e-4)
+        np.testing.assert_allclose(signatures.balance(change), signatures.weak_motor[motor], atol=1e-4)
+
+
+def test_of_four_motors_only_the_weak_one_works_harder():
+    layout = LAYOUTS["quad X"]
+    signatures = motor_signatures(4, layout.positions, layout.spins)
+    np.testing.assert_allclose(signatures.weak_motor_commands, np.eye(4), atol=1e-12)
+    # Front right, counterclockwise: right side up, front up, and the counterclockwise pair up.
+    np.testing.assert_allclose(signatures.weak_motor[0], [0.25, -0.25, 0.25, 0.25])
+
+
+def test_axes_and_names_are_those_of_the_layout(layout):
+    count = len(layout.motors)
+    signatures = motor_signatures(count, layout.positions, layout.spins)
+    assert signatures.axes == ("thrust", "roll", "pitch", "yaw") and motor_signatures(4).axes == ("thrust",)
+    for axis, row in zip(signatures.axes[1:], signatures.weights[1:], strict=True):
+        np.testing.assert_allclose(row, layout.effect(axis))
+    wanted = np.random.default_rng(4).normal(size=(5, 4))
+    np.testing.assert_allclose(signatures.balance(signatures.commands(wanted)), wanted)
+    # A motor can be named where places and spins are known and differ.
+    assert signatures.names_a_motor
+    coaxial = [*layout.positions, *layout.positions], [*layout.spins, *layout.spins]
+    assert not motor_signatures(2 * count, *coaxial).names_a_motor
+    for known in ((layout.positions,), ((), layout.spins), (layout.positions, [0] * count)):
+        assert not motor_signatures(count, *known).names_a_motor
+
+
+@pytest.mark.parametrize("given", [(0,), (4, [(1, 0)] * 3), (4, (), [1, -1])])
+def test_other_numbers_of_motors_are_refused(given):
+    with pytest.raises(ValueError, match="must"):
+        motor_signatures(*given)

@@ -34,10 +34,10 @@ def real_logs() -> list[Path]:
     return sorted(log for log in logs if not any(part in log.stem for part in alike.get(log.parent.name, ())))
 
 
-def beginning(log: Path, folder: Path) -> Path:
-    """The first 700 kB; of a simulator, whose messages repeat themselves, 300 kB."""
+def beginning(log: Path, folder: Path, most: int = 700_000) -> Path:
+    """The first 700 kB, or ``most`` bytes; of a simulator, whose messages repeat themselves, 300 kB."""
     path = folder / log.name
-    path.write_bytes(log.read_bytes()[: 300_000 if log.parent.name.startswith("sitl_") else 700_000])
+    path.write_bytes(log.read_bytes()[: 300_000 if log.parent.name.startswith("sitl_") else most])
     return path
 
 

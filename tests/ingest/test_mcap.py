@@ -80,6 +80,7 @@ def test_there_and_back_other_logs_keep_every_frame_and_stamp(log: Path, tmp_pat
 @pytest.mark.slow
 @pytest.mark.parametrize("log", SAMPLE_LOGS, ids=lambda log: log.stem)
 def test_json_alone_tells_the_same(log: Path, tmp_path: Path) -> None:
+    log = beginning(log, tmp_path, 200_000)
     path = json_only(converted(log, tmp_path), tmp_path)
     theirs = read_log(log)
     # The bits of a NaN are an integer of PX4's, and JSON has but one NaN.

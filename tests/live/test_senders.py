@@ -28,14 +28,14 @@ def test_the_only_one_is_followed_beside_ground_station_gimbal_and_plane():
     made = replay(sorted(Flight().frames(end=14.0) + others, key=lambda entry: entry[0]))
     assert made.sentences[0] == "Following vehicle 1:1 (QUADROTOR, ARDUPILOTMEGA)."
     assert made.rows
-    flying = [(one["system"], one["component"]) for one in made.stream.status().senders if one["flies"]]
+    flying = [(sender.system, sender.component) for sender in made.stream._senders if sender.flies]
     assert flying == [(1, 1)]
 
 
 def test_a_telemetry_radio_is_called_one_and_not_blamed_for_missing_attitude():
     radio = [(number / 2, message("RADIO_STATUS", 51, 68, sequence=number)) for number in range(28)]
     made = replay(sorted(Flight().frames(end=14.0) + radio, key=lambda entry: entry[0]))
-    assert [one["kind"] for one in made.stream.status().senders] == ["QUADROTOR", "TELEMETRY_RADIO"] and made.rows
+    assert [sender.kind for sender in made.stream._senders] == ["QUADROTOR", "TELEMETRY_RADIO"] and made.rows
     assert "ATTITUDE" not in replay(radio, vehicle="51").stream.status().obstacle
 
 
@@ -62,8 +62,8 @@ def test_the_one_that_is_named_is_followed():
 
 def test_one_stranger_that_speaks_first_under_the_ids_of_the_one_that_is_named_does_not_say_what_it_is():
     made = replay([(0.0, heartbeat(kind=18, autopilot=8)), *Flight().frames(end=14.0)], vehicle="1:1")
-    (me,) = made.stream.status().senders
-    assert (me["kind"], me["autopilot"]) == ("QUADROTOR", "ARDUPILOTMEGA")
+    (me,) = made.stream._senders
+    assert (me.kind, me.autopilot) == ("QUADROTOR", "ARDUPILOTMEGA")
     assert made.rows
 
 

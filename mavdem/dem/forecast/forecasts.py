@@ -33,7 +33,7 @@ from mavdem.dem.fitting import Fit
 from mavdem.dem.forecast.simulation_error import SimulationFit
 from mavdem.dem.forecast.var import ChannelUnits, Forecast, LagStatistics, Var
 from mavdem.dem.priors import KINEMATIC
-from mavdem.dem.record import Record
+from mavdem.dem.record import Record, folds
 from mavdem.dem.scaling import Scaling
 
 LONGEST_FORECAST_SECONDS = 1.5  # the paper's 150 samples at 100 Hz
@@ -291,21 +291,6 @@ class LeftOutErrors(NamedTuple):
     mean: Array
 
 
-def folds(segments: list[Array]) -> list[list[tuple[Array, int, int]]]:
-    """Returns the samples of all ``segments`` (T, k) in parts of about equal length, each in blocks of one segment.
-
-    A block is the segment's channels, and the first and the last sample but one of a part of it.
-    """
-    ends = np.cumsum([len(channels) for channels in segments])
-    begins = ends - [len(channels) for channels in segments]
-    cuts = np.linspace(0, ends[-1], FOLDS + 1).astype(int)
-    parts = []
-    for first, last in zip(cuts[:-1], cuts[1:], strict=True):
-        blocks = zip(segments, np.maximum(first - begins, 0), np.minimum(last, ends) - begins, strict=True)
-        parts.append([(channels, int(start), int(stop)) for channels, start, stop in blocks if start < stop])
-    return [part for part in parts if part]
-
-
 def left_out_errors(record: Record, lags: int) -> LeftOutErrors | None:
     """Returns the physical errors of an autoregression, each fold of the record by the model of the others.
 
@@ -317,13 +302,14 @@ def left_out_errors(record: Record, lags: int) -> LeftOutErrors | None:
     steps, stride = max(1, round(LONGEST_FORECAST_SECONDS / record.dt)), -(-len(record) // LEFT_OUT_STARTS)
     whole, total = LagStatistics.of(segments, lags), np.sum([channels.sum(axis=0) for channels in segments], axis=0)
     squares = []
-    for fold in folds(segments):
+    for parts in folds([len(channels) for channels in segments], FOLDS):
+        fold = [(segments[i], start, stop) for i, start, stop in parts]
         left = whole - LagStatistics.of([table[max(0, start - lags) : stop] for table, start, stop in fold], lags)
         if left.rows < 1:
             continue
         measured, predicted = (Var.fit(left, lags, ridge) for ridge in (MEASURED_RIDGE, PREDICTED_RIDGE))
-        parts = np.concatenate([channels[start:stop] for channels, start, stop in fold])
-        mean = ((total - parts.sum(axis=0)) / (len(record) - len(parts)))[:m]
+        out = np.concatenate([channels[start:stop] for channels, start, stop in fold])
+        mean = ((total - out.sum(axis=0)) / (len(record) - len(out)))[:m]
         for channels, start, stop in fold:
             begins = np.arange(max(start, lags), stop, stride)
             if not len(begins):

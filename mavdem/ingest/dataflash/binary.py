@@ -100,7 +100,7 @@ MAX_DEFINITIONS = 256  # Definitions of one message that are used: each appended
 
 
 def defined(values: tuple[int, int, bytes, bytes, bytes]) -> tuple[int, FormatDefinition] | None:
-    """The id and definition in the values of an FMT; None where the name is not one."""
+    """Returns the id and definition in the values of an FMT; None where the name is not one."""
     kind, length, name, characters, fields = values
     texts = [_text(value) for value in (name, characters, fields)]
     if not all(text.isascii() and text.isprintable() for text in texts) or not texts[0].replace("_", "").isalnum():
@@ -110,7 +110,7 @@ def defined(values: tuple[int, int, bytes, bytes, bytes]) -> tuple[int, FormatDe
 
 
 def joined_tables(tables: list[MessageTable]) -> MessageTable:
-    """The tables of one name as one, in stream order, with the fields that all of them have."""
+    """Returns the tables of one name as one, in stream order, with the fields that all of them have."""
     tables = [table for table in tables if len(table.place)]
     if len(tables) < 2:
         return tables[0] if tables else EMPTY
@@ -140,7 +140,7 @@ _Dated = list[tuple[int, FormatDefinition]]  # The definitions of one id, each w
 
 
 def read_binary(content: bytes, progress: Progress | None = None) -> DataflashRecording:
-    """The messages in the bytes of a binary log; ``progress`` is called with the fraction done."""
+    """Returns the messages in the bytes of a binary log; ``progress`` is called with the fraction done."""
     scan = _Scan(content)
     scan.run(progress)
     # Padded, so that the last message may be read with any definition.

@@ -45,7 +45,7 @@ _Lines = list[tuple[int, bytes]]  # The lines of one definition: their numbers, 
 
 
 def read_text(content: bytes, progress: Progress | None = None) -> DataflashRecording:
-    """The messages in the bytes of a text log; ``progress`` is called with the fraction done."""
+    """Returns the messages in the bytes of a text log; ``progress`` is called with the fraction done."""
     groups: dict[str, dict[FormatDefinition, _Lines]] = {}
     holding: dict[str, FormatDefinition] = {}
     skipped = lost = 0

@@ -50,7 +50,7 @@ Values = NDArray[np.float64]
 
 
 def having(tables: Mapping[str, Columns], name: str, fields: tuple[str, ...]) -> Columns | None:
-    """The messages of that name; None where there are none, or one of the fields is not there as numbers."""
+    """Returns the messages of that name; None where there are none, or one of the fields is not there as numbers."""
     columns = tables.get(name, {})
     if not all(field in columns and columns[field].dtype.kind in "iuf" for field in fields):
         return None
@@ -58,7 +58,7 @@ def having(tables: Mapping[str, Columns], name: str, fields: tuple[str, ...]) ->
 
 
 def instance(columns: Columns | None, field: str, number: float) -> Columns | None:
-    """Those of one instance (sensor, core); all where the messages have no instances."""
+    """Returns those of one instance (sensor, core); all where the messages have no instances."""
     if columns is None or field not in columns:
         return columns
     rows = columns[field] == number
@@ -66,19 +66,19 @@ def instance(columns: Columns | None, field: str, number: float) -> Columns | No
 
 
 def count(columns: Columns | None) -> int:
-    """How many messages there are."""
+    """Returns how many messages there are."""
     return 0 if columns is None else len(columns["time"])
 
 
 def values(columns: Columns, fields: tuple[str, ...]) -> Values:
-    """The fields as columns (N, k); NaN where not finite."""
+    """Returns the fields as columns (N, k); NaN where not finite."""
     values = np.column_stack([np.asarray(columns[field], dtype=np.float64) for field in fields])
     values[~np.isfinite(values)] = np.nan
     return values
 
 
 def stamped(logged: Columns, stamp: str, fields: Mapping[str, NDArray[Any]]) -> Columns:
-    """A message's columns at the logged stamps, with the field ``stamp`` as MAVLink sends it."""
+    """Returns a message's columns at the logged stamps, with the field ``stamp`` as MAVLink sends it."""
     time = logged["time"]
     if stamp == "time_boot_ms":
         fields = {stamp: (np.rint(time * 1e3) % 2**32).astype(np.uint32), **fields}  # as the counter wraps
@@ -97,7 +97,7 @@ FIX_3D = 3  # GPS Status from which the receiver knows the time
 
 
 def battery(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
-    """SYS_STATUS of the first battery, with the decimals the message cuts off, and the name of its message."""
+    """Returns SYS_STATUS of the first battery, with the decimals the message cuts off, and the name of its message."""
     for name in BATTERIES:
         logged = having(tables, name, ("Volt",))
         if logged is None:
@@ -114,7 +114,7 @@ def battery(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
 
 
 def vibration(tables: Mapping[str, Columns]) -> Columns | None:
-    """VIBRATION of the first IMU: the standard deviation of the acceleration along each axis, m/s²."""
+    """Returns VIBRATION of the first IMU: the standard deviation of the acceleration along each axis, m/s²."""
     logged = having(tables, "VIBE", LEVELS)
     if logged is None:
         return None
@@ -126,7 +126,7 @@ def vibration(tables: Mapping[str, Columns]) -> Columns | None:
 
 
 def on_boot_clock(gps: MessageTable) -> MessageTable:
-    """GPS before ArduPilot 3.3 under its later names: there TimeMS is of the week, and T of the boot."""
+    """Returns GPS before ArduPilot 3.3 under its later names: there TimeMS is of the week, and T of the boot."""
     old = {"TimeMS": "GMS", "Week": "GWk", "T": "TimeMS"}
     if not old.keys() <= gps.columns.keys():
         return gps
@@ -134,7 +134,7 @@ def on_boot_clock(gps: MessageTable) -> MessageTable:
 
 
 def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
-    """SYSTEM_TIME, UTC by the receiver, where it has a fix."""
+    """Returns SYSTEM_TIME, UTC by the receiver, where it has a fix."""
     logged = having(tables, "GPS", ("Status", "GMS", "GWk"))
     if logged is None:
         return None
@@ -182,7 +182,7 @@ class Translation:
 
 
 def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int] | None = None) -> Translation:
-    """MAVLink's messages, of DataFlash's (``tables``, one at least); one without logged data is left out.
+    """Returns MAVLink's messages, of DataFlash's (``tables``, one at least); one without logged data is left out.
 
     ``kind`` is the vehicle's MAV_TYPE, for HEARTBEAT; ``version`` that of ArduCopter, None for others.
     """

@@ -26,7 +26,7 @@ MIN_RESET_STAMPS = 5
 
 
 def far_off(values: Times, window: int, limit: float | Times) -> NDArray[np.bool_]:
-    """Which values are farther than ``limit`` from the median of the ``window`` (odd) values around them.
+    """Returns which values are farther than ``limit`` from the median of the ``window`` (odd) values around them.
 
     The ends are reflected.
     """
@@ -54,7 +54,7 @@ def before_lower(time: Times, boot: Boots) -> NDArray[np.bool_]:
 
 
 def without(rows: NDArray[np.bool_], *columns: NDArray[Any]) -> tuple[NDArray[Any], ...]:
-    """The columns without these rows; not copied where there are none."""
+    """Returns the columns without these rows; not copied where there are none."""
     return tuple(column[~rows] for column in columns) if rows.any() else columns
 
 

@@ -56,19 +56,19 @@ class MessageDefinition:
 
 @cache
 def definitions() -> Mapping[int, MessageDefinition]:
-    """Every message of the dialect by id."""
+    """Returns every message of the dialect by id."""
     return {message_id: _definition(message) for message_id, message in dialect.mavlink_map.items()}
 
 
 @lru_cache(maxsize=1 << 12)
 def definition_named(name: str) -> MessageDefinition | None:
-    """The dialect's definition of a message; None without one of that name."""
+    """Returns the dialect's definition of a message; None without one of that name."""
     return next((definition for definition in definitions().values() if definition.name == name), None)
 
 
 @cache
 def seeds() -> NDArray[np.int32]:
-    """CRC_EXTRA by message id; -1 where the dialect has no such message."""
+    """Returns CRC_EXTRA by message id; -1 where the dialect has no such message."""
     table = np.full(max(definitions()) + 1, -1, dtype=np.int32)
     for message_id, definition in definitions().items():
         table[message_id] = definition.seed
@@ -78,7 +78,7 @@ def seeds() -> NDArray[np.int32]:
 def columns(
     data: Bytes, start: NDArray[np.integer], definition: MessageDefinition, names: Sequence[str] = ()
 ) -> dict[str, NDArray[Any]]:
-    """The payloads of frames of one message as contiguous columns by name: (N,), or (N, k) for an array field.
+    """Returns the payloads of frames of one message as contiguous columns by name: (N,), or (N, k) for an array field.
 
     The frames' markers are at ``start`` (N,) in ``data``. Bytes that were not sent are zero: trailing zeros in
     MAVLink 2, extensions in MAVLink 1. Bytes beyond the definition, extensions newer than the dialect, are left out.
@@ -174,7 +174,7 @@ def composed_frames(
     good: NDArray[np.bool_] | None = None,
     version: int = 2,
 ) -> tuple[Bytes, Frames]:
-    """Frames of one message: their bytes, one after the other, and the table of them.
+    """Returns frames of one message: their bytes, one after the other, and the table of them.
 
     ``payloads`` (N,) are of ``definition.wire``. Where ``good`` (N,) is given and False, the row has no bytes and the
     verdict ``FAILED``. ``version`` 1 of MAVLink has ids below 256, no extension fields and no trailing zeros dropped.

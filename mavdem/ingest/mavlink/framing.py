@@ -46,7 +46,7 @@ def checksums(data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64], s
 
 
 def frame_checksum(content: bytes, seed: int) -> int:
-    """The checksum of one frame's ``content`` and the byte ``seed`` after it.
+    """Returns the checksum of one frame's ``content`` and the byte ``seed`` after it.
 
     The standard library has the same polynomial in C with the bits in reverse order.
     """
@@ -55,7 +55,7 @@ def frame_checksum(content: bytes, seed: int) -> int:
 
 
 def rows_of(data: Bytes, start: NDArray[np.int64], width: int) -> Bytes:
-    """The ``width`` bytes from each ``start`` (N,) on, as a table (N, width)."""
+    """Returns the ``width`` bytes from each ``start`` (N,) on, as a table (N, width)."""
     everywhere = np.ndarray((max(len(data) - width + 1, 0),), f"V{width}", data, strides=(1,))
     return everywhere[start].view(np.uint8).reshape(len(start), width)
 
@@ -166,14 +166,14 @@ class Frames:
 
 
 def concatenated(tables: Sequence[Frames]) -> Frames:
-    """Tables, one at least, one after the other."""
+    """Returns tables, one at least, one after the other."""
     return Frames(*(np.concatenate([getattr(table, column.name) for table in tables]) for column in fields(Frames)))
 
 
 def find_frames(
     data: Bytes, seeds: NDArray[np.int32], gap: int = 0, progress: Progress | None = None
 ) -> Iterator[Frames]:
-    """Every frame in ``data``, also of unknown messages and with failed checksums, table by table.
+    """Yields every frame in ``data``, also of unknown messages and with failed checksums, table by table.
 
     ``seeds`` is CRC_EXTRA by message id, -1 where the dialect has no such message; ``gap`` the bytes between one frame
     and the next: 8 for the time stamps of a tlog, 0 for a plain stream.
@@ -201,16 +201,6 @@ def find_in_pieces(data: Bytes, ends: Places, seeds: NDArray[np.int32]) -> tuple
     """Every frame in pieces of a stream that end at ``ends`` (P,), and the number of the piece in which each begins."""
     frames = concatenated(list(find_frames(data, seeds)))
     return frames, np.searchsorted(ends, frames.start, side="right")
-
-
-def candidates(data: Bytes, seeds: NDArray[np.int32]) -> tuple[Places, Places, NDArray[np.bool_]]:
-    """Where frames may begin: each place (N,), where the frame would end, and whether its checksum agrees.
-
-    A frame that would end after ``data`` is a candidate too.
-    """
-    block = _FrameBlock(data, 0, len(data), 0, seeds)
-    good = _merged([block.linked(), block.loose(block.end <= len(data))])
-    return block.start, block.end, np.isin(block.start, good.start)
 
 
 class _FrameBlock:

@@ -163,7 +163,7 @@ class _Growing:
 
 
 def missing_between(before: Numbers, after: Numbers) -> Numbers:
-    """Increase of one sender's number of missing messages from one message to the next, −33 to 127.
+    """Returns increase of one sender's number of missing messages from one message to the next, −33 to 127.
 
     The numbers run from 0 to 255 and start again. A late message was counted as missing when another overtook it, and
     the step after it counts the messages between again. It takes both back, so that the sum over a stream is the number
@@ -198,7 +198,7 @@ def assemble(
     source: str,
     repairs: tuple[str, ...],
 ) -> Log:
-    """The log of a stream; raises ``Unreadable`` where the file was cut short meanwhile.
+    """Returns the log of a stream; raises ``Unreadable`` where the file was cut short meanwhile.
 
     ``received`` returns the UNIX s (n,) at which the frames that begin at (n,) were received, NaN where that is not
     known; ``receive_time`` is the first and the last such.
@@ -237,7 +237,7 @@ def assemble(
 
 
 def identity(heartbeats: Columns) -> tuple[str, str]:
-    """The MAV_TYPE of most HEARTBEATs, and the MAV_AUTOPILOT of most of these, without their prefixes."""
+    """Returns the MAV_TYPE of most HEARTBEATs, and the MAV_AUTOPILOT of most of these, without their prefixes."""
     votes = np.bincount(heartbeats["type"]).astype(np.float64)
     votes[0] *= 0.1  # GENERIC: scripts send it under any id
     kind = int(votes.argmax())
@@ -350,7 +350,7 @@ class RecordingPart:
 
 
 def joined(parts: Sequence[RecordingPart]) -> RecordingPart:
-    """All parts, one at least, as one, its frames and their bytes in the order of the recording."""
+    """Returns all parts, one at least, as one, its frames and their bytes in the order of the recording."""
     if len(parts) == 1:
         return parts[0]
     frames = concatenated([part.frames for part in parts])

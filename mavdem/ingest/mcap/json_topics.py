@@ -49,7 +49,7 @@ class Written(NamedTuple):
 
 
 def parse(body: bytes) -> Written | None:
-    """The message in one body, of either layout; None without one."""
+    """Returns the message in one body, of either layout; None without one."""
     document = _document(body)
     if not isinstance(document, dict):
         return None

@@ -66,7 +66,7 @@ def read_mcap(path: str | os.PathLike[str], progress: Progress | None = None) ->
 
 
 def mcap_stream(path: str | os.PathLike[str], progress: Progress | None = None) -> FrameStream:
-    """The MAVLink in an MCAP recording as frames; JSON messages are composed into frames.
+    """Returns the MAVLink in an MCAP recording as frames; JSON messages are composed into frames.
 
     Raises Unreadable: the file cannot be opened, or contains no MAVLink.
     """

@@ -71,14 +71,14 @@ def write_series(file: BinaryIO, series: Mapping[str, Series]) -> None:
 
 
 def started(file: BinaryIO, chunk: int = CHUNK) -> Writer:
-    """A writer of messages in chunks of ``chunk`` bytes; ``finish`` ends it."""
+    """Returns a writer of messages in chunks of ``chunk`` bytes; ``finish`` ends it."""
     writer = Writer(file, chunk_size=chunk)
     writer.start(library="mavdem")
     return writer
 
 
 def raw_channel(writer: Writer) -> int:
-    """A new channel of frames."""
+    """Returns a new channel of frames."""
     return writer.register_channel("mavlink/raw", "mavlink", schema_id=0)
 
 

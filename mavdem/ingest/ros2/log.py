@@ -100,7 +100,7 @@ def _by_vehicle(
 
 
 def vehicle(topics: Mapping[RosTopic, TopicColumns], source: str) -> Telemetry | None:
-    """The vehicle of one namespace's topics, by PX4's own or else MAVROS's; None without any message of it.
+    """Returns the vehicle of one namespace's topics, by PX4's own or else MAVROS's; None without any message of it.
 
     ``system`` is 0 where no topic has it.
     """

@@ -154,7 +154,7 @@ def _size(name: str, messages: dict[str, list[_RosField]], known: dict[str, _Siz
 
 
 def decoder(schema: Schema) -> Decoder | None:
-    """The decoder of a type; None where its definition is damaged, malicious, or in another language."""
+    """Returns the decoder of a type; None where its definition is damaged, malicious, or in another language."""
     if schema.encoding != DEFINITION:
         return None
     if (text := rewritten(schema.name, schema.text)) is None:

@@ -43,7 +43,7 @@ class RosTopic(NamedTuple):
 
 
 def flight_topics(channels: Iterable[Channel], schemas: Mapping[int, Schema]) -> dict[Channel, RosTopic]:
-    """The topic of each channel that is of a flight.
+    """Returns the topic of each channel that is of a flight.
 
     A node is MAVROS's if one of its topics has a type that only MAVROS sends.
     """
@@ -133,7 +133,7 @@ _ARDUPILOT_MODES = frozenset(
 
 
 def mavros_autopilot(modes: Counter[str]) -> int:
-    """MAV_AUTOPILOT by the names of the flight modes and how often each occurs."""
+    """Returns MAV_AUTOPILOT by the names of the flight modes and how often each occurs."""
     px4 = sum(count for mode, count in modes.items() if mode in _PX4_MODES or mode.startswith("AUTO."))
     ardupilot = sum(count for mode, count in modes.items() if mode in _ARDUPILOT_MODES)
     if px4 == ardupilot:
@@ -142,7 +142,7 @@ def mavros_autopilot(modes: Counter[str]) -> int:
 
 
 def mavros_message(message: str, fields: Fields, vehicle_autopilot: int) -> dict[str, NDArray[Any]]:
-    """The fields of one MAVLink message of ``MAVROS_TOPICS``, without its stamps, from those of its topic."""
+    """Returns the fields of one MAVLink message of ``MAVROS_TOPICS``, without its stamps, from those of its topic."""
     if message == "ATTITUDE_QUATERNION":
         return _attitude_quaternion(fields)
     if message == "SYS_STATUS":
