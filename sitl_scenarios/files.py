@@ -19,22 +19,11 @@ from sitl_scenarios.plan import times
 from sitl_scenarios.scenario import Excitation, Moment, Scenario, Wind, place, shortened
 
 MAX_LISTED = 5  # Problems that are listed one by one: the others often follow from them
-MAX_DEPTH = 8  # Tables and arrays within each other; no scenario needs half of that
 KINDS: Mapping[str, Mapping[str, type[BaseModel]]] = {
     section: {get_args(model.model_fields["kind"].annotation)[0]: model for model in get_args(get_args(union)[0])}
     for section, union in (("wind", Wind), ("excitation", Excitation))
 }
 """Of the sections that have a ``kind``."""
-
-
-def too_much(value: Any, depth: int = 0) -> str:
-    """Why a value out of a file is not even looked at; empty if it is."""
-    if depth > MAX_DEPTH:
-        return "it is nested deeper than any scenario"
-    if isinstance(value, int) and abs(value) >= 1 << 64:
-        return "it has a number of more digits than any scenario needs"
-    inside = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
-    return next(filter(None, (too_much(one, depth + 1) for one in inside)), "")
 
 
 def describe_errors(errors: Iterable[Any], table: Mapping[str, Any]) -> str:
@@ -163,7 +152,7 @@ def _content(path: Path) -> bytes:
 def _table(source: bytes) -> dict[str, Any]:
     try:
         # TOML is UTF-8 by its specification; some editors put a byte order mark before it.
-        table = tomllib.loads(source.decode("utf-8-sig"))
+        return tomllib.loads(source.decode("utf-8-sig"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise ValueError(f"it is no TOML: {shortened(str(error), 200)}") from None
     except RecursionError:
@@ -171,10 +160,6 @@ def _table(source: bytes) -> dict[str, Any]:
     except ValueError:
         # Python reads no number of more than some thousands of digits.
         raise ValueError("it has a number of more digits than any scenario needs") from None
-    obstacle = too_much(table)
-    if obstacle:
-        raise ValueError(obstacle)
-    return table
 
 
 def scenario_of(table: dict[str, Any]) -> Scenario:
@@ -187,6 +172,8 @@ def scenario_of(table: dict[str, Any]) -> Scenario:
         scenario = Scenario.model_validate_json(json.dumps(table, default=str))
     except ValidationError as error:
         raise ValueError(describe_errors(error.errors(), table)) from None
+    except RecursionError:
+        raise ValueError("it is nested deeper than any scenario") from None
     times(scenario)
     return scenario
 

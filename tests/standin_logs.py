@@ -36,11 +36,11 @@ def rows_of_log(path: Path, key: str, page: Any) -> LogRows:
     if "bug" in name:
         raise KeyError("a fault of mavdem")
     if "where" in name:
-        return LogRows([FlightRow(file=str(path), status=f"{spare_cores()} {tempfile.gettempdir()}")], {})
+        return [FlightRow(file=str(path), status=f"{spare_cores()} {tempfile.gettempdir()}")], {}
     if "damaged" in name:
         raise Unreadable(f"{path} is damaged.")
     axes = ("roll", "pitch")
-    return LogRows([FlightRow(file=str(path), vehicle=f"quad {size % 7}", axis=axis, tier="a") for axis in axes], {})
+    return [FlightRow(file=str(path), vehicle=f"quad {size % 7}", axis=axis, tier="a") for axis in axes], {}
 
 
 class InThisProcess:

@@ -2,28 +2,23 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
-from mavdem.analysis.figures import physical_values, wind_values
 from mavdem.cli.commands import UNSUPPORTED
 from mavdem.cli.options import no_option
 from mavdem.cli.output import print_blocks, print_json, progress
 from mavdem.cli.sources import refuse_link
-from mavdem.dem import Learned
-from mavdem.errors import NotLearnable, Unreadable
+from mavdem.errors import NotLearnable
 from mavdem.fleet.difference import vehicle_difference
-from mavdem.fleet.row import AXIS_ORDER, OK, UNKNOWN, FlightRow
-from mavdem.fleet.rows_of_log import rows_of_log
+from mavdem.fleet.row import OK, UNKNOWN, FlightRow
+from mavdem.fleet.rows_of_log import is_learned, rows_of_learned, rows_of_log
 from mavdem.fleet.store import is_fleet, read_rows
 from mavdem.report.flights import difference_blocks
 from mavdem.report.numbers import listed
 
 MAX_NAMED = 8  # vehicles in a sentence
-REPORT, MODEL = "report.json", "model.json"  # of what `mavdem learn` writes, those with figures
 
 
 @click.command("diff")
@@ -62,8 +57,13 @@ def diff_command(context: click.Context, before: str, after: str, vehicle: str |
     Exit codes: 0 compared, whatever changed; 1 nothing can be compared; 2 bad usage, or unreadable input.
     """
     first, second = (_rows(name, source, vehicle) for name, source in (("A", before), ("B", after)))
-    if vehicle is None:
-        first, second = _of_one_vehicle(first, second)
+    names, others = ({row.vehicle for row in rows if row.status == OK} for rows in (first, second))
+    if vehicle is None and max(len(names), len(others)) > 1:
+        both = (names & others) - {UNKNOWN}
+        if len(both) != 1:
+            reason = f"One has several vehicles, of which {'several' if both else 'none'} are in both."
+            raise NotLearnable(reason, f"Choose with --vehicle: {_few(names | others)}.")
+        first, second = ([row for row in rows if row.vehicle in both] for rows in (first, second))
     found = vehicle_difference(first, second)
     if as_json:
         print_json({"a": before, "b": after, **found.as_dict()})
@@ -77,8 +77,8 @@ def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:
     """The flights that A or B names; raises ``NotLearnable`` where there are none of this vehicle."""
     refuse_link(source)
     path = Path(source)
-    if path.suffix == ".json" or (path / REPORT).is_file():
-        return _learned_rows(path)
+    if is_learned(path):
+        return rows_of_learned(path)
     if is_fleet(path):
         rows = read_rows(path)
         chosen = [row for row in rows if vehicle in (None, row.vehicle)]
@@ -86,64 +86,20 @@ def _rows(name: str, source: str, vehicle: str | None) -> list[FlightRow]:
             raise NotLearnable(f"The logs of {name} do not say of which vehicle they are.", "Compare two logs by name.")
     else:
         with progress(f"Reading {source}", measured=False):
-            rows = rows_of_log(path, source).rows
+            rows, _ = rows_of_log(path, source)
         # In a log it may be named by system and component, of which a row has the first.
-        chosen = [
-            row
-            for row in rows
-            if not vehicle or vehicle in (row.vehicle, f"{row.system}") or vehicle.partition(":")[0] == f"{row.system}"
-        ]
+        system = "" if vehicle is None else vehicle.partition(":")[0]
+        chosen = [row for row in rows if vehicle in (None, row.vehicle) or system == str(row.system)]
     if not any(row.status == OK for row in chosen):
-        reasons = sorted({row.status for row in chosen if row.status != OK})
-        names = _names(rows)
+        names = {row.vehicle for row in rows if row.status == OK}
         if vehicle is not None and names and not chosen:
-            raise NotLearnable(f"{name} has no vehicle {vehicle}.", f"Choose one of: {names}.")
+            raise NotLearnable(f"{name} has no vehicle {vehicle}.", f"Choose one of: {_few(names)}.")
+        reasons = sorted(row.status for row in chosen)
         raise NotLearnable(f"{name} has no flight with figures.", " ".join(reasons[:1]))
     return chosen
 
 
-def _learned_rows(path: Path) -> list[FlightRow]:
-    """A row an axis of what ``mavdem learn`` wrote: its folder, its report, or a model alone; raises ``Unreadable``."""
-    file = path / REPORT if path.is_dir() else path
-    try:
-        text = file.read_text()
-        report = json.loads(text)
-        if "free_energy" in report and "physical" not in report:
-            learned = Learned.from_json(text)
-            record = learned.record
-            report = {"inputs": record.input_names, "outputs": record.output_names}
-            report |= {"flight": {"scale": {"unit": next(iter(record.input_units), None)}}}
-            report |= {"physical": physical_values(learned.physical), "wind": wind_values(learned.wind)}
-        if "physical" not in report:
-            raise ValueError("no figures of a vehicle")
-        source = str((report.get("flight") or {}).get("source") or path)
-        # With --axis all there are figures of each axis; those of the model are one of them.
-        axes = {axis: values for axis in AXIS_ORDER[:2] if (values := (report.get("axes") or {}).get(axis))}
-        figures = [(report | values, {"axis": axis}) for axis, values in axes.items()] or [(report, {})]
-        return [FlightRow.of(document, file=source, key=str(path), **axis) for document, axis in figures]
-    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is not of `mavdem learn`"
-        raise Unreadable(f"{file} cannot be read ({reason}): name a {REPORT} or a {MODEL}.") from None
-
-
-def _of_one_vehicle(first: Sequence[FlightRow], second: Sequence[FlightRow]) -> tuple[list[FlightRow], list[FlightRow]]:
-    """Those of the one vehicle that each has or, where one has several, of the one that both have."""
-    names = [{row.vehicle for row in rows if row.status == OK} for rows in (first, second)]
-    if all(len(one) == 1 for one in names):
-        return list(first), list(second)
-    both = (names[0] & names[1]) - {UNKNOWN}
-    if len(both) != 1:
-        several = "A" if len(names[0]) > 1 else "B"
-        what = "several" if both else "none"
-        raise NotLearnable(
-            f"{several} has several vehicles, of which {what} are in both.",
-            f"Choose with --vehicle: {_names([*first, *second])}.",
-        )
-    (name,) = both
-    return [row for row in first if row.vehicle == name], [row for row in second if row.vehicle == name]
-
-
-def _names(rows: Sequence[FlightRow]) -> str:
-    names = sorted({row.vehicle for row in rows if row.status == OK})
+def _few(names: set[str]) -> str:
+    ordered = sorted(names)
     more = [f"{len(names) - MAX_NAMED} more"] if len(names) > MAX_NAMED else []
-    return listed([*names[:MAX_NAMED], *more])
+    return listed([*ordered[:MAX_NAMED], *more])

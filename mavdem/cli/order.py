@@ -52,7 +52,7 @@ def order_command(
     """Finds the model order (number of states) by the free energy.
 
     Each SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. Models with 1, 2, ... states are
-    learnt from its longest settled flight, with A, B and C free and the same priors for each order (extended DEM). The
+    trained on its longest settled flight, with A, B and C free and the same priors for each order (extended DEM). The
     free energy action F̄ increases up to the order that the outputs show, and saturates there. Over several flights F̄ is
     averaged, and its spread is reported. States that neither the motors nor the wind excite are not counted; wind that
     changes slowly may count as one.
@@ -77,51 +77,34 @@ def order_command(
         return flight
 
     flights, refused = of_each(sources, axis, vehicle, inputs, with_as_many_inputs)
-    found = _orders(flights, max_order, not unknown_inputs, refused, dict(zip(names_of(sources), sources, strict=True)))
-    if not found:
-        raise nothing_left(refused, "given an order")
-    choice = OrderChoice(tuple(found.values()))
-    report = {
-        **choice.to_dict(),
-        "flights": list(found),
-        "axis": axis,
-        "known_inputs": not unknown_inputs,
-        "refused": [one.values for one in refused],
-        "html": None if html is None else str(html),
-        "seconds": round(perf_counter() - began, 3),
-    }
-    if html is not None:
-        write_page(html, order_page(choice, list(found)))
-    if as_json:
-        print_json(report)
-    else:
-        print_blocks(order_report(choice, list(found)))
-    written = "" if html is None else f" Written: {printable(html)}"
-    end_report(context, refused, "no order", f"Took {report['seconds']:.1f} s.{written}", as_json)
-
-
-def _orders(
-    flights: dict[str, Flight], most: int, known: bool, refused: list[Refused], sources: dict[str, str]
-) -> dict[str, FlightOrders]:
-    """F̄ by order of each flight, by name; flights without any are added to ``refused``."""
-    found = {}
-    work = partial(_tried, most=most, known=known)
-    with (
-        progress(f"Learning {len(flights)} flight{'s' * (len(flights) != 1)} with 1 to {most} states") as done,
-        closing(parallel_map(work, flights.values())) as coming,
-    ):
+    named, found = dict(zip(names_of(sources), sources, strict=True)), dict[str, FlightOrders]()
+    work = partial(_orders, most=max_order, known=not unknown_inputs)
+    title = f"Learning {len(flights)} flight{'s' * (len(flights) != 1)} with 1 to {max_order} states"
+    with progress(title) as done, closing(parallel_map(work, flights.values())) as coming:
         for number, (name, result) in enumerate(zip(flights, coming, strict=True), 1):
             if isinstance(result, ValueError):
                 cure = "Record a longer flight, or one with more motion."
-                refused.append(Refused(name, sources[name], NotLearnable(f"{str(result).capitalize()}.", cure)))
+                refused.append(Refused(name, named[name], NotLearnable(f"{str(result).capitalize()}.", cure)))
             else:
                 found[name] = result
             done(number / len(flights))
-    return found
+    if not found:
+        raise nothing_left(refused, "given an order")
+    choice = OrderChoice(tuple(found.values()))
+    seconds, written = round(perf_counter() - began, 3), "" if html is None else f" Written: {printable(html)}"
+    if html is not None:
+        write_page(html, order_page(choice, list(found)))
+    if as_json:
+        report = {"flights": list(found), "axis": axis, "known_inputs": not unknown_inputs, "seconds": seconds}
+        report |= {"refused": [one.values for one in refused], "html": None if html is None else str(html)}
+        print_json(choice.to_dict() | report)
+    else:
+        print_blocks(order_report(choice, list(found)))
+    end_report(context, refused, "no order", f"Took {seconds:.1f} s.{written}", as_json)
 
 
-def _tried(flight: Flight, most: int, known: bool) -> FlightOrders | ValueError:
-    """F̄ by order of a flight, or the error."""
+def _orders(flight: Flight, most: int, known: bool) -> FlightOrders | ValueError:
+    """F̄ by order of a flight, or why there is none."""
     try:
         return orders_of(flight, most, known)
     except ValueError as error:

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
 
 import click
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from mavdem.cli.output import STDERR, json_text, print_json, print_table, say
+from mavdem.cli.output import json_text, print_json, print_table, progress, say
 from mavdem.cli.output_files import check_folder, writing
 from mavdem.cli.signals import ending_at_once
 from mavdem.dem.parallel import pool, spare_cores
@@ -59,11 +57,14 @@ def reproduce_command(names: tuple[str, ...], out: Path, as_json: bool, as_list:
     check_folder(out, (PAGE, NUMBERS, RECORDING))
     began = perf_counter()
     chosen = {item.claim.title: item for item in ITEMS if item.claim.name in names or not names}
-    with _ItemProgress() as bar, pool(spare_cores()) as executor:
-        runner = Runner(Extent(), executor, bar.jobs)
-        reports = [ItemReport(chosen[title], chosen[title].run(runner)) for title in bar.each(chosen)]
-        bar.begin("Writing the report")
-        write_report(out, reports, runner, perf_counter() - began)
+    jobs = _Jobs()
+    with pool(spare_cores()) as executor:
+        runner, reports = Runner(Extent(), executor, jobs.begun), []
+        for title, item in chosen.items():
+            with progress(title) as jobs.show:
+                reports.append(ItemReport(item, item.run(runner)))
+        with progress("Writing the report", measured=False):
+            write_report(out, reports, runner, perf_counter() - began)
     if as_json:
         print_json(document(reports, perf_counter() - began))
         return
@@ -80,30 +81,21 @@ def write_report(out: Path, reports: Sequence[ItemReport], runner: Runner, secon
         (out / NUMBERS).write_text(json_text(document(reports, seconds)) + "\n")
 
 
-class _ItemProgress(Progress):
-    """A line for each item on standard error, with the number of its finished jobs."""
+class _Jobs:
+    """Shows the share of an item's jobs that is done."""
 
     def __init__(self) -> None:
-        columns = (TextColumn("{task.description:48}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-        super().__init__(*columns, console=STDERR)
-        self._item: TaskID
+        self.show: Callable[[float], None] = lambda share: None
+        self._begun = self._done = 0
 
-    def each(self, titles: Iterable[str]) -> Iterator[str]:
-        """Each title, with a line that begins when it does."""
-        for title in titles:
-            self.begin(title)
-            yield title
-            self.stop_task(self._item)
+    def begun(self, count: int) -> Callable[[], None]:
+        """Counts new jobs; returns the function to call when one of them is done."""
+        self._begun += count
+        return self._one_done
 
-    def begin(self, title: str) -> None:
-        """Begins the line of the current item."""
-        self._item = self.add_task(title, total=0)
-
-    def jobs(self, count: int) -> Callable[[], None]:
-        """Adds jobs to the current item; returns the function to call when one of them is done."""
-        (task,) = [one for one in self.tasks if one.id == self._item]
-        self.update(task.id, total=(task.total or 0) + count)
-        return partial(self.advance, task.id)
+    def _one_done(self) -> None:
+        self._done += 1
+        self.show(self._done / self._begun)
 
 
 def _print(reports: Iterable[ItemReport]) -> None:

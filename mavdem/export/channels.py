@@ -7,16 +7,14 @@ import re
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mavdem.dem import Learned
+from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.files import atomic_write
 from mavdem.flight import Flight
 from mavdem.ingest.mcap.writer import Series, write_series
 from mavdem.report.numbers import AxisCommand, short, state_names
-
-Array = NDArray[np.float64]
 
 
 def write_channels(
@@ -49,13 +47,8 @@ def write_channels(
     if held_out is not None:
         inside = held_out.time.ravel()
         measured, forecast = held_out.measured, held_out.forecasts[FORECAST]
-        of_windows = {
-            "measured": measured,
-            "forecast": forecast,
-            "residual": measured - forecast,
-            "band": held_out.band,
-        }
-        for name, values in of_windows.items():
+        windows = {"measured": measured, "forecast": forecast, "residual": measured - forecast, "band": held_out.band}
+        for name, values in windows.items():
             series[f"held_out/{name}"] = _series(inside, first.output_names, values.reshape(len(inside), -1))
     with atomic_write(path) as file:
         write_series(file, series)
@@ -63,7 +56,7 @@ def write_channels(
 
 def _learned(flight: Flight, time: Array, learned: Learned) -> dict[str, Series]:
     if len(learned.record) != len(time):
-        raise ValueError(f"the model was learnt from {len(learned.record)} samples, not these {len(time)}")
+        raise ValueError(f"the model was learned from {len(learned.record)} samples, not these {len(time)}")
     places, noise = learned.process_noise()
     command = AxisCommand.of(learned)
     series = {

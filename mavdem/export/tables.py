@@ -1,9 +1,4 @@
-"""Flights and signals as tables: comma-separated text, or Parquet.
-
-Flights as pandas and xarray objects.
-
-Learnt models as systems of python-control.
-"""
+"""Tables: flights and signals as text, Parquet, pandas and xarray objects; models as systems of python-control."""
 
 from __future__ import annotations
 
@@ -11,7 +6,7 @@ import csv
 import io
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
@@ -40,33 +35,35 @@ SIGNIFICANT = 7  # digits of other numbers: autopilots send and log them as floa
 
 
 def column_name(name: str, unit: str) -> str:
-    """A name that needs no quotes: "motor_1_us" of "motor 1 (front left)" and "µs"."""
+    """Returns a name that needs no quotes: "motor_1_us" of "motor 1 (front left)" and "µs"."""
     plain = f"{name.split(' (')[0]} {unit}".replace("µ", "u")
     return "_".join(re.findall(r"[^\W_]+", plain.lower()))
 
 
+def _channels(flight: Flight) -> Iterator[tuple[str, tuple[str, ...], tuple[str, ...], NDArray[np.float64]]]:
+    """Kind, names, units and values (T, k) of what a flight has."""
+    for kind, values in (("input", flight.inputs), ("output", flight.outputs), ("setpoint", flight.setpoints)):
+        if values is not None:
+            yield kind, getattr(flight, f"{kind}_names"), getattr(flight, f"{kind}_units"), values
+
+
 def columns(flight: Flight) -> dict[str, NDArray[np.float64]]:
-    """Time, inputs, outputs and setpoints (T,) by :func:`column_name`.
+    """Returns time, inputs, outputs and setpoints (T,) by :func:`column_name`.
 
     Raises ``ValueError`` if two names are equal.
     """
-    named = {TIME: flight.time}
-    none = np.empty((len(flight), 0))
-    for names, units, values in (
-        (flight.input_names, flight.input_units, flight.inputs),
-        (flight.output_names, flight.output_units, flight.outputs),
-        (flight.setpoint_names, flight.setpoint_units, none if flight.setpoints is None else flight.setpoints),
-    ):
+    table = {TIME: flight.time}
+    for _, names, units, values in _channels(flight):
         for name, unit, column in zip(names, units, values.T, strict=True):
             head = column_name(name, unit)
-            if head in named:
+            if head in table:
                 raise ValueError(f"two columns of the flight are called {head}: name them apart")
-            named[head] = column
-    return named
+            table[head] = column
+    return table
 
 
 def own_columns(signals: Signals) -> dict[str, NDArray[np.float64]]:
-    """Time, inputs and outputs (T,), each at its own stamps and NaN at the other's, of the boot with most of them.
+    """Returns time, inputs and outputs (T,), each at its own stamps and NaN at the other's, of the boot with most.
 
     Empty where there are neither.
     """
@@ -118,7 +115,7 @@ def write_parquet(file: BinaryIO, table: Table, provenance: Mapping[str, Any]) -
 
 
 def to_pandas(flight: Flight) -> pandas.DataFrame:
-    """Rows are samples, by time in s on the autopilot's boot clock; columns are those of :func:`columns`.
+    """Returns a row a sample, by time in s on the autopilot's boot clock; columns are those of :func:`columns`.
 
     The flight's provenance is in ``attrs``.
 
@@ -135,7 +132,7 @@ def to_pandas(flight: Flight) -> pandas.DataFrame:
 
 
 def to_xarray(flight: Flight) -> xarray.Dataset:
-    """Variables ``inputs (time, input)``, ``outputs (time, output)`` and what else the flight has, by name.
+    """Returns variables ``inputs (time, input)``, ``outputs (time, output)`` and what else the flight has, by name.
 
     ``time`` is in s on the autopilot's boot clock. Units stand beside the names, as ``input_unit (input)`` and so on;
     the sampling step and the source are in ``attrs``.
@@ -144,19 +141,16 @@ def to_xarray(flight: Flight) -> xarray.Dataset:
 
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {"time": ("time", flight.time, {"units": "s", "long_name": "time since boot"})}
-    for kind, values in (("input", flight.inputs), ("output", flight.outputs), ("setpoint", flight.setpoints)):
-        if values is None:
-            continue
+    for kind, names, units, values in _channels(flight):
         variables[f"{kind}s"] = (("time", kind), values)
-        coordinates[kind] = (kind, list(getattr(flight, f"{kind}_names")))
-        coordinates[f"{kind}_unit"] = (kind, list(getattr(flight, f"{kind}_units")))
+        coordinates |= {kind: (kind, list(names)), f"{kind}_unit": (kind, list(units))}
     if flight.effect_directions is not None:
         variables["effect_directions"] = ("input", flight.effect_directions)
     return xarray.Dataset(variables, coordinates, {"dt": flight.dt, "source": str(flight.provenance.get("source", ""))})
 
 
 def to_control(learned: Learned) -> control.StateSpace:
-    """The learnt ẋ = A x + B u, y = C x, in continuous time and in the units of the data: radians and s.
+    """Returns the learned ẋ = A x + B u, y = C x, in continuous time and in the units of the data: radians and s.
 
     Inputs and outputs are deviations from the trim: from ``learned.model.input_trim`` and ``output_trim``. Signals are
     named as columns of ``flight.csv`` are: "motor_1_us", "roll_rad". The process and measurement noise and the offset
@@ -166,11 +160,8 @@ def to_control(learned: Learned) -> control.StateSpace:
 
     labels, model = Labels.of(learned), learned.model
     inputs, outputs = (
-        [column_name(*pair) for pair in zip(names, units, strict=True)]
-        for names, units in (
-            (labels.input_names, labels.input_units),
-            (labels.output_names, labels.output_units),
-        )
+        list(map(column_name, names, units))
+        for names, units in ((labels.input_names, labels.input_units), (labels.output_names, labels.output_units))
     )
     states = [column_name(name, "") for name in state_names(labels, learned)]
     if states_are_outputs(learned):

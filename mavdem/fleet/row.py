@@ -24,6 +24,7 @@ UNKNOWN = "unknown"  # the vehicle of a log that does not say whose it is, and h
 OK = "ok"  # the status of a flight that was read, and the health of one as healthy ones
 SHARED = "system id"  # the basis of a name that several vehicles may have
 HEALTHS = ("fault", "drift", OK, UNKNOWN)  # the worst first
+NOT_IDENTIFIABLE = "not identifiable"  # the status of what a flight says nothing of
 AXIS_ORDER = ("roll", "pitch", "yaw")
 MOTORS, DEMAND = INPUTS
 
@@ -178,6 +179,11 @@ class FlightRow:
     def order(self) -> tuple[str, str, str, int, int, str]:
         """By which rows are sorted: nothing that depends on when they were made."""
         return self.vehicle, self.file, self.key, self.system or 0, self.component or 0, self.axis or ""
+
+    @property
+    def per_input(self) -> str:
+        """The unit of the model's inputs in words: an effectiveness is for one of them."""
+        return "unit of demand" if self.inputs == DEMAND else self.input_unit or "unit of input"
 
     def as_dict(self) -> dict[str, Any]:
         """Plain JSON values; the date as ISO 8601."""

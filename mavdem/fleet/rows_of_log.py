@@ -1,7 +1,8 @@
-"""Rows of a log: all that it says of each vehicle and axis in it, as the fleet keeps it."""
+"""Rows of a log, or of what was learned from one: all that it says of each vehicle and axis, as the fleet keeps it."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,18 +13,23 @@ import numpy as np
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.alignment.signals import Signals, usual_rate
 from mavdem.analysis import LogAnalysis, analyse
+from mavdem.analysis.figures import physical_values, wind_values
+from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import DEMAND, FlightRow
 from mavdem.fleet.workers import PAGES, LogRows
 from mavdem.health.balance import BalanceFigures, balance_of_signals
 from mavdem.ingest import Log, Telemetry, read_log
 
+REPORT, MODEL = "report.json", "model.json"  # of what `mavdem learn` writes, those with figures
 MakePage = Callable[[str, Mapping[str, LogAnalysis]], str]
 """From a log's name and its analyses by axis to the HTML of the flight's page."""
 
 
 def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogRows:
-    """Returns a row for each vehicle and axis of a log; of a vehicle without settled flight one, whose status says why.
+    """Returns a row for each vehicle and axis of a log, and pages by their names.
+
+    A vehicle without settled flight has one row, whose status says why.
 
     Args:
         path: of the log.
@@ -53,7 +59,7 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
             pages[name] = page(path.name, analyses)
             found = [replace(row, page=f"{PAGES}/{name}") for row in found]
         rows += found
-    return LogRows(rows or [FlightRow(file=str(path), status="There is no vehicle in it.")], pages)
+    return rows or [FlightRow(file=str(path), status="There is no vehicle in it.")], pages
 
 
 def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[FlightRow], dict[str, LogAnalysis]]:
@@ -118,3 +124,36 @@ def _means(analysis: LogAnalysis) -> dict[str, Any]:
             "residual_offset": float(physical.effect @ inputs - physical.damping * outputs[-1]),
         }
     return columns
+
+
+def is_learned(path: Path) -> bool:
+    """Returns whether it is a file of a learned flight, or the folder with them."""
+    return path.suffix == ".json" or (path / REPORT).is_file()
+
+
+def rows_of_learned(path: Path) -> list[FlightRow]:
+    """Returns a row an axis of what ``mavdem learn`` wrote: its folder, its report, or a model alone.
+
+    Raises:
+        Unreadable: it cannot be read, or ``mavdem learn`` did not write it.
+    """
+    file = path / REPORT if path.is_dir() else path
+    try:
+        text = file.read_text()
+        report = json.loads(text)
+        if "free_energy" in report and "physical" not in report:
+            learned = Learned.from_json(text)
+            record = learned.record
+            report = {"inputs": record.input_names, "outputs": record.output_names}
+            report |= {"flight": {"scale": {"unit": next(iter(record.input_units), None)}}}
+            report |= {"physical": physical_values(learned.physical), "wind": wind_values(learned.wind)}
+        if "physical" not in report:
+            raise ValueError("no figures of a vehicle")
+        source = str((report.get("flight") or {}).get("source") or path)
+        # With --axis all there are figures of each axis; those of the model are one of them.
+        axes = {axis: values for axis in TILT_AXES if (values := (report.get("axes") or {}).get(axis))}
+        figures = [(report | values, {"axis": axis}) for axis, values in axes.items()] or [(report, {})]
+        return [FlightRow.of(document, file=source, key=str(path), **axis) for document, axis in figures]
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not of `mavdem learn`"
+        raise Unreadable(f"{file} cannot be read ({reason}): name a {REPORT} or a {MODEL}.") from None

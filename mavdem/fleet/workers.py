@@ -45,13 +45,8 @@ Ended = Literal["read", "known", "source", "error", "time", "memory", "died"]
 long or too much memory; or the process that read it died."""
 
 
-class LogRows(NamedTuple):
-    """What a log says: its rows, and the HTML of pages by the name of the file."""
-
-    rows: list[FlightRow]
-    pages: dict[str, str]
-
-
+LogRows = tuple[list[FlightRow], dict[str, str]]
+"""What a log says: its rows, and the HTML of pages by the name of the file."""
 ReadLog = Callable[[Path, str, Callable[..., str] | None], LogRows]
 """From a log's path, the key of its content, and what makes a page or None, to what it says."""
 

@@ -11,7 +11,7 @@ from urllib.parse import quote
 from markupsafe import Markup
 
 from mavdem.errors import advice, downstream
-from mavdem.fleet.row import DEMAND, HEALTHS, OK, UNKNOWN, FlightRow, flights_of, vehicles_of
+from mavdem.fleet.row import HEALTHS, NOT_IDENTIFIABLE, OK, UNKNOWN, FlightRow, flights_of, vehicles_of
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.flights import (
     TROUBLE,
@@ -33,7 +33,6 @@ RATING = {"fault": "bad", "drift": "fair", OK: "good", UNKNOWN: "none"}
 """The class of a colour, beside the word."""
 NOT_USED = "not used"  # in the place of the health of a log without a flight
 MAX_NOTE = 160  # letters of the notes of a line: the page of the flight has all
-NOT_IDENTIFIABLE = "not identifiable"
 DEGREES = readable("rad/s²").scale
 
 
@@ -137,8 +136,7 @@ def _effectiveness(row: FlightRow) -> str:
     """The mean size over the motors, and the unit."""
     if not row.effect or row.effect_status == NOT_IDENTIFIABLE:
         return ""
-    unit = "unit of demand" if row.inputs == DEMAND else row.input_unit or "unit of input"
-    return f"{rounded(DEGREES * sum(map(abs, row.effect)) / len(row.effect), 3)} per {unit}"
+    return f"{rounded(DEGREES * sum(map(abs, row.effect)) / len(row.effect), 3)} per {row.per_input}"
 
 
 def _residual(row: FlightRow) -> str:

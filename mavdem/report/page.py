@@ -18,7 +18,7 @@ from jinja2 import ChoiceLoader, Environment, PackageLoader
 from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
-from mavdem.dem import Learned, Settings
+from mavdem.dem import Learned
 from mavdem.dem.order_choice import OrderChoice
 from mavdem.errors import advice, downstream
 from mavdem.evaluate.comparison import Comparison
@@ -161,65 +161,52 @@ def _rating(cell: str) -> str:
 def log_page(
     heading: Sentence,
     blocks: Sequence[Block],
-    inventory: dict[str, Any],
-    analysis: LogAnalysis,
-    details: Sequence[Block] = (),
+    analyses: Mapping[str, LogAnalysis],
+    inventory: dict[str, Any] | None = None,
+    back: tuple[str, str] | None = None,
 ) -> str:
-    """Returns the HTML of one log, with a model or without.
+    """Returns the HTML of one log, with models or without.
 
     Args:
         heading: which log, and what of it.
-        blocks: the report on the screen.
-        inventory: of ``mavdem.condition.inventory``.
-        analysis: what the log says of one vehicle and axis.
-        details: what the screen leaves out of the model.
-    """
-    learned, held_out, chapters, strip = analysis.learned, analysis.held_out, [], []
-    if learned is not None and held_out is not None:
-        chapters = [
-            Chapter("Pictures", pictures=model_pictures(learned, analysis=analysis)),
-            Chapter("The model, and how it was learned", details, folded=True),
-        ]
-        strip = key_figures(learned, held_out)
-    chapters.append(Chapter("What was read from the log, and repaired", log_blocks(inventory), folded=True))
-    if learned is not None:
-        chapters.append(Chapter("Settings", [settings_table(learned.settings)], folded=True))
-    subtitle = heading.text[:1].upper() + heading.text[1:]
-    return document(heading.lead.rstrip(":"), subtitle, blocks, chapters, strip)
-
-
-def settings_table(settings: Settings) -> Table:
-    """Returns every setting by name; ``mavdem.Settings`` says what each means."""
-    return Table(["setting", "value"], [[name, str(value)] for name, value in asdict(settings).items()], words=True)
-
-
-def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = "../index.html") -> str:
-    """Returns the HTML of one flight of a fleet: the report of each axis with few pictures, small enough for many.
-
-    Args:
-        file: the log's name.
+        blocks: the report on the screen, of the first axis.
         analyses: what the log says of one vehicle, by axis; one at least.
-        index: where the link back leads.
+        inventory: of ``mavdem.condition.inventory``; without it the page is small: with few pictures, for many flights.
+        back: name and address of the page that leads here.
     """
     first, *others = analyses.values()
-    strip = key_figures(first.learned, first.held_out) if first.learned is not None else []
-    blocks = analysis_blocks(first)
+    strip = [] if first.learned is None else key_figures(first.learned, first.held_out)
     # Vehicle, battery and balance are the same on each axis.
     chapters = [
         Chapter(axis.capitalize(), [block for block in analysis_blocks(analysis) if block not in blocks])
         for axis, analysis in zip(list(analyses)[1:], others, strict=True)
     ]
-    details = []
+    folded = []
     for axis, analysis in analyses.items():
         if (learned := analysis.learned) is not None:
-            drawn = model_pictures(learned, ("forecast", "disturbance", "motors"), analysis)
-            chapters.append(Chapter(f"Pictures of {axis}", pictures=drawn))
-            how = detail_blocks(learned, analysis.as_dict())
-            details.append(Chapter(f"The model of {axis}, and how it was learned", how, folded=True))
-    subtitle = f"{listed(analyses).capitalize()} of a flight."
-    if not details:
+            pictures = model_pictures(learned, PICTURES if inventory else FEW_PICTURES, analysis)
+            chapters.append(Chapter(f"Pictures of {axis}", pictures=pictures))
+            details = detail_blocks(learned, analysis.as_dict())
+            folded.append(Chapter(f"The model of {axis}, and how it was learned", details, folded=True))
+    if inventory:
+        folded.append(Chapter("What was read from the log, and repaired", log_blocks(inventory), folded=True))
+        if first.learned is not None:
+            rows = [[name, str(value)] for name, value in asdict(first.learned.settings).items()]
+            folded.append(Chapter("Settings", [Table(["setting", "value"], rows, words=True)], folded=True))
+    subtitle = heading.text[:1].upper() + heading.text[1:]
+    return document(heading.lead.rstrip(":"), subtitle, blocks, [*chapters, *folded], strip, back)
+
+
+def flight_page(file: str, analyses: Mapping[str, LogAnalysis], index: str = "../index.html") -> str:
+    """Returns the HTML of one flight of a fleet: of the log's name, what it says of one vehicle by axis.
+
+    ``index`` is where the link back leads.
+    """
+    subtitle = f"{listed(analyses)} of a flight."
+    if all(analysis.learned is None for analysis in analyses.values()):
         subtitle = "No model could be learned from this flight; what it holds nevertheless."
-    return document(file, subtitle, blocks, [*chapters, *details], strip, ("Fleet", index))
+    blocks = analysis_blocks(next(iter(analyses.values())))
+    return log_page(Sentence(subtitle, file), blocks, analyses, back=("Fleet", index))
 
 
 PICTURES = {
@@ -258,26 +245,24 @@ PICTURES = {
     "learning": ("Learning", "The free energy action F̄, its terms and the parameters by iteration."),
 }
 """Title and caption by the method of ``learned.plot`` that draws it."""
+FEW_PICTURES = "forecast", "disturbance", "motors"
 
 
 def model_pictures(
     learned: Learned, methods: Iterable[str] = PICTURES, analysis: LogAnalysis | None = None
 ) -> list[Picture]:
     """Returns the pictures of a model; those of forecasts and of hovering motors need the ``analysis`` it is from."""
-    pictures = []
+    pictures, names = [], Labels.of(learned).output_names
     for method in methods:
         title, caption = PICTURES[method]
-        options: list[dict[str, Any]] = [{}]
-        if method == "motors" and analysis is not None:
-            options = [{"hover": analysis.vehicle.hover}]
-        elif method == "forecast":
-            assert analysis is not None
-            outputs = range(len(Labels.of(learned).output_names) if methods is PICTURES else 1)
-            options = [{"held_out": analysis.held_out, "output": output} for output in outputs]
-        for option in options:
-            name = Labels.of(learned).output_names[option.get("output", 0)]
-            heading, words = title.format(output=name), f"The same of {name}." if option.get("output") else caption
-            pictures.append(Picture(heading, words, partial(_draw, learned, method, option)))
+        for output, name in enumerate(names if method == "forecast" and methods is PICTURES else names[:1]):
+            options: dict[str, Any] = {}
+            if analysis is not None and method == "forecast":
+                options = {"held_out": analysis.held_out, "output": output}
+            elif analysis is not None and method == "motors":
+                options = {"hover": analysis.vehicle.hover}
+            words = f"The same of {name}." if output else caption
+            pictures.append(Picture(title.format(output=name), words, partial(_draw, learned, method, options)))
     return pictures
 
 

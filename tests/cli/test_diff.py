@@ -11,7 +11,6 @@ from fleet_rows import flight_row
 from mavdem.cli.commands import main
 from mavdem.fleet.row import FlightRow
 from mavdem.fleet.store import write_rows
-from mavdem.fleet.workers import LogRows
 
 pytest.importorskip("pyarrow")
 
@@ -74,7 +73,7 @@ def test_nothing_to_compare_is_one_document_with_the_reason(tmp_path, capsys):
 
 def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path, capsys):
     rows = {"a.bin": flown("alpha", [0]), "b.bin": [FlightRow(file="b.bin", status="It is empty.")]}
-    monkeypatch.setattr("mavdem.cli.diff.rows_of_log", lambda path, *_: LogRows(rows[path.name], {}))
+    monkeypatch.setattr("mavdem.cli.diff.rows_of_log", lambda path, *_: (rows[path.name], {}))
     assert main(["diff", "a.bin", "a.bin"]) == 0
     assert "Nothing changed beyond chance." in capsys.readouterr().out
     assert main(["diff", "a.bin", "b.bin"]) == 1

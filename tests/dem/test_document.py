@@ -78,7 +78,7 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
         (("model", "offset"), ["one", 2.0], "model.offset must be numbers of one shape"),
         (("model", "offset"), [None, 2.0], r"^model.offset must be finite and of shape \(n\)"),
         (("converged",), "yes", "converged must be a valid boolean, not 'yes'"),
-        (("settings", "window"), None, "window must be a whole number"),
+        (("settings", "window"), None, "window must be a valid integer"),
         (("scaling", "output_scale"), [1.0, 0.0], "^scaling.output_scale must be positive"),
         (("scatter", "covariance"), (-np.eye(16)).tolist(), "^scatter.covariance must be positive definite"),
         (("record", "lengths"), [100, 99], "must have T = 199, not 200"),

@@ -1,9 +1,10 @@
-"""A flight and its model as MCAP channels: every number is there, at its time, under a name that a viewer can plot."""
+"""A flight and its model as MCAP channels: every number is there, at its time, under a name that a layout plots."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from mavdem.evaluate import held_out_test
 from mavdem.export.channels import write_channels
 from mavdem.flight import Flight
 
-LOG = Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog"
+ROOT = Path(__file__).parents[2]
+LOG, LAYOUTS = ROOT / "logs" / "ardupilot_wind5_steps.tlog", ROOT / "docs" / "layouts"
 
 
 def read(path: Path) -> dict[str, tuple[np.ndarray, dict[str, np.ndarray]]]:
@@ -50,11 +52,26 @@ def test_a_flight_reads_back(tmp_path):
     assert np.array_equal(np.column_stack(list(inputs.values())), flight.inputs)
 
 
-def test_what_was_learnt_stands_beside_it(tmp_path):
+@pytest.fixture(scope="module")
+def result():
+    """Training data, test data, model and forecasts."""
     flight = mavdem.read_flight(LOG)
     train, test = flight[:300], flight[300:350]
     learned = mavdem.learn(train, mavdem.Settings.paper())
-    held_out = held_out_test(train, test, learned)
+    return train, test, learned, held_out_test(train, test, learned)
+
+
+@pytest.fixture(scope="module")
+def fields(result, tmp_path_factory):
+    """Topics and fields of the channels of a learned flight."""
+    train, _, learned, held_out = result
+    path = tmp_path_factory.mktemp("layouts") / "flight.mcap"
+    write_channels(path, [train], learned, held_out)
+    return {(topic, field) for topic, (_, columns) in read(path).items() for field in columns}
+
+
+def test_what_was_learned_stands_beside_it(tmp_path, result):
+    train, test, learned, held_out = result
     write_channels(tmp_path / "flight.mcap", [train], learned, held_out)
     series = read(tmp_path / "flight.mcap")
     assert len(series["flight/outputs"][0]) == 300
@@ -72,7 +89,7 @@ def test_what_was_learnt_stands_beside_it(tmp_path):
         assert np.allclose(series[topic][0], time, atol=1e-9), topic
         assert np.array_equal(np.column_stack(list(series[topic][1].values())), values), topic
     with pytest.raises(ValueError, match="300 samples"):
-        write_channels(tmp_path / "other.mcap", [flight[:299]], learned)
+        write_channels(tmp_path / "other.mcap", [train[:299]], learned)
     assert [path.name for path in tmp_path.iterdir()] == ["flight.mcap"]
 
 
@@ -84,3 +101,27 @@ def test_names_are_kept_apart_and_no_time_is_before_0(tmp_path):
     assert list(read(tmp_path / "named.mcap")["flight/inputs"][1]) == ["u_1", "u_2"]
     with pytest.raises(ValueError, match="negative"):
         write_channels(tmp_path / "early.mcap", [Flight(time - 1, values, values)])
+
+
+@pytest.mark.slow
+def test_plotjuggler_s_layout(fields) -> None:
+    layout = ElementTree.parse(LAYOUTS / "plotjuggler.xml")
+    names = [curve.attrib["name"] for curve in layout.iter("curve")]
+    assert len(names) >= 10 and set(names) <= {f"{topic}/{field}" for topic, field in fields}
+    for splitter in layout.iter("DockSplitter"):
+        sizes = [float(size) for size in splitter.attrib["sizes"].split(";")]
+        assert len(sizes) == len(splitter.findall("DockArea")) == int(splitter.attrib["count"])
+        assert sum(sizes) == pytest.approx(1.0)
+
+
+@pytest.mark.slow
+def test_foxglove_s_layout(fields) -> None:
+    layout = json.loads((LAYOUTS / "foxglove.json").read_text())
+    paths = [path["value"] for panel in layout["configById"].values() for path in panel["paths"]]
+    assert len(paths) >= 10
+    assert {path.split(".@")[0] for path in paths} <= {f"{topic}.{field}" for topic, field in fields}
+
+    def panels(place: str | dict[str, object]) -> list[str]:
+        return [place] if isinstance(place, str) else [*panels(place["first"]), *panels(place["second"])]
+
+    assert sorted(panels(layout["layout"])) == sorted(layout["configById"])

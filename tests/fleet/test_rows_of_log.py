@@ -23,7 +23,7 @@ SLOW = LOGS / "ardupilot_default_rates.tlog"
 
 @pytest.fixture(scope="module")
 def slow_rows() -> list[FlightRow]:
-    return rows_of_log(SLOW).rows
+    return rows_of_log(SLOW)[0]
 
 
 def test_a_slow_log_gives_what_it_holds_and_says_why_no_more(slow_rows):
@@ -39,7 +39,7 @@ def test_a_slow_log_gives_what_it_holds_and_says_why_no_more(slow_rows):
 
 def test_a_log_read_in_the_user_s_process_leaves_it_as_it_was(monkeypatch):
     monkeypatch.setattr(parallel, "_alone", False)
-    assert rows_of_log(SLOW).rows
+    assert rows_of_log(SLOW)[0]
     assert not parallel._alone
 
 
@@ -70,7 +70,7 @@ def test_an_error_in_one_vehicle_leaves_the_rows_of_the_others(slow_rows, monkey
 
     monkeypatch.setattr(module, "analyse", failing)
     monkeypatch.setattr(module, "read_log", lambda _: replace(log, vehicles=(other, sound)))
-    failed, *rows = rows_of_log(SLOW).rows
+    failed, *rows = rows_of_log(SLOW)[0]
     assert "KeyError" in failed.status and failed.component == 7
     assert [row.axis for row in rows] == ["roll", "pitch"] and {row.status for row in rows} == {"ok"}
 
@@ -83,5 +83,5 @@ def test_an_alarm_in_flight_is_among_the_warnings(monkeypatch):
         return replace(analyse(*arguments, **known), alarms=(load, alarm))
 
     monkeypatch.setattr(module, "analyse", alarmed)
-    for row in rows_of_log(SLOW).rows:
+    for row in rows_of_log(SLOW)[0]:
         assert row.warnings[0] == alarm.sentence and load.sentence not in row.warnings

@@ -139,7 +139,7 @@ def test_names_without_a_log_are_said_and_the_others_read(tmp_path):
 
 def test_pages_are_written_where_rows_say(tmp_path):
     def with_page(path: Path, key: str, page: Any) -> LogRows:
-        return LogRows([FlightRow(file=str(path), page="pages/a.html")], {"a.html": f"{path.name} \udcff"})
+        return [FlightRow(file=str(path), page="pages/a.html")], {"a.html": f"{path.name} \udcff"}
 
     (log,) = make_logs(tmp_path / "logs", 1)
     track(tmp_path / "fleet", log, reader=InThisProcess(with_page))

@@ -172,6 +172,6 @@ def test_a_cluster_that_is_not_there_is_said(monkeypatch):
 
 def test_rows_of_an_outcome_have_the_log_s_name_and_key(tmp_path):
     (path,) = make_logs(tmp_path, 1)
-    found = outcome_of(Job(str(path)), lambda path, key, page: LogRows([FlightRow(file="copy")], {}))
+    found = outcome_of(Job(str(path)), lambda path, key, page: ([FlightRow(file="copy")], {}))
     assert found.rows[0].file == str(path) and found.rows[0].key == found.key and found.rows[0].mavdem_version
     assert outcome_of(Job(str(path), (found.key,)), None).ended == "known"

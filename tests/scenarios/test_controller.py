@@ -7,7 +7,7 @@ import pytest
 
 from sitl_scenarios.dynamics import IDLE_COMMAND, State, frame, mix
 from sitl_scenarios.plan import FULL_STICK, Plan
-from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Steps, Sticks
+from sitl_scenarios.scenario import Chirp, Doublets, Multisine, Scenario, Sensors, Sticks
 from sitl_scenarios.sensors import Sensing
 
 X = frame("x", (0.1, 0.1))
@@ -68,14 +68,6 @@ def test_a_flight_takes_off_hovers_and_lands():
     heights = np.array([wanted.height for wanted in excited(None)])
     climbs = np.array([wanted.climb for wanted in excited(None)])
     assert np.allclose(np.gradient(heights, CYCLE)[1:-1], climbs[1:-1], atol=0.01)
-
-
-def test_doublets_and_steps_come_back():
-    rolls = np.array([wanted.demand[0] for wanted in excited(Doublets(kind="doublets", amplitude=8.0))])
-    assert set(np.round(np.degrees(rolls), 9)) == {-8.0, 0.0, 8.0}
-    assert rolls.sum() == pytest.approx(0, abs=radians(8) * 2)
-    places = [wanted.aside for wanted in excited(Steps(kind="steps", distance=2.0))]
-    assert set(places) == {0.0, 2.0}
 
 
 def test_a_multisine_has_its_power_where_it_should_and_a_low_peak():

@@ -14,7 +14,7 @@ from mavdem.alignment import drive
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.tlog import write_tlog
 from sitl_scenarios.mavlink import transmitter as recorded_module
-from sitl_scenarios.mavlink.transmitter import EPOCH, Transmitter, recorded, rows_of_motion
+from sitl_scenarios.mavlink.transmitter import Transmitter, recorded, rows_of_motion
 from sitl_scenarios.motion import Motion
 from sitl_scenarios.scenario import Faults, Scenario, StreamSpec, VehicleSpec
 
@@ -173,16 +173,6 @@ def test_the_loop_makes_the_steps_and_the_mean_is_the_rate(autopilot, steps, tmp
     assert len(messages["LOCAL_POSITION_NED"]["time"]) == pytest.approx(500, abs=1)
 
 
-def test_rates_by_name(tmp_path):
-    asked = {"ATTITUDE": 50.0, "SERVO_OUTPUT_RAW": 0.0, "ACTUATOR_OUTPUT_STATUS": 400.0}
-    messages = read(tmp_path, scenario(rates=asked), made_up_motion()).vehicles[0].messages
-    assert len(messages["ATTITUDE"]["time"]) == pytest.approx(1000, abs=1)
-    assert "SERVO_OUTPUT_RAW" not in messages
-    assert len(messages["ACTUATOR_OUTPUT_STATUS"]["time"]) == pytest.approx(5000, abs=10)  # not faster than the loop
-    with pytest.raises(ValueError, match="px4 sends no WIND here: choose among ATTITUDE"):
-        recorded(scenario(rates={"WIND": 1.0}), made_up_motion(), 0.004, lambda _: None)
-
-
 @pytest.mark.parametrize("frame", ["x", "plus"])
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_the_parameters_say_where_the_motors_are(autopilot, frame, tmp_path):
@@ -246,16 +236,6 @@ def test_the_same_seed_is_the_same_file_however_it_is_cut(monkeypatch):
     monkeypatch.setattr(recorded_module, "BLOCK", 37)
     assert written(flown, motion) == whole
     assert written(flown.model_copy(update={"seed": 1}), motion) != whole
-
-
-def test_stamps_are_the_epoch_and_the_link(tmp_path):
-    exact = recorded(scenario(), made_up_motion(), 0.004, lambda _: None)
-    late = recorded(scenario(faults=Faults(delay=0.05, jitter=0.03)), made_up_motion(), 0.004, lambda _: None)
-    assert exact.stamps[0] == EPOCH * 10**6 + 12_000
-    after = (late.stamps - exact.stamps).astype(np.int64)
-    assert after.min() >= 50_000 and after.max() <= 80_001 and after.std() > 1000
-    assert (np.diff(late.stamps.astype(np.int64)) >= 0).all()
-    assert np.array_equal(late.data, exact.data)
 
 
 def test_what_is_lost_shows_in_the_sequence(tmp_path):

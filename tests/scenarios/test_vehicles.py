@@ -9,7 +9,7 @@ from sitl_scenarios.dynamics import AirState, dynamics, frame
 from sitl_scenarios.mavlink.autopilots import AUTOPILOTS, PX4
 from sitl_scenarios.mavlink.messages import parameters
 from sitl_scenarios.scenario import Scenario, VehicleSpec
-from sitl_scenarios.vehicles import AIRFRAMES, ARDRONE2, CRAZYFLIE, GRAVITY, IRIS, airframe
+from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY, airframe
 
 
 @pytest.mark.parametrize("name", AIRFRAMES)
@@ -20,12 +20,6 @@ def test_a_vehicle_can_hover_and_half_as_much_again(name):
     assert body.rotor_speed(body.hover_command) == pytest.approx(body.hover_speed)
     assert 0.5 * body.full < body.hover_command < 0.75 * body.full
     assert 4 * body.thrust_at(body.rotor_speed(body.full)) > 1.5 * weight
-
-
-def test_the_ardrone_has_the_papers_motor_effect_at_the_published_pwm():
-    (a, b), (slope, _) = ARDRONE2.thrust, ARDRONE2.speed
-    per_pwm = (2 * a * ARDRONE2.rotor_speed(169.06) + b) * slope
-    assert round(per_pwm * ARDRONE2.arm[1] / ARDRONE2.inertia[0], 4) == 0.3748
 
 
 PUBLISHED = [
@@ -48,20 +42,6 @@ def test_a_vehicle_has_the_published_figures(name, mass, inertia, arm, speed, th
     assert body.thrust_at(speed) == pytest.approx(thrust, rel=1e-5)
     a, b = body.torque
     assert a * speed**2 + b * speed == pytest.approx(torque, rel=1e-5)
-
-
-def test_commands_are_the_published_ones():
-    assert ARDRONE2.rotor_speed(0.0) == 130.9 and ARDRONE2.rotor_speed(100.0) == pytest.approx(
-        130.9 + 145.098, abs=1e-3
-    )
-    assert (IRIS.rotor_speed(0.0), IRIS.rotor_speed(1.0)) == (100.0, 1100.0)
-    assert (CRAZYFLIE.rotor_speed(0.0), CRAZYFLIE.rotor_speed(1.0)) == (0.0, 2500.0)
-
-
-def test_air_acts_on_rotors_by_the_published_coefficients():
-    """RotorPy's k_d and k_z of the Hummingbird and the Crazyflie; iris.sdf: rotorDragCoefficient 0.000175."""
-    assert [body.rotor_drag for body in (ARDRONE2, IRIS, CRAZYFLIE)] == [1.19e-4, 1.75e-4, 10.2506e-7]
-    assert [body.inflow for body in (ARDRONE2, CRAZYFLIE)] == [2.32e-4, 7.553e-7]
 
 
 @pytest.mark.parametrize("kind", ["x", "plus"])

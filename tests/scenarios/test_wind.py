@@ -46,15 +46,6 @@ def test_a_jet_falls_as_one_over_the_distance_and_has_a_gaussian_profile():
     assert jet_speed(jet, -0.1, 0.0) == 0
 
 
-def test_a_jet_blows_where_the_vehicle_hovers_and_not_beside():
-    jet = Jet(kind="jet", speed=6.0, direction=90.0, distance=2.0, turbulence=0.0, offset=0.4)
-    air = weather(wind=(jet,), height=3.0)
-    # Seen along the jet, to the west, right is north.
-    assert air.at(0, (0.4, 0.0, -3.0))[:3] == pytest.approx((0, -6, 0))
-    assert air.at(0, (-0.4, 0.0, -3.0)).east > -0.05
-    assert air.at(0, (0.4, 2.1, -3.0)).east == 0  # behind the blower
-
-
 def test_a_jet_is_turbulent_by_its_share_of_the_local_mean():
     """Off the axis by a half-width at twice the core's length, 8 m/s at the mouth are 2: of that, 0.25 are 0.5 m/s."""
     jet = Jet(kind="jet", speed=8.0, direction=0.0, distance=6.0, turbulence=0.25, s=0.01)

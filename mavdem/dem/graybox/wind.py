@@ -1,7 +1,7 @@
 """The wind's torque in a recorded flight: its course with a band, and its level, spectrum and gusts.
 
 With the physical parameters known, the rate's equation leaves the wind's torque d = rate' + damping · rate − torque.
-It is smoothed over each segment, as coloured noise of the components that the fit found (``smoother``).
+It is smoothed over each segment, as coloured noise of the components that the fit found.
 
 **The steady part.** Its mean is what the motors' mean balances. A motor's absolute command says nothing about torque,
 only differences between motors do: so the steady part is that of equal motors and a centred load. An unequal motor or
@@ -24,7 +24,6 @@ from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS
 from mavdem.dem.graybox.likelihood import plant
 from mavdem.dem.graybox.parameters import Physical, rate_column
-from mavdem.dem.graybox.smoother import SmoothedWind, SteadyFilter
 from mavdem.dem.record import Record
 
 RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
@@ -126,6 +125,14 @@ class WindTorque:
         return self.torque * inertia
 
 
+class _Torques(NamedTuple):
+    """Of all segments: the wind's torque (T,), its smoother's variance, and the motors' torque about its mean."""
+
+    mean: Array
+    variance: Array
+    motors: Array
+
+
 def wind(physical: Physical, record: Record) -> WindTorque:
     """Returns the wind's torque in a record, from all of it, by its physical parameters.
 
@@ -187,10 +194,10 @@ def wind(physical: Physical, record: Record) -> WindTorque:
     )
 
 
-def _torques(theta: Array, physical: Physical, record: Record, column: int) -> SmoothedWind:
+def _torques(theta: Array, physical: Physical, record: Record, column: int) -> _Torques:
     """Of all segments, with effect, damping, lag and delay ``theta`` (r + 3,), of the rate in a ``column``."""
     effect, (damping, lag, delay) = theta[:-3], theta[-3:].tolist()
-    steady_filter = SteadyFilter.of(plant(damping, lag, physical.components, record.dt), physical.noise)
+    axis = plant(damping, lag, physical.components, record.dt)
     trim = record.inputs.mean(axis=0)
     level = balanced(effect, trim, record.effect_directions)
     parts = []
@@ -198,9 +205,9 @@ def _torques(theta: Array, physical: Physical, record: Record, column: int) -> S
         rate, commanded = outputs[:, column], (inputs - trim) @ effect
         # What is steady acts like a steady command; about it the wind's mean is 0.
         constant = steady(rate, commanded, damping, record.dt)
-        smoothed = steady_filter.smoothed(commanded + constant, delay / record.dt, rate)
-        parts.append((smoothed.mean + constant + level, smoothed.variance, smoothed.motors - constant))
-    return SmoothedWind(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+        smoothed = axis.smoothed(physical.noise, commanded + constant, delay / record.dt, rate)
+        parts.append((smoothed.mean + constant + level, smoothed.variance, smoothed.states[:, 1] - constant))
+    return _Torques(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
 def steady(rate: Array, commanded: Array, damping: float, dt: float) -> float:
@@ -244,7 +251,7 @@ class _Spectra(NamedTuple):
         return 1 - (left - scatter) / total if total and scatter <= MAX_SCATTER * total else float("nan")
 
 
-def _spectra(torques: SmoothedWind, record: Record) -> _Spectra:
+def _spectra(torques: _Torques, record: Record) -> _Spectra:
     """By Welch's method, of windows of ``SPECTRUM_SECONDS``, or as long as the longest segment."""
     length = min(round(SPECTRUM_SECONDS / record.dt), record.longest)
     total, windows, frequency = np.zeros((3, length // 2 + 1), complex), 0.0, np.zeros(length // 2 + 1)

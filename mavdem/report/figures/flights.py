@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from mavdem.dem.engine.linalg import Array
-from mavdem.fleet.row import AXIS_ORDER, DEMAND, Flight, FlightRow, worst_health
+from mavdem.fleet.row import AXIS_ORDER, NOT_IDENTIFIABLE, Flight, worst_health
 from mavdem.report.figures.style import HAIRLINE, WIDTH, band, not_blown_up, picture
 from mavdem.report.numbers import readable, short
 from mavdem.report.palette import BAD, LIMITED, distinct
@@ -21,7 +21,6 @@ MARKS = {"fault": ("o", BAD), "drift": ("^", LIMITED)}
 """Above the flights in which they were found; the shapes differ too, so that colour is not needed."""
 AXES = AXIS_ORDER[:2]
 DEGREES = readable("rad/s²")
-NOT_IDENTIFIABLE = "not identifiable"
 
 
 class Panel(NamedTuple):
@@ -35,11 +34,6 @@ class Panel(NamedTuple):
     def values(self) -> Array:
         """Of all lines."""
         return np.concatenate([np.empty(0), *(line[:, 0] for line in self.lines.values())])
-
-
-def input_unit(row: FlightRow) -> str:
-    """Returns the unit of the model's inputs in words: an effectiveness is for one of them."""
-    return "unit of demand" if row.inputs == DEMAND else row.input_unit or "unit of input"
 
 
 def vehicle_figure(flights: Sequence[Flight]) -> Figure:
@@ -119,10 +113,10 @@ def _panels(flights: Sequence[Flight]) -> Iterator[Panel]:
     motors = next((row.motors for flight in reversed(flights) for row in flight if row.motors), ())
     shares = {short(name): _line(flights, "trim_share", entry=(i, len(motors))) for i, name in enumerate(motors)}
     yield Panel("Motor shares (1: all alike)", shares, 1.0)
-    kinds = sorted({input_unit(row) for row in with_model})
+    kinds = sorted({row.per_input for row in with_model})
     for unit in kinds:
         for axis in AXES:
-            count = max((len(row.effect) for row in with_model if row.effect and input_unit(row) == unit), default=0)
+            count = max((len(row.effect) for row in with_model if row.effect and row.per_input == unit), default=0)
             names = [*map(short, motors)] if count == len(motors) else [f"input {i + 1}" for i in range(count)]
             # The size of an effectiveness, whose sign is only where the motor is.
             lines = {
@@ -162,7 +156,7 @@ def _line(
                 value = value[which] if value is not None and len(value) == count else None
                 half = half[which] if half is not None and len(half) == count else None
             refused = getattr(row, f"{name}_status", None) == NOT_IDENTIFIABLE
-            wanted = axis in ("", row.axis) and unit in ("", input_unit(row))
+            wanted = axis in ("", row.axis) and unit in ("", row.per_input)
             if value is not None and wanted and not refused and np.isnan(line[place, 0]):
                 line[place] = value, np.nan if half is None else half
     return line
