@@ -12,11 +12,10 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from mavdem.files import atomic_write
 from mavdem.ingest.motors import place_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
-from mavdem.view.plots import FLIGHT_TIME, Plot, blueprint, range_of, utf8
+from mavdem.view.plots import FLIGHT_TIME, Plot, blueprint, range_of, recorded
 
 Array = NDArray[np.float64]
 
@@ -98,23 +97,18 @@ def write_pose(path: str | os.PathLike[str], name: str, pose: Pose) -> None:
 
     It appears whole or not at all: ``OSError`` if it cannot be written there.
     """
-    recording = rr.RecordingStream("mavdem_flight")
-    memory = recording.memory_recording()
-    recording.send_recording_name(utf8(name))
-    # North, east, down are to a world what forward, right, down are to a body.
-    for frame in ("world", "world/here"):
-        recording.log(frame, rr.ViewCoordinates.FRD, static=True)
     rows, plots = pose.at(FRAMES_A_SECOND), _plots(pose)
-    _vehicle(recording, pose, rows)
-    _surroundings(recording, pose, rows)
-    for plot in plots:
-        plot.draw(recording)
-    views = rrb.Vertical(*(plot.view(float(pose.time[-1])) for plot in plots), row_shares=PLOT_HEIGHTS)
-    layout = rrb.Horizontal(_scene(pose), views, column_shares=[45, 55])
-    recording.send_blueprint(blueprint(layout, play_state="playing", loop_mode="all"), make_active=False)
-    with atomic_write(path) as file:
-        # Rerun does not report when a file it writes fails, as on a full disk; Python does.
-        file.write(memory.drain_as_bytes())
+    with recorded(path, name) as recording:
+        # North, east, down are to a world what forward, right, down are to a body.
+        for frame in ("world", "world/here"):
+            recording.log(frame, rr.ViewCoordinates.FRD, static=True)
+        _vehicle(recording, pose, rows)
+        _surroundings(recording, pose, rows)
+        for plot in plots:
+            plot.draw(recording)
+        views = rrb.Vertical(*(plot.view(float(pose.time[-1])) for plot in plots), row_shares=PLOT_HEIGHTS)
+        layout = rrb.Horizontal(_scene(pose), views, column_shares=[45, 55])
+        recording.send_blueprint(blueprint(layout, play_state="playing", loop_mode="all"), make_active=False)
 
 
 def _plots(pose: Pose) -> list[Plot]:

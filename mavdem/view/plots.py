@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from math import ceil
 from typing import Any, NamedTuple
@@ -16,6 +18,7 @@ from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack
 from mavdem.dem.priors import hyperparameter_groups, hyperparameter_prior
+from mavdem.files import atomic_write
 from mavdem.report import palette
 from mavdem.report.numbers import Labelled, entries, left_free, place, readable, rounded, state_names, state_rate_units
 
@@ -219,6 +222,19 @@ def blueprint(view: rrb.Container, time: rrb.TimePanel | None = None, **options:
         auto_views=False,
         auto_layout=False,
     )
+
+
+@contextmanager
+def recorded(path: str | os.PathLike[str], name: str) -> Iterator[rr.RecordingStream]:
+    """Yields a recording called ``name`` that is then written to ``path``, whole or not at all; ``OSError`` if not."""
+    recording = rr.RecordingStream("mavdem")
+    memory = recording.memory_recording()
+    recording.send_recording_name(utf8(name))
+    yield recording
+    # Rerun does not report when a file it writes fails, as on a full disk; Python does.
+    contents = memory.drain_as_bytes()
+    with atomic_write(path) as file:
+        file.write(contents)
 
 
 def utf8(text: str) -> str:

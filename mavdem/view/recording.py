@@ -16,7 +16,6 @@ from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import pack
 from mavdem.evaluate.held_out import FORECAST, HeldOut
-from mavdem.files import atomic_write
 from mavdem.flight import Flight
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Sentence, Table, markdown
@@ -32,6 +31,7 @@ from mavdem.view.plots import (
     free_parameters,
     free_precisions,
     range_of,
+    recorded,
     utf8,
     with_gaps,
 )
@@ -50,22 +50,16 @@ def write_recording(
 
     The folder of ``path`` must be there; ``learned`` is the model of ``flights``. ``OSError`` if it cannot be written.
     """
-    recording = rr.RecordingStream("mavdem")
-    memory = recording.memory_recording()
-    recording.send_recording_name(utf8(Path(str(flights[0].provenance.get("source", path))).name))
     series = FlightSeries(flights, learned, held_out)
-    tabs = rrb.Tabs(
-        _flight(recording, series),
-        _details(recording, series),
-        *_learning(recording, learned),
-        _text(recording, "report", "Report", [title(flights), *screen(learned, held_out)]),
-        active_tab=0,
-    )
-    recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=False)
-    # Rerun does not report when a file it writes fails, as on a full disk; Python does.
-    contents = memory.drain_as_bytes()
-    with atomic_write(path) as file:
-        file.write(contents)
+    with recorded(path, Path(str(flights[0].provenance.get("source", path))).name) as recording:
+        tabs = rrb.Tabs(
+            _flight(recording, series),
+            _details(recording, series),
+            *_learning(recording, learned),
+            _text(recording, "report", "Report", [title(flights), *screen(learned, held_out)]),
+            active_tab=0,
+        )
+        recording.send_blueprint(blueprint(tabs, play_state="paused"), make_active=False)
 
 
 class FlightSeries:

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -68,12 +67,6 @@ def documents(path: Path) -> dict[str, str]:
 def without_gaps(line: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     times, values = line
     return times[np.isfinite(values)], values[np.isfinite(values)]
-
-
-def test_rerun_finds_the_file_sound(recording: Path) -> None:
-    check = [sys.executable, "-m", "rerun", "rrd", "verify", str(recording)]
-    done = subprocess.run(check, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(("column", "name"), list(enumerate(TEST.output_names)))
@@ -155,17 +148,12 @@ def test_what_is_free_is_drawn_by_iteration_in_degrees(recording: Path, learned:
 
 
 @pytest.mark.slow
-def test_what_is_learnt_under_a_prior_that_knows_nothing(tmp_path: Path) -> None:
+def test_under_a_prior_that_knows_nothing_every_entry_is_drawn(tmp_path: Path) -> None:
     path = tmp_path / "flight.rrd"
     write(path, mavdem.learn(PARTS, mavdem.Settings.paper()))
-    drawn = iterations(path)
-    assert [drawn[f"parameters/{name}"].shape[1] for name in "ABC"] == [2 * 2, 2 * 4, 2 * 2]
-    results = documents(path)["/learning/results"]
-    assert "z, measurement" in results or "w, process" in results
-    assert {line for line in lines(path) if line.startswith("process_noise/")} == {
-        "process_noise/state 1",
-        "process_noise/state 2",
-    }
+    assert [iterations(path)[f"parameters/{name}"].shape[1] for name in "ABC"] == [2 * 2, 2 * 4, 2 * 2]
+    assert "| z, measurement |" in documents(path)["/learning/results"]
+    assert {"process_noise/state 1", "process_noise/state 2"} <= lines(path).keys()
 
 
 def test_a_precision_that_the_prior_fixes_is_distinguished_from_one_that_is_learnt(learned: mavdem.Learned) -> None:

@@ -329,7 +329,8 @@ def left_out_errors(record: Record, lags: int) -> LeftOutErrors | None:
         return None
     table = np.concatenate(squares, axis=1)
     table = table[:, :, np.isfinite(table).any(axis=(0, 1, 3))]
-    return LeftOutErrors(*(np.maximum.accumulate(np.nanmean(table, axis=1), axis=1) * units.scale[:m] ** 2))
+    errors = np.maximum.accumulate(np.nanmean(table, axis=1), axis=1) * units.scale[:m] ** 2
+    return LeftOutErrors(*map(np.ascontiguousarray, errors))
 
 
 class Member(NamedTuple):
