@@ -26,7 +26,7 @@ def examples(page: str) -> list[str]:
         ("docs/comparison.md", "\nconstant mean 1.0\n"),
         ("docs/scenarios.md", "[[0. 1.]"),
         ("docs/baselines.md", "subspace(4,"),
-        ("README.md", "motor effectiveness"),
+        ("README.md", "control effectiveness"),
         ("docs/python.md", "(2, 2)\n(3, 3)\n(4, 4)\n"),
     ],
 )

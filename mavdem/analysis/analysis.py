@@ -27,7 +27,7 @@ from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, held_out_windows
 from mavdem.evaluate.scores import SIGNIFICANCE, paired
-from mavdem.evaluate.truth import compare_with_truth, truth_of
+from mavdem.evaluate.truth import compare_with_truth, read_truth, truth_of
 from mavdem.evaluate.windows import TEST_SECONDS, Length, fewer_samples, samples_in
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm, MotorWatch
@@ -119,6 +119,8 @@ def analyse(
     def without_model(reason: str) -> LogAnalysis:
         return replace(found, reason=tier.reason if reason == tier.reason else f"{tier.reason} {reason}")
 
+    if truth is not None:  # what is no truth file is refused before the work
+        read_truth(truth, signals.axis)
     slow = tier.name == "b"
     if slow:
         segments, of_slow = usable_segments(signals, log.components, SLOW_MOTION_RATE)

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.baselines.identified import Identified, Segments, Units, of_stability, required_order, stable_radius
-from mavdem.baselines.smoother import GaussianModel, Smoothed, smoothed
-from mavdem.baselines.subspace_identification import found_by_projection, steady_gain
+from mavdem.baselines.subspace_identification import found_by_projection, innovation_gain
+from mavdem.dem.engine.kalman import GaussianModel, Smoothed, smoothed
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.engine.state_space import StateSpace
 from mavdem.dem.record import Record, UniformRecord
@@ -198,7 +198,7 @@ def _best_fit(segments: Segments, order: int, feedthrough: bool, bound: float, s
         with suppress(np.linalg.LinAlgError):
             fitted = iterated(trial, segments, MAX_ITERATIONS - TRIAL_ITERATIONS, feedthrough, bound)
             A, B, offset, C, D, trim, Q, R = fitted.model
-            gain = steady_gain(A, C, Q, R, np.zeros((len(A), len(C))))
+            gain = innovation_gain(A, C, Q, R, np.zeros((len(A), len(C))))
             return fitted, StateSpace(A, B, C, D, gain, offset, np.zeros(B.shape[1]), trim)
     raise ValueError(
         f"EM for {order} states broke down from each of {STARTS} starts, since covariances lost their rank or left the "

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from scipy.linalg import solve_discrete_are
 
 from mavdem.baselines.identified import (
     LEAST_VARIANCE,
@@ -21,6 +21,7 @@ from mavdem.baselines.identified import (
     required_order,
     triangle,
 )
+from mavdem.dem.engine.kalman import steady_gain
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, recursion
 from mavdem.dem.engine.state_space import StateSpace
@@ -130,7 +131,7 @@ def found_by_projection(
     covariance = errors.T @ errors / windows.number
     Q, S, R = covariance[:order, :order], covariance[:order, order:], covariance[order:, order:]
     try:
-        K = steady_gain(A, C, Q, R, S)
+        K = innovation_gain(A, C, Q, R, S)
     except np.linalg.LinAlgError:
         raise ValueError(
             f"the training data determine no model of {order} observable states: lower the order"
@@ -271,23 +272,15 @@ LEAST_NOISES = (1e-12, 1e-9, 1e-6)
 do not determine the gain. In the methods' units, in which outputs and states have a variance of about 1."""
 
 
-def steady_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
+def innovation_gain(A: Array, C: Array, Q: Array, R: Array, S: Array) -> Array:
     """(n, m) K of the innovation form of x⁺ = A x + … + w, y = C x + … + v, with which A − K C is stable.
 
-    By the algebraic Riccati equation (Van Overschee and De Moor, Subspace Identification for Linear Systems, 1996,
-    sec. 4.2.2, Table 4.1; Katayama, Subspace Methods for System Identification, 2005, sec. 5.3). Q, R and S are the
-    covariances E wwᵀ, E vvᵀ and E wvᵀ; ``LinAlgError`` where there is no steady filter.
+    Q, R and S are the covariances E wwᵀ, E vvᵀ and E wvᵀ (Van Overschee and De Moor, Subspace Identification for Linear
+    Systems, 1996, sec. 4.2.2, Table 4.1); ``LinAlgError`` where there is no steady filter.
     """
-    n, m = S.shape
     for least in LEAST_NOISES:
-        Q_, R_ = Q + least * np.eye(n), R + least * np.eye(m)
-        try:
-            P = solve_discrete_are(A.T, C.T, Q_, R_, s=S)
-        except (ValueError, np.linalg.LinAlgError):
-            continue
-        gain = np.linalg.solve(C @ P @ C.T + R_, (A @ P @ C.T + S).T).T
-        if np.abs(np.linalg.eigvals(A - gain @ C)).max() < 1:
-            return np.asarray(gain)
+        with suppress(np.linalg.LinAlgError):
+            return steady_gain(A, C, Q + least * np.eye(len(A)), R + least * np.eye(len(C)), S)[0]
     raise np.linalg.LinAlgError("there is no steady filter: an unstable state may not be seen in the outputs")
 
 

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
 from time import perf_counter
-from typing import Any
 
 import click
 
@@ -19,15 +18,7 @@ from mavdem.dem.learning import FEWEST_SAMPLES
 from mavdem.errors import NotLearnable
 from mavdem.evaluate.comparison import METHODS, Comparison, outcomes
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN
-from mavdem.evaluate.windows import (
-    TEST_SECONDS,
-    TRAIN_SECONDS,
-    Length,
-    Window,
-    fewer_samples,
-    samples_in,
-    windows,
-)
+from mavdem.evaluate.windows import TEST_SECONDS, TRAIN_SECONDS, Length, Window, fewer_samples, samples_in, windows
 from mavdem.flight import Flight
 from mavdem.report.comparison import comparison_report
 from mavdem.report.page import comparison_page
@@ -92,22 +83,29 @@ def compare_command(
     if out is not None:
         check_folder(out, COMPARISON_FILES)
     began = perf_counter()
-    found, refused = of_each(
+    cut, refused = of_each(
         sources, axis, vehicle, inputs, lambda name, flight: _windows(name, flight, train, test, hop)
     )
-    if not found:
+    if not cut:
         raise nothing_left(refused, "compared")
-    compared = _compare([window for one in found.values() for window in one])
+    compared = _compare([window for one in cut.values() for window in one])
     report = {
         **compared.to_dict(FROM_ZERO if from_zero else KNOWN),
         "axis": axis,
-        "sources": {name: source for name, source in zip(names_of(sources), sources, strict=True) if name in found},
+        "sources": {name: source for name, source in zip(names_of(sources), sources, strict=True) if name in cut},
         "refused": [one.values for one in refused],
         "files": {} if out is None else {name: str(out / name) for name in COMPARISON_FILES},
         "seconds": round(perf_counter() - began, 3),
     }
     if out is not None:
-        _write(out, report, compared, comparison_page(compared, from_zero))
+        with files_in(out, COMPARISON_FILES) as (document, html, table):
+            document.write_text(json_text(report) + "\n")
+            html.write_bytes(page_bytes(comparison_page(compared, from_zero)))
+            rows = compared.rows()
+            with table.open("w", newline="") as file:
+                writer = csv.DictWriter(file, rows[0], lineterminator="\n")
+                writer.writeheader()
+                writer.writerows(rows)
     if as_json:
         print_json(report)
     else:
@@ -121,37 +119,23 @@ def _windows(
 ) -> tuple[Window, ...]:
     given = train.samples(flight.dt) if train else samples_in(TRAIN_SECONDS, flight.dt)
     ahead = test.samples(flight.dt) if test else samples_in(TEST_SECONDS, flight.dt)
-    cut = windows(name, flight, given, ahead, hop)
-    if cut:
+    if cut := windows(name, flight, given, ahead, hop):
         return cut
     fewer_train, fewer_test = fewer_samples(len(flight), given, ahead)
-    fits = fewer_train >= FEWEST_SAMPLES
     raise NotLearnable(
         f"The settled flight has {len(flight)} samples ({flight.duration:.1f} s), but {given} training and "
         f"{ahead} test samples were asked for.",
-        f"Ask for fewer: `--train {fewer_train} --test {fewer_test}`." if fits else "Record a longer flight.",
+        f"Ask for fewer: `--train {fewer_train} --test {fewer_test}`."
+        if fewer_train >= FEWEST_SAMPLES
+        else "Record a longer flight.",
     )
 
 
 def _compare(cut: Sequence[Window]) -> Comparison:
-    total = len(cut) * len(METHODS)
-    with (
-        progress(f"Comparing {len(METHODS)} methods on {len(cut)} windows") as done,
-        closing(outcomes(cut, METHODS)) as coming,
-    ):
-        found = []
+    """The comparison, its outcomes shown as they come."""
+    title, total, made = f"Comparing {len(METHODS)} methods on {len(cut)} windows", len(cut) * len(METHODS), []
+    with progress(title) as done, closing(outcomes(cut, METHODS)) as coming:
         for outcome in coming:
-            found.append(outcome)
-            done(len(found) / total)
-    return Comparison.of(cut, found)
-
-
-def _write(out: Path, report: dict[str, Any], compared: Comparison, page: str) -> None:
-    with files_in(out, COMPARISON_FILES) as (document, html, table):
-        document.write_text(json_text(report) + "\n")
-        html.write_bytes(page_bytes(page))
-        rows = compared.rows()
-        with table.open("w", newline="") as file:
-            writer = csv.DictWriter(file, rows[0], lineterminator="\n")
-            writer.writeheader()
-            writer.writerows(rows)
+            made.append(outcome)
+            done(len(made) / total)
+    return Comparison.of(cut, made)

@@ -12,17 +12,17 @@ import click
 from click.core import ParameterSource
 
 from mavdem.alignment.drive import TILT_AXES
-from mavdem.analysis import LogAnalysis, analyse
+from mavdem.analysis import analyse
 from mavdem.analysis.analysis import TooFewSamples
 from mavdem.analysis.figures import ALL
 from mavdem.cli.options import chosen_settings, file_option, model_options, source_options, window_options
 from mavdem.cli.output import complain, print_blocks, print_json, printable, progress, say_aside
-from mavdem.cli.output_files import RECORDING, check_folder, folder_named, result_files, write_figures, write_results
+from mavdem.cli.output_files import RECORDING, check_folder, folder_named, result_files, write_results
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
 from mavdem.errors import NotLearnable, advice
 from mavdem.evaluate.windows import Length
-from mavdem.report.blocks import Sentence
+from mavdem.report.blocks import Block, Sentence
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import truth_blocks
 from mavdem.report.page import log_page
@@ -87,9 +87,8 @@ def learn_command(
     \b
     The screen has, in this order:
       what the model is good for, purpose by purpose, and why
-      the vehicle: effect and trim of each motor, damping and lag
-      the wind's torque on this axis, its steady part and gusts
-      the poles of the attitude loop as flown
+      the vehicle: control effectiveness and trim of each motor, rate damping and motor time constant
+      the wind torque on this axis, its steady part and gusts
       errors of forecasts beside those without a model
       warnings, where there are any
     With --axis all also a row for each of roll, pitch and yaw.
@@ -129,81 +128,55 @@ def learn_command(
     except TooFewSamples as error:
         again = f"Ask for shorter ones: `{_again(error.lengths)}`." if error.lengths else error.remedy
         raise NotLearnable(error.reason, again) from error
-    learned, held_out, figures = analysis.learned, analysis.held_out, analysis.vehicle
+    learned, verdict, condition = analysis.learned, analysis.verdict, analysis.condition
     if learned is None and analysis.tier.name is None:
         raise NotLearnable(analysis.reason, analysis.remedy)
-    names = result_files(with_model=learned is not None)
-    report = {
+    report: dict[str, Any] = {
         **analysis.as_dict(),
         "seconds": round(perf_counter() - began, 3),
-        "files": {name: str(folder / name) for name in names},
+        "files": {name: str(folder / name) for name in result_files(with_model=learned is not None)},
     }
-    known = analysis.verdict, analysis.condition, analysis.identity
-    held = inventory(log, analysis.verdict.axis, vehicle, inputs, known)
-    if learned is None or held_out is None:
-        _without_model(analysis, report, folder, source, held, as_json)
-        raise click.exceptions.Exit(UNSUPPORTED)
-    heading = Sentence(*map(printable, title(analysis.flights)))
-    blocks = analysis_blocks(analysis)
-    if axis == ALL:
-        blocks += vehicle_blocks(figures)
-    if analysis.truth is not None:
-        blocks += truth_blocks(analysis.truth)
-    details = detail_blocks(learned, report)
-    page = log_page(heading, blocks, {analysis.verdict.axis: analysis}, held)
-    write_results(folder, report, page, analysis.flights, learned, held_out)
-    if hint := advice(f"{RECORDING} was not written, since it", "view"):
-        say_aside(hint)
-    if hint := advice("Drawing the pictures of report.html", "plot"):
-        say_aside(hint)
-    if as_json:
-        print_json(report)
-        return
-    print_blocks([heading, *blocks, *(details if verbose else [])])
-    _say_what_is_written(folder, report)
-
-
-def _without_model(
-    analysis: LogAnalysis, report: dict[str, Any], folder: Path, source: str, held: dict[str, Any], as_json: bool
-) -> None:
-    """Writes and prints the figures that need no model, and says why there is none."""
-    axis, settled = analysis.verdict.axis, analysis.condition.settled
-    heading = Sentence(f"{axis}, {settled:.0f} s of settled flight, no model.", f"{printable(Path(source).name)}:")
-    report["error"] = {"reason": analysis.reason, "remedy": analysis.remedy}
-    blocks = analysis_blocks(analysis)
-    write_figures(folder, report, log_page(heading, blocks, {axis: analysis}, held))
+    blocks, details = analysis_blocks(analysis), list[Block]()
+    if learned is None:
+        text = f"{verdict.axis}, {condition.settled:.0f} s of settled flight, no model."
+        heading = Sentence(text, f"{printable(Path(source).name)}:")
+        report["error"] = {"reason": analysis.reason, "remedy": analysis.remedy}
+    else:
+        heading = Sentence(*map(printable, title(analysis.flights)))
+        blocks += vehicle_blocks(analysis.vehicle) if axis == ALL else []
+        blocks += [] if analysis.truth is None else truth_blocks(analysis.truth)
+        details = detail_blocks(learned, report)
+    held = inventory(log, verdict.axis, vehicle, inputs, (verdict, condition, analysis.identity))
+    write_results(folder, report, log_page(heading, blocks, {verdict.axis: analysis}, held), analysis)
+    for what, extra in ((f"{RECORDING} was not written, since it", "view"), ("Drawing its pictures", "plot")):
+        if learned is not None and (hint := advice(what, extra)):
+            say_aside(hint)
     if as_json:
         print_json(report)
     else:
-        print_blocks([heading, *blocks])
-        _say_what_is_written(folder, report)
-    complain(analysis.reason, analysis.remedy, as_json=False)
+        print_blocks([heading, *blocks, *(details if verbose else [])])
+        place = printable(folder)
+        say_aside(f"Took {report['seconds']:.1f} s. Written to {place}: {', '.join(map(printable, report['files']))}.")
+        say_aside(f"Read or mail: {place}/report.html")
+        if RECORDING in report["files"]:
+            say_aside(f"Look: {shlex.join(['rerun', f'{place}/{RECORDING}'])}")
+    if learned is None:
+        complain(analysis.reason, analysis.remedy, as_json=False)
+        raise click.exceptions.Exit(UNSUPPORTED)
 
 
 def named_after(source: str) -> Path:
-    """The folder named after a log, in the current one; another name where that is no name or the log itself."""
+    """Returns the folder named after a log, the ``source``, in the current one; not the log's own name."""
     name = Path(source).name
     stem = name.removesuffix(".xz")
     stem = stem.removesuffix(Path(stem).suffix)
     return Path(stem if stem.strip(".") and stem != name else f"{name}-learnt")
 
 
-def _say_what_is_written(folder: Path, report: dict[str, Any]) -> None:
-    """On standard error: what was written, and what to open."""
-    place = printable(folder)
-    say_aside(f"Took {report['seconds']:.1f} s. Written to {place}: {', '.join(map(printable, report['files']))}.")
-    say_aside(f"Read or mail: {place}/report.html")
-    if RECORDING in report["files"]:
-        say_aside(f"Look: {shlex.join(['rerun', f'{place}/{RECORDING}'])}")
-
-
 def _again(lengths: tuple[str, ...]) -> str:
     """The same command with other lengths."""
     context = click.get_current_context()
-    kept = [
-        word
-        for name in ("out", "axis", "vehicle", "inputs", "preset", "order", "start", "truth")
-        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-        for word in (f"--{name}", str(context.params[name]))
-    ]
+    options = ("out", "axis", "vehicle", "inputs", "preset", "order", "start", "truth")
+    given = [name for name in options if context.get_parameter_source(name) is ParameterSource.COMMANDLINE]
+    kept = [word for name in given for word in (f"--{name}", str(context.params[name]))]
     return shlex.join(["mavdem", "learn", context.params["source"], *kept, *lengths])

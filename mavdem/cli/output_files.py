@@ -10,15 +10,13 @@ from typing import Any
 
 import click
 
+from mavdem.analysis import LogAnalysis
 from mavdem.cli.options import no_option
 from mavdem.cli.output import json_text
 from mavdem.cli.signals import ending_at_once
-from mavdem.dem import Learned
 from mavdem.errors import Unreadable, missing
-from mavdem.evaluate import HeldOut
 from mavdem.export.channels import write_channels
 from mavdem.files import atomic_write, atomic_writes, replaceable
-from mavdem.flight import Flight
 
 RECORDING = "flight.rrd"
 RESULT_FILES = ("model.json", "report.json", "report.html", RECORDING, "flight.mcap")  # of the files of a learnt flight
@@ -51,25 +49,25 @@ def check_folder(folder: Path, names: Sequence[str] = RESULT_FILES) -> None:
             raise Unreadable(f"{path} is a folder, where a file is to be written: move it, or name another --out.")
 
 
-def write_results(
-    folder: Path, report: dict[str, Any], page: str, flights: Sequence[Flight], learned: Learned, held_out: HeldOut
-) -> None:
-    """Writes the :func:`result_files`, as :func:`files_in` does; ``page`` is the HTML."""
-    names = result_files()
+def write_results(folder: Path, report: dict[str, Any], page: str, analysis: LogAnalysis) -> None:
+    """Writes the :func:`result_files`, as :func:`files_in` does; ``page`` is the HTML. Those of a run before go."""
+    learned, held_out, flights = analysis.learned, analysis.held_out, analysis.flights
+    names = result_files(with_model=learned is not None)
     with files_in(folder, names) as paths:
         place = dict(zip(names, paths, strict=True))
-        place["model.json"].write_text(learned.to_json() + "\n")
         place["report.json"].write_text(json_text(report) + "\n")
         place["report.html"].write_bytes(page_bytes(page))
-        if RECORDING in names:
-            # Rerun takes a second to load, and a flight that cannot be learnt needs none of it.
-            with ending_at_once():
-                from mavdem.view import write_recording
+        if learned is not None and held_out is not None:
+            place["model.json"].write_text(learned.to_json() + "\n")
+            if RECORDING in names:
+                # Rerun takes a second to load, and a flight that cannot be learned needs none of it.
+                with ending_at_once():
+                    from mavdem.view import write_recording
 
-            write_recording(place[RECORDING], flights, learned, held_out)
-        write_channels(place["flight.mcap"], flights, learned, held_out)
-    if RECORDING not in names:
-        (folder / RECORDING).unlink(missing_ok=True)  # of a run before, it would not go with the others
+                write_recording(place[RECORDING], flights, learned, held_out)
+            write_channels(place["flight.mcap"], flights, learned, held_out)
+    for name in set(RESULT_FILES) - set(names):
+        (folder / name).unlink(missing_ok=True)
 
 
 def write_page(path: Path, page: str) -> None:
@@ -81,15 +79,6 @@ def write_page(path: Path, page: str) -> None:
 def page_bytes(page: str) -> bytes:
     """Returns HTML in UTF-8, which a file's name in it need not be."""
     return page.encode(errors="replace")
-
-
-def write_figures(folder: Path, report: dict[str, Any], page: str) -> None:
-    """Writes the :func:`result_files` of a flight without a model; those of a model learnt before go."""
-    with files_in(folder, FIGURES) as (figures, html):
-        figures.write_text(json_text(report) + "\n")
-        html.write_bytes(page_bytes(page))
-    for name in set(RESULT_FILES) - set(FIGURES):
-        (folder / name).unlink(missing_ok=True)
 
 
 def result_files(with_model: bool = True) -> tuple[str, ...]:

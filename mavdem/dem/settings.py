@@ -62,12 +62,15 @@ class Gaussian:
 
 def _numbered_from_zero(groups: tuple[int, ...]) -> tuple[int, ...]:
     if sorted(set(groups)) != list(range(len(set(groups)))):
-        raise ValueError
+        raise ValueError("must be group numbers that start at 0 and leave none out")
     return groups
 
 
 def _positive_definite(rows: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
-    require_positive_definite(np.array(rows), "it", len(rows))
+    try:
+        require_positive_definite(np.array(rows), "it", len(rows))
+    except ValueError:
+        raise ValueError("must be positive, or a positive definite matrix") from None
     return rows
 
 
@@ -79,55 +82,31 @@ Logs = Log | Annotated[tuple[Log, ...], Field(min_length=1)]
 Matrix = Annotated[tuple[tuple[float, ...], ...], Field(min_length=1), AfterValidator(_positive_definite)]
 Groups = Annotated[tuple[int, ...], Field(min_length=1), AfterValidator(_numbered_from_zero)]
 
-_WHOLE, _NATURAL = "a whole number of at least 0", "a whole number of at least 1"
-_POSITIVE = f"a positive number of at least {SMALLEST:g} and at most {1 / SMALLEST:g}"
-_LOG = f"a number of at most {LARGEST_LOG:g} either way"
-
-RULES: dict[str, tuple[Any, str]] = {
-    "order": (Natural | None, f"{_NATURAL}, or None for one more than outputs"),
-    "p": (Whole, _WHOLE),
-    "d": (Whole | None, f"{_WHOLE}, or None"),
-    "window": (Natural | None, f"{_NATURAL}, or None"),
-    "scaling": (Literal["channel", "paper", "none"], '"channel", "paper" or "none"'),
-    "known_inputs": (
-        bool | Annotated[tuple[bool, ...], Field(min_length=1)],
-        "True or False, or one of them for each input",
-    ),
-    "smoothness": (
-        Positive | None,
-        "a positive number or None; mavdem.dem.estimate_smoothness(flight).smoothness is an estimate",
-    ),
-    "correlation": (Literal["sampled", "continuous"], '"sampled" or "continuous"'),
-    "noise_groups": (
-        tuple[Groups, Groups] | None,
-        "two tuples of group numbers, of outputs and of states, which start at 0 and leave none out, or None",
-    ),
-    "prior": (Literal["regulated", "uniform"] | Gaussian, '"regulated", "uniform" or a Gaussian'),
-    "parameter_precision": (Positive | None, f"{_POSITIVE}, or None"),
-    "lambda_z": (Logs, f"{_LOG}, or one for each group"),
-    "lambda_w": (Logs, f"{_LOG}, or one for each group"),
-    "lambda_log_precision": (tuple[Logs, Logs], f"two, of λz and of λw: each {_LOG}, or one for each group"),
-    "input_precision": (
-        Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | Matrix,
-        "a positive number, one for each input, or a positive definite matrix",
-    ),
-    "learning_rates": (
-        tuple[Positive | None, Positive | None, Positive | None] | None,
-        "three positive numbers or Nones, or None",
-    ),
-    "iterations": (Natural, _NATURAL),
-    "seed": (Whole, _WHOLE),
-    "horizon": (Positive | None, f"{_POSITIVE}, or None"),
-    "forecasts": (Literal["mixed", "shrunk", "model"], '"mixed", "shrunk" or "model"'),
+TYPES: dict[str, Any] = {
+    "order": Natural | None,
+    "p": Whole,
+    "d": Whole | None,
+    "window": Natural | None,
+    "scaling": Literal["channel", "paper", "none"],
+    "known_inputs": bool | Annotated[tuple[bool, ...], Field(min_length=1)],
+    "smoothness": Positive | None,
+    "correlation": Literal["sampled", "continuous"],
+    "noise_groups": tuple[Groups, Groups] | None,
+    "prior": Literal["regulated", "uniform"] | Gaussian,
+    "parameter_precision": Positive | None,
+    "lambda_z": Logs,
+    "lambda_w": Logs,
+    "lambda_log_precision": tuple[Logs, Logs],
+    "input_precision": Positive | Annotated[tuple[Positive, ...], Field(min_length=1)] | Matrix,
+    "learning_rates": tuple[Positive | None, Positive | None, Positive | None] | None,
+    "iterations": Natural,
+    "seed": Whole,
+    "horizon": Positive | None,
+    "forecasts": Literal["mixed", "shrunk", "model"],
 }
-"""What each setting may be: the type that pydantic checks, and in words."""
+"""What each setting may be, for pydantic; the fields' own annotations are for people."""
 
-COMPLETE_RULES = RULES | {
-    "order": (Natural, _NATURAL),
-    "d": (Whole, _WHOLE),
-    "window": (Natural, _NATURAL),
-    "parameter_precision": (Positive, _POSITIVE),
-}
+COMPLETE_TYPES = TYPES | {"order": Natural, "d": Whole, "window": Natural, "parameter_precision": Positive}
 
 FORMER = {
     "lambda_prior": "lambda_z and lambda_w are the means, and lambda_log_precision has the logs of the precisions",
@@ -157,6 +136,8 @@ def _translated(values: Mapping[str, Any]) -> dict[str, Any]:
     for name in FORMER.keys() & new.keys():
         if new.pop(name) is not None:
             raise ValueError(f"{name} is no setting any more: {FORMER[name]}")
+    if new.get("smoothness") == "learn":
+        raise ValueError("smoothness must be a number; mavdem.dem.estimate_smoothness(flight).smoothness is one")
     precisions = list(new.get("lambda_log_precision", (25.0, -4.6)))
     for index, name in enumerate(("lambda_z_precision", "lambda_w_precision")):
         if name in new:
@@ -275,8 +256,8 @@ class Settings:
     forecasts: Literal["mixed", "shrunk", "model"] = "mixed"
 
     def __post_init__(self) -> None:
-        rules = COMPLETE_RULES if isinstance(self, CompleteSettings) else RULES
-        for name, value in checked_values(rules, {name: _plain(value) for name, value in vars(self).items()}).items():
+        types = COMPLETE_TYPES if isinstance(self, CompleteSettings) else TYPES
+        for name, value in checked_values(types, {name: _plain(value) for name, value in vars(self).items()}).items():
             object.__setattr__(self, name, value)
         self._require_consistent()
 

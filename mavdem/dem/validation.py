@@ -17,22 +17,24 @@ SHORT = Repr()
 SHORT.maxother = SHORT.maxstring = 80
 
 
-def checked_values(rules: Mapping[str, tuple[Any, str]], values: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the values by name, each of the type that its rule has.
+def checked_values(types: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns the values by name, each of its type, which may have pydantic's constraints.
 
-    A rule is a type, which may have pydantic's constraints, and what the value must be in words: otherwise
-    ``ValueError``: ``<name> must be <words>, not <value>``.
+    Raises:
+        ValueError: ``<name> must be …, not <value>``.
     """
     try:
-        return dict(_model(tuple(rules.items())).model_validate(values))
+        return dict(_model(tuple(types.items())).model_validate(values))
     except ValidationError as error:
-        name = str(error.errors(include_url=False)[0]["loc"][0])
-        raise ValueError(f"{name} must be {rules[name][1]}, not {values[name]!r}") from None
+        first = error.errors(include_url=False)[0]
+        name, said = str(first["loc"][0]), first["msg"].removeprefix("Value error, ")
+        said = said.replace("Input should", "must", 1).replace("Tuple should", "must", 1)
+        raise ValueError(f"{name} {said}, not {values[name]!r}") from None
 
 
 @cache
-def _model(rules: tuple[tuple[str, tuple[Any, str]], ...]) -> type[BaseModel]:
-    fields: Any = {name: (kind, ...) for name, (kind, _) in rules}
+def _model(types: tuple[tuple[str, Any], ...]) -> type[BaseModel]:
+    fields: Any = {name: (kind, ...) for name, kind in types}
     model: type[BaseModel] = create_model("Values", __config__=STRICT, **fields)
     return model
 

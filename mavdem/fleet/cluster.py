@@ -99,6 +99,7 @@ def read_on_worker(job: Job, limits: Limits, read: str) -> Outcome:
             current_process().daemon = False
             threads = get_worker().state.nthreads
             _pools[limits, read] = WorkerPool(threads, limits, read)
+            _pools[limits, read].start()
         pool = _pools[limits, read]
     return pool.run(job)
 

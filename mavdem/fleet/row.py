@@ -255,75 +255,58 @@ def row_schema() -> Any:
     return pyarrow.schema(columns, metadata={"mavdem_schema": str(SCHEMA_VERSION)})
 
 
+PLACES = {
+    **{name: f"identity.{name}" for name in ("system", "autopilot", "frame", "firmware", "date")},
+    "vehicle": "identity.name",
+    "vehicle_basis": "identity.basis",
+    "tier": "tier",
+    "tier_reason": "reason",
+    "duration": "condition.settled",
+    **{name: f"verdict.figures.{name}" for name in ("attitude_rate", "motor_rate")},
+    **{name: f"condition.{name}" for name in ("collective", "tilt_sd", "tilt_max")},
+    **{f"lean_{axis}": f"condition.lean.{axis}.mean" for axis in ("roll", "pitch")},
+    **{f"voltage_{when}": f"condition.battery.voltage_{when}" for when in ("start", "end", "mean")},
+    "vibration": "condition.vibration.level",
+    "clips": "condition.vibration.clips",
+    **{name: f"condition.hover.{name}" for name in ("motors", "trim", "trim_share", "headroom")},
+    "trim_share_interval": "condition.share_interval",
+    "saturated": "condition.hover.at_upper_limit",
+    "mean_inputs": "condition.hover.trim",
+    "error_ratio": "forecast_over_constant_mean",
+    "coverage": "inside_90_percent_band",
+    "wind_torque_sd": "wind.sd",
+    "wind_torque_mean": "wind.mean",
+    "wind_torque_interval": "wind.mean_band",
+    **{name: f"physical.{name}" for name in ("effect", "damping", "lag")},
+    **{f"{name}_interval": f"physical.interval_90_percent.{name}" for name in ("effect", "damping", "lag")},
+    **{f"{name}_status": f"physical.status.{name}" for name in ("effect", "damping", "lag")},
+}
+"""Where columns are in a document of ``report.json``."""
+
+
 def _of_report(report: Mapping[str, Any]) -> dict[str, Any]:
-    """The columns that a document of ``report.json`` has."""
-    flight, condition, identity = (report.get(name) or {} for name in ("flight", "condition", "identity"))
-    hover = condition.get("hover") or report.get("hover") or {}
-    measured = (report.get("verdict") or {}).get("figures") or {}
-    columns = {
-        "vehicle": identity.get("name") or UNKNOWN,
-        "vehicle_basis": identity.get("basis"),
-        "system": identity.get("system"),
-        "autopilot": identity.get("autopilot") or flight.get("autopilot"),
-        "frame": identity.get("frame") or flight.get("vehicle"),
-        "firmware": identity.get("firmware") or None,
-        "date": identity.get("date"),
-        "axis": report["outputs"][0] if report.get("outputs") else (report.get("verdict") or {}).get("axis"),
-        "tier": report.get("tier") if "tier" in report else "a",
-        "tier_reason": report.get("reason") or None,
-        "duration": condition.get("settled", hover.get("seconds")),
-        "attitude_rate": measured.get("attitude_rate"),
-        "motor_rate": measured.get("motor_rate"),
-        **{name: condition.get(name) for name in ("collective", "tilt_sd", "tilt_max")},
-        **{f"lean_{axis}": lean["mean"] for axis, lean in (condition.get("lean") or {}).items()},
-    }
-    battery, vibration = condition.get("battery") or {}, condition.get("vibration") or {}
-    columns |= {name: battery.get(name) for name in ("voltage_start", "voltage_end", "voltage_mean")}
-    columns |= {"vibration": vibration.get("level"), "clips": vibration.get("clips")}
-    if hover:
-        intervals = condition.get("share_interval")
-        columns |= {
-            "motors": hover["motors"],
-            "trim_unit": hover["unit"],
-            "trim": hover["trim"],
-            "trim_share": hover["trim_share"],
-            "trim_share_interval": intervals or None,
-            "headroom": hover["headroom"],
-            "saturated": hover["at_upper_limit"],
-            "inputs": MOTORS,
-            "input_unit": hover["unit"],
-            "mean_inputs": hover["trim"],
-        }
-    return columns | _of_model(report, flight, bool(hover))
+    """The columns that a document of ``report.json`` has; nothing is known by an empty text or list."""
 
+    def at(place: str) -> Any:
+        value: Any = report
+        for key in place.split("."):
+            value = None if value is None else value.get(key)
+        return value
 
-def _of_model(report: Mapping[str, Any], flight: Mapping[str, Any], has_hover: bool) -> dict[str, Any]:
-    """The columns of the model, and the warnings."""
-    alarms = tuple(alarm["sentence"] for alarm in report.get("alarms") or ())
-    if "inputs" not in report and report.get("physical") is None:
-        return {"warnings": (*alarms, *((report.get("verdict") or {}).get("cautions") or ()))}
-    names, scale = list(report.get("inputs") or ()), flight.get("scale") or {}
-    by_demand = scale.get("name") == DEMAND or (len(names) == 1 and names[0].endswith(f" {DEMAND}"))
-    columns = {
-        "warnings": (*alarms, *(report.get("cautions") or ())),
-        "inputs": DEMAND if by_demand else MOTORS,
-        "input_unit": scale.get("unit"),
-        "error_ratio": report.get("forecast_over_constant_mean"),
-        "coverage": report.get("inside_90_percent_band"),
-    }
-    if not has_hover and not by_demand:
-        columns["motors"] = names or None
-    if (wind := report.get("wind")) is not None:
-        columns |= {
-            "wind_torque_sd": wind["sd"],
-            "wind_torque_mean": wind["mean"],
-            "wind_torque_interval": wind["mean_band"],
-        }
-    if (physical := report.get("physical")) is not None:
-        halves, status = physical["interval_90_percent"], physical["status"]
-        for name in ("effect", "damping", "lag"):
-            columns |= {name: physical[name], f"{name}_interval": halves[name], f"{name}_status": status[name]}
-    return columns
+    columns = {name: value for name, place in PLACES.items() if (value := at(place)) not in (None, "", [], ())}
+    axis = at("verdict.axis") if not report.get("outputs") else report["outputs"][0]
+    unit = at("condition.hover.unit")
+    inputs = None if unit is None else MOTORS
+    names, cautions = list(report.get("inputs") or ()), at("verdict.cautions")
+    if names or report.get("physical") is not None:  # a model
+        by_demand = at("flight.scale.name") == DEMAND or (len(names) == 1 and names[0].endswith(f" {DEMAND}"))
+        unit, inputs, cautions = at("flight.scale.unit"), DEMAND if by_demand else MOTORS, report.get("cautions")
+        if not by_demand:
+            columns = {"motors": names or None} | columns
+    alarms = [alarm["sentence"] for alarm in report.get("alarms") or ()]
+    known = {"axis": axis, "inputs": inputs, "input_unit": unit, "trim_unit": at("condition.hover.unit")}
+    default = {"vehicle": UNKNOWN, "tier": "a" if "tier" not in report else None}
+    return default | columns | known | {"warnings": (*alarms, *(cautions or ()))}
 
 
 Flight = Sequence[FlightRow]

@@ -114,31 +114,32 @@ class Reader(Protocol):
 
 
 class WorkerPool:
-    """Reads logs with so many ``processes`` at a time, each within ``limits``, by the function ``read``.
-
-    The processes are started when the first log is read; :meth:`stop` ends them.
-    """
+    """Reads logs with so many ``processes`` at a time, each within ``limits``, by the function ``read``."""
 
     def __init__(self, processes: int, limits: Limits, read: str = READ_LOG) -> None:
         require("Reading the logs of a fleet", "fleet")
-        from pebble import ProcessPool
-
         self.limits = limits
         self._processes, self._read = processes, read
+
+    def start(self) -> None:
+        """Makes ready; the processes are started when the first log is read, and :meth:`stop` ends them."""
+        from pebble import ProcessPool
+
+        # Read when NumPy is imported. Others like the process have the other cores.
+        for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+            os.environ.setdefault(name, "1")
+        os.environ.setdefault("MPLBACKEND", "agg")
         # What a process fetches goes also where it was killed.
         self._scratch = tempfile.TemporaryDirectory(prefix="mavdem-", ignore_cleanup_errors=True)
-        self._pool = ProcessPool(
-            processes,
-            initializer=_begin,
-            initargs=(limits.megabytes, self._scratch.name),
-            context=get_context("spawn"),
-        )
+        given = self.limits.megabytes, self._scratch.name
+        self._pool = ProcessPool(self._processes, initializer=_begin, initargs=given, context=get_context("spawn"))
 
     def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
         """As :class:`Reader` has it; raises ``Unreadable`` if no process can be started."""
         # One more than processes, so that none waits for what comes next. Ctrl-C reaches this process only, which
         # decides what it means: the threads, and the processes that they start, have it blocked.
         block = partial(signal.pthread_sigmask, signal.SIG_BLOCK, {signal.SIGINT})
+        self.start()
         with ThreadPoolExecutor(self._processes + 1, initializer=block) as threads:
             try:
                 running = {threads.submit(self.run, job) for job in islice(jobs, self._processes + 1)}
@@ -154,10 +155,6 @@ class WorkerPool:
         """Reads one log, and returns when that is done; raises ``Unreadable`` if no process can be started."""
         from pebble import ProcessExpired
 
-        # Read when NumPy is imported. Others like the process have the other cores.
-        for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-            os.environ.setdefault(name, "1")
-        os.environ.setdefault("MPLBACKEND", "agg")
         seconds, code = self.limits.seconds, 0
         for _ in range(ATTEMPTS):
             try:
@@ -189,6 +186,7 @@ class WorkerPool:
 
 def _begin(megabytes: int, scratch: str) -> None:
     """In a process: sets its limits, and what it leaves to whom."""
+    os.setsid()  # what a terminal sends to its programs is not for it, and the system shares its time out by session
     if not os.environ.get("MAVDEM_TRACEBACK"):
         nothing = os.open(os.devnull, os.O_WRONLY)
         for output in (1, 2):

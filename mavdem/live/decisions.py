@@ -17,6 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import inf, isfinite
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,11 +34,11 @@ from mavdem.alignment.drive import (
 from mavdem.alignment.phases import AVERAGING_SECONDS, CLIMB_OUT_SPEED, REPORT_SECONDS, TRANSIENT_SECONDS, both
 from mavdem.alignment.signals import CLIMB_FIELDS, Signals, motors_or_demand
 from mavdem.ingest.motors import MotorGeometry, OutputScale
-from mavdem.ingest.telemetry import Columns, Telemetry
+from mavdem.ingest.telemetry import Columns, Telemetry, joined
 from mavdem.ingest.vocabulary import ACTIVE, ARMED, CUSTOM_MODE, IN_AIR, LANDING_MODES, STANDBY
 from mavdem.live.history import FLIGHT_UNKNOWN, NOT_FLYING
 from mavdem.live.messages import Values
-from mavdem.live.rows import KEPT_SECONDS
+from mavdem.live.rows import Samples
 
 PHASE_SECONDS, REPORTS_SECONDS = 2 * AVERAGING_SECONDS, 2 * REPORT_SECONDS
 """Of thrust and vertical speed, and of reports, that are looked back on."""
@@ -45,36 +46,24 @@ REPORTED = ("armed", "landed_state")
 TOUCHDOWN_SHARE, TOUCHDOWN_SECONDS = 0.5, 0.2
 """Of the collective in flight, and over how long: in the air a multirotor carries its weight, on the ground it idles at
 a third."""
-MAX_PORTS = 4  # Of a message of outputs that are read; PX4 has two
-MIN_STEP_SECONDS = 0.005  # Between two rows of outputs that are looked back on
-MAX_ROWS = 4096  # Samples of each kind that are looked back on: 2 s at 2 kHz
-
-Rows = deque[tuple[float, Values]]
-"""Time, s, and values of messages of one kind."""
+MAX_ROWS = 512  # Of each stream of outputs that are looked back on
+MIN_STEP_SECONDS = 0.005  # Between two values of the collective
+MAX_REPORTS = 4096  # Of each kind of what shows the phase
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
+    """What the rows of a segment are, like the ``provenance`` of a ``Flight``."""
 
-    Attributes:
-        segment, boot: number of the segment and of the boot.
-        dt: step, s.
-        attitude, motors: names of the messages.
-        layout, scale: of the inputs.
-        rates: Hz of attitude and motors that decided the step.
-        start: first point of the grid, s; the first row may be a few seconds later.
-    """
-
-    segment: int
-    boot: int
-    dt: float
-    attitude: str
-    motors: str
-    layout: MotorGeometry
+    segment: int  # its number
+    boot: int  # the number of the boot
+    dt: float  # step, s
+    attitude: str  # name of the message
+    motors: str  # name of the message
+    layout: MotorGeometry  # with scale: of the inputs
     scale: OutputScale
-    rates: tuple[float, ...]
-    start: float
+    rates: tuple[float, ...]  # Hz of attitude and motors that decided the step
+    start: float  # first point of the grid, s; the first row may be a few seconds later
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +76,7 @@ class Inputs:
     picks: tuple[tuple[int, int], ...]
     collective: Signal | None  # of the last seconds
 
-    @property
+    @cached_property
     def ports(self) -> tuple[int, ...]:
         """The ports with inputs, the one with most of them first."""
         ports = [port for port, _ in self.picks]
@@ -103,53 +92,40 @@ class Inputs:
         return (value - self.scale.low) / (self.scale.high - self.scale.low)
 
 
-class OutputMessages:
-    """The motor outputs and demands of the last seconds, and of each channel the rows with its extremes.
+class InputChoice:
+    """Chooses the inputs of the model from the outputs of the last seconds, and from the rows with their extremes.
 
     These show which channels move, and on which scale, also while they hold still.
     """
 
     def __init__(self) -> None:
-        self._recent: dict[str, dict[int, Rows]] = {name: {} for name in (*MOTOR_MESSAGES, DEMAND_MESSAGE)}
         self._extremes: dict[tuple[str, int], list[tuple[float, Values]]] = {}
 
-    def take(self, message: str, port: int, time: float, values: Values) -> bool:
-        """Adds a message; returns False where its port is one too many."""
-        ports = self._recent[message]
-        if port not in ports:
-            if len(ports) >= MAX_PORTS:
-                return False
-            ports[port] = deque(maxlen=MAX_ROWS)
-        rows = ports[port]
-        if rows and 0 <= time - rows[-1][0] < MIN_STEP_SECONDS:
-            return True
-        rows.append((time, values))
-        while rows[0][0] < time - KEPT_SECONDS:
-            rows.popleft()
-        return True
-
     def restart(self) -> None:
-        """Drops the rows after a reboot; which channels move stays."""
-        for ports in self._recent.values():
-            for rows in ports.values():
-                rows.clear()
+        """Begins another clock after a reboot; which channels move stays."""
         for key, kept in self._extremes.items():
             self._extremes[key] = [(-1.0 - row, values) for row, (_, values) in enumerate(kept)]
 
     def choose(
-        self, vehicle: Telemetry, axis: str, inputs: str | None, staying: str | None, rates: Mapping[str, float]
+        self,
+        streams: Mapping[tuple[str, int], Samples],
+        vehicle: Telemetry,
+        axis: str,
+        inputs: str | None,
+        staying: str | None,
+        rates: Mapping[str, float],
     ) -> Inputs | None:
-        """The inputs by the rule of ``Signals.drive``; None without any.
+        """Returns the inputs by the rule of ``Signals.drive``; None without any.
 
-        ``vehicle`` has the identity and the parameters, ``axis`` and ``inputs`` are as for ``Signals``, ``staying`` is
-        the only message to consider where there is one, ``rates`` are Hz by message.
+        ``streams`` are by message and port, ``rates``, Hz, by message. ``vehicle`` has the identity and the parameters,
+        ``axis`` and ``inputs`` are as for ``Signals``, ``staying`` is the only message to consider, if there is one.
         """
-        messages, oldest = {}, inf
-        for name in self._recent if staying is None else (staying,):
-            columns, since = self._columns(name)
-            oldest = min(oldest, since)
-            if columns is not None:
-                messages[name] = columns
+        messages: dict[str, dict[str, NDArray[Any]]] = {}
+        oldest = min((stream.time[0] for stream in streams.values() if stream.time), default=inf)
+        for (name, port), stream in sorted(streams.items()):
+            if name in (*MOTOR_MESSAGES, DEMAND_MESSAGE) and staying in (None, name) and stream.time:
+                columns = self._columns(name, port, stream)
+                messages[name] = joined([messages[name], columns]) if name in messages else columns
         inputs = "demand" if staying == DEMAND_MESSAGE else inputs
         signals = Signals(replace(vehicle, messages=messages), axis, inputs)
         drive, collective = signals.drive, signals.collective
@@ -172,25 +148,17 @@ class OutputMessages:
             collective = Signal(collective.time[now], collective.boot[now], collective.values[now])
         return Inputs(drive.message, drive.layout, drive.scale, tuple(picks), collective)
 
-    def _columns(self, name: str) -> tuple[Columns | None, float]:
-        """The rows of a message as columns, None without any, and the time of the oldest recent one, s."""
-        tables, times, ports = [], [], []
-        oldest = inf
-        for port, recent in sorted(self._recent[name].items()):
-            if recent:
-                oldest = min(oldest, recent[0][0])
-                rows = [*self._extremes.get((name, port), ()), *recent]
-                tables.append(np.array([values for _, values in rows]))
-                times += [time for time, _ in rows]
-                ports += [port] * len(rows)
-                self._extremes[name, port] = [rows[row] for row in _extreme_rows(tables[-1])]
-        if not tables:
-            return None, oldest
-        table = np.concatenate(tables)
-        columns = {"time": np.array(times), "boot": np.zeros(len(times), dtype=np.int64)}
+    def _columns(self, name: str, port: int, stream: Samples) -> dict[str, NDArray[Any]]:
+        """The outputs of one port as columns."""
+        every = 1 + len(stream.time) // MAX_ROWS
+        recent = list(zip(stream.time[::every], stream.values[::every], strict=True))
+        rows = [*self._extremes.get((name, port), ()), *recent]
+        table = np.array([values for _, values in rows])
+        self._extremes[name, port] = [rows[row] for row in _extreme_rows(table)]
+        columns = {"time": np.array([time for time, _ in rows]), "boot": np.zeros(len(rows), dtype=np.int64)}
         if name == "SERVO_OUTPUT_RAW":
-            return columns | {"port": np.array(ports)} | {f"servo{n + 1}_raw": table[:, n] for n in range(16)}, oldest
-        return columns | {"actuator" if name == "ACTUATOR_OUTPUT_STATUS" else "controls": table}, oldest
+            return columns | {"port": np.full(len(rows), port)} | {f"servo{n + 1}_raw": table[:, n] for n in range(16)}
+        return columns | {"actuator" if name == "ACTUATOR_OUTPUT_STATUS" else "controls": table}
 
 
 def _extreme_rows(table: NDArray[np.float64]) -> list[int]:
@@ -229,7 +197,9 @@ class Phase:
         self.flying = self.steady = self.idle = False
         self.parameters: Mapping[str, float] = {}
         self._rows: dict[str, deque[tuple[float, float]]]
-        self._rows = {kind: deque(maxlen=MAX_ROWS) for kind in ("armed", "collective", "landed_state", *CLIMB_FIELDS)}
+        self._rows = {
+            kind: deque(maxlen=MAX_REPORTS) for kind in ("armed", "collective", "landed_state", *CLIMB_FIELDS)
+        }
         self._start = self._reviewed = -inf
         self._settled_from: float | None = None
         self._beat: tuple[float, bool] | None = None
@@ -296,6 +266,8 @@ class Phase:
         if not isfinite(value):
             return
         rows = self._rows[kind]
+        if kind == "collective" and rows and 0 <= time - rows[-1][0] < MIN_STEP_SECONDS:
+            return
         changed = kind == "landed_state" and (not rows or rows[-1][1] != value)
         rows.append((time, value))
         if changed:

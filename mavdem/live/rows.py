@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
-from math import inf, isfinite, isnan, nan
+from math import inf, isfinite, isnan, nan, nextafter
 from statistics import median
 from typing import NamedTuple
 
@@ -48,23 +48,14 @@ OTHER_RATE_RATIO = 1.3  # A rate that differs by this factor from the one that d
 
 
 class AlignedRow(NamedTuple):
-    """One point of the grid, as a row of the ``Flight`` that ``align`` returns.
+    """One point of the grid, as a row of the ``Flight`` that ``align`` returns."""
 
-    Attributes:
-        time: s on the boot clock.
-        inputs: (r,) motor outputs in the unit of the stream, or the demand.
-        outputs: (2,) angle, rad, and body rate, rad/s.
-        segment: number of the segment, from 0 on; rows of one segment are one step apart.
-        received: UNIX s at which the bytes that completed it were received.
-        settled: whether the vehicle was in settled flight, as far as is known by then.
-    """
-
-    time: float
-    inputs: NDArray[np.float64]
-    outputs: NDArray[np.float64]
-    segment: int
-    received: float
-    settled: bool
+    time: float  # s on the boot clock
+    inputs: NDArray[np.float64]  # (r,) motor outputs in the unit of the stream, or the demand
+    outputs: NDArray[np.float64]  # (2,) angle, rad, and body rate, rad/s
+    segment: int  # its number, from 0 on; rows of one segment are one step apart
+    received: float  # UNIX s at which the bytes that completed it were received
+    settled: bool  # whether the vehicle was in settled flight, as far as is known by then
 
 
 class PlacedMessage(NamedTuple):
@@ -191,7 +182,7 @@ def _continues(time: float, before: float) -> bool:
 
 
 class Samples:
-    """Stamps and values of the last ``KEPT_SECONDS`` of one stream since the last gap, in the order of their stamps.
+    """Stamps and values of the last ``KEPT_SECONDS`` of one stream, in the order of their stamps.
 
     ``time``: (N,) s, ascending. ``values``: (N,) tuples. ``gap``: the step, s, before the latest sample, if longer than
     ``MAX_GAP_SECONDS``; else 0. ``added``: number of samples so far. ``late``: number of samples that came after the
@@ -202,8 +193,12 @@ class Samples:
         self.time: list[float] = []
         self.values: list[Values] = []
         self.gap, self.added, self.late = 0.0, 0, 0
-        self.used_until = -inf
-        self._recent: list[float] = []
+        self.used_until = self._start = -inf
+
+    @property
+    def since(self) -> float:
+        """The time, s, of the first sample since the last gap; infinite without any."""
+        return max(self._start, self.time[0]) if self.time else inf
 
     def add(self, time: float, values: Values) -> bool:
         """Adds a sample; returns False for a copy, a repeated stamp, a late sample and values that are not finite."""
@@ -212,46 +207,41 @@ class Samples:
         self.gap = 0.0
         if not self.time or time > self.time[-1]:
             if self.time and time - self.time[-1] > MAX_GAP_SECONDS:
-                self.gap = time - self.time[-1]
-                self.clear()
+                self.gap, self._start = time - self.time[-1], time
             self.time.append(time)
             self.values.append(values)
         else:
             row = bisect_left(self.time, time)
             if self.time[row] == time:
                 return False
-            if time <= self.used_until or row == 0:
+            if time <= max(self.used_until, self.since):
                 self.late += 1
                 return False
             self.time.insert(row, time)
             self.values.insert(row, values)
         self.added += 1
-        self._recent.append(self.time[-1])
         # Only now and then: deleting from the front of a list moves all of it.
-        if len(self._recent) > 2 * MAX_SAMPLES or self.added % 64 == 0:
-            for stamps in (self.time, self._recent):
-                drop = max(bisect_left(stamps, stamps[-1] - KEPT_SECONDS), len(stamps) - MAX_SAMPLES)
-                del stamps[:drop]
-            del self.values[: len(self.values) - len(self.time)]
+        if self.added % 64 == 0:
+            drop = max(bisect_left(self.time, self.time[-1] - KEPT_SECONDS), len(self.time) - MAX_SAMPLES)
+            del self.time[:drop], self.values[:drop]
         return True
 
-    def clear(self) -> None:
-        """Removes the samples; the rate stays."""
-        self.time.clear()
-        self.values.clear()
+    def break_off(self) -> None:
+        """Begins a new run of samples with the next one, as after a gap."""
+        if self.time:
+            self._start = nextafter(self.time[-1], inf)
 
     def count(self, now: float) -> int:
         """Samples in the ``DECISION_SECONDS`` before ``now``."""
-        return len(self._recent) - bisect_left(self._recent, now - DECISION_SECONDS)
+        return len(self.time) - bisect_left(self.time, now - DECISION_SECONDS)
 
     def rate(self, now: float) -> float:
         """Hz over the ``DECISION_SECONDS`` before ``now``, gaps included; 0 with fewer than two samples."""
-        since = self._recent[bisect_left(self._recent, now - DECISION_SECONDS) :]
-        return mean_rate(np.array(since)) if len(since) > 1 and since[-1] > since[0] else 0.0
+        return mean_rate(np.array(self.time[-count:])) if (count := self.count(now)) > 1 else 0.0
 
     def usual_step(self) -> float | None:
         """Mean, s, of the middle half of the last steps, robust to jitter and to one lost in five; None if few."""
-        if len(self.time) <= MEDIAN_STEPS:
+        if len(self.time) - bisect_left(self.time, self.since) <= MEDIAN_STEPS:
             return None
         steps = np.sort(np.diff(self.time[-MEDIAN_STEPS - 1 :]))
         return float(steps[MEDIAN_STEPS // 4 : MEDIAN_STEPS - MEDIAN_STEPS // 4].mean())
@@ -277,7 +267,7 @@ class Samples:
 
     def filtered(self, time: float, weights: NDArray[np.float64], offsets: NDArray[np.float64]) -> Values:
         """The values low-passed at ``time`` by ``weights`` (L,) at ``offsets`` (L,) s from it."""
-        first = max(bisect_left(self.time, time + offsets[0]) - 1, 0)
+        first = max(bisect_left(self.time, time + offsets[0]) - 1, bisect_left(self.time, self.since))
         rows = slice(first, bisect_left(self.time, time + offsets[-1]) + 1)
         even = [np.interp(time + offsets, self.time[rows], column) for column in np.array(self.values[rows]).T]
         return tuple((np.array(even) @ weights).tolist())
@@ -327,7 +317,7 @@ class Grid:
 
     def begin(self, streams: Sequence[Samples]) -> bool:
         """Starts a segment if the streams, attitude first, are long enough; returns whether it did."""
-        first = max((stream.time[0] if stream.time else inf) for stream in streams)
+        first = max(stream.since for stream in streams)
         last = min((stream.time[-1] if stream.time else -inf) for stream in streams)
         first = max(first, self._latest + STAMP_RESOLUTION_SECONDS, self._steady_from)
         if last < self._try_from or last - first < (DECISION_SECONDS if self.dt is None else RESUME_SECONDS):
@@ -364,7 +354,7 @@ class Grid:
             time = self.start + self.dt * self._next
             values = []
             for stream, sampling in zip(self._streams, self._samplings, strict=True):
-                if not stream.time or time < stream.time[0] - STAMP_SECONDS:
+                if time < stream.since - STAMP_SECONDS:
                     self.end()  # one stream was ahead of the other for longer than samples are kept
                     return
                 value = _value_at(stream, sampling, time, self.dt)
@@ -427,4 +417,4 @@ def _value_at(stream: Samples, sampling: _Sampling, time: float, dt: float) -> V
         return near
     if last < time - STAMP_RESOLUTION_SECONDS:
         return None
-    return stream.interpolate(max(min(time, last), stream.time[0]))
+    return stream.interpolate(max(min(time, last), stream.since))

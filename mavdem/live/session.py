@@ -22,6 +22,7 @@ import numpy as np
 from mavdem.alignment.signals import axis_outputs
 from mavdem.dem import Estimate, Learned, OnlineLearner, Settings
 from mavdem.dem.parallel import pool
+from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.live.decisions import Setup
 from mavdem.live.history import (
     ACCOUNT,
@@ -357,10 +358,10 @@ class LiveSession:
         if vehicle is None or now - self._heard > SILENCE_SECONDS:
             return
         if self._request is None:
-            self._request = RateRequest(vehicle, self.rate)
+            self._request = RateRequest(FrameSender(vehicle.system, vehicle.component), self.rate)
         for message in self.stream.replies():
             self._request.take(message)
-        rates = self._arrivals.rates(now, self.stream.arrived)
+        rates = self._arrivals.rates(now, vehicle.arrived)
         if self._arrivals.resumed or self.stream.boot != self._boot:
             self._boot = self.stream.boot
             self._request.restart()

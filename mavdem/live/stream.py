@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import replace
 from math import inf, isnan
 
@@ -15,13 +14,13 @@ from mavdem.alignment.phases import AVERAGING_SECONDS, MAX_TILT
 from mavdem.alignment.signals import ATTITUDE_MESSAGES, CLIMB_FIELDS, MINIMUM_RATE
 from mavdem.alignment.verdict import NO_ATTITUDE, too_slow
 from mavdem.health.in_flight import MotorAlarm, MotorWatch
-from mavdem.ingest.mavlink.definitions import FrameSender, enum_name
+from mavdem.ingest.mavlink.definitions import enum_name
 from mavdem.ingest.mavlink.framing import GOOD
 from mavdem.ingest.mavlink.vehicles import PARAMETER_STORE
 from mavdem.ingest.motors import MULTIROTORS
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import UNNAMED
-from mavdem.live.decisions import Inputs, OutputMessages, Phase, Setup
+from mavdem.live.decisions import InputChoice, Inputs, Phase, Setup
 from mavdem.live.history import Event, SessionStatus
 from mavdem.live.messages import Frame, FrameReader, Message, Values, attitude, message_of, outputs, parameters_of
 from mavdem.live.rows import DECISION_SECONDS, AlignedRow, BootClock, Grid, PlacedMessage, Samples
@@ -30,6 +29,7 @@ from mavdem.live.senders import Sender, Senders
 MAX_EVENTS = 256  # Events kept until they are fetched
 REVIEW_SECONDS, CHOICE_SECONDS = 0.1, 0.5  # Of the boot clock, between two reviews of the phase, and two of the inputs
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
+MAX_PORTS = 4  # Of a message of outputs that are read; PX4 has two
 MAX_REPLIES = 64  # Replies kept until they are fetched
 MIN_JUDGED, CONTRADICTING_SHARE = 64, 0.2  # Messages whose stamps are judged together, and outliers among them
 RATE_CHECK_SAMPLES = 8  # Samples of a stream between two checks of its rate
@@ -69,7 +69,7 @@ class LiveStream:
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._replies: deque[Message] = deque(maxlen=MAX_REPLIES)
         self._streams: dict[tuple[str, int], Samples] = {}  # by message and port, which attitude has none of: 0
-        self._outputs, self._phase, self._grid = OutputMessages(), Phase(), Grid()
+        self._choice, self._phase, self._grid = InputChoice(), Phase(), Grid()
         self._attitude: str | None = None
         self._inputs: Inputs | None = None
         self._alarms = MotorAlarms()
@@ -80,26 +80,18 @@ class LiveStream:
         self._obstacle, self._enough = "The message rates are being measured.", True
 
     @property
+    def followed(self) -> Sender | None:
+        """The vehicle; None before it is known."""
+        return self._senders.followed
+
+    @property
     def parameters(self) -> dict[str, float]:
         """The vehicle's parameters received so far, by name; also those that MAVProxy stores for it."""
-        followed = self._senders.followed
-        if followed is None:
+        if self.followed is None:
             return {}
-        store = self._senders.get(followed.system, PARAMETER_STORE)
-        sent = {**(store.parameters if store else {}), **followed.parameters}
-        return parameters_of(sent.values(), followed.autopilot) if sent else {}
-
-    @property
-    def followed(self) -> FrameSender | None:
-        """The ids of the vehicle; None before it is known."""
-        followed = self._senders.followed
-        return None if followed is None else FrameSender(followed.system, followed.component)
-
-    @property
-    def arrived(self) -> Mapping[int, int]:
-        """Number of the vehicle's messages so far, by message id."""
-        followed = self._senders.followed
-        return {} if followed is None else followed.arrived
+        store = self._senders.get(self.followed.system, PARAMETER_STORE)
+        sent = {**(store.parameters if store else {}), **self.followed.parameters}
+        return parameters_of(sent.values(), self.followed.autopilot) if sent else {}
 
     def feed(self, stamp: float, data: bytes) -> list[AlignedRow]:
         """Takes the next ``data`` of the link, received at ``stamp``, UNIX s; returns the rows that it completes."""
@@ -109,25 +101,21 @@ class LiveStream:
             self._take(frame, rows)
         return rows
 
-    def replies(self) -> list[Message]:
-        """The vehicle's messages of ``REPLIES`` since the last call."""
-        new = list(self._replies)
-        self._replies.clear()
-        return new
-
     def landing(self) -> float | None:
         """The time, s of this boot, since which rows given as settled were of a landing; None if none is new."""
         return self._phase.landing()
 
+    def replies(self) -> list[Message]:
+        """The vehicle's messages of ``REPLIES`` since the last call."""
+        return [self._replies.popleft() for _ in range(len(self._replies))]
+
     def events(self) -> list[Event]:
         """The events since the last call."""
-        new = list(self._events)
-        self._events.clear()
-        return new
+        return [self._events.popleft() for _ in range(len(self._events))]
 
     def status(self) -> SessionStatus:
         """The status of the link and the vehicle."""
-        followed, now = self._senders.followed, self._clock.now
+        followed, now = self.followed, self._clock.now
         return SessionStatus(
             vehicle=followed.name if followed else None,
             obstacle=self._senders.obstacle or (NO_ATTITUDE[""] + self._advice if isnan(now) else self._obstacle),
@@ -191,7 +179,7 @@ class LiveStream:
         elif (name in MOTOR_MESSAGES or name == DEMAND_MESSAGE) and placed.stamped:
             port, values = outputs(message)
             # Group 0 of the demand is flight control.
-            if not (name == DEMAND_MESSAGE and port) and self._outputs.take(name, port, time, values):
+            if not (name == DEMAND_MESSAGE and port):
                 self._add(name, port, time, values, rows)
         elif name == "HEARTBEAT":
             kind, autopilot, *state = message.values
@@ -211,8 +199,10 @@ class LiveStream:
 
     def _add(self, name: str, port: int, time: float, values: Values | None, rows: list[AlignedRow]) -> None:
         """Adds a sample to its stream, and the rows that it completes."""
-        stream = self._streams.setdefault((name, port), Samples())
-        if values is None or not stream.add(time, values):
+        stream = self._streams.get((name, port))
+        if stream is None and sum(name == other for other, _ in self._streams) < MAX_PORTS:
+            stream = self._streams[name, port] = Samples()
+        if stream is None or values is None or not stream.add(time, values):
             return
         self.samples += 1
         inputs, streams = self._inputs, self._row_streams()
@@ -231,7 +221,7 @@ class LiveStream:
                 self._report(f"{name} no longer comes at {before:.3g} Hz: a new segment starts.")
                 self._grid.forget_step()
                 for changed in streams:
-                    changed.clear()
+                    changed.break_off()
         if not self._grid.running and self._phase.steady and self._grid.begin(streams):
             self._begin(inputs)
         if self._grid.running:
@@ -305,7 +295,7 @@ class LiveStream:
         ids = sender.system, sender.component, sender.kind, sender.autopilot
         staying = before.message if running and before else None
         vehicle, rates = Telemetry(*ids, {}, parameters), self._rates(self._clock.now)
-        inputs = self._outputs.choose(vehicle, self.axis, self._wanted, staying, rates)
+        inputs = self._choice.choose(self._streams, vehicle, self.axis, self._wanted, staying, rates)
         if inputs is None:
             return  # after a silence there is no evidence of a change
         if before is None or (before.key, before.scale.name) != (inputs.key, inputs.scale.name):
@@ -357,7 +347,7 @@ class LiveStream:
         """Drops everything on the old clock; the vehicle's identity and parameters stay."""
         self.boot = boot
         self._streams.clear()
-        self._outputs.restart()
+        self._choice.restart()
         self._attitude = self._inputs = None
         self._phase = Phase()
         self._alarms.restart()

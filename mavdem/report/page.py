@@ -239,7 +239,7 @@ PICTURES = {
     ),
     "residuals": (
         "Residuals",
-        "Errors one step ahead in the training data; what of them their past and the command would still predict. "
+        "Errors one step ahead in the training data; below, what past errors and the command still predict of them. "
         "Inside the shaded bounds that may be chance.",
     ),
     "learning": ("Learning", "The free energy action F̄, its terms and the parameters by iteration."),

@@ -89,19 +89,6 @@ def test_boots_are_never_joined():
     np.testing.assert_allclose(flight.outputs[:, 0], HOVER.roll(flight.time), atol=1e-9)
 
 
-def test_the_signals_of_the_phases_are_worked_out_once_for_all_boots(monkeypatch):
-    """A log may hold thousands of boots, and finding it takes a pass over all messages."""
-    calls = []
-    found = Signals.armed.func
-    monkeypatch.setattr(Signals.armed, "func", lambda one: calls.append(1) or found(one))
-    telemetry = HOVER.telemetry()
-    for message, table in telemetry.messages.items():
-        boots = np.arange(len(table["time"])) * 20 // len(table["time"])
-        telemetry = changed(telemetry, message, boot=boots)
-    settled_segments(Signals(telemetry))
-    assert len(calls) == 1
-
-
 def test_a_disarmed_vehicle_has_no_segment():
     telemetry = HOVER.telemetry()
     assert settled_segments(Signals(changed(telemetry, "HEARTBEAT", base_mode=np.ones(len(HOVER.stamps(1.0)))))) == ()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pickle
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,6 @@ from mavdem import Flight
 from mavdem.alignment.align import align, settled_segments
 from mavdem.alignment.read import read_segments
 from mavdem.alignment.signals import HOLD_SECONDS, Signals, held, setpoints
-from mavdem.export.tables import columns as table
 from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import quaternion
 
@@ -149,17 +147,6 @@ def test_the_sticks_as_the_autopilot_takes_them_are_preferred():
     np.testing.assert_allclose(roll.signal.values, -0.5 * np.sin(time))
     np.testing.assert_allclose(pitch.signal.values, 0.1 * np.sin(time))
     assert setpoints(telemetry, "yaw") == ()
-
-
-def test_slices_copies_and_tables_keep_setpoints():
-    flight = flight_of(with_targets(start=20.0))
-    part = flight[100:300]
-    np.testing.assert_array_equal(part.setpoints, flight.setpoints[100:300])
-    assert part.setpoint_names == flight.setpoint_names and not part.setpoints.flags.writeable
-    again = pickle.loads(pickle.dumps(flight))
-    np.testing.assert_array_equal(again.setpoints, flight.setpoints)
-    named = table(flight)
-    np.testing.assert_array_equal(named["roll_setpoint_rad"], flight.setpoints[:, 1])
 
 
 @pytest.mark.parametrize("name", ["sitl_ardupilot/ardupilot_wind4_doublets.tlog", "sitl_px4/px4_wind5_gust.tlog"])

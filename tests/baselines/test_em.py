@@ -20,7 +20,7 @@ from scipy.stats import chi2
 from mavdem import Flight, Forecaster, baselines, evaluate
 from mavdem.baselines.expectation_maximization import LEAST_NOISE, STARTS, iterated, starting_points
 from mavdem.baselines.identified import Units
-from mavdem.baselines.smoother import GaussianModel, smoothed
+from mavdem.dem.engine.kalman import GaussianModel, smoothed
 from mavdem.dem.record import Record
 
 

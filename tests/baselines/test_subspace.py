@@ -15,7 +15,7 @@ from peculiar_flights import (
 from standard_errors import Bound
 
 from mavdem import Flight, Forecaster, baselines
-from mavdem.baselines.subspace_identification import steady_gain
+from mavdem.baselines.subspace_identification import innovation_gain
 
 WEIGHTINGS = ["CVA", "MOESP", "SSARX"]
 
@@ -169,6 +169,6 @@ def test_the_gain_is_the_kalman_filter_s():
     for _ in range(1000):
         gain = (A @ P @ C.T + S) @ np.linalg.inv(C @ P @ C.T + R)
         P = A @ P @ A.T + Q - gain @ (A @ P @ C.T + S).T
-    np.testing.assert_allclose(steady_gain(A, C, Q, R, S), gain, rtol=1e-6)
+    np.testing.assert_allclose(innovation_gain(A, C, Q, R, S), gain, rtol=1e-6)
     with pytest.raises(np.linalg.LinAlgError):
-        steady_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1), np.zeros((2, 1)))
+        innovation_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1), np.zeros((2, 1)))

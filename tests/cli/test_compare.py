@@ -101,7 +101,7 @@ def test_the_document_has_these_keys(quick, capsys):
 @pytest.mark.slow
 def test_all_methods_on_all_cores_are_reported_with_their_losses_first(tmp_path, capsys):
     out = tmp_path / "new" / "folder"
-    assert main(["compare", FLIGHT, "--hop", "5000", "--out", str(out)]) == 0
+    assert main(["compare", FLIGHT, "--hop", "6000", "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert said.startswith("DEM's error is not distinguishable from another method's: only ")
     for fact in (
@@ -163,13 +163,6 @@ def test_a_method_that_never_returns_leaves_the_others_their_rows(quick, monkeyp
     assert said.count("\nARX(2) ") >= 2
 
 
-def test_from_zero_has_the_paper_s_figure_and_no_horizons(quick, capsys):
-    assert main(["compare", FLIGHT, "--from-zero", "--json"]) == 0
-    told = strict_json(capsys.readouterr().out)
-    assert told["start"] == "zero"
-    assert [len(one["horizons"]) for one in told["flights"][0]["standings"]] == [1, 1, 1]
-
-
 @pytest.mark.parametrize(
     ("words", "named"),
     [
@@ -202,9 +195,8 @@ def test_an_out_that_is_a_file_is_refused_before_the_work(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_ended_early_it_leaves_no_process_and_no_file(number, code, tmp_path):
-    """The whole terminal's Ctrl-C or end, which reaches the workers too."""
+def test_ended_early_it_leaves_no_process_and_no_file(tmp_path):
+    """The whole terminal's Ctrl-C, which reaches the workers too."""
     run = "import sys\nfrom mavdem.__main__ import run\nif __name__ == '__main__':\n    sys.exit(run())\n"
     script = tmp_path / "script.py"
     script.write_text(run)
@@ -215,12 +207,8 @@ def test_ended_early_it_leaves_no_process_and_no_file(number, code, tmp_path):
     while len(psutil.Process(process.pid).children(recursive=True)) < 2:
         assert process.poll() is None and time.monotonic() < deadline, process.communicate()
         time.sleep(0.05)
-    if number != signal.SIGTERM:
-        os.killpg(process.pid, number)
-    else:
-        process.send_signal(number)
+    os.killpg(process.pid, signal.SIGINT)
     # Ends when nobody holds its output any longer, workers included.
     _, said = process.communicate(timeout=300)
-    assert process.returncode == code
-    assert b"Traceback" not in said
+    assert process.returncode == 130 and b"Traceback" not in said
     assert not (tmp_path / "out").exists()

@@ -1,7 +1,7 @@
 """The document of a learnt model: both ways, and what is no such document."""
 
 import json
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 
 import numpy as np
 import pytest
@@ -43,7 +43,7 @@ def arrays_of(value, name=""):
         yield name, value
         return
     if is_dataclass(value):
-        value = vars(value)
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
     elif hasattr(value, "_asdict"):
         value = value._asdict()
     elif isinstance(value, tuple):
@@ -78,7 +78,7 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
         (("model", "offset"), ["one", 2.0], "model.offset must be numbers of one shape"),
         (("model", "offset"), [None, 2.0], r"^model.offset must be finite and of shape \(n\)"),
         (("converged",), "yes", "converged must be a valid boolean, not 'yes'"),
-        (("settings", "window"), None, "window must be a whole number"),
+        (("settings", "window"), None, "window must be a valid integer"),
         (("scaling", "output_scale"), [1.0, 0.0], "^scaling.output_scale must be positive"),
         (("scatter", "covariance"), (-np.eye(16)).tolist(), "^scatter.covariance must be positive definite"),
         (("record", "lengths"), [100, 99], "must have T = 199, not 200"),

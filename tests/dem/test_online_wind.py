@@ -11,7 +11,6 @@ from simulated import simulated
 
 from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem.graybox.likelihood import plant
-from mavdem.dem.graybox.smoother import SteadyFilter
 from mavdem.dem.online.memory import MemoryBlock
 from mavdem.dem.online.wind import DELAY_SECONDS, FILTER_SECONDS, FIRST_FIT_SECONDS, OnlineWind, _Tracked, wind_filter
 from mavdem.dem.record import Record
@@ -47,9 +46,9 @@ def test_it_is_the_smoother_s_but_for_what_later_samples_add(of):
             live[k - LAG] = tracked.torque[0]
     commanded = (WINDY.inputs - of.trim) @ of.physical.effect + of.constant
     rate = WINDY.outputs[:, of.column]
-    whole = of.steady.smoothed(commanded, of.physical.delay / WINDY.dt, rate).mean + of.level
+    whole = of.axis.smoothed(of.physical.noise, commanded, of.physical.delay / WINDY.dt, rate).mean + of.level
     far = slice(500, -LAG)
-    weights = of.steady.weights(1000)
+    weights = of.steady.weights(1000, of.axis.wind)
     added = np.sqrt(np.sum(weights[LAG + 1 :] ** 2) * of.steady.variance)
     assert np.std(live[far] - whole[far]) == pytest.approx(added, rel=0.5, abs=1e-9)
     assert np.std(live[far] - whole[far]) < 0.1 * whole.std()
@@ -58,9 +57,9 @@ def test_it_is_the_smoother_s_but_for_what_later_samples_add(of):
 @pytest.mark.slow
 def test_weights_are_those_of_a_longer_smoother(of):
     known = plant(2.0, 0.05, of.physical.components, WINDY.dt)
-    filtered = SteadyFilter.of(known, 0.01)
-    np.testing.assert_allclose(filtered.weights(10), filtered.weights(500)[:10])
-    assert abs(filtered.weights(2000)[-1]) < 1e-6 * np.abs(filtered.weights(1)).max()
+    filtered, read = known.filter(0.01), known.wind
+    np.testing.assert_allclose(filtered.weights(10, read), filtered.weights(500, read)[:10])
+    assert abs(filtered.weights(2000, read)[-1]) < 1e-6 * np.abs(filtered.weights(1, read)).max()
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.linalg import expm, solve_continuous_lyapunov, solve_discrete_are
+from scipy.linalg import expm, solve_continuous_lyapunov
 
 from mavdem import Flight
 from mavdem.dem import physical
@@ -31,7 +31,6 @@ from mavdem.dem.graybox.likelihood import (
     delayed,
     followed,
     smooth,
-    steady_covariance,
 )
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load
@@ -105,16 +104,6 @@ def test_noise_has_the_autocorrelation_it_is_named_for(noise, autocorrelation, e
     P = solve_continuous_lyapunov(noise.A, -noise.drive)
     for tau in (0.0, 0.5, 1.0, 2.0, 4.0):
         assert noise.C @ expm(noise.A * tau) @ P @ noise.C == pytest.approx(autocorrelation(tau), abs=error)
-
-
-def test_the_filter_settles_where_the_riccati_equation_says():
-    rng = np.random.default_rng(0)
-    F = np.stack([np.diag([1.02, 0.9, 0.5]) + 0.1 * rng.standard_normal((3, 3)) for _ in range(4)])
-    root = rng.standard_normal((4, 3, 3))
-    process, noise = root @ np.swapaxes(root, 1, 2), rng.uniform(0.1, 2.0, 4)
-    C = np.eye(3)[:1]
-    for own, *of in zip(steady_covariance(F, process, noise), F, process, noise, strict=True):
-        np.testing.assert_allclose(own, solve_discrete_are(of[0].T, C.T, of[1], of[2] * np.eye(1)), rtol=1e-7)
 
 
 @pytest.mark.parametrize("wind", WINDS, ids=["turbulence", "turbulence and gusts", "gusts"])

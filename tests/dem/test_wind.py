@@ -9,7 +9,6 @@ import pytest
 
 from mavdem import Flight
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, Plant, delayed, plant, smooth
-from mavdem.dem.graybox.smoother import SteadyFilter
 from mavdem.dem.graybox.wind import THRESHOLD, _Spectra, gusts, wind
 from mavdem.dem.record import Record
 from sitl_scenarios.dynamics import euler
@@ -94,9 +93,8 @@ def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping
     rng = np.random.default_rng(0)
     commanded, rate, noise = rng.standard_normal(90), 0.2 * rng.standard_normal(90), 0.02
     of = plant(damping, 0.05, components, 0.02)
-    filtered = SteadyFilter.of(of, noise)
-    found = filtered.smoothed(commanded, 0.7, rate)
-    mean, variance = joint_posterior(of, noise, commanded, 0.7, rate, np.var(rate) + filtered.variance)
+    found = of.smoothed(noise, commanded, 0.7, rate)
+    mean, variance = joint_posterior(of, noise, commanded, 0.7, rate, np.var(rate) + of.filter(noise).variance)
     np.testing.assert_allclose(found.mean, mean, atol=1e-8 * np.abs(mean).max())
     np.testing.assert_allclose(found.variance, variance, atol=1e-8 * variance.max())
 
@@ -119,9 +117,9 @@ def test_its_band_and_its_size_are_those_of_the_truth_where_the_model_is_true():
     assert found.mean == pytest.approx(torque.mean(), abs=0.02)
     assert found.resolved
     # The smoother's variance alone, without what the band allows for in an imperfect model.
-    of = SteadyFilter.of(plant(known.damping, known.lag, known.components, DT), known.noise)
+    of = plant(known.damping, known.lag, known.components, DT)
     commanded = (flight.inputs - 1500) @ EFFECT - 2.5
-    posterior = of.smoothed(commanded, known.delay / DT, flight.outputs[:, 1])
+    posterior = of.smoothed(known.noise, commanded, known.delay / DT, flight.outputs[:, 1])
     error = posterior.mean - 2.5 - torque
     assert np.mean(error**2 / posterior.variance) == pytest.approx(1.0, abs=0.15)
     assert np.mean(np.abs(found.torque - torque) <= found.band) > 0.9

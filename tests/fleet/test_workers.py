@@ -71,7 +71,8 @@ def test_no_log_stops_a_run(tmp_path):
     for name in ("slow", "crash", "big", "where"):
         make_logs(logs, 1, name)
     os.truncate(logs / "slow_0.bin", 1 << 40)  # sparse: its content alone takes longer to read than there is time
-    done = track(tmp_path / "fleet", logs, reader=WorkerPool(2, LIMITS, READ))
+    healthy = make_logs(tmp_path / "healthy", 1)
+    done = track(tmp_path / "fleet", logs, reader=WorkerPool(2, LIMITS, READ), baseline=healthy)
     assert (done.logs, done.read, done.problems) == (7, 7, ())
     found = statuses(tmp_path / "fleet")
     # The process starts no others, and leaves nothing.

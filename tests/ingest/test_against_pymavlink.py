@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mavlink_streams import SAMPLES, beginning, frames_in, real_logs
+from mavlink_streams import beginning, frames_in, real_logs
 from numpy.typing import NDArray
 from pymavlink import mavutil
 
@@ -107,17 +107,3 @@ def _pymavlink_stumbles(found: Frames, start: int) -> bool:
     short = int(found.end[row - 1] - found.start[row - 1]) < 12
     previous_end = np.concatenate([[0], found.end])[:-1]
     return short or bool((found.start - previous_end != STAMP_BYTES)[max(row - 8, 0) : row + 1].any())
-
-
-def test_a_sample_in_small(tmp_path: Path) -> None:
-    """The quick part: the first thousand messages or so of both samples in the repository."""
-    for sample in SAMPLES.glob("*.tlog"):
-        content = sample.read_bytes()[:60_000]
-        path = tmp_path / sample.name
-        path.write_bytes(content)
-        found = frames_in(content, STAMP_BYTES)
-        frames = found[found.verdict == GOOD]
-        messages = list(theirs(path))
-        assert len(messages) > 500
-        assert keys(frames) == [key(message) for message in messages]
-        assert_fields_equal(np.frombuffer(content, dtype=np.uint8), frames, messages)

@@ -18,7 +18,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink import DFReader
 
-from mavdem.alignment import drive, signals
+from mavdem.alignment import drive
 from mavdem.alignment.read import read_flight
 from mavdem.alignment.signals import Signals, setpoints
 from mavdem.condition.inventory import inventory
@@ -224,16 +224,6 @@ def test_an_appended_log_of_other_definitions(tmp_path: Path) -> None:
 
 def other_id(message: bytes, kind: int) -> bytes:
     return message[:2] + bytes([kind]) + message[3:]
-
-
-def test_repeated_and_disordered_messages_are_put_in_order(tmp_path: Path) -> None:
-    rows = made.flight(TIMES)
-    disordered = rows[:50] + [rows[51], rows[50]] + rows[52:] + rows[-1:]
-    attitude = signals.attitude(vehicle_of(made.formats() + b"".join(disordered), tmp_path), "roll")
-    plain = signals.attitude(vehicle_of(made.formats() + b"".join(rows), tmp_path), "roll")
-    assert attitude is not None and plain is not None
-    assert np.array_equal(attitude.time, plain.time) and np.array_equal(attitude.angle, plain.angle)
-    assert attitude.left_out == 0
 
 
 GARBAGE = random.Random(5).randbytes(400)

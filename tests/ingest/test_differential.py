@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import struct
-from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -74,40 +73,6 @@ def theirs(content: bytes, folder: Path) -> list[Any]:
             messages.append(read)
     reader.close()
     return messages
-
-
-def assert_columns_equal(content: bytes, messages: list[Any]) -> None:
-    log = read(content)
-    assert log is not None
-    sent: dict[tuple[int, int, str], list[Any]] = defaultdict(list)
-    for each in messages:
-        sent[each.get_srcSystem(), each.get_srcComponent(), each.get_type()].append(each)
-    ours = {
-        (vehicle.system, vehicle.component, name): columns
-        for vehicle in log.vehicles
-        for name, columns in vehicle.messages.items()
-    }
-    assert ours.keys() == sent.keys()
-    for key, columns in ours.items():
-        for field in sent[key][0].get_fieldnames():
-            if field in ("time", "boot"):
-                continue  # ours are the clock
-            expected = [getattr(each, f"_{field}_raw", getattr(each, field)) for each in sent[key]]
-            if columns[field].dtype.kind == "S":
-                assert columns[field].tolist() == expected, (key, field)
-            else:
-                values = np.array(expected, dtype=columns[field].dtype)
-                assert np.array_equal(columns[field], values, equal_nan=True), (key, field)
-
-
-@pytest.mark.slow
-@given(st.lists(st.tuples(STAMPS, any_message()), max_size=8))
-@settings(max_examples=60)
-def test_columns_are_pymavlinks(tmp_path_factory: pytest.TempPathFactory, sent: list[tuple[bytes, bytes]]) -> None:
-    content = tlog(INTRODUCED) + b"".join(stamp + each for stamp, each in sent)
-    messages = theirs(content, tmp_path_factory.mktemp("sound"))
-    assert [bytes(each.get_msgbuf()) for each in messages] == [*INTRODUCED, *(each for _, each in sent)]
-    assert_columns_equal(content, messages)
 
 
 @given(st.lists(st.tuples(GARBAGE, STAMPS, any_message()), min_size=1, max_size=6), any_message(), st.data())

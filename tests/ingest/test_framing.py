@@ -62,21 +62,6 @@ def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames: list[bytes],
             assert same(ours[name][0], theirs), (definition.name, name)
 
 
-@given(st.lists(st.tuples(st.binary(max_size=40), any_frame()), min_size=1, max_size=6), st.data())
-@settings(max_examples=50)
-def test_garbage_between_frames_and_a_cut_tail_lose_no_whole_frame(
-    pieces: list[tuple[bytes, bytes]], data: st.DataObject
-) -> None:
-    whole = b"".join(garbage + each for garbage, each in pieces[:-1])
-    last = pieces[-1][1]
-    cut = last[: data.draw(st.integers(0, len(last) - 1))]
-    content = whole + cut
-    table = frames_in(content)
-    good = [content[a:b] for a, b in zip(table.start, table.end, strict=True)]
-    frames = [each for _, each in pieces[:-1]]
-    assert [each for each in good if each in frames] == frames
-
-
 def test_a_marker_inside_a_time_stamp_is_no_frame() -> None:
     frames = [frame(30, bytes(range(1, 29)), sequence=row) for row in range(50)]
     stamps = [b"\x00\xfd\x09\x00\xfe\x09\xfd\xfe"] * 50

@@ -18,7 +18,6 @@ from mavlink_streams import NOW, SAMPLES, beginning, flight, heartbeat, message,
 from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType
 from mcap_files import HEARTBEAT, Recorder, converted, json_only
-from pymavlink import mavutil
 
 from mavdem.errors import Unreadable
 from mavdem.ingest import Log, read_log
@@ -88,37 +87,6 @@ def test_json_alone_tells_the_same(log: Path, tmp_path: Path) -> None:
     unknown = frozenset(name.decode() for name in sent["param_id"][np.isnan(sent["param_value"])].tolist())
     assert bool(unknown) == (theirs.vehicles[0].autopilot == "PX4")
     assert_same(read_log(path), theirs, unknown)
-
-
-def test_frames_made_of_json_are_what_pymavlink_reads(tmp_path: Path) -> None:
-    log = SAMPLES / "ardupilot_default_rates.tlog"
-    path = tmp_path / "back.tlog"
-    path.write_bytes(back_to_tlog(json_only(converted(log, tmp_path), tmp_path)))
-
-    def theirs(name: Path) -> list[tuple[float, dict[str, Any]]]:
-        reader = mavutil.mavlogfile(str(name), robust_parsing=True)
-        read = iter(reader.recv_match, None)
-        return [(one._timestamp, one.to_dict() | {"sequence": one.get_seq()}) for one in read]
-
-    assert theirs(path) == theirs(log)
-
-
-@pytest.mark.parametrize("case", ["wrap", "reboot", "backwards"])
-def test_odd_clocks_come_through_json(case: str, tmp_path: Path) -> None:
-    times = {
-        "wrap": [4290 + 0.05 * row for row in range(400)],
-        "reboot": [500 + 0.1 * row for row in range(50)] + [3 + 0.1 * row for row in range(50)],
-        "backwards": TIMES[:100],
-    }[case]
-    content = tlog([heartbeat(), *flight(times)], step=-1000 if case == "backwards" else 25_000)
-    log = tmp_path / "odd.tlog"
-    log.write_bytes(content)
-    mcap = converted(log, tmp_path)
-    assert back_to_tlog(mcap) == content
-    from_json = read_log(json_only(mcap, tmp_path))
-    assert_same(from_json, read_log(log))
-    assert from_json.vehicles[0].repairs == read_log(log).vehicles[0].repairs
-    assert from_json.vehicles[0].messages["ATTITUDE"]["boot"].max() == (case == "reboot")
 
 
 def test_a_stamp_that_mcap_cannot_hold_becomes_the_one_before(tmp_path: Path) -> None:

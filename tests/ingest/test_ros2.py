@@ -42,7 +42,6 @@ from mavdem.errors import MissingExtra, NotLearnable, Unreadable
 from mavdem.export.conversion import convert
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.mcap.log import mcap_stream
-from mavdem.ingest.px4_topics import NEEDED
 from mavdem.ingest.ros2.messages import RosTopicReader, rewritten
 from mavdem.ingest.telemetry import Telemetry
 
@@ -645,20 +644,6 @@ def test_numbers_that_are_none_make_no_error(value: float, tmp_path: Path) -> No
     assert len(log.vehicles) == 2
     for vehicle in log.vehicles:
         verdict_of(Signals(vehicle))
-
-
-def test_what_is_read_of_px4s_topics_is_in_their_definitions() -> None:
-    old = {"actuator_controls_0"}
-    of_old = {"rollspeed", "pitchspeed", "yawspeed", "is_rotary_wing", "q_d_valid", "x", "y", "r", "voltage_filtered_v"}
-    for name, fields in NEEDED.items():
-        if name in old:
-            continue
-        text = DEFINITIONS[f"px4_msgs/msg/{PX4_TYPES[name]}"]
-        for field in fields:
-            last, _, count = field.removesuffix("]").partition("[")
-            last = last.rpartition(".")[2]
-            wanted = f"[{count}] {last}" if count else f" {last}"
-            assert last in of_old or wanted in text, (name, field)
 
 
 def test_setpoints_of_px4_are_those_that_it_reports(tmp_path: Path) -> None:

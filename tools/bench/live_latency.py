@@ -1,15 +1,14 @@
 #!/usr/bin/env python
-"""The cost of `mavdem live`: CPU time of a datagram, and latency from a datagram to its estimate.
+"""The cost of `mavdem live`: latency from a datagram to its estimate, and the share of a core.
 
-Input is a simulated hover. CPU time: attitude and motor outputs at 400 Hz, decoded and aligned without learning.
-Latency: 100, 400 and 1000 Hz over UDP on this machine for half a minute, sent by another process, default settings.
+Input is a simulated hover at 100, 400 and 1000 Hz, sent by another process over UDP on this machine for half a minute.
+Settings are the default ones.
 
 Usage: tools/bench/live_latency.py
 """
 
 from __future__ import annotations
 
-import gc
 import math
 import multiprocessing
 import socket
@@ -62,22 +61,6 @@ def _send(rate: float, seconds: float, port: int) -> None:
             outlet.sendto(datagram, ("127.0.0.1", port))
 
 
-def of_a_datagram() -> str:
-    """CPU time of decoding and aligning a datagram, without learning."""
-    datagrams = list(hover(400.0, SECONDS))
-    gc.freeze()
-    stream, costs = LiveStream(), []
-    for at, datagram in datagrams:
-        began = time.thread_time()
-        stream.feed(at, datagram)
-        costs.append(1e3 * (time.thread_time() - began))
-    median, late = np.percentile(costs, [50, 99])
-    return (
-        f"CPU time of a datagram: mean {np.mean(costs):.3f} ms, median {median:.3f} ms, 99th percentile {late:.3f} ms; "
-        f"{1e3 / np.mean(costs):.0f} datagrams/s"
-    )
-
-
 class NullView:
     """A view that shows nothing."""
 
@@ -114,8 +97,6 @@ def over_udp(rate: float) -> str:
 
 @click.command(help=__doc__)
 def main() -> None:
-    print(of_a_datagram())
-    print()
     print("| Hz | rows | lost | median, ms | 99th percentile, ms | share of a core |")
     print("|---|---|---|---|---|---|")
     for rate in (100.0, 400.0, 1000.0):

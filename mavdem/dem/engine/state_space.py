@@ -7,13 +7,12 @@ low frequency, Σ · 2s√π: the effect that noise of that colour has on a slow
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_discrete_are
 
+from mavdem.dem.engine.kalman import steady_gain
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import STABILITY_TOLERANCE, Transition, discretize, recursion
 
@@ -153,17 +152,6 @@ class StateSpace(NamedTuple):
             states = self.filtered(start, inputs, outputs)[begins]
         return self.simulated_from(begins, steps, states, inputs).reshape(-1, len(self.C))[: len(inputs)]
 
-    def ahead(self, horizons: Sequence[int]) -> tuple[Array, Array]:
-        """Maps (H, m, n) and (H, m, r) to the outputs ``horizons`` samples ahead, at least 1, with constant inputs.
-
-        They map the state of the next sample and the inputs, less their trim.
-        """
-        n, r = self.B.shape
-        step = np.block([[self.A, self.B], [np.zeros((r, n)), np.eye(r)]])
-        outputs = np.hstack([self.C, self.D])
-        maps = np.array([outputs @ np.linalg.matrix_power(step, horizon - 1) for horizon in horizons])
-        return maps[:, :, :n], maps[:, :, n:]
-
     def outputs(self, states: Array, inputs: Array) -> Array:
         """(T, m) of states (T, n) and inputs (T, r), without noise."""
         return np.asarray(states @ _turned(self.C) + self.direct(inputs))
@@ -211,8 +199,5 @@ def filter_gain(
     power = 2 * smoothness * np.sqrt(np.pi)
     # Measurements are samples: noise whose correlation is shorter than a step has its variance and no more.
     R = np.diag(measurement_noise) * max(power / dt, 1.0)
-    try:
-        P = solve_discrete_are(state.T, C.T, process_noise * power * dt, R)
-    except ValueError as error:
-        raise np.linalg.LinAlgError(f"there is no steady filter: {error}") from None
+    _, P = steady_gain(state, C, process_noise * power * dt, R)
     return np.ascontiguousarray(np.linalg.solve(C @ P @ C.T + R, C @ P).T)

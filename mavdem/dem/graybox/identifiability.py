@@ -111,7 +111,7 @@ def identifiability(figures: IdentifiabilityFigures) -> tuple[dict[str, Status],
         effect = statuses.get("effect", "reported")
         if effect != "reported" and not any(status == effect for status, _ in obstacles):
             # A wrong effect is made up for by a wrong lag.
-            obstacles.append((effect, f"The effect is {effect}, and what is wrong with it is wrong with this."))
+            obstacles.append((effect, f"It depends on the control effectiveness, which is {effect}."))
         order: tuple[Status, ...] = ("not identifiable", "biased")
         statuses[name] = next((status for status in order if status in dict(obstacles)), "reported")
         reasons[name] = " ".join(reason for status, reason in obstacles if status == statuses[name])

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
 from scipy.signal import lfilter
 
+from mavdem.dem.engine.kalman import SteadyFilter, SteadySmoothed, steady_covariance
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.engine.model import Transition, discretize
 
@@ -75,7 +76,6 @@ GUSTS = smooth(4)
 ``Smatrix``), to an order that is enough for the spectrum where there is power."""
 
 SETTLING_SECONDS = 0.25  # of each window, whose prediction errors do not count: the filter finds the state
-MAX_DOUBLINGS = 40  # of the steps over which the filter becomes steady
 SHORTEST_LAG = 0.5  # steps of the stream
 MAX_DAMPING = 25.0  # 1/s: five times that of the smallest published vehicles
 BLOCK = 24  # steps that are worked out together
@@ -194,7 +194,8 @@ class Parameters(NamedTuple):
         transition = discretize(A, B, dt)
         process = step_covariance(A, drive, dt)
         noise = np.exp(2 * thetas[:, self.noise_index]) + self.least_noise**2
-        P = steady_covariance(transition.state, process, noise)
+        rate = np.eye(1, n)[None]
+        P = steady_covariance(transition.state, rate, process, noise[:, None, None])
         variance = P[:, 0, 0] + noise
         return transition, (transition.state @ P[:, :, :1])[:, :, 0] / variance[:, None], variance
 
@@ -289,28 +290,6 @@ def delayed(inputs: Array, steps: float) -> tuple[Array, Array]:
     return ends[0], ends[1]
 
 
-def steady_covariance(F: Array, process: Array, noise: Array) -> Array:
-    """(b, n, n) of the predicted state, of the steady filter; the first state is measured with ``noise`` (b,).
-
-    By doubling of the steps (Anderson, "Second-order convergent algorithms for the steady-state Riccati equation",
-    International Journal of Control 28, 1978).
-    """
-    across, gained, P = np.swapaxes(F, 1, 2), np.zeros_like(F), process
-    gained[:, 0, 0] = 1 / noise
-    for _ in range(MAX_DOUBLINGS):
-        solved = np.linalg.inv(np.eye(F.shape[-1]) + gained @ P)
-        half = across @ solved
-        back = np.swapaxes(across, 1, 2)
-        doubled = P + back @ P @ solved @ across
-        gained = gained + half @ gained @ back
-        across = half @ across
-        done = np.abs(doubled - P).max() <= 1e-11 * np.abs(doubled).max()
-        P = (doubled + np.swapaxes(doubled, 1, 2)) / 2
-        if done:
-            break
-    return P
-
-
 class Plant(NamedTuple):
     """x⁺ = Φ x + Γ₀ c + Γ₁ c⁺ + noise, with the state x = [rate, torque, wind's states] and the commanded torque c.
 
@@ -325,6 +304,26 @@ class Plant(NamedTuple):
     process: Array
     wind: Array
     stationary: Array
+
+    def pushes(self, commanded: Array, steps: float) -> Array:
+        """Returns (T − 1, n) what commands (T,), rad/s², that act so many ``steps`` later do to the next state."""
+        early, late = delayed(commanded[:, None], steps)
+        return early * self.step.input_now[:, 0] + late * self.step.input_next[:, 0]
+
+    def filter(self, noise: float) -> SteadyFilter:
+        """Returns the steady filter of a rate measured with white ``noise``, rad/s; ``LinAlgError`` without one."""
+        return SteadyFilter.of(self.step.state, self.process, noise)
+
+    def smoothed(self, noise: float, commanded: Array, steps: float, rate: Array) -> SteadySmoothed:
+        """Returns the wind's torque in a segment, rad/s², from all of its ``rate`` (T,), rad/s; else as above.
+
+        At its beginning the motors have settled at what is commanded, with all that is steady, and of the wind nothing
+        is known but how strong it is.
+        """
+        filtered, first, uncertainty = self.filter(noise), np.zeros(len(self.wind)), self.stationary.copy()
+        first[:2] = rate.mean(), commanded[0]
+        uncertainty[0, 0] += np.var(rate) + filtered.variance
+        return filtered.smoothed(self.pushes(commanded, steps), rate, first, uncertainty, self.wind)
 
 
 def plant(damping: float, lag: float, components: Sequence[tuple[Coloured, float, float]], dt: float) -> Plant:

@@ -1,7 +1,7 @@
 """The wind's torque in a recorded flight: its course with a band, and its level, spectrum and gusts.
 
 With the physical parameters known, the rate's equation leaves the wind's torque d = rate' + damping · rate − torque.
-It is smoothed over each segment, as coloured noise of the components that the fit found (``smoother``).
+It is smoothed over each segment, as coloured noise of the components that the fit found.
 
 **The steady part.** Its mean is what the motors' mean balances. A motor's absolute command says nothing about torque,
 only differences between motors do: so the steady part is that of equal motors and a centred load. An unequal motor or
@@ -13,18 +13,17 @@ Gusts: where the wind's torque leaves its running level by more than its turbule
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from scipy.ndimage import median_filter
 from scipy.signal import csd, detrend
 
-from mavdem.confidence import quantile
+from mavdem.confidence import half_width
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.graybox.identifiability import MODEL_ERRORS
-from mavdem.dem.graybox.likelihood import Coloured, plant
-from mavdem.dem.graybox.parameters import rate_column
-from mavdem.dem.graybox.smoother import SteadyFilter
+from mavdem.dem.graybox.likelihood import plant
+from mavdem.dem.graybox.parameters import Physical, rate_column
 from mavdem.dem.record import Record
 
 RELATIVE_STEP = 1e-4  # of a parameter, for slopes by differences
@@ -40,28 +39,6 @@ THRESHOLD = 4.0  # standard deviations from it, by the median absolute deviation
 END = 0.5  # of the threshold, within which a gust begins and ends
 CERTAIN = 2.0  # half widths of the band, which a gust exceeds: errors in quick manoeuvres are no gusts
 NORMAL_MEDIAN = 0.6745  # absolute deviation of a normal distribution, in standard deviations
-
-
-class PlantParameters(Protocol):
-    """What is needed of the physical parameters of one axis; see :class:`mavdem.dem.Physical`.
-
-    The covariance (r + 3, r + 3) is of effect, damping, lag and delay.
-    """
-
-    @property
-    def effect(self) -> Array: ...  # noqa: D102
-    @property
-    def damping(self) -> float: ...  # noqa: D102
-    @property
-    def lag(self) -> float: ...  # noqa: D102
-    @property
-    def delay(self) -> float: ...  # noqa: D102
-    @property
-    def covariance(self) -> Array: ...  # noqa: D102
-    @property
-    def components(self) -> tuple[tuple[Coloured, float, float], ...]: ...  # noqa: D102
-    @property
-    def noise(self) -> float: ...  # noqa: D102
 
 
 class DetectedGust(NamedTuple):
@@ -138,7 +115,7 @@ class WindTorque:
         )
 
     def in_newton_metres(self, inertia: float) -> Array:
-        """(T,) the torque in N m, of a vehicle with that moment of ``inertia`` about the axis, kg m².
+        """Returns the torque (T,) in N m, of a vehicle with that moment of ``inertia`` about the axis, kg m².
 
         Raises:
             ValueError: an inertia that is not positive.
@@ -149,15 +126,15 @@ class WindTorque:
 
 
 class _Torques(NamedTuple):
-    """Of all segments: d (T,), its smoother's variance, and the motors' torque about its mean."""
+    """Of all segments: the wind's torque (T,), its smoother's variance, and the motors' torque about its mean."""
 
-    torque: Array
+    mean: Array
     variance: Array
     motors: Array
 
 
-def wind(physical: PlantParameters, record: Record) -> WindTorque:
-    """The wind's torque in a record, from all of it, by its physical parameters.
+def wind(physical: Physical, record: Record) -> WindTorque:
+    """Returns the wind's torque in a record, from all of it, by its physical parameters.
 
     Raises:
         ValueError: no output is the rate of another.
@@ -170,11 +147,11 @@ def wind(physical: PlantParameters, record: Record) -> WindTorque:
         nudges = RELATIVE_STEP * np.maximum(np.abs(theta), RELATIVE_STEP)
         slopes = np.array(
             [
-                (_torques(theta + nudge, physical, record, column).torque - torques.torque) / nudge.sum()
+                (_torques(theta + nudge, physical, record, column).mean - torques.mean) / nudge.sum()
                 for nudge in np.diag(nudges)
             ]
         )
-    size, levels = float(torques.torque.var()), slopes.mean(axis=1)
+    size, levels = float(torques.mean.var()), slopes.mean(axis=1)
     covariance = physical.covariance
     own = torques.variance + MODEL_ERRORS.wind**2 * size
 
@@ -184,47 +161,43 @@ def wind(physical: PlantParameters, record: Record) -> WindTorque:
     variance = with_parameters(slopes)
     # Motors that do more, and balance more: an error of the size alone leaves the course as it is. Where the motors do
     # more than balance the wind, as in steering, no more of it counts as one of the size.
-    moving, moved = slopes - levels[:, None], torques.torque - torques.torque.mean()
+    moving, moved = slopes - levels[:, None], torques.mean - torques.mean.mean()
     scales = moving @ moved / (len(moved) * size)
     scales[-3:] = 0.0
     scales /= max(1.0, abs(float(theta @ scales)))
     error = float(with_parameters(moving - np.outer(scales, moved)).mean())
     resolved = error < MAX_ERROR_SHARE * size
-    reason = None
-    if not resolved:
-        reason = (
-            f"The wind's torque is not resolved: errors of about {np.degrees(np.sqrt(error)):.2g} °/s² are expected in "
-            f"an estimate of standard deviation {np.degrees(np.sqrt(size)):.2g} °/s²."
-        )
+    reason = (
+        f"The wind's torque is not resolved: errors of about {np.degrees(np.sqrt(error)):.2g} °/s² are expected in an "
+        f"estimate of standard deviation {np.degrees(np.sqrt(size)):.2g} °/s²."
+    )
     spectra = _spectra(torques, record)
-    spectrum = WindSpectrum(spectra.frequency, spectra.wind, _model_density(physical, spectra.frequency))
-    width = quantile()
-    band = width * np.sqrt(variance)
-    found = gusts(torques.torque, band, record)
+    band = half_width(variance)
+    gusty = gusts(torques.mean, band, record)
     return WindTorque(
-        torque=torques.torque,
+        torque=torques.mean,
         band=band,
-        mean=float(torques.torque.mean()),
-        mean_band=width * float(np.sqrt(levels @ covariance @ levels)),
+        mean=float(torques.mean.mean()),
+        mean_band=float(half_width(levels @ covariance @ levels)),
         sd=float(np.sqrt(size + torques.variance.mean())),
         scale_error=float(np.sqrt(scales @ covariance @ scales)),
         motors=torques.motors,
-        gusts=found.found if resolved else (),
-        gust_threshold=found.threshold,
-        false_gusts_per_minute=found.false_per_minute,
-        spectrum=spectrum,
+        gusts=gusty.found if resolved else (),
+        gust_threshold=gusty.threshold,
+        false_gusts_per_minute=gusty.false_per_minute,
+        spectrum=WindSpectrum(spectra.frequency, spectra.wind, _model_density(physical, spectra.frequency)),
         cancelled_share=spectra.cancelled_share(np.inf),
         cancelled_share_slow=spectra.cancelled_share(SLOW_HERTZ),
         resolved=resolved,
-        reason=reason,
+        reason=None if resolved else reason,
         dt=record.dt,
     )
 
 
-def _torques(theta: Array, physical: PlantParameters, record: Record, column: int) -> _Torques:
-    """With effect, damping, lag and delay ``theta`` (r + 3,), of the rate in a ``column`` of the outputs."""
+def _torques(theta: Array, physical: Physical, record: Record, column: int) -> _Torques:
+    """Of all segments, with effect, damping, lag and delay ``theta`` (r + 3,), of the rate in a ``column``."""
     effect, (damping, lag, delay) = theta[:-3], theta[-3:].tolist()
-    of = SteadyFilter.of(plant(damping, lag, physical.components, record.dt), physical.noise)
+    axis = plant(damping, lag, physical.components, record.dt)
     trim = record.inputs.mean(axis=0)
     level = balanced(effect, trim, record.effect_directions)
     parts = []
@@ -232,10 +205,9 @@ def _torques(theta: Array, physical: PlantParameters, record: Record, column: in
         rate, commanded = outputs[:, column], (inputs - trim) @ effect
         # What is steady acts like a steady command; about it the wind's mean is 0.
         constant = steady(rate, commanded, damping, record.dt)
-        smoothed = of.smoothed(commanded + constant, delay / record.dt, rate)
-        parts.append((smoothed.mean + constant + level, smoothed.variance, smoothed.motors - constant))
-    torque, variance, motors = (np.concatenate(each) for each in zip(*parts, strict=True))
-    return _Torques(torque, variance, motors)
+        smoothed = axis.smoothed(physical.noise, commanded + constant, delay / record.dt, rate)
+        parts.append((smoothed.mean + constant + level, smoothed.variance, smoothed.states[:, 1] - constant))
+    return _Torques(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
 
 
 def steady(rate: Array, commanded: Array, damping: float, dt: float) -> float:
@@ -272,14 +244,11 @@ class _Spectra(NamedTuple):
         the motors do besides, such as steering, does not count. The scatter of G, which does not vanish with few
         windows, is taken off (Bendat and Piersol, Random Data, 4th ed., sec. 9.2).
         """
-        at = (self.frequency <= highest) & (self.wind > 0)
-        wind, answer, across = self.wind[at], self.answer[at], self.across[at]
-        all_of_it = float(wind.sum())
-        left = float((np.abs(wind - across) ** 2 / wind).sum())
+        below = (self.frequency <= highest) & (self.wind > 0)
+        wind, answer, across = self.wind[below], self.answer[below], self.across[below]
+        total, left = float(wind.sum()), float((np.abs(wind - across) ** 2 / wind).sum())
         scatter = float((answer - np.abs(across) ** 2 / wind).sum()) / max(self.windows - 1, 1)
-        if not scatter <= MAX_SCATTER * all_of_it:
-            return float("nan")
-        return 1 - (left - scatter) / all_of_it if all_of_it else float("nan")
+        return 1 - (left - scatter) / total if total and scatter <= MAX_SCATTER * total else float("nan")
 
 
 def _spectra(torques: _Torques, record: Record) -> _Spectra:
@@ -287,26 +256,26 @@ def _spectra(torques: _Torques, record: Record) -> _Spectra:
     length = min(round(SPECTRUM_SECONDS / record.dt), record.longest)
     total, windows, frequency = np.zeros((3, length // 2 + 1), complex), 0.0, np.zeros(length // 2 + 1)
     cuts = record.starts[1:]
-    for torque, motors in zip(np.split(torques.torque, cuts), np.split(-torques.motors, cuts), strict=True):
+    for torque, motors in zip(np.split(torques.mean, cuts), np.split(-torques.motors, cuts), strict=True):
         if len(torque) < length:
             continue
         weight = 2 * len(torque) // length - 1
-        for own, (one, other) in zip(total, ((torque, torque), (motors, motors), (torque, motors)), strict=True):
+        for sums, (one, other) in zip(total, ((torque, torque), (motors, motors), (torque, motors)), strict=True):
             frequency, density = csd(one, other, 1 / record.dt, nperseg=length, detrend=detrend)
-            own += weight * density
+            sums += weight * density
         windows += weight
     wind, answer, across = total / windows
     return _Spectra(frequency, wind.real, answer.real, across, INDEPENDENT * windows)
 
 
-def _model_density(physical: PlantParameters, frequency: Array) -> Array:
+def _model_density(physical: Physical, frequency: Array) -> Array:
     """(F,) of the wind's components, one-sided, per Hz."""
     density = np.zeros(len(frequency))
     for colour, size, time in physical.components:
         resolvent = 2j * np.pi * frequency[:, None, None] * np.eye(len(colour.A)) - colour.A / time
-        across = np.linalg.solve(
-            np.swapaxes(resolvent, 1, 2), np.broadcast_to(colour.C, (len(frequency), len(colour.C)))[:, :, None]
-        )[:, :, 0]
+        across = np.linalg.solve(np.swapaxes(resolvent, 1, 2), np.tile(colour.C[:, None], (len(frequency), 1, 1)))[
+            ..., 0
+        ]
         density += 2 * size**2 * np.einsum("fi,ij,fj->f", across, colour.drive / time, across.conj()).real
     return density
 
@@ -320,7 +289,7 @@ class Gusts(NamedTuple):
 
 
 def gusts(torque: Array, band: Array, record: Record) -> Gusts:
-    """Of the wind's ``torque`` (T,) in a record, and no less than twice the half width of its ``band`` (T,).
+    """Returns the gusts of the wind's ``torque`` (T,), no less than twice the half width of its ``band`` (T,).
 
     The rate of false ones is that at which a Gaussian process of the same variance and the same variance of its
     derivative crosses the threshold, on both sides (Rice, "Mathematical analysis of random noise", 1944, sec. 3.3).

@@ -14,12 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.confidence import quantile
+from mavdem.dem.engine.kalman import SteadyFilter
 from mavdem.dem.engine.linalg import Array
 from mavdem.dem.graybox.estimation import physical
 from mavdem.dem.graybox.identifiability import NotIdentifiable
-from mavdem.dem.graybox.likelihood import delayed, plant
+from mavdem.dem.graybox.likelihood import Plant, plant
 from mavdem.dem.graybox.parameters import Physical, rate_column
-from mavdem.dem.graybox.smoother import SteadyFilter
 from mavdem.dem.graybox.wind import balanced, steady, wind
 from mavdem.dem.online.memory import MemoryBlock, drop_since, record_of
 from mavdem.dem.record import Record
@@ -36,7 +36,8 @@ class WindFilter(NamedTuple):
 
     Attributes:
         physical: what it is made from.
-        steady: the filter.
+        axis: the plant, and the wind.
+        steady: its filter.
         weights: (lag + 1,) of the innovations of a sample and those after it, in the wind's torque there.
         trim: (r,) of the inputs.
         constant: torque that acts besides the commands, rad/s².
@@ -46,6 +47,7 @@ class WindFilter(NamedTuple):
     """
 
     physical: Physical
+    axis: Plant
     steady: SteadyFilter
     weights: Array
     trim: Array
@@ -66,15 +68,17 @@ def wind_filter(record: Record) -> WindFilter:
     if isinstance(found, NotIdentifiable):
         raise ValueError(found.reason)
     whole = wind(found, record)
-    filtered = SteadyFilter.of(plant(found.damping, found.lag, found.components, record.dt), found.noise)
-    weights = filtered.weights(round(DELAY_SECONDS / record.dt) + 1)
+    axis = plant(found.damping, found.lag, found.components, record.dt)
+    filtered = axis.filter(found.noise)
+    weights = filtered.weights(round(DELAY_SECONDS / record.dt) + 1, axis.wind)
     inputs, outputs = record.segments[-1]
     trim = record.inputs.mean(axis=0)
     constant = steady(outputs[:, column], (inputs - trim) @ found.effect, found.damping, record.dt)
     width = quantile()
-    known = float(np.sum(filtered.weights(round(FILTER_SECONDS / record.dt)) ** 2) - np.sum(weights**2))
+    known = float(np.sum(filtered.weights(round(FILTER_SECONDS / record.dt), axis.wind) ** 2) - np.sum(weights**2))
     return WindFilter(
         found,
+        axis,
         filtered,
         weights,
         trim,
@@ -96,21 +100,20 @@ class _Tracked:
         commanded, rate = (inputs - of.trim) @ of.physical.effect + of.constant, outputs[:, of.column]
         first = np.zeros(len(of.steady.gain))
         first[:2] = rate[0], commanded[0]
-        states = of.steady.predicted(commanded, self._steps, rate, first)
+        states = of.steady.predicted(of.axis.pushes(commanded, self._steps), rate, first)
         self._state, self._number = states[-1], len(states)
         self._commands = deque(commanded.tolist(), maxlen=int(np.ceil(self._steps)) + 3)
         self._innovations = deque((rate - states[:, 0]).tolist(), maxlen=lag)
-        self._winds = deque((states @ of.steady.plant.wind).tolist(), maxlen=lag)
+        self._winds = deque((states @ of.axis.wind).tolist(), maxlen=lag)
 
     def add(self, inputs: Array, outputs: Array) -> None:
         """Takes the next sample, (r,) and (m,)."""
-        of, filtered, step = self._of, self._of.steady, self._of.steady.plant.step
+        of = self._of
         self._commands.append(float((inputs - of.trim) @ of.physical.effect) + of.constant)
-        early, late = delayed(np.array(self._commands)[:, None], self._steps)
-        self._state = step.state @ self._state + filtered.gain * self._innovations[-1]
-        self._state += step.input_now[:, 0] * early[-1] + step.input_next[:, 0] * late[-1]
+        push = of.axis.pushes(np.array(self._commands), self._steps)[-1]
+        self._state = of.steady.step(self._state, push, self._innovations[-1])
         self._innovations.append(float(outputs[of.column] - self._state[0]))
-        self._winds.append(float(filtered.plant.wind @ self._state))
+        self._winds.append(float(of.axis.wind @ self._state))
         self._number += 1
 
     @property

@@ -1,13 +1,14 @@
-"""Against the joint Gaussian of all states and outputs, by brute force."""
+"""Smoothers against the joint Gaussian of all states and outputs, by brute force; gains against SciPy's."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.linalg import solve_discrete_are
 from scipy.stats import multivariate_normal
 
-from mavdem.baselines import smoother
-from mavdem.baselines.smoother import GaussianModel, smoothed
+from mavdem.dem.engine import kalman
+from mavdem.dem.engine.kalman import GaussianModel, smoothed, steady_covariance, steady_gain
 
 
 def random_gaussian_model(seed, n, k, m, radius=0.9):
@@ -62,7 +63,7 @@ def joint(model, start, inputs, outputs):
 )
 def test_it_is_the_joint_gaussian_given_the_outputs(seed, n, k, m, samples, radius, stands_still):
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(smoother, "STEADY_TOLERANCE", stands_still)
+        patched.setattr(kalman, "STEADY", stands_still)
         rng = np.random.default_rng(seed)
         model = random_gaussian_model(seed, n, k, m, radius)
         start, inputs, outputs = (rng.standard_normal(shape) for shape in (n, (samples, k), (samples, m)))
@@ -82,7 +83,7 @@ def test_covariances_that_stand_still_are_those_that_go_on(monkeypatch):
     rng = np.random.default_rng(0)
     data = rng.standard_normal(2), rng.standard_normal((3000, 1)), rng.standard_normal((3000, 2))
     quick = smoothed(model, *data)
-    monkeypatch.setattr(smoother, "STEADY_TOLERANCE", 0.0)
+    monkeypatch.setattr(kalman, "STEADY", 0.0)
     whole = smoothed(model, *data)
     for one, other in zip(quick, whole, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9)
@@ -95,3 +96,28 @@ def test_a_covariance_that_is_none_is_reported():
         smoothed(model._replace(R=-10 * np.eye(2)), *data)
     with np.errstate(all="ignore"), pytest.raises(np.linalg.LinAlgError):
         smoothed(model._replace(A=1e200 * np.eye(2)), *data)
+
+
+@pytest.mark.parametrize("noise", [1.0, 1e-4, 1e-8])
+@pytest.mark.parametrize("radius", [0.5, 0.999, 1.2])
+def test_the_steady_covariance_solves_riccati_s_equation(noise, radius):
+    """Of stable and unstable systems, side by side, with correlated noises and nearly exact measurements."""
+    rng = np.random.default_rng(0)
+    A = rng.standard_normal((20, 4, 4))
+    A *= radius / np.abs(np.linalg.eigvals(A)).max(axis=1)[:, None, None]
+    C, root = rng.standard_normal((20, 2, 4)), rng.standard_normal((20, 6, 6))
+    root[:, 4:] *= np.sqrt(noise)
+    joint = root @ np.swapaxes(root, 1, 2)
+    Q, S, R = joint[:, :4, :4], joint[:, :4, 4:], joint[:, 4:, 4:]
+    expected = np.array([solve_discrete_are(a.T, c.T, q, r, s=s) for a, c, q, r, s in zip(A, C, Q, R, S, strict=True)])
+    found = steady_covariance(A, C, Q, R, S)
+    np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
+    gain, P = steady_gain(A[0], C[0], Q[0], R[0], S[0])
+    np.testing.assert_allclose(P, expected[0], atol=1e-6 * np.abs(expected[0]).max())
+    innovations = C[0] @ expected[0] @ C[0].T + R[0]
+    np.testing.assert_allclose(gain @ innovations, A[0] @ expected[0] @ C[0].T + S[0], atol=1e-6 * np.abs(P).max())
+
+
+def test_a_state_that_grows_unseen_has_no_steady_filter():
+    with pytest.raises(np.linalg.LinAlgError, match="no steady filter"):
+        steady_gain(np.diag([1.1, 0.5]), np.array([[0.0, 1.0]]), np.eye(2), np.eye(1))
