@@ -210,13 +210,13 @@ def fits_by_order(box: BlackBox, most: int, smoothness: float | None) -> tuple[O
     """
     if smoothness is not None:
         return _swept(_Fits(box, box.counted(smoothness), smoothness), most)
-    found = _swept(_Fits(box, box.counted(box.dt), None), most)
-    highest = max((one for one in found if one), key=lambda one: one.iterate.free_energy, default=None)
+    fits = _swept(_Fits(box, box.counted(box.dt), None), most)
+    highest = max((fit for fit in fits if fit), key=lambda fit: fit.iterate.free_energy, default=None)
     if highest is None:
-        return found
+        return fits
     # The effective sample size follows from the smoothness, which is known only now.
     recounted = _Fits(box, box.counted(highest.smoothness), None)
-    return tuple(None if one is None else recounted.continued(one) for one in found)
+    return tuple(None if fit is None else recounted.continued(fit) for fit in fits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,8 +239,8 @@ class _Fits:
             iterates = [_or_none(partial(_on, ascent, iterate, rounds)) or iterate for iterate in iterates]
         if not iterates or iterates[0].free_energy < best - SMOOTHNESS_GAIN_NATS:
             return None
-        found = self._with_best_smoothness(OrderFit(ascent.model, smoothness, iterates[0]))
-        return found if found.iterate.free_energy > best else None
+        fit = self._with_best_smoothness(OrderFit(ascent.model, smoothness, iterates[0]))
+        return fit if fit.iterate.free_energy > best else None
 
     def continued(self, fit: OrderFit) -> OrderFit | None:
         """A fit continued with another effective sample size."""
@@ -260,13 +260,13 @@ class _Fits:
             ascent = CoordinateAscent(self.box.model(fit.model.n, smoothness), self.samples)
             iterate = _or_none(lambda: _on(ascent, ascent.at_belief(fit.iterate.belief), SMOOTHNESS_ROUNDS))
             if iterate is None:
-                return -min(one.iterate.free_energy for one in fits.values())
+                return -min(tried.iterate.free_energy for tried in fits.values())
             fits[smoothness] = OrderFit(ascent.model, smoothness, iterate)
             return -iterate.free_energy
 
         bounds = (0.0, float(np.log(MAX_WIDTHS)))
         minimize_scalar(negative_free_energy, bounds=bounds, method="bounded", options={"xatol": SMOOTHNESS_TOLERANCE})
-        return max(fits.values(), key=lambda one: one.iterate.free_energy)
+        return max(fits.values(), key=lambda fit: fit.iterate.free_energy)
 
 
 def _swept(fits: _Fits, most: int) -> tuple[OrderFit | None, ...]:
@@ -286,11 +286,11 @@ def _swept(fits: _Fits, most: int) -> tuple[OrderFit | None, ...]:
             starts = [*starts, *(_or_none(lambda: changed(box, near.model, near.iterate)) or ())]
         if order in best:
             before = best[order].iterate.free_energy
-        found = fits.best_of(order, smoothness, starts, before)
-        if found is None:
+        fit = fits.best_of(order, smoothness, starts, before)
+        if fit is None:
             return False
-        best[order] = found
-        return found.iterate.free_energy > before + INCREASE_NATS
+        best[order] = fit
+        return fit.iterate.free_energy > before + INCREASE_NATS
 
     for order in range(1, most + 1):
         improves(order, order - 1, _or_none(partial(chain, box, order)) or ())
