@@ -215,7 +215,7 @@ def compare(
 ) -> Comparison:
     """Runs all ``methods`` on all ``windows`` and compares the first with each of the others.
 
-    Arguments are as for :func:`outcomes`, also ``executor``.
+    Arguments are as for ``outcomes``, also ``executor``.
 
     Raises:
         ValueError: as :meth:`Comparison.of`.
