@@ -46,33 +46,24 @@ REPORTED = ("armed", "landed_state")
 TOUCHDOWN_SHARE, TOUCHDOWN_SECONDS = 0.5, 0.2
 """Of the collective in flight, and over how long: in the air a multirotor carries its weight, on the ground it idles at
 a third."""
-MAX_ROWS = 256  # Of each stream of outputs that are looked back on
+MAX_ROWS = 512  # Of each stream of outputs that are looked back on
 MIN_STEP_SECONDS = 0.005  # Between two values of the collective
 MAX_REPORTS = 4096  # Of each kind of what shows the phase
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
+    """What the rows of a segment are, like the ``provenance`` of a ``Flight``."""
 
-    Attributes:
-        segment, boot: number of the segment and of the boot.
-        dt: step, s.
-        attitude, motors: names of the messages.
-        layout, scale: of the inputs.
-        rates: Hz of attitude and motors that decided the step.
-        start: first point of the grid, s; the first row may be a few seconds later.
-    """
-
-    segment: int
-    boot: int
-    dt: float
-    attitude: str
-    motors: str
-    layout: MotorGeometry
+    segment: int  # its number
+    boot: int  # the number of the boot
+    dt: float  # step, s
+    attitude: str  # name of the message
+    motors: str  # name of the message
+    layout: MotorGeometry  # with scale: of the inputs
     scale: OutputScale
-    rates: tuple[float, ...]
-    start: float
+    rates: tuple[float, ...]  # Hz of attitude and motors that decided the step
+    start: float  # first point of the grid, s; the first row may be a few seconds later
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,6 @@ that, the sender with the fewest frames is dropped.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -27,29 +26,25 @@ ENOUGH_MESSAGES = 3
 MAX_LISTED = 8  # Vehicles named in one sentence
 
 
-@dataclass(eq=False)
 class Sender:
-    """One component on the link."""
+    """One component on the link, by its MAVLink ids.
 
-    system: int  # with component: MAVLink ids
-    component: int
-    attitudes: int = 0  # number of messages of attitude
-    frames: int = 0  # number of frames, unread ones included
-    # number of messages by id, damaged and unknown ones excluded
-    arrived: dict[int, int] = field(default_factory=dict, repr=False)
-    parameters: dict[bytes, Message] = field(default_factory=dict, repr=False)  # the last PARAM_VALUEs
-    kind: str = UNNAMED  # with autopilot: names of the MAV_TYPE and MAV_AUTOPILOT that most of its HEARTBEATs have
-    autopilot: str = UNNAMED
-    # whether ``ENOUGH_MESSAGES`` of them decide that: a flood of forged ones must not change the followed one
-    held: bool = False
-    _beats: list[tuple[int, int]] = field(default_factory=list, repr=False)
-    _last: Frame | None = field(default=None, repr=False)
-    _missing: int = field(default=0, repr=False)
+    ``kind`` and ``autopilot``: names of the MAV_TYPE and MAV_AUTOPILOT that most of its HEARTBEATs have. ``attitudes``:
+    number of messages of attitude. ``frames``: number of frames, unread ones included. ``arrived``: number of messages
+    by id, damaged and unknown ones excluded. ``parameters``: the last PARAM_VALUEs. ``held``: whether
+    ``ENOUGH_MESSAGES`` decide what it is: a flood of forged ones must not change the followed one.
+    """
 
-    @property
-    def name(self) -> str:
-        """system:component."""
-        return f"{self.system}:{self.component}"
+    def __init__(self, system: int, component: int) -> None:
+        self.system, self.component, self.name = system, component, f"{system}:{component}"
+        self.kind = self.autopilot = UNNAMED
+        self.attitudes = self.frames = 0
+        self.arrived: dict[int, int] = {}
+        self.parameters: dict[bytes, Message] = {}
+        self.held = False
+        self._beats: list[tuple[int, int]] = []
+        self._last: Frame | None = None
+        self._missing = 0
 
     @property
     def lost(self) -> int:
@@ -73,6 +68,11 @@ class Sender:
         mute = self.kind in MULTIROTORS and len(self._beats) >= 5 and not self.attitudes
         return mute or (self.known and self.flies)
 
+    @property
+    def identity(self) -> str:
+        """Its name, and what it is where that is known."""
+        return f"{self.name} ({self.kind}, {self.autopilot})" if self.kind != UNNAMED else self.name
+
     def take(self, frame: Frame) -> bool:
         """Counts a frame; returns False for a copy of the last one, which some links send."""
         self.frames += 1
@@ -89,15 +89,11 @@ class Sender:
             self.attitudes += definitions()[frame.message_id].name in ATTITUDE_MESSAGES
         return True
 
-    def take_parameter(self, message: Message) -> bool:
-        """Keeps a PARAM_VALUE; returns whether it is new."""
+    def take_parameter(self, message: Message) -> None:
+        """Keeps a PARAM_VALUE."""
         name = message.values[0]
-        if self.parameters.get(name) == message or (
-            name not in self.parameters and len(self.parameters) >= MAX_PARAMETERS
-        ):
-            return False
-        self.parameters[name] = message
-        return True
+        if name in self.parameters or len(self.parameters) < MAX_PARAMETERS:
+            self.parameters[name] = message
 
     def take_heartbeat(self, message: Message) -> None:
         """Counts the type and autopilot in a HEARTBEAT."""
@@ -119,8 +115,8 @@ class Senders:
         self.followed: Sender | None = None
         self.obstacle = "No vehicle found yet." if wanted is None else f"Vehicle {wanted} not found yet."
         self._wanted = wanted
-        self._senders: dict[int, Sender] = {}
-        self._rivals: set[int] = set()
+        self._senders: dict[tuple[int, int], Sender] = {}
+        self._rivals: set[str] = set()
         self._report = report
 
     def __iter__(self) -> Iterator[Sender]:
@@ -129,18 +125,17 @@ class Senders:
 
     def of(self, frame: Frame) -> Sender:
         """The sender of a frame."""
-        key = frame.system << 8 | frame.component
-        sender = self._senders.get(key)
-        if sender is None:
+        ids = frame.system, frame.component
+        if ids not in self._senders:
             if len(self._senders) >= MAX_SENDERS:
                 others = [key for key, other in self._senders.items() if other is not self.followed]
                 del self._senders[min(others, key=lambda key: self._senders[key].frames)]
-            sender = self._senders[key] = Sender(frame.system, frame.component)
-        return sender
+            self._senders[ids] = Sender(*ids)
+        return self._senders[ids]
 
     def get(self, system: int, component: int) -> Sender | None:
         """The sender with these ids, if it is kept."""
-        return self._senders.get(system << 8 | component)
+        return self._senders.get((system, component))
 
     def decide(self, sender: Sender) -> None:
         """Follows this sender, which sent a message, if it is the one to follow."""
@@ -153,30 +148,23 @@ class Senders:
             flying = [other for other in self if other.flies] or [other for other in self if other.kind in MULTIROTORS]
             if flying == [sender]:
                 self._follow(sender)
-            elif len(flying) > 1 and self._rivals != (
-                rivals := {other.system << 8 | other.component for other in flying}
-            ):
+            elif len(flying) > 1 and self._rivals != (rivals := {other.name for other in flying}):
                 self._rivals = rivals
                 choose = f"choose one, for example with `--vehicle {flying[0].name}`."
                 self.obstacle = f"Several vehicles found: {choose}"
-                listed = ", ".join(f"{other.name} ({other.kind}, {other.autopilot})" for other in flying[:MAX_LISTED])
+                listed = ", ".join(other.identity for other in flying[:MAX_LISTED])
                 listed += " and more" * (len(flying) > MAX_LISTED)
                 self._report(f"Several vehicles found: {listed}. {choose.capitalize()}")
 
     def _follow(self, sender: Sender) -> None:
         self.followed, sender.held, self.obstacle = sender, True, ""
-        known = f" ({sender.kind}, {sender.autopilot})" if sender.kind != UNNAMED else ""
-        self._report(f"Following vehicle {sender.name}{known}.")
+        self._report(f"Following vehicle {sender.identity}.")
 
     def _notice(self, sender: Sender) -> None:
         """Reports another vehicle, once."""
-        key = sender.system << 8 | sender.component
-        if sender is self.followed or key in self._rivals or not (sender.known and sender.flies):
+        assert self.followed is not None
+        if sender is self.followed or sender.name in self._rivals or not (sender.known and sender.flies):
             return
         if len(self._rivals) < MAX_SENDERS:
-            self._rivals.add(key)
-            assert self.followed is not None
-            self._report(
-                f"Vehicle {sender.name} ({sender.kind}, {sender.autopilot}) found too; still following "
-                f"{self.followed.name}."
-            )
+            self._rivals.add(sender.name)
+            self._report(f"Vehicle {sender.identity} found too; still following {self.followed.name}.")
