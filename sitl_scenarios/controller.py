@@ -65,7 +65,7 @@ class Controller:
         self._heading = 0.0
 
     def control(self, estimate: StateEstimate, reference: Reference, flying: bool) -> ControlOutput:
-        """What one cycle asks for; nothing is learnt unless ``flying``."""
+        """What one cycle asks for; nothing is learned unless ``flying``."""
         (vn, ve, vd), (pn, pe, pd) = estimate.velocity, estimate.position
         along, fast = self._position, self._velocity
         wn, we = -along * pn, along * (reference.aside - pe)

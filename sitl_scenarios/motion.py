@@ -101,6 +101,6 @@ class Holding:
         if self.at_limit > 0.1:
             found.append(
                 f"motors were at their limits in {self.at_limit:.0%} of the time in the air, where nothing linear is "
-                "to be learnt: use less wind, or smaller moments"
+                "to be learned: use less wind, or smaller moments"
             )
         return found

@@ -76,11 +76,11 @@ def longest_recorded(signals: Signals) -> Segment | None:
     return max(sampled, key=lambda segment: segment.duration, default=None)
 
 
-def within(stream: Attitude | Motors | Signal, *segments: Segment) -> NDArray[np.bool_]:
-    """Returns which samples (N,) belong to the segments, those up to ``STAMP_SECONDS`` beyond an end included."""
+def within(stream: Attitude | Motors | Signal, *segments: Segment, slack: float = STAMP_SECONDS) -> NDArray[np.bool_]:
+    """Returns which samples (N,) belong to the segments, those up to ``slack``, s, beyond an end included."""
     inside = np.zeros(len(stream.time), dtype=np.bool_)
     for part in segments:
-        near = (stream.time >= part.start - STAMP_SECONDS) & (stream.time <= part.end + STAMP_SECONDS)
+        near = (stream.time >= part.start - slack) & (stream.time <= part.end + slack)
         inside |= near & (stream.boot == part.boot)
     return inside
 

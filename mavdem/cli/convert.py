@@ -20,7 +20,7 @@ def convert_command(source: str, out: str, axis: str, vehicle: str | None, input
 
     The ending of OUT says the format. .tlog and .mcap receive every frame of the recorded stream with its receive time.
     .csv and .parquet receive the longest settled flight of one vehicle as a table (--axis, --vehicle, --inputs); if no
-    model can be learnt from the log, what there is of attitude and inputs, with a caution; at rates far apart, each at
+    model can be learned from the log, what there is of attitude and inputs, with a caution; at rates far apart, each at
     its own stamps and nan between. An .mcap file also holds every message as JSON, for viewers; converted back to .tlog
     it is the original stream.
 

@@ -211,7 +211,7 @@ def _balance(signals: Signals, settled: Segments) -> tuple[tuple[float | None, .
     """Half widths of the motors' shares, and the steady command of each axis."""
     motors, seconds = signals.motors, _seconds(settled)
     assert motors is not None
-    shares = motors.scale.fraction(motors.outputs[within(motors, *settled)])
+    shares = motors.scale.fraction(motors.outputs[within(motors, *settled, slack=0)])
     level = shares.mean(axis=1, keepdims=True)
     # A ratio of means: its error is the mean of these.
     balance = (shares - level * (shares.mean(axis=0) / level.mean())) / level.mean()
@@ -224,7 +224,7 @@ def _balance(signals: Signals, settled: Segments) -> tuple[tuple[float | None, .
 
 def _leaning(signals: Signals, settled: Segments) -> tuple[dict[str, Steady], NDArray[np.float64]]:
     """Roll and pitch, and the angle from level (N,), rad."""
-    angles = [tilt.angle[within(tilt, *settled)] for tilt in signals.tilts]
+    angles = [tilt.angle[within(tilt, *settled, slack=0)] for tilt in signals.tilts]
     if len(angles) < len(TILT_AXES) or not all(map(len, angles)):
         return {}, np.zeros(0)
     lean = {axis: _steady(angle, _seconds(settled)) for axis, angle in zip(TILT_AXES, angles, strict=True)}
@@ -258,7 +258,7 @@ def _vibration(signals: Signals, settled: Segments) -> VibrationFigures | None:
     measured = _measured(signals, "VIBRATION", (*names, *CLIPS))
     if measured is None:
         return None
-    here = within(measured, *settled)
+    here = within(measured, *settled, slack=0)
     levels, clips = measured.values[here, : len(names)], measured.values[:, len(names) :]
     if not levels.any():  # also where a firmware sends zeros
         return None
@@ -270,14 +270,14 @@ def _vibration(signals: Signals, settled: Segments) -> VibrationFigures | None:
 def _battery(signals: Signals, parts: Segments) -> BatteryFigures | None:
     """The battery during these parts; None where no voltage was measured then."""
     voltage = signals.voltage
-    if voltage is None or not (here := within(voltage, *parts)).any():
+    if voltage is None or not (here := within(voltage, *parts, slack=0)).any():
         return None
     time, boot, volts = voltage.time[here], voltage.boot[here], voltage.values[here]
     first = volts[(boot == boot[0]) & (time <= time[0] + END_SECONDS)]
     last = volts[(boot == boot[-1]) & (time >= time[-1] - END_SECONDS)]
     figures = float(np.median(first)), float(np.median(last)), float(volts.mean()), float(volts.min())
     load = _measured(signals, "SYS_STATUS", ("voltage_battery", "current_battery"))
-    here = within(load, *parts) if load is not None else np.zeros(0, dtype=np.bool_)
+    here = within(load, *parts, slack=0) if load is not None else np.zeros(0, dtype=np.bool_)
     # A negative current stands for none, and a sensor that is not there, or not calibrated, reads 0 at times.
     if load is None or not here.any() or load.values[here, 1].min() <= 0:
         return BatteryFigures(*figures)

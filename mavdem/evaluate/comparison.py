@@ -106,8 +106,6 @@ class Outcome:
         seconds: processor time of the training.
         scores: a row for each question and horizon; the last of a question is that of the whole test part.
         forecasts: (H, m) by question, each from the end of training or from state 0.
-        bands: (H, m) half widths of the 90 % bands about these, of those that have one.
-        expected: (H, m) squared error that the model expects of the forecast; ``None`` if it has no variance.
     """
 
     method: str
@@ -119,8 +117,6 @@ class Outcome:
     seconds: float
     scores: ScoreTable
     forecasts: dict[str, Array]
-    bands: dict[str, Array]
-    expected: Array | None = None
 
     def of(self, question: str) -> ScoreTable:
         """Returns the scores of a ``question``, the shortest horizon first."""
@@ -167,20 +163,20 @@ def evaluate_window(method: Method, window: Window) -> Outcome:
         table_type(m),
     )
     who = method.name, window.flight, window.start
-    return Outcome(*who, failure, None, (), thread_time() - began, scores, {}, {})
+    return Outcome(*who, failure, None, (), thread_time() - began, scores, {})
 
 
 def _outcome(method: Method, window: Window, model: Forecaster, seconds: float) -> Outcome:
-    train, test, cautions, expected = window.train, window.test, tuple(model.cautions), None
+    train, test, cautions = window.train, window.test, tuple(model.cautions)
     forecasts = {KNOWN: model.forecast(test.inputs), FROM_ZERO: model.forecast(test.inputs, from_zero=True)}
     bands = {}
     if method.predicts:
         forecasts[UNKNOWN] = model.predict(len(test))
     if isinstance(model, ProbabilisticForecaster):
-        expected, bands[KNOWN] = model.forecast_variance(test.inputs), model.forecast_band(test.inputs)
+        bands[KNOWN] = model.forecast_band(test.inputs)
         if method.predicts:
             bands[UNKNOWN] = model.predict_band(len(test))
-        if (expected / train.outputs.var(axis=0)).mean() > 1:
+        if (model.forecast_variance(test.inputs) / train.outputs.var(axis=0)).mean() > 1:
             cautions += ("The error to expect of the forecast is larger than the constant mean's.",)
     rows = []
     for question, whole in forecasts.items():
@@ -196,7 +192,7 @@ def _outcome(method: Method, window: Window, model: Forecaster, seconds: float) 
     scores = np.concatenate(rows)
     scores["flight"], scores["start"], scores["method"] = window.flight, window.start, method.name
     who = method.name, window.flight, window.start
-    return Outcome(*who, "", model.stable, cautions, seconds, scores, forecasts, bands, expected)
+    return Outcome(*who, "", model.stable, cautions, seconds, scores, forecasts)
 
 
 def outcomes(
@@ -219,7 +215,7 @@ def compare(
 ) -> Comparison:
     """Runs all ``methods`` on all ``windows`` and compares the first with each of the others.
 
-    Arguments are as for :func:`outcomes`, also ``executor``.
+    Arguments are as for ``outcomes``, also ``executor``.
 
     Raises:
         ValueError: as :meth:`Comparison.of`.

@@ -114,7 +114,7 @@ def run(runner: Runner) -> Result:
         ),
         remarks=(
             "Our settings here differ from the paper’s in the precision of the prior and in the use of the highest "
-            "derivative; `python -m mavdem.paper.scalar_system` prints which of them are needed.",
+            "derivative; docs/tried.md has which of them are needed.",
         ),
     )
 

@@ -1,22 +1,16 @@
 """The scalar system ẋ = A x + B v + w, y = x + z, the generative model that learns it, and F̄ᵒ over A and B.
 
 Input and noises are sums of harmonics, so states, outputs and all derivatives are exact, whatever the sampling step.
-
-``python -m mavdem.paper.scalar_system`` prints a Markdown table of the settings that lead from η = (−8, 8) to A = −2,
-B = 2, and of those that do not: with twenty noises each, the mean of the ends of the ascents, its scatter, the
-posterior standard deviation, and how often the 95 % region contains the truth.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import ceil, e
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mavdem.dem.engine.ascent import plain_rounds
 from mavdem.dem.engine.coordinates import embed, temporal_precision
 from mavdem.dem.engine.free_energy import Belief, optimal_terms
 from mavdem.dem.engine.generative import GenerativeModel, Prior, SufficientStatistics
@@ -160,70 +154,3 @@ def peak(model: GenerativeModel, samples: SufficientStatistics, belief: Belief) 
 def curvature(belief: Belief) -> float:
     """Returns the curvature of F̄ᵒ along A at the belief: the A entry of Π^θ, Eq. ``Picurvature``."""
     return float(np.linalg.inv(belief.theta_covariance[:2, :2])[0, 0])
-
-
-NOISES, ITERATIONS = 20, 200  # of each case
-
-CASES: dict[str, tuple[ScalarSettings, ScalarWorld]] = {
-    # A little too sure, since q takes x̃ and θ for independent.
-    "these settings": (ScalarSettings(), ScalarWorld()),
-    # The prior's sd is 0.14 and it is 6 off: its bias is several posterior deviations.
-    "… P^θ = e⁴": (replace(ScalarSettings(), theta_precision=PAPER.theta_precision), ScalarWorld()),
-    # With D's last row zero, A x″ counts as noise: that draws A to 0, B after it, and λʷ down.
-    "… q = p": (replace(ScalarSettings(), q=2), ScalarWorld()),
-    # 18 times the samples, but not the information: smooth noise is autocorrelated. Too sure by √18.
-    "… every sample used": (replace(ScalarSettings(), spacing=0.1), ScalarWorld()),
-    # x′ lies half a sample from x and v.
-    "… p = 1, d = 0, q = 0": (replace(ScalarSettings(), p=1, d=0, q=0), ScalarWorld()),
-    # The prior's bias, D's last row, and consecutive samples taken for independent; one iteration.
-    "the paper's settings": (PAPER, PAPER_WORLD),
-    # At λʷ = 0 the tight prior outweighs the data, then the misfit counts as noise: it stays at the prior.
-    "the authors' priors: λ from 0 with P^λ = e³, P^θ = e⁶, p = 6, d = 2, s = 0.5": (
-        replace(
-            PAPER,
-            p=6,
-            d=2,
-            q=6,
-            smoothness=0.5,
-            lambda_mean=(0.0, 0.0),
-            lambda_precision=(e**3, e**3),
-            theta_precision=(e**6, e**6, CERTAIN),
-        ),
-        replace(PAPER_WORLD, smoothness=0.5, lambda_z=6.0),
-    ),
-}
-
-
-class CaseResult(NamedTuple):
-    """Where the ascents of one case ended: ``mean``, ``scatter`` and mean ``posterior`` deviation (2,) of A and B.
-
-    ``within``: ascents whose 95 % region holds the truth.
-    """
-
-    mean: Array
-    scatter: Array
-    posterior: Array
-    within: int
-
-
-def run_case(settings: ScalarSettings, world: ScalarWorld, iterations: int = ITERATIONS) -> CaseResult:
-    """Runs a case once for each noise, for so many iterations."""
-    model = settings.model()
-    ends = [plain_rounds(model, settings.samples(world, seed), iterations)[-1] for seed in range(NOISES)]
-    theta = np.array([end.theta[:2] for end in ends])
-    deviations = np.sqrt([np.diag(end.theta_covariance)[:2] for end in ends])
-    within = sum(truth_within(end.theta, end.theta_covariance) for end in ends)
-    return CaseResult(theta.mean(axis=0), theta.std(axis=0), deviations.mean(axis=0), within)
-
-
-def main() -> None:
-    """Prints the table."""
-    print("| settings | A, scatter | B, scatter | posterior sd of A, B | truth within |\n|---|---|---|---|---|")
-    for name, case in CASES.items():
-        end = run_case(*case)
-        a, b = (f"{mean:.3f} ± {scatter:.3f}" for mean, scatter in zip(end.mean, end.scatter, strict=True))
-        print(f"| {name} | {a} | {b} | {'{:.3f}, {:.3f}'.format(*end.posterior)} | {end.within} of {NOISES} |")
-
-
-if __name__ == "__main__":
-    main()

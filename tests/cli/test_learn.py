@@ -275,6 +275,6 @@ def test_the_truth_of_a_simulated_flight_stands_beside_the_estimates(tmp_path, m
     report = strict_json((tmp_path / "f" / "report.json").read_text())
     by_name = {one["name"]: one for one in report["truth"]["parameters"]}
     with np.load("f.truth.npz") as truth:
-        assert by_name["effectiveness of motor 1"]["truth"] == truth["roll_effect"][0]
-    assert by_name["rate damping"]["estimate"] == report["physical"]["damping"]
+        assert by_name["effect of motor 1"]["truth"] == truth["roll_effect"][0]
+    assert by_name["damping"]["estimate"] == report["physical"]["damping"]
     assert "f.truth.npz" in (tmp_path / "f" / "report.html").read_text()

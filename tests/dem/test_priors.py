@@ -37,9 +37,8 @@ def test_a_prior_in_physical_units_means_the_same_in_any_scaling():
     flight = simulated(wind=0.2)[:700]
     scaled = learn(flight, SETTINGS)
     # As they are: the prior then has no trim to learn beside it, so the trims are taken off first.
-    centred = Flight(
-        flight.time, flight.inputs - flight.inputs.mean(axis=0), flight.outputs - flight.outputs.mean(axis=0)
-    )
+    inputs, outputs = (table - table.mean(axis=0) for table in (flight.inputs, flight.outputs))
+    centred = Flight(flight.time, inputs, outputs)
     plain = learn(centred, replace(SETTINGS, scaling="none", lambda_w=0.0))
     for learned in (scaled, plain):
         np.testing.assert_allclose(learned.model.A[1], [-9, -RATE], rtol=0.15)

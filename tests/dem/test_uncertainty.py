@@ -10,6 +10,7 @@ from random_models import models, random_belief
 from simulated import simulated
 
 from mavdem import Flight, Learned, Settings, learn
+from mavdem.confidence import half_width, quantile, require_probability
 from mavdem.dem.engine.ascent import ascend
 from mavdem.dem.engine.free_energy import free_energy
 from mavdem.dem.engine.generative import SufficientStatistics
@@ -170,12 +171,16 @@ def test_information_without_a_nuisance_is_that_of_its_best_value():
     np.testing.assert_allclose(marginal_information(information, precision, np.array([0])), [[4.0 - 9.0 / 7.0]])
 
 
-@pytest.mark.parametrize("level", [0, 1, -1, 2, np.nan, "x", None])
+@pytest.mark.parametrize("level", [0, 1, -1, 2, np.nan, "x", None, True])
 def test_a_level_that_is_no_probability_is_named(level):
-    learned = learn(simulated()[:200], Settings(order=2, window=3, parameter_precision=1.0))
-    for interval in (learned.model_interval, lambda level: learned.forecast_band(np.full((3, 4), 1500.0), level)):
-        with pytest.raises(ValueError, match="^level must"):
-            interval(level)
+    with pytest.raises(ValueError, match="^level must"):
+        require_probability(level)
+
+
+def test_half_widths_are_those_of_normal_deviations_or_of_students():
+    widths = half_width(np.array([1.0, 4.0, 4.0]), 0.9, [np.inf, np.inf, 3.0])
+    np.testing.assert_allclose(widths, [1.645, 3.290, 4.707], rtol=1e-3)
+    assert quantile() == pytest.approx(float(half_width(1.0)))
 
 
 def test_a_direction_is_shown_by_its_heaviest_entries():
