@@ -1,7 +1,4 @@
-"""ARX: each sample as a linear combination of those before it and their inputs, by least squares.
-
-Joint VAR: outputs and inputs as one vector autoregression, the inputs as measurements that answer the outputs.
-"""
+"""Autoregressions: ARX, in which inputs are causes, and the joint VAR, in which they are measurements of the motion."""
 
 from __future__ import annotations
 
@@ -26,7 +23,7 @@ from mavdem.confidence import LEVEL, half_width, require_probability
 from mavdem.dem.engine.linalg import Array, one_thread
 from mavdem.dem.engine.model import STABILITY_TOLERANCE
 from mavdem.dem.engine.state_space import StateSpace
-from mavdem.dem.forecast.var import RIDGE, Forecast, Var
+from mavdem.dem.forecast.var import RIDGE, Forecast, Var, lagged
 from mavdem.dem.record import Record, UniformRecord, required_steps
 from mavdem.dem.validation import is_number
 
@@ -77,18 +74,8 @@ def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2, stable: 
 
 def _lagged(segments: Segments, order: int) -> tuple[Array, Array]:
     """Regressors [outputs of each lag, inputs of each lag, 1] and targets, of all samples with as many before them."""
-    rows, targets = [], []
-    for inputs, outputs in segments:
-        length = len(outputs)
-        if length <= order:
-            continue
-        lags = [table[order - lag : length - lag] for table in (outputs, inputs) for lag in range(1, order + 1)]
-        rows.append(np.hstack([*lags, np.ones((length - order, 1))]))
-        targets.append(outputs[order:])
-    m, k = segments[0][1].shape[1], segments[0][0].shape[1]
-    if not rows:
-        return np.empty((0, order * (m + k) + 1)), np.empty((0, m))
-    return np.vstack(rows), np.vstack(targets)
+    rows = [np.hstack([lagged(y, order), lagged(u, order), np.ones((max(0, len(y) - order), 1))]) for u, y in segments]
+    return np.vstack(rows), np.vstack([y[order:] for _, y in segments])
 
 
 def _realised(coefficients: Array, order: int, m: int) -> StateSpace:
@@ -177,11 +164,11 @@ class JointAutoregression:
         return self.spectral_radius <= 1 + STABILITY_TOLERANCE
 
     def one_step(self) -> Array:
-        """(T, m): each training sample from those before it in its segment, and the inputs up to the sample itself."""
+        """Returns (T, m): each training sample from those before it in its segment, and the inputs up to its own."""
         return self.model.one_step(self.record)
 
     def predict(self, steps: int) -> Array:
-        """(steps, m): the outputs after the training data, inputs unknown; row 0 is the first sample after it.
+        """Returns (steps, m): the outputs after the training data, inputs unknown.
 
         Raises:
             ValueError: no positive whole number of steps.
@@ -189,9 +176,7 @@ class JointAutoregression:
         return self._predicted(steps).mean
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """(H, m): the samples after the training data, by a new prediction from every ``steps``-th of them on.
-
-        Each uses the ``inputs`` (H, r) and ``outputs`` (H, m) before it, and none after.
+        """Returns (H, m): a new prediction at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m).
 
         Raises:
             ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
@@ -199,9 +184,7 @@ class JointAutoregression:
         return self.model.predict_every(self._past, steps, *self.record.following(steps, inputs, outputs))
 
     def predict_band(self, steps: int, level: float = LEVEL) -> Array:
-        """(steps, m) half width, about :meth:`predict`, of the band that holds a sample with probability ``level``.
-
-        It is that of the model as if its parameters were exact, and too narrow by their uncertainty.
+        """Returns (steps, m) half widths of bands of probability ``level``, as if the parameters were exact.
 
         Raises:
             ValueError: no positive whole number of steps, or a level that is no probability between 0 and 1.
@@ -210,25 +193,21 @@ class JointAutoregression:
         return half_width(self._predicted(steps).variance, level)
 
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
-        """(H, m): the outputs after the training data given the recorded ``inputs`` (H, r), as measurements.
+        """Returns (H, m): the outputs after the training data given ``inputs`` (H, r); see :class:`mavdem.Forecaster`.
 
-        Each is given the inputs up to its own sample, or all of them with ``smooth``. ``from_zero`` begins with all
-        channels at their mean, and not with the last samples of training.
+        With ``smooth`` all inputs count. ``from_zero`` begins with all channels at their mean.
 
         Raises:
             ValueError: inputs of another width, or not finite.
         """
-        past = np.tile(self.model.units.center, (self.model.lags, 1)) if from_zero else self._past
-        return self.model.infer(past, self.record.following_inputs(inputs), smooth).mean
+        return self._inferred(inputs, from_zero, smooth).mean
 
     def forecast_variance(self, inputs: ArrayLike) -> Array:
-        """(H, m) expected squared error of :meth:`forecast` with ``inputs`` (H, r), as if parameters were exact."""
-        return self.model.infer(self._past, self.record.following_inputs(inputs)).variance
+        """Returns (H, m) expected squared error of :meth:`forecast` with ``inputs``, as if parameters were exact."""
+        return self._inferred(inputs).variance
 
     def forecast_band(self, inputs: ArrayLike, level: float = LEVEL) -> Array:
-        """(H, m) half width, about :meth:`forecast`, of the band that holds a sample with probability ``level``.
-
-        It is that of the model as if its parameters were exact. ``inputs`` (H, r) are as for :meth:`forecast`.
+        """Returns (H, m) half widths, by :meth:`forecast_variance` of ``inputs``, of bands of probability ``level``.
 
         Raises:
             ValueError: inputs of another width or not finite, or a level that is no probability between 0 and 1.
@@ -237,9 +216,7 @@ class JointAutoregression:
         return half_width(self.forecast_variance(inputs), level)
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """(H, m): the samples after the training data, by a new forecast from every ``steps``-th of them on.
-
-        ``inputs`` (H, r) and ``outputs`` (H, m) are in the units of the training data.
+        """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m).
 
         Raises:
             ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
@@ -247,7 +224,7 @@ class JointAutoregression:
         return self.model.infer_every(self._past, steps, *self.record.following(steps, inputs, outputs)).mean
 
     def simulate(self, inputs: ArrayLike) -> Array:
-        """Refused: this model has no plant whose ``inputs`` could be commanded.
+        """Refuses: this model has no plant whose ``inputs`` could be commanded.
 
         Raises:
             ValueError: always.
@@ -259,10 +236,12 @@ class JointAutoregression:
 
     @cached_property
     def _past(self) -> Array:
-        """(lags, k) the last samples of the training data."""
         return self.model.past(self.record)
 
     def _predicted(self, steps: int) -> Forecast:
         m = self.record.outputs.shape[1]
-        mean, variance = self.model.predict(self._past, required_steps(steps))
-        return Forecast(mean[:, :m], variance[:, :m])
+        return Forecast(*(table[:, :m] for table in self.model.predict(self._past, required_steps(steps))))
+
+    def _inferred(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Forecast:
+        past = np.tile(self.model.units.center, (self.model.lags, 1)) if from_zero else self._past
+        return self.model.infer(past, self.record.following_inputs(inputs), smooth)

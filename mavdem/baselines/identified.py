@@ -62,12 +62,12 @@ class Identified:
         return self.model.stable
 
     def one_step(self) -> Array:
-        """(T, m): each training sample predicted from those before it in its segment, and the inputs."""
+        """Returns (T, m): each training sample predicted from those before it in its segment, and the inputs."""
         segments = zip(self.starts, self.record.segments, strict=True)
         return np.concatenate([self.model.predicted(start, *segment) for start, segment in segments])
 
     def predict(self, steps: int) -> Array:
-        """(steps, m): the outputs after the training data, of a model on which inputs have no effect.
+        """Returns (steps, m): the outputs after the training data, of a model on which inputs have no effect.
 
         Raises:
             ValueError: inputs have an effect; or no positive whole number of steps.
@@ -76,9 +76,7 @@ class Identified:
         return self.forecast(np.broadcast_to(self.model.input_trim, (required_steps(steps), self.model.B.shape[1])))
 
     def predict_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """(H, m): as :meth:`forecast_every`, of a model on which ``inputs`` (H, r) have no effect.
-
-        ``outputs`` (H, m) are those after the training data, and a prediction begins at every ``steps``-th.
+        """Returns :meth:`forecast_every` of these ``steps, inputs, outputs``, where inputs have no effect.
 
         Raises:
             ValueError: inputs have an effect; or as :meth:`forecast_every`.
@@ -94,14 +92,10 @@ class Identified:
             )
 
     def forecast(self, inputs: ArrayLike, from_zero: bool = False, smooth: bool = False) -> Array:
-        """Outputs after the training data: row 0 is the first sample after it, the state predicted from all before.
+        """Returns (H, m): the outputs after the training data with ``inputs`` (H, r), as in :class:`mavdem.Forecaster`.
 
-        Row h of the inputs is of the same instant as row h of the forecast, which without feedthrough depends on the
-        rows before it only; row 0 on the last training input.
-        The ``inputs`` (H, r) are in the unit of the training inputs, the result is (H, m); that of an unstable model
-        may overflow to infinity or NaN. ``from_zero`` begins with state 0 at row 0 (the outputs at their trim), as the
-        paper's figures do. The inputs are causes in these models, so that later ones change nothing: ``smooth`` returns
-        the same.
+        An unstable model's may overflow to infinity or NaN. Without feedthrough row h depends on the inputs before it.
+        Inputs are causes in these models, so that ``smooth`` changes nothing; ``from_zero`` begins with state 0.
 
         Raises:
             ValueError: inputs of another width, or not finite.
@@ -111,10 +105,7 @@ class Identified:
         return self.model.simulated(state, ahead)
 
     def forecast_every(self, steps: int, inputs: ArrayLike, outputs: ArrayLike) -> Array:
-        """(H, m): the samples after the training data, by a new forecast from every ``steps``-th of them on.
-
-        Each begins with the state predicted from all samples before it. ``inputs`` (H, r) and ``outputs`` (H, m) are in
-        the units of the training data. With ``steps`` of H or more it is what :meth:`forecast` returns.
+        """Returns (H, m): a new forecast at every ``steps``-th of ``inputs`` (H, r), ``outputs`` (H, m).
 
         Raises:
             ValueError: fewer steps than 1, or inputs and outputs of other shapes, or not finite.
@@ -122,9 +113,7 @@ class Identified:
         return self.model.simulated_every(steps, self._last_state, *self.record.following(steps, inputs, outputs))
 
     def simulate(self, inputs: ArrayLike) -> Array:
-        """(H, m): the outputs if ``inputs`` (H, r) were commanded: what :meth:`forecast` returns.
-
-        It is the plant's answer as far as the model is that of the plant: a model learnt in closed loop may not be.
+        """Returns :meth:`forecast` of these ``inputs`` (H, r): the plant's answer, as far as the model is the plant's.
 
         Raises:
             ValueError: inputs of another width, or not finite.

@@ -247,7 +247,7 @@ class Learned(LearnedDownstream):
         """
         following = self.record.following_inputs(inputs)
         if from_zero:
-            return self.prediction.plant.following(following, from_zero).mean
+            return self.prediction.plant.from_zero(following)
         return self.prediction.known(following, smooth).mean
 
     @may_overflow

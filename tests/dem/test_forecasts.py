@@ -10,6 +10,7 @@ from simulated import simulated
 from mavdem import Flight, Learned, Settings, baselines, evaluate, learn
 from mavdem.dem.forecast.forecasts import (
     DOUBLING_DEVIATION,
+    FOLDS,
     MEASURED_RIDGE,
     PREDICTED_RIDGE,
     WEIGHT_POWER,
@@ -17,7 +18,6 @@ from mavdem.dem.forecast.forecasts import (
     Forecasts,
     PlantForecasts,
     expected_error,
-    folds,
     left_out_errors,
     mixture,
     prior_variance,
@@ -25,7 +25,7 @@ from mavdem.dem.forecast.forecasts import (
     shrunk,
 )
 from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var
-from mavdem.dem.record import Record
+from mavdem.dem.record import Record, folds
 from mavdem.evaluate import relative_mspe
 
 FLIGHT = in_closed_loop(850)
@@ -112,7 +112,8 @@ def test_left_out_errors_are_of_models_that_have_not_seen_the_samples():
     units = ChannelUnits.of(record)
     segments = units.segments(record)
     whole, squares = LagStatistics.of(segments, lags), []
-    for fold in folds(segments):
+    lengths = [len(channels) for channels in segments]
+    for fold in ([(segments[n], *span) for n, *span in part] for part in folds(lengths, FOLDS)):
         left_out = LagStatistics.of([channels[max(0, first - lags) : stop] for channels, first, stop in fold], lags)
         models = [Var.fit(whole - left_out, lags, ridge) for ridge in (MEASURED_RIDGE, PREDICTED_RIDGE)]
         for channels, first, stop in fold:
@@ -127,13 +128,6 @@ def test_left_out_errors_are_of_models_that_have_not_seen_the_samples():
     expected = np.concatenate(squares, axis=1).mean(axis=1) * record.outputs.var(axis=0)
     np.testing.assert_allclose([table[0] for table in errors[:3]], expected)
     assert (errors.known[0] < errors.unknown[0]).all() and (errors.mean[0] > record.outputs.var(axis=0)).all()
-
-
-def test_a_part_that_is_predicted_is_not_in_the_models_that_predict_it():
-    segments = [np.random.default_rng(0).standard_normal((number, 3)) for number in (100, 7, 60)]
-    parts = folds(segments)
-    assert [sum(stop - start for _, start, stop in part) for part in parts] == [41, 42, 42, 42]
-    assert [(start, stop) for _, start, stop in parts[2]] == [(83, 100), (0, 7), (0, 18)]
 
 
 def test_noise_that_no_model_foresees_is_left_to_the_mean():
@@ -183,7 +177,7 @@ def test_a_gust_that_training_has_not_seen_widens_the_band(learned):
 
 def test_settings_without_it_leave_the_plant_alone():
     learned = learn(TRAIN, replace(PLANT, iterations=2))
-    plant = learned.prediction.plant.following(TEST.inputs)
+    plant = learned.prediction.plant.every(len(TEST), TEST.inputs, 0 * TEST.outputs)
     np.testing.assert_array_equal(learned.forecast(TEST.inputs), plant.mean)
     assert Settings.paper().forecasts == "model"
 

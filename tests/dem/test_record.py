@@ -5,7 +5,7 @@ import pytest
 from simulated import simulated
 
 from mavdem import Flight, learn
-from mavdem.dem.record import Record
+from mavdem.dem.record import Record, folds
 
 FLIGHT = simulated(wind=1.0)[:700]
 
@@ -41,3 +41,9 @@ def test_motors_that_never_move_are_refused_with_what_to_do():
         learn(Record(inputs, FLIGHT.outputs, FLIGHT.dt, (700,)))
     with pytest.raises(ValueError, match="^inputs column 0 must vary: constant samples determine no model$"):
         learn(Record(np.full_like(inputs, 1500.0), FLIGHT.outputs, FLIGHT.dt, (700,)))
+
+
+def test_folds_are_parts_of_equal_length_in_pieces_of_one_segment():
+    parts = folds([100, 7, 60], 4)
+    assert [sum(stop - start for _, start, stop in part) for part in parts] == [41, 42, 42, 42]
+    assert parts[2] == [(0, 83, 100), (1, 0, 7), (2, 0, 18)]

@@ -61,7 +61,7 @@ def var4(flight: mavdem.Flight) -> Array:
         model = Var.learn(Record(inputs[past], outputs[past], flight.dt, (now - past.start,)), LAGS)
         rows = np.arange(now, min(now + second, len(outputs)))
         before = channels[rows[:, None] + np.arange(1 - LAGS, 1)]
-        found[rows] = model.predict_mean(before, HORIZONS[-1])[:, np.array(HORIZONS) - 1, :m]
+        found[rows] = model.predict(before, HORIZONS[-1]).mean[:, np.array(HORIZONS) - 1, :m]
     return found
 
 

@@ -217,15 +217,13 @@ class PlantForecasts:
     training_forecasts: TrainingForecasts
     shrink: bool
 
-    def following(self, inputs: Array, from_zero: bool = False) -> Forecast:
-        """Forecasts with ``inputs`` (H, r), from the last state on or, with ``from_zero``, from state 0."""
+    def from_zero(self, inputs: Array) -> Array:
+        """Forecasts (H, m) with ``inputs`` (H, r) from state 0, the outputs at their trim."""
         u, (before_u, before_y) = self.scaling.scale_inputs(inputs), self._last_segment
-        if from_zero and len(u):
-            trim = np.zeros(self.record.outputs.shape[1])
+        deviation, trim = np.empty((0, before_y.shape[1])), np.zeros(before_y.shape[1])
+        if len(u):
             deviation = np.vstack([trim, self.predictor.simulated(self.predictor.second(u[0], trim), u[1:])])
-        else:
-            deviation = self.predictor.simulated(self._last_state, u)
-        return self._forecast(max(1, len(u)), deviation, u, np.vstack([before_u, u]), before_y, len(before_y))
+        return self._forecast(max(1, len(u)), deviation, u, np.vstack([before_u, u]), before_y, len(before_y)).mean
 
     def every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
         """Forecasts ``steps`` samples each time, through the samples ``inputs`` (H, r) and ``outputs`` (H, m)."""
@@ -318,7 +316,7 @@ def left_out_errors(record: Record, lags: int) -> LeftOutErrors | None:
             following, past = channels[np.minimum(ahead, stop - 1)], channels[begins[:, None] + np.arange(-lags, 0)]
             answers = (
                 measured.infer(past, following[..., m:]).mean,
-                predicted.predict_mean(past, steps)[..., :m],
+                predicted.predict(past, steps).mean[..., :m],
                 np.broadcast_to(past[:, -1:, :m], (*ahead.shape, m)),
                 np.broadcast_to(mean, (*ahead.shape, m)),
             )
@@ -352,22 +350,13 @@ class Member(NamedTuple):
         measured, predicted = (Var.learn(combined, lags, ridge) for ridge in (MEASURED_RIDGE, PREDICTED_RIDGE))
         return cls(measured, predicted, combinations, measured.past(combined), errors)
 
-    def inferred(self, inputs: Array, smooth: bool) -> Forecast:
-        """Forecasts with ``inputs`` (H, r) measured up to each sample; or, to ``smooth``, all of them."""
-        mean = self.measured.infer(self.past, inputs @ self.combinations, smooth).mean
-        return self._with_error(max(1, len(inputs)), inputs, mean, mean)
-
-    def inferred_every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
-        """Forecasts with inputs measured, begun again at every ``steps``-th sample."""
-        mean = self.measured.infer_every(self.past, steps, inputs @ self.combinations, outputs).mean
-        return self._with_error(steps, inputs, outputs, mean)
-
-    def _with_error(self, steps: int, inputs: Array, outputs: Array, mean: Array) -> Forecast:
-        """The forecast with its expected squared error: more where it leaves the range of the training data."""
-        errors = by_length(self.errors.known, np.arange(len(inputs)) % steps)
-        leverage = self.measured.leverage(self.past, steps, inputs @ self.combinations, outputs, mean)
+    def inferred_every(self, steps: int, inputs: Array, outputs: Array, smooth: bool) -> Forecast:
+        """Forecasts anew at every ``steps``-th sample, inputs measured; its error grows outside the training data."""
+        combined = inputs @ self.combinations
+        mean = self.measured.infer_every(self.past, steps, combined, outputs, smooth).mean
+        leverage = self.measured.leverage(self.past, steps, combined, outputs, mean)
         excess = np.maximum(1.0, running_mean(leverage[:, None], steps) / LEVERAGE_LIMIT)
-        return Forecast(mean, errors * excess**2)
+        return Forecast(mean, by_length(self.errors.known, np.arange(len(inputs)) % steps) * excess**2)
 
     def predicted_every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
         """Forecasts with inputs unknown, begun again at every ``steps``-th sample."""
@@ -401,20 +390,20 @@ class Forecasts:
         return tuple(member for member in members if member is not None)
 
     def known(self, inputs: Array, smooth: bool = False) -> Forecast:
-        """Forecasts with ``inputs`` (H, r) measured up to each sample; or, to ``smooth``, all of them."""
-        plant, steps = self.plant.following(inputs), max(1, len(inputs))
-        if not (self.measured and self.members):
-            return plant
-        members = [member.inferred(inputs, smooth) for member in self.members]
-        return mixture([plant, *members, self._mean(steps, self.plant.record.outputs[-1:], len(inputs))], steps)
+        """Forecasts the next samples with ``inputs`` (H, r); see :meth:`known_every`."""
+        outputs = np.zeros((len(inputs), self.plant.record.outputs.shape[1]))
+        return self.known_every(max(1, len(inputs)), inputs, outputs, smooth)
 
-    def known_every(self, steps: int, inputs: Array, outputs: Array) -> Forecast:
-        """Forecasts anew at every ``steps``-th of the samples ``inputs`` (H, r) and ``outputs`` (H, m)."""
+    def known_every(self, steps: int, inputs: Array, outputs: Array, smooth: bool = False) -> Forecast:
+        """Forecasts anew at every ``steps``-th of the samples ``inputs`` (H, r) and ``outputs`` (H, m).
+
+        Inputs are measured up to each sample; or, to ``smooth``, all of a forecast's.
+        """
         steps = min(steps, max(1, len(inputs)))
         plant = self.plant.every(steps, inputs, outputs)
         if not (self.measured and self.members):
             return plant
-        members = [member.inferred_every(steps, inputs, outputs) for member in self.members]
+        members = [member.inferred_every(steps, inputs, outputs, smooth) for member in self.members]
         return mixture([plant, *members, self._mean(steps, self._before(steps, outputs), len(outputs))], steps)
 
     def unknown(self, steps: int) -> Forecast:

@@ -244,11 +244,6 @@ class Var(NamedTuple):
                 response = np.concatenate([across @ response, response[:-k]])
             return self._physical(self._predicted(past, steps), variance.cumsum(axis=0))
 
-    def predict_mean(self, past: Array, steps: int) -> Array:
-        """Returns the mean of :meth:`predict` alone (…, steps, k), which may overflow to infinity or NaN."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            return np.asarray(self.units.center + self.units.scale * self._predicted(past, steps))
-
     def _predicted(self, past: Array, steps: int) -> Array:
         k, lags, across = len(self.offset), self.lags, self.across.T.copy()
         # All samples in one array, the latest first, so that the lags of each step are a slice of it.
@@ -293,14 +288,13 @@ class Var(NamedTuple):
             )
         return self._physical(*loop.smoothed(states, errors, covariances, gains, weights))
 
-    def infer_every(self, past: Array, steps: int, inputs: Array, outputs: Array) -> Forecast:
+    def infer_every(self, past: Array, steps: int, inputs: Array, outputs: Array, smooth: bool = False) -> Forecast:
         """Returns (H, m) as :meth:`infer`, begun again at every ``steps``-th sample from all samples before it."""
         length, m = len(inputs), outputs.shape[1]
         steps = max(1, min(steps, length))
         pasts = self.pasts(past, steps, inputs, outputs)
-        found = self.infer(pasts, inputs[_pieces(len(pasts), steps, length)])
-        variance = np.broadcast_to(found.variance, found.mean.shape)
-        return Forecast(found.mean.reshape(-1, m)[:length], variance.reshape(-1, m)[:length])
+        found = self.infer(pasts, inputs[_pieces(len(pasts), steps, length)], smooth)
+        return Forecast(*(table.reshape(-1, m)[:length] for table in found))
 
     def predict_every(self, past: Array, steps: int, inputs: Array, outputs: Array) -> Array:
         """Returns (H, m): the samples that follow, by a new prediction from every ``steps``-th on."""
