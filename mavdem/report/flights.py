@@ -423,8 +423,9 @@ def _row(one: ComparedParameter) -> list[str]:
     estimate, half, truth = (scale * value for value in (one.estimate, one.half_width, one.truth))
     near = abs(estimate - truth) < LARGEST_ERROR * abs(truth)
     inside = {None: one.status, True: "yes", False: "no"}[one.inside]
+    words = {"mean effect": "mean effectiveness", "damping": "rate damping", "lag of the motors": "motor time constant"}
     return [
-        one.name,
+        words.get(one.name, one.name.replace("effect of", "effectiveness of")),
         plus_minus(estimate, half) if isfinite(half) else rounded(estimate),
         rounded(truth, 3),
         f"{round(100 * (estimate / truth - 1)) + 0:+d} %" if near else "",

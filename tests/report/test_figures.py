@@ -178,8 +178,8 @@ def test_without_physical_parameters_only_what_needs_them_is_refused(learned, mo
     monkeypatch.setattr(mavdem.Learned, "physical", unknown)
     for draw in (learned.plot.bode, learned.plot.motors, learned.plot.disturbance):
         assert "not identifiable" in draw().get_supxlabel()
-    for name in ("physical", "wind"):
-        monkeypatch.setattr(mavdem.Learned, name, None)
+    monkeypatch.setattr(mavdem.Learned, "physical", None)
+    monkeypatch.setitem(learned.__dict__, "wind", None)
     with pytest.raises(ValueError, match="no wind torque"):
         learned.plot.disturbance()
     with pytest.raises(ValueError, match="no motors to show"):
