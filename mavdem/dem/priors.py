@@ -67,7 +67,7 @@ def hyperparameter_groups(settings: CompleteSettings, n: int, m: int) -> tuple[N
 
 
 def explicit_prior(prior: Gaussian, weak: float, indices: NDArray[np.intp], scale: Array) -> tuple[Array, Array]:
-    """Returns the engine's prior of a ``prior`` of the vehicle's θ, whose ``indices`` (k,) these are; in physical units.
+    """Returns the engine's prior of the vehicle's θ, at these ``indices`` (k,), from a ``prior`` in physical units.
 
     Others have η = 0 and the prior precision ``weak``. ``scale`` is the physical size of a unit of each of the
     engine's.
