@@ -36,25 +36,17 @@ __all__ = [
     "vehicle",
 ]
 
-_HOMES = {
-    "Flight": "flight",
-    "Forecaster": "forecaster",
-    "HoverFigures": "condition",
-    "Learned": "dem",
-    "NotLearnable": "errors",
-    "OnlineLearner": "dem",
-    "Settings": "dem",
-    "Telemetry": "ingest",
-    "Unreadable": "errors",
-    "VehicleFigures": "analysis",
-    "hover": "condition",
-    "hover_figures": "condition",
-    "learn": "dem",
-    "learn_many": "dem",
-    "read_flight": "alignment",
-    "read_segments": "alignment",
-    "vehicle": "analysis",
+_ROOMS = {
+    "alignment": ("read_flight", "read_segments"),
+    "analysis": ("VehicleFigures", "vehicle"),
+    "condition": ("HoverFigures", "hover", "hover_figures"),
+    "dem": ("Learned", "OnlineLearner", "Settings", "learn", "learn_many"),
+    "errors": ("NotLearnable", "Unreadable"),
+    "flight": ("Flight",),
+    "forecaster": ("Forecaster",),
+    "ingest": ("Telemetry",),
 }
+_HOMES = {name: room for room, names in _ROOMS.items() for name in names}
 
 
 def __getattr__(name: str) -> Any:

@@ -44,15 +44,10 @@ def info_command(
     if not held["learnable"]:
         if as_json:
             # The document is printed already, with all the reasons.
-            complain(f"No {axis} model can be learnt from {source}{_first_reason(held)}", "", as_json=False)
+            because = [f"; {sender(one)}: {one['verdict']['reason']}" for one in held["vehicles"]]
+            because.append(": there is no vehicle in this log.")
+            complain(f"No {axis} model can be learnt from {source}{because[0]}", "", as_json=False)
         context.exit(1)
-
-
-def _first_reason(held: dict[str, Any]) -> str:
-    if not held["vehicles"]:
-        return ": there is no vehicle in this log."
-    one = held["vehicles"][0]
-    return f"; {sender(one)}: {one['verdict']['reason']}"
 
 
 def _print_vehicle(one: dict[str, Any]) -> None:

@@ -87,21 +87,12 @@ class TruthComparison(NamedTuple):
         return {"source": self.source, "parameters": [one.as_dict() for one in self.parameters], "wind": wind}
 
 
-class FlightTruth(NamedTuple):
-    """What a truth file, ``source``, says of one ``axis``; N rows of the simulation, r motors.
+def read_truth(path: str | PathLike[str], axis: str) -> dict[str, Any]:
+    """Returns one ``axis`` of a truth file of ``mavdem fly``; N rows of the simulation, r motors.
 
-    Its ``columns`` are ``time`` (N,) on the boot clock, ``rate`` (N,) as the autopilot knew it, ``outputs`` (N, r) of
-    the motors in µs, and ``disturbance`` (N,) in rad/s²; ``effect`` (r,) in rad/s² per µs, ``weak_effect`` likewise
-    once something broke, and ``weak`` (N,), when; ``damping``, ``lag`` and ``delay`` in 1/s, s, s.
-    """
-
-    source: str
-    axis: str
-    columns: dict[str, Array]
-
-
-def read_truth(path: str | PathLike[str], axis: str) -> FlightTruth:
-    """Returns one ``axis`` of a truth file of ``mavdem fly``.
+    Its keys: ``source``, the file's name; ``time`` (N,) on the boot clock; ``rate`` (N,) as the autopilot knew it;
+    ``outputs`` (N, r) of the motors, µs; ``disturbance`` (N,), rad/s²; ``effect`` (r,), rad/s² per µs, ``weak_effect``
+    likewise once something broke, and ``weak`` (N,), when; ``damping``, ``lag`` and ``delay``, 1/s, s, s.
 
     Raises:
         Unreadable: ``path`` is not one, or cannot be read.
@@ -133,10 +124,10 @@ def read_truth(path: str | PathLike[str], axis: str) -> FlightTruth:
     sound = all(columns[key].shape == shape and np.isfinite(columns[key]).all() for key, shape in shapes.items())
     if not (sound and rows > 1 and (np.diff(columns["time"]) > 0).all()):
         raise Unreadable(f"{name} is damaged: its arrays do not fit each other.")
-    return FlightTruth(name, axis, columns)
+    return {"source": name, **columns}
 
 
-def truth_of(flights: Sequence[Flight], path: str | PathLike[str]) -> FlightTruth:
+def truth_of(flights: Sequence[Flight], path: str | PathLike[str]) -> dict[str, Any]:
     """Returns what the truth file says of the axis of ``flights``, the segments of one.
 
     Args:
@@ -153,16 +144,16 @@ def truth_of(flights: Sequence[Flight], path: str | PathLike[str]) -> FlightTrut
         raise ValueError(f"the last output must be the rate of roll, pitch or yaw, not {name}")
     truth = read_truth(path, axis)
     for segment in flights:
-        if not _difference(segment.outputs[:, -1], truth, truth.columns["rate"], segment.time) < MAX_DIFFERENCE:
+        if not _difference(segment.outputs[:, -1], truth, truth["rate"], segment.time) < MAX_DIFFERENCE:
             raise Unreadable(
-                f"{truth.source} is the truth of another flight: from {segment.time[0]:.1f} s to "
+                f"{truth['source']} is the truth of another flight: from {segment.time[0]:.1f} s to "
                 f"{segment.time[-1]:.1f} s its {name} is not the log's. Name the .truth.npz that `mavdem fly` wrote "
                 "beside this log."
             )
     return truth
 
 
-def compare_with_truth(learned: Learned, flights: Sequence[Flight], truth: FlightTruth) -> TruthComparison:
+def compare_with_truth(learned: Learned, flights: Sequence[Flight], truth: dict[str, Any]) -> TruthComparison:
     """Returns the physical parameters and the wind torque of a learned flight beside their ``truth``.
 
     Args:
@@ -177,12 +168,14 @@ def compare_with_truth(learned: Learned, flights: Sequence[Flight], truth: Fligh
         raise ValueError("flights must be what the model was trained on")
     time = np.concatenate([segment.time for segment in flights])
     parameters = () if learned.physical is None else _parameters(learned.physical, flights, truth, time)
-    return TruthComparison(truth.source, parameters, None if learned.wind is None else _wind(learned.wind, truth, time))
+    return TruthComparison(
+        truth["source"], parameters, None if learned.wind is None else _wind(learned.wind, truth, time)
+    )
 
 
-def _difference(measured: Array, truth: FlightTruth, column: Array, time: Array) -> float:
+def _difference(measured: Array, truth: dict[str, Any], column: Array, time: Array) -> float:
     """Root mean square difference over the measured standard deviation; infinite where no truth is known."""
-    stamps = truth.columns["time"]
+    stamps = truth["time"]
     if time[0] < stamps[0] or time[-1] > stamps[-1]:
         return float("inf")
     difference = measured - np.interp(time, stamps, column)
@@ -190,31 +183,31 @@ def _difference(measured: Array, truth: FlightTruth, column: Array, time: Array)
 
 
 def _parameters(
-    physical: Physical, segments: Sequence[Flight], truth: FlightTruth, time: Array
+    physical: Physical, segments: Sequence[Flight], truth: dict[str, Any], time: Array
 ) -> tuple[ComparedParameter, ...]:
     effect, *halves = physical.interval(LEVEL)
-    status, columns, parameters = physical.status, truth.columns, list[ComparedParameter]()
+    status, parameters = physical.status, list[ComparedParameter]()
     if _are_the_motors(segments, truth):
-        weak = np.interp(time, columns["time"], columns["weak"]) >= 0.5
-        true = columns["weak_effect" if weak.mean() >= 0.5 else "effect"]
+        weak = np.interp(time, truth["time"], truth["weak"]) >= 0.5
+        true = truth["weak_effect" if weak.mean() >= 0.5 else "effect"]
         unit, state = "rad/s² per µs", status["effect"]
         motors = zip(segments[0].input_names, physical.effect.tolist(), effect.tolist(), true.tolist(), strict=True)
         parameters = [
-            ComparedParameter(f"effectiveness of {name.split(' (')[0]}", unit, value, half, known, state)
+            ComparedParameter(f"effect of {name.split(' (')[0]}", unit, value, half, known, state)
             for name, value, half, known in motors
         ]
         mean = float(np.abs(true).mean())
-        parameters.append(ComparedParameter("mean effectiveness", unit, *physical.mean_effect(LEVEL), mean, state))
-    others = (("rate damping", "1/s", "damping"), ("motor time constant", "s", "lag"), ("delay", "s", "delay"))
+        parameters.append(ComparedParameter("mean effect", unit, *physical.mean_effect(LEVEL), mean, state))
+    others = (("damping", "1/s", "damping"), ("lag of the motors", "s", "lag"), ("delay", "s", "delay"))
     for (name, unit, key), half in zip(others, halves, strict=True):
         state = status["damping" if key == "damping" else "lag"]
-        parameters.append(ComparedParameter(name, unit, getattr(physical, key), half, float(columns[key]), state))
+        parameters.append(ComparedParameter(name, unit, getattr(physical, key), half, float(truth[key]), state))
     return tuple(parameters)
 
 
-def _are_the_motors(segments: Sequence[Flight], truth: FlightTruth) -> bool:
+def _are_the_motors(segments: Sequence[Flight], truth: dict[str, Any]) -> bool:
     """Whether the inputs are the motors' outputs, in their order and in µs."""
-    outputs = truth.columns["outputs"]
+    outputs = truth["outputs"]
     if segments[0].inputs.shape[1] != outputs.shape[1]:
         return False
     return all(
@@ -224,8 +217,8 @@ def _are_the_motors(segments: Sequence[Flight], truth: FlightTruth) -> bool:
     )
 
 
-def _wind(wind: WindTorque, truth: FlightTruth, time: Array) -> ComparedWind:
-    true = np.interp(time, truth.columns["time"], truth.columns["disturbance"])
+def _wind(wind: WindTorque, truth: dict[str, Any], time: Array) -> ComparedWind:
+    true = np.interp(time, truth["time"], truth["disturbance"])
     still = not (true.std() and wind.torque.std())
     return ComparedWind(
         correlation=float("nan") if still else float(np.corrcoef(wind.torque, true)[0, 1]),

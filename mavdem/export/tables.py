@@ -76,7 +76,7 @@ def own_columns(signals: Signals) -> dict[str, NDArray[np.float64]]:
     boots = rows_by(np.concatenate([np.zeros(0, dtype=np.int64), *(stream.boot for stream, _, _ in streams)]))
     if not boots:
         return {}
-    boot = max(boots, key=lambda one: len(boots[one]))
+    boot = max(boots, key=lambda number: len(boots[number]))
     time = np.unique(np.concatenate([stream.time[stream.boot == boot] for stream, _, _ in streams]))
     table = {TIME: time}
     for stream, names, values in streams:

@@ -30,7 +30,7 @@ _lock = Lock()
 class Cluster:
     """Reads logs on the Dask cluster at ``address``, each within ``limits``, by the function ``read``.
 
-    Logs go to workers that can see the files; what a worker had when it died goes to others.
+    What a worker had when it died goes to others.
     """
 
     def __init__(self, address: str, limits: Limits, read: str = READ_LOG) -> None:
@@ -40,8 +40,8 @@ class Cluster:
     def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
         """As ``Reader`` has it.
 
-        Raises ``Unreadable``: there is no such cluster, it has no worker, its workers have another version of mavdem or
-        Python, or none of them can see the first file.
+        Raises ``Unreadable``: there is no such cluster, it has no worker, or one of its workers has another version of
+        mavdem or Python, or cannot see the first file.
         """
         from distributed import Client, KilledWorker, as_completed
 
@@ -57,14 +57,13 @@ class Cluster:
             reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
             raise Unreadable(f"There is no Dask scheduler at {self.address} ({reason}): check the address.") from None
         with client:
-            threads, hosts = _usable(client, self.address, first.path if readable_here(first.path) else "")
-            options = {"pure": False, "retries": RETRIES, **({"workers": hosts} if hosts else {})}
+            threads = _threads(client, self.address, first.path)
             sent: dict[Any, Job] = {}
             done: Any = as_completed(loop=client.loop)  # type: ignore[no-untyped-call]
 
             def send(count: int) -> None:
                 for job in islice(jobs, count):
-                    future = client.submit(read_on_worker, job, self.limits, self.read, **options)
+                    future = client.submit(read_on_worker, job, self.limits, self.read, pure=False, retries=RETRIES)
                     sent[future] = job
                     done.add(future)
 
@@ -120,13 +119,9 @@ def readable_here(path: str) -> bool:
     return is_url(path) or os.path.lexists(path)
 
 
-def _usable(client: Any, address: str, path: str) -> tuple[int, list[str]]:
-    """How many threads can read the log ``path``, and the hosts that have them; no hosts where all can.
-
-    Raises ``Unreadable``: no worker can.
-    """
-    threads: dict[str, int] = dict(client.nthreads())
-    if not threads:
+def _threads(client: Any, address: str, path: str) -> int:
+    """How many threads the workers have; raises ``Unreadable`` where there are none, or one cannot read the log."""
+    if not (threads := dict(client.nthreads())):
         raise Unreadable(f"The cluster at {address} has no workers: start some with `dask worker {address}`.")
     here = versions()
     try:
@@ -142,12 +137,10 @@ def _usable(client: Any, address: str, path: str) -> tuple[int, list[str]]:
                 f"The worker {worker} has mavdem {theirs[0]} (columns {theirs[1]}) on Python {theirs[2]}, this machine "
                 f"mavdem {here[0]} (columns {here[1]}) on Python {here[2]}: install the same there."
             )
-    seeing = [worker for worker, sees in client.run(readable_here, path).items() if sees or not path]
-    if not seeing:
-        raise Unreadable(
-            f"No worker of {address} can read {path}: put the logs into a folder that all machines share, or name them "
-            "by URLs."
-        )
-    # Hosts, not workers: one that is started again has another address.
-    hosts = sorted({urlsplit(worker).hostname or worker for worker in seeing}) if len(seeing) < len(threads) else []
-    return sum(threads[worker] for worker in seeing), hosts
+    for worker, readable in sorted(client.run(readable_here, path).items()):
+        if not readable and readable_here(path):
+            raise Unreadable(
+                f"The worker {worker} cannot read {path}: put the logs into a folder that all machines share, or name "
+                "them by URLs."
+            )
+    return sum(threads.values())

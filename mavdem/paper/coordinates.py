@@ -50,8 +50,8 @@ def run(runner: Runner) -> Result:
     }
     recorded = _recorded(runner)
     return Result(
-        checks=(*_checks(errors), *_real_flight(recorded, "paper’s")),
-        beyond=(*_checks(ours), *_real_flight(recorded, "default")),
+        checks=(*(check(pair, what) for what, pair in errors.items()), *_real_flight(recorded, "paper’s")),
+        beyond=(*(check(pair, what) for what, pair in ours.items()), *_real_flight(recorded, "default")),
         numbers={
             "paper": {"with": MSPE_WITH_COORDINATES, "without": MSPE_WITHOUT_COORDINATES},
             **{
@@ -60,7 +60,7 @@ def run(runner: Runner) -> Result:
             },
             "recorded_flights": recorded,
         },
-        tables=(*_table(runner, errors | ours), *_table_recorded(recorded)),
+        tables=_table(runner, errors | ours),
         pictures=(
             Picture(
                 "Forecasts of the test data",
@@ -89,12 +89,8 @@ def run(runner: Runner) -> Result:
 
 def _errors(by_method: Iterable[Iterable[list[Trial]]], start: str) -> Errors:
     """The errors of trials by method, experiment and prior."""
-    with_, without = (np.array([[one.errors[start] for one in priors] for priors in rows]) for rows in by_method)
+    with_, without = (np.array([[trial.errors[start] for trial in priors] for priors in rows]) for rows in by_method)
     return with_, without
-
-
-def _checks(errors: dict[str, Errors]) -> list[Check]:
-    return [check(pair, what) for what, pair in errors.items()]
 
 
 def check(errors: Errors, what: str) -> Check:
@@ -156,29 +152,6 @@ def _table(runner: Runner, errors: dict[str, Errors]) -> tuple[Block, ...]:
 
 def _range(priors: Array) -> str:
     return f" ({'–'.join(rounded(end, 3) for end in np.percentile(priors, [10, 90]))})" if len(priors) > 1 else ""
-
-
-def _table_recorded(rows: list[dict[str, Any]]) -> list[Block]:
-    if not rows:
-        return []
-    flights = dict.fromkeys(row["flight"] for row in rows)
-    table = [
-        [
-            flight,
-            *(
-                f"{rounded(row['ratio'], 3)}, {row['less']} of {row['windows']}"
-                for row in rows
-                if row["flight"] == flight
-            ),
-        ]
-        for flight in flights
-    ]
-    title = Sentence(
-        "from the data: the median over windows of the error with p = 2 over that with p = 1 (below 1, generalized "
-        "coordinates help), and the number of windows in which it is lower.",
-        "Recorded flights,",
-    )
-    return [title, Table(["flight", *(f"{settings} settings" for settings in SETTINGS)], table)]
 
 
 ITEM = Item(COORDINATES, run)

@@ -355,8 +355,8 @@ def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[st
                 "How they were made:",
             ),
         ]
-    if history.learnt:
-        rows = [[f"{first:.0f} s", f"{last:.0f} s", f"{last - first:.0f} s"] for first, last in history.learnt]
+    if history.learned:
+        rows = [[f"{first:.0f} s", f"{last:.0f} s", f"{last - first:.0f} s"] for first, last in history.learned]
         blocks.append(Table(["learned from", "until", "length"], rows))
     spent = [[what[0].upper() + what[1:], f"{account[kind]:.0f} s"] for kind, what in ACCOUNT.items() if account[kind]]
     return [*blocks, Table([f"of {sum(account.values()):.0f} s", "time"], spent), *_link(status)]
@@ -423,8 +423,9 @@ def _row(one: ComparedParameter) -> list[str]:
     estimate, half, truth = (scale * value for value in (one.estimate, one.half_width, one.truth))
     near = abs(estimate - truth) < LARGEST_ERROR * abs(truth)
     inside = {None: one.status, True: "yes", False: "no"}[one.inside]
+    words = {"mean effect": "mean effectiveness", "damping": "rate damping", "lag of the motors": "motor time constant"}
     return [
-        one.name,
+        words.get(one.name, one.name.replace("effect of", "effectiveness of")),
         plus_minus(estimate, half) if isfinite(half) else rounded(estimate),
         rounded(truth, 3),
         f"{round(100 * (estimate / truth - 1)) + 0:+d} %" if near else "",

@@ -215,7 +215,7 @@ def _surroundings(recording: rr.RecordingStream, pose: Pose, rows: NDArray[np.in
         radii=[0.05 * arm], colors=[palette.channels(palette.DISTURBANCE)], show_labels=True
     )
     recording.log("world/here/wind", style, static=True)
-    labels = [f"wind {one:.1f} m/s" for one in np.linalg.norm(pose.wind[rows], axis=1)]
+    labels = [f"wind {speed:.1f} m/s" for speed in np.linalg.norm(pose.wind[rows], axis=1)]
     columns = rr.Arrows3D.columns(vectors=vectors, origins=-away - vectors, labels=labels)
     recording.send_columns("world/here/wind", _index(pose.time[rows]), columns)
     now = pose.at(10)

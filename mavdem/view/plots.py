@@ -183,7 +183,7 @@ def free_precisions(labels: Labelled, learned: Learned) -> FreeEntries:
     for noise, whole, channels, group in zip("zw", ("measurement", "process"), (outputs, states), groups, strict=True):
         several = len(np.unique(group)) > 1
         for number in np.unique(group):
-            shared = " and ".join(name for name, own in zip(channels, group, strict=True) if own == number)
+            shared = " and ".join(name for name, member in zip(channels, group, strict=True) if member == number)
             names.append(f"{noise} of {shared}" if several else f"{noise}, {whole}")
     fixed = prior_outweighs_data(learned)
     places = np.flatnonzero(fixed if fixed.all() else ~fixed)
@@ -244,5 +244,5 @@ def utf8(text: str) -> str:
 
 def range_of(*values: Array) -> tuple[float, float]:
     """Returns the least and the most of the finite ones of some values."""
-    finite = np.concatenate([one[np.isfinite(one)] for one in values])
+    finite = np.concatenate([series[np.isfinite(series)] for series in values])
     return (float(finite.min()), float(finite.max())) if len(finite) else (-1.0, 1.0)

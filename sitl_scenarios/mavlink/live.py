@@ -56,15 +56,8 @@ class Ground:
             loopback = ipaddress.ip_address(near.split("%")[0]).is_loopback
             self._own.bind((near if loopback else "", 0))
         except (OSError, UnicodeError) as error:
-            cure = "check the name"
-            if isinstance(error, PermissionError):
-                # What systems answer when a socket for one receiver is to speak to all.
-                reason, cure = "it is a broadcast address, which is not supported", "name one host"
-            elif isinstance(error, OSError):
-                reason = error.strerror or str(error)
-            else:
-                reason = "it is no name of a host"
-            raise ValueError(f"nothing can be sent to {host[:80]}:{port} ({reason}): {cure}") from None
+            reason = error.strerror if isinstance(error, OSError) else "it is no name of a host"
+            raise ValueError(f"nothing can be sent to {host[:80]}:{port} ({reason}): name one host") from None
         self._own.setblocking(False)
 
     def close(self) -> None:

@@ -210,7 +210,7 @@ def test_a_file_that_says_nothing_is_reported_too(text, tmp_path, capsys):
         (["hover_blower", "--udp", "a..b:12"], "Nothing can be sent to a..b:12"),
         (["hover_blower", "--udp", "h" * 300 + ":12"], "Nothing can be sent to hhh"),
         (["hover_blower", "--udp", "h\udcff:12"], "Nothing can be sent to h"),
-        (["hover_blower", "--udp", "255.255.255.255:14550"], "broadcast"),
+        (["hover_blower", "--udp", "255.255.255.255:14550"], "name one host"),
         (["hover_blower", "--out", "f.tlog", "--speed", "1"], "--speed applies to a live flight"),
         (["hover_blower", "--out", "f.tlog", "--describe"], "leave out --out"),
         (["--out", "f.tlog", "--list"], "leave out --out"),

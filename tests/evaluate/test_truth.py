@@ -60,15 +60,12 @@ def compared(learned, path, *flights) -> TruthComparison:
 def test_each_estimate_stands_beside_its_truth(learned, flight, scenario, motion, path):
     found, known = compared(learned, path, flight), truth(scenario, motion)
     by_name = {one.name: one for one in found.parameters}
-    assert [by_name[f"effectiveness of motor {k}"].truth for k in (1, 2, 3, 4)] == known["roll_effect"].tolist()
-    assert [by_name[f"effectiveness of motor {k}"].estimate for k in (1, 2, 3, 4)] == learned.physical.effect.tolist()
-    assert by_name["mean effectiveness"].truth == pytest.approx(np.abs(known["roll_effect"]).mean())
-    assert (
-        by_name["mean effectiveness"].inside
-        and by_name["mean effectiveness"].half_width == learned.physical.mean_effect()[1]
-    )
-    assert by_name["rate damping"].truth == -known["roll_A"][1, 1]
-    assert by_name["motor time constant"].truth == known["lag"][0]
+    assert [by_name[f"effect of motor {k}"].truth for k in (1, 2, 3, 4)] == known["roll_effect"].tolist()
+    assert [by_name[f"effect of motor {k}"].estimate for k in (1, 2, 3, 4)] == learned.physical.effect.tolist()
+    assert by_name["mean effect"].truth == pytest.approx(np.abs(known["roll_effect"]).mean())
+    assert by_name["mean effect"].inside and by_name["mean effect"].half_width == learned.physical.mean_effect()[1]
+    assert by_name["damping"].truth == -known["roll_A"][1, 1]
+    assert by_name["lag of the motors"].truth == known["lag"][0]
     # Commands are held for a cycle of 4 ms, and sensors are 4 ms late.
     assert by_name["delay"].truth == pytest.approx(0.006)
     true = np.interp(flight.time, motion.time, known["roll_disturbance"])
@@ -91,7 +88,7 @@ def test_an_interval_that_misses_and_one_that_is_not_there_are_told_apart(learne
     off = read._replace(damping=9.0, status=read.status | {"lag": "not identifiable", "damping": "biased"})
     changed = SimpleNamespace(record=learned.record, physical=off, wind=learned.wind)
     found = {one.name: one for one in compared(changed, path, flight).parameters}
-    assert found["rate damping"].inside is False and found["motor time constant"].inside is None
+    assert found["damping"].inside is False and found["lag of the motors"].inside is None
     table = truth_blocks(compared(changed, path, flight))[1]
     rows = {row[0]: row[1:] for row in table.rows}
     assert rows["rate damping"][-1] == "no, biased" and rows["motor time constant"][-1] == "not identifiable"
@@ -102,7 +99,7 @@ def test_an_interval_that_misses_and_one_that_is_not_there_are_told_apart(learne
 def test_a_demand_has_no_effect_of_motors(learned, flight, path):
     demand = Flight(flight.time, flight.inputs[:, :1], flight.outputs, dt=flight.dt, output_names=("roll", "roll rate"))
     found = compared(learned, path, demand)
-    assert [one.name for one in found.parameters] == ["rate damping", "motor time constant", "delay"]
+    assert [one.name for one in found.parameters] == ["damping", "lag of the motors", "delay"]
 
 
 def test_while_a_motor_is_weak_its_weaker_effect_is_the_truth(learned, flight, motion, scenario, path, tmp_path):

@@ -21,29 +21,50 @@ from mavdem.fleet.tracking import HealthyModels, assess_rows
 from mavdem.fleet.workers import Limits, LogRows
 
 
-def test_what_is_known_is_not_read_again_whatever_it_is_called(tmp_path):
-    out, (log, other) = tmp_path / "fleet", make_logs(tmp_path / "logs", 2)
-    assert track(out, tmp_path / "logs").read == 2
-    before = table_of(out)
-    assert track(out, log, tmp_path / "logs" / "*.bin").read == 0 and table_of(out) == before
-    shutil.copy(log, tmp_path / "logs" / "z_copy.bin")
-    assert track(out, tmp_path / "logs").read == 1  # looked at, and known by its content
-    assert table_of(out) == before and track(out, tmp_path / "logs").read == 0
-    other.rename(tmp_path / "logs" / "renamed.bin")
-    track(out, tmp_path / "logs")
+@pytest.fixture
+def fleet(tmp_path: Path) -> tuple[Path, Path, list[Path], bytes]:
+    """A fleet, the folder of its two logs, these, and its table."""
+    logs = make_logs(tmp_path / "logs", 2)
+    assert track(tmp_path / "fleet", tmp_path / "logs").read == 2
+    return tmp_path / "fleet", tmp_path / "logs", logs, table_of(tmp_path / "fleet")
+
+
+def test_what_is_known_is_not_read_again_whatever_it_is_called(fleet):
+    out, folder, (log, other), before = fleet
+    assert track(out, log, folder / "*.bin").read == 0 and table_of(out) == before
+    shutil.copy(log, folder / "z_copy.bin")
+    assert track(out, folder).read == 1  # looked at, and known by its content
+    assert table_of(out) == before and track(out, folder).read == 0
+    other.rename(folder / "renamed.bin")
+    track(out, folder)
     assert sorted({Path(row.file).name for row in read_rows(out)}) == ["log_0.bin", "renamed.bin"]
 
 
-def test_a_log_that_changed_is_read_anew_and_one_that_is_gone_keeps_its_flight(tmp_path):
-    out, (log, other) = tmp_path / "fleet", make_logs(tmp_path / "logs", 2)
-    track(out, tmp_path / "logs")
+def test_a_log_that_changed_is_read_anew_and_one_that_is_gone_keeps_its_flight(fleet):
+    out, folder, (log, other), before = fleet
     log.write_bytes(b"another flight")
-    track(out, tmp_path / "logs")
-    track(tmp_path / "new", tmp_path / "logs")
-    assert table_of(out) == table_of(tmp_path / "new") and len(read_rows(out)) == 4
+    track(out, folder)
+    track(folder.parent / "new", folder)
+    changed = table_of(out)
+    assert changed == table_of(folder.parent / "new") != before
     other.unlink()
-    track(out, tmp_path / "logs")
-    assert table_of(out) == table_of(tmp_path / "new")
+    track(out, folder)
+    assert table_of(out) == changed
+
+
+def test_a_table_that_was_deleted_or_could_not_be_written_is_written_by_the_next_run(fleet, monkeypatch):
+    out, folder, _, before = fleet
+    (out / TABLE).unlink()
+    assert track(out, folder).read == 0 and table_of(out) == before
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    more = make_logs(folder, 8)
+    with monkeypatch.context() as disk, pytest.raises(Unreadable, match="No space left.*the same command goes on"):
+        disk.setattr(store, "write_rows", full)
+        track(out, folder)
+    assert track(out, folder).read == 0 and len(read_rows(out)) == 2 * len(more)
 
 
 def test_a_log_that_cannot_be_reached_for_a_while_keeps_its_rows(tmp_path):
@@ -87,14 +108,6 @@ def test_more_time_or_memory_is_another_try(tmp_path, monkeypatch, limits, read)
     assert track(tmp_path / "fleet", tmp_path / "logs").read == read
 
 
-def test_a_table_that_was_deleted_is_written_again(tmp_path):
-    make_logs(tmp_path / "logs", 2)
-    track(tmp_path / "fleet", tmp_path / "logs")
-    before = table_of(tmp_path / "fleet")
-    (tmp_path / "fleet" / TABLE).unlink()
-    assert track(tmp_path / "fleet", tmp_path / "logs").read == 0 and table_of(tmp_path / "fleet") == before
-
-
 def test_a_run_that_was_cut_off_while_it_read_goes_on(tmp_path):
     make_logs(tmp_path / "logs", 5)
     track(tmp_path / "whole", tmp_path / "logs")
@@ -108,20 +121,6 @@ def test_a_run_that_was_cut_off_while_it_read_goes_on(tmp_path):
     with pytest.raises(KeyboardInterrupt):
         track(tmp_path / "fleet", tmp_path / "logs", reader=reader)
     assert track(tmp_path / "fleet", tmp_path / "logs").read == 3
-    assert table_of(tmp_path / "fleet") == table_of(tmp_path / "whole")
-
-
-def test_a_table_that_could_not_be_written_is_written_by_the_next_run(tmp_path, monkeypatch):
-    make_logs(tmp_path / "logs", 8)
-    track(tmp_path / "whole", tmp_path / "logs")
-
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    with monkeypatch.context() as disk, pytest.raises(Unreadable, match="No space left.*the same command goes on"):
-        disk.setattr(store, "write_rows", full)
-        track(tmp_path / "fleet", tmp_path / "logs")
-    assert track(tmp_path / "fleet", tmp_path / "logs").read == 0
     assert table_of(tmp_path / "fleet") == table_of(tmp_path / "whole")
 
 

@@ -155,7 +155,7 @@ def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path, two_workers):
     ("name", "value", "sentence"),
     [
         ("SCHEMA_VERSION", 99, r"has mavdem .* \(columns 1\) on Python .*, this machine .*install the same there"),
-        ("readable_here", partial(is_process, os.getpid()), "No worker of .* can read .*log_0.bin: put the logs"),
+        ("readable_here", partial(is_process, os.getpid()), "The worker .* cannot read .*log_0.bin: put the logs"),
     ],
 )
 def test_workers_that_cannot_help_are_said(tmp_path, two_workers, monkeypatch, name, value, sentence):

@@ -8,9 +8,17 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from mavdem.health.assessment import assess
+from mavdem.health.assessment import DRIFT, assess
 from mavdem.health.balance import BalanceFigures, motor_signatures
-from mavdem.health.explanations import Candidates, lost_thrust
+from mavdem.health.explanations import (
+    DETECTABLE_RISE,
+    FAULT_RISE,
+    MAX_MISFIT,
+    PERSISTENCE,
+    PRIORS,
+    Candidates,
+    lost_thrust,
+)
 from mavdem.health.reference import Deviation, HealthFigures, deviation
 
 VEHICLES = 40
@@ -258,3 +266,25 @@ def test_probabilities_of_explanations_sum_to_one():
     assert sum(parts) == pytest.approx(1.0)
     assert weighed.candidates.sum() == pytest.approx(1.0)
     assert (weighed.faults <= weighed.motors + 1e-12).all()
+
+
+def surely(change: np.ndarray, scale: float = 0.002) -> Deviation:
+    """A deviation of which flights and their mean show all but ``scale``."""
+    return Deviation(change, np.full(3, scale), 1000.0, np.full(3, scale / 2))
+
+
+def test_what_is_called_a_fault_begins_where_it_is_said_to():
+    considered = Candidates(QUAD_X)
+    light, heavy = (considered.after(surely(weak(1, rise))) for rise in (FAULT_RISE - 0.02, FAULT_RISE + 0.02))
+    assert min(light.motors[0], heavy.motors[0]) > 0.95 and light.fault < 0.05 and heavy.fault > 0.95
+    # Farther from a motor's pattern than so many scales it is no motor's, however much there is of it.
+    aside = 0.002 * np.array([0.0, 0.0, 1.0])
+    near, far = (considered.after(surely(weak(1, 0.2) + side * MAX_MISFIT * aside)) for side in (0.7, 4.0))
+    assert near.motors[0] > 0.9 and far.motors.sum() == 0
+    # Who could not show a motor that works so much harder is not called healthy.
+    assert considered.shown(surely(np.zeros(3))) > 0.99 > DETECTABLE_RISE
+    assert considered.shown(surely(np.zeros(3), DETECTABLE_RISE / 2)) < DRIFT
+    # What held in one flight is no surer in the next than that it was seen and not put right.
+    sure = np.where(np.arange(len(considered.prior)) == considered.groups["motor"].start, 1.0, 0.0)
+    unseen = considered.after(surely(np.zeros(3), 100.0), sure)
+    assert unseen.motors.sum() == pytest.approx(PERSISTENCE + (1 - PERSISTENCE) * PRIORS["motor"], abs=0.01)

@@ -227,7 +227,7 @@ def test_a_learner_forgets_what_is_taken_back():
     for row in range(1500):
         estimate = learner.update(20.0 + 0.01 * row, y[row], u[row])
     assert estimate.until > 20.0
-    assert learner._refit.statistics.total()[0] <= 1500
+    assert len(learner._memory.record()) <= 1500
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from mavdem.ingest.formats import read_stream
 from mavdem.live.link import RawRecording
 
 FRAMES = [heartbeat(), *flight([20 + 0.01 * row for row in range(400)])]
+OTHERS = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)]  # of another dialect, and damaged
 NOW = 1.7e9
 
 
@@ -25,16 +26,17 @@ def recorded(path: Path) -> list[tuple[int, bytes]]:
 
 @pytest.mark.parametrize("form", [".tlog", ".mcap"])
 def test_datagrams_are_kept_with_their_stamps(tmp_path: Path, form: str) -> None:
+    frames = [*FRAMES[:200], *OTHERS, *FRAMES[200:]]
     recording = RawRecording(tmp_path / f"flight{form}")
-    for row, each in enumerate(FRAMES):
+    for row, each in enumerate(frames):
         recording.take(NOW + 0.005 * row, each)
     recording.close()
-    assert recording.frames == len(FRAMES) and recording.bytes_skipped == 0
-    expected = [(round((NOW + 0.005 * row) * 1e6), each) for row, each in enumerate(FRAMES)]
+    assert recording.frames == len(frames) and recording.bytes_skipped == 0
+    expected = [(round((NOW + 0.005 * row) * 1e6), each) for row, each in enumerate(frames)]
     assert recorded(tmp_path / f"flight{form}") == expected
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_bytes_in_any_pieces_among_garbage_are_kept(tmp_path: Path, seed: int) -> None:
     chance = random.Random(seed)
     garbage = 0
@@ -69,15 +71,6 @@ def test_what_was_received_is_there_before_the_end(tmp_path: Path, form: str) ->
     assert kept >= len(FRAMES) - (60 if form == ".tlog" else 600)
     recording.close()
     recording.close()
-
-
-def test_frames_of_another_dialect_and_damaged_ones_are_kept(tmp_path: Path) -> None:
-    others = [frame(64_000, b"abc", seed=3), frame(33, bytes(range(28)), seed=1)]
-    recording = RawRecording(tmp_path / "flight.tlog")
-    for each in [FRAMES[0], *others, FRAMES[0]]:
-        recording.take(NOW, each)
-    recording.close()
-    assert [each for _, each in recorded(tmp_path / "flight.tlog")] == [FRAMES[0], *others, FRAMES[0]]
 
 
 def test_a_clock_that_is_set_back_or_noise_without_end_hold_nothing_up(tmp_path: Path) -> None:

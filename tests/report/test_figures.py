@@ -167,7 +167,6 @@ def test_a_command_is_the_difference_of_the_motors(learned, flight):
 
 def test_a_command_of_unknown_geometry_goes_by_the_effects_and_a_demand_is_itself(learned):
     blind = replace(learned, record=replace(learned.record, effect_directions=None))
-    blind.__dict__["physical"] = learned.physical
     assert (np.sign(AxisCommand.of(blind).motors) == np.sign(learned.record.effect_directions)).all()
     demand = replace(learned, record=replace(blind.record, inputs=learned.record.inputs[:, :1], input_names=("roll",)))
     np.testing.assert_array_equal(AxisCommand.of(demand).weights, [1.0])
@@ -176,11 +175,11 @@ def test_a_command_of_unknown_geometry_goes_by_the_effects_and_a_demand_is_itsel
 @pytest.mark.slow
 def test_without_physical_parameters_only_what_needs_them_is_refused(learned, monkeypatch):
     unknown = learned.physical._replace(status=dict.fromkeys(learned.physical.status, "not identifiable"))
-    monkeypatch.setitem(learned.__dict__, "physical", unknown)
+    monkeypatch.setattr(mavdem.Learned, "physical", unknown)
     for draw in (learned.plot.bode, learned.plot.motors, learned.plot.disturbance):
         assert "not identifiable" in draw().get_supxlabel()
-    for name in ("physical", "wind"):
-        monkeypatch.setitem(learned.__dict__, name, None)
+    monkeypatch.setattr(mavdem.Learned, "physical", None)
+    monkeypatch.setitem(learned.__dict__, "wind", None)
     with pytest.raises(ValueError, match="no wind torque"):
         learned.plot.disturbance()
     with pytest.raises(ValueError, match="no motors to show"):

@@ -56,9 +56,9 @@ def test_a_comparison_of_methods(request):
 
 def test_estimates_beside_the_truth(request):
     parameters = (
-        ComparedParameter("effectiveness of motor 1", "rad/s² per µs", 0.0408, 0.0023, 0.041),
-        ComparedParameter("rate damping", "1/s", 9.0, 0.5, 0.65, "biased"),
-        ComparedParameter("motor time constant", "s", 0.0195, NAN, 0.0188, "not identifiable"),
+        ComparedParameter("effect of motor 1", "rad/s² per µs", 0.0408, 0.0023, 0.041),
+        ComparedParameter("damping", "1/s", 9.0, 0.5, 0.65, "biased"),
+        ComparedParameter("lag of the motors", "s", 0.0195, NAN, 0.0188, "not identifiable"),
     )
     steady = ComparedParameter("steady part", "rad/s²", -1.7, 0.1, -1.65)
     wind = ComparedWind(0.7, 0.33, 0.35, 0.99, True, steady)

@@ -123,5 +123,5 @@ def test_ctrl_c_ends_it():
 
 
 def test_a_host_that_does_not_exist_is_one_sentence():
-    with pytest.raises(ValueError, match=r"nothing can be sent to no\.such\.host\.invalid:14550 .*check the name"):
+    with pytest.raises(ValueError, match=r"nothing can be sent to no\.such\.host\.invalid:14550 .*name one host"):
         Ground("no.such.host.invalid", 14550)

@@ -17,6 +17,7 @@ import matplotlib
 import numpy as np
 from cycler import cycler
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from numpy.typing import ArrayLike, NDArray
@@ -119,7 +120,10 @@ def svg(figure: Figure, name: str) -> str:
     drawn = StringIO()
     unknown = dict.fromkeys(("Creator", "Date", "Format", "Type"))
     with matplotlib.rc_context(STYLE | {"svg.hashsalt": name}):
-        Figure.savefig(figure, drawn, format="svg", dpi=PIXELS_PER_INCH, metadata=unknown)
+        # ``savefig`` would draw twice where there is a layout.
+        figure.dpi = PIXELS_PER_INCH
+        canvas: Any = FigureCanvasSVG(figure)
+        canvas.print_svg(drawn, metadata=unknown)
     text = drawn.getvalue()[drawn.getvalue().index("<svg") :]
     # Groups of all figures have the same ids, to which nothing refers.
     used = set(re.findall(r"#(\w+)", text))

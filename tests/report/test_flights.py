@@ -1,0 +1,141 @@
+"""What is said of many flights: who needs a look first, what was flown, and what changed between two states."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import timedelta
+
+import pytest
+from fleet_rows import fleet_rows, flight_row
+
+from mavdem.fleet.difference import since_baseline, vehicle_difference
+from mavdem.fleet.row import FlightRow, summary
+from mavdem.report.blocks import text_of
+from mavdem.report.flights import baseline_blocks, difference_blocks, fleet_blocks, vehicle_health, vehicle_words
+
+
+def test_vehicles_in_trouble_come_first_and_the_worst_before_others():
+    rows = [
+        flight_row("alpha", 0),
+        flight_row("alpha", 1, health="drift"),
+        flight_row("alpha", 2, health="unknown"),
+        flight_row("beta", 0, health="fault", suspect_motor=2),
+        flight_row("gamma", 0),
+    ]
+    text = text_of(fleet_blocks(rows))
+    assert text.startswith("2 of 3 vehicles need a look: beta (fault, motor 2) and alpha (drift).")
+
+
+def test_a_fleet_without_healthy_flights_is_not_called_healthy():
+    text = text_of(fleet_blocks([flight_row("quad", number, health="unknown") for number in range(3)]))
+    assert text.startswith("No vehicle could be judged yet.")
+
+
+def test_a_repaired_vehicle_says_that_later_flights_show_nothing():
+    flights = [
+        [flight_row("quad", 0, health="fault", suspect_motor=1, fault_probability=0.99)],
+        [flight_row("quad", 1)],
+    ]
+    assert vehicle_health(flights) == "ok"
+    words = vehicle_words(flights)
+    # That a motor is weak, whichever it is: the row has no probability of this motor.
+    assert "motor 1 (probability of a fault 0.99)" in words and "The latest flight that was judged shows none." in words
+    text = text_of(fleet_blocks([row for flight in flights for row in flight]))
+    assert text.startswith("No drift and no fault in the latest flights of 1 vehicle")
+    assert "in earlier flights, and not in the latest: quad." in text
+
+
+def test_reasons_are_counted_without_the_numbers_that_make_each_different():
+    cut = [FlightRow(file=f"/logs/{i}.bin", key=str(i), status=f"/logs/{i}.bin is cut off at {i}.") for i in range(5)]
+    text = text_of(fleet_blocks([*cut, FlightRow(file="x.bin", status="It is empty.")]))
+    assert text.count("cut off at …") == 1 and "6 logs" in text
+
+
+def test_flights_and_tiers_are_counted_once_for_both_axes():
+    text = text_of(fleet_blocks(fleet_rows(10)))
+    assert "10 flights of 5 vehicles" in text and "10 full model" in text
+
+
+def test_a_flight_that_two_logs_have_counts_once_and_by_the_better():
+    slow = [flight_row("quad", 0, axis, key="slow", file="/logs/quad/0.tlog", tier="c") for axis in ("roll", "pitch")]
+    late = [replace(row, date=row.date + timedelta(seconds=5)) for row in slow]
+    rows = [flight_row("quad", 0), *late, flight_row("quad", 1)]
+    assert "2 flights of 1 vehicle (1 more log has a flight of these)" in text_of(fleet_blocks(rows))
+    counts = summary(rows)
+    assert (counts["flights"], counts["tiers"], counts["health"]) == (2, {"a": 2}, {"ok": 2})
+
+
+def test_flights_by_a_system_id_are_no_vehicle_until_they_are_judged_as_one():
+    rows = [flight_row("px4-1", number, vehicle_basis="system id", health="unknown") for number in range(2)]
+    text = text_of(fleet_blocks(rows))
+    assert "2 flights whose logs do not say of which vehicle" in text and "of 1 vehicle" not in text
+    assert summary(rows)["vehicles"] == 0
+    judged = [replace(row, health="fault") for row in rows]
+    assert "px4-1 (fault)" in text_of(fleet_blocks(judged))
+    assert "these may be several" in vehicle_words([[row] for row in judged])
+
+
+def flown(number, vehicle="quad", **changed):
+    known = {"voltage_mean": 16.0, "collective": 0.4, "lean_roll": 0.0, "lean_pitch": 0.0}
+    return [flight_row(vehicle, number, axis, **(known | changed)) for axis in ("roll", "pitch")]
+
+
+WEAK = {"effect": (-40.0, 40.0, 0.7 * 41.0, -39.0), "trim_share": (0.97, 0.95, 1.12, 0.96)}
+
+
+def words(before, after):
+    return text_of(difference_blocks(vehicle_difference(before, after)))
+
+
+def test_a_changed_motor_is_named_with_its_interval_and_what_is_the_same_has_one_too():
+    before = [row for number in range(5) for row in flown(number)]
+    after = [row for number in range(5, 10) for row in flown(number, **WEAK)]
+    text = words(before, after)
+    changed = next(line for line in text.splitlines() if line.startswith("Changed:"))
+    assert "motor 3's share +12" in changed and "motor 3's control effectiveness −29.1 % ±" in changed
+    same = next(line for line in text.splitlines() if line.startswith("The same:"))
+    assert "rate damping on roll (±" in same and "motor time constant on pitch (±" in same
+    assert "5 flights of A and 5 flights of B" in text
+
+
+def test_wind_battery_and_lean_are_conditions():
+    other = {"wind_torque_sd": 4.0, "voltage_mean": 14.0, "lean_roll": 0.2}
+    text = words(flown(0), flown(1, **other))
+    condition = next(line for line in text.splitlines() if line.startswith("Conditions"))
+    assert "battery 16.0 → 14.0 V" in condition and "+11° of roll" in condition
+    assert "wind torque on roll 46 → 229 °/s²" in condition
+    assert "Nothing changed beyond chance." in text
+    allowed = "shares for the lean and mean control effectiveness for battery and mean output"
+    assert f"Intervals that allow for conditions: {allowed}." in condition
+    assert "wind torque on roll 46 → 46 °/s²" in words(flown(0), flown(1))
+
+
+def test_what_is_not_known_has_its_figures():
+    text = words(flown(0), flown(1, trim_share=(1.0, 0.98, 1.08, 0.99)))
+    unknown = next(line for line in text.splitlines() if line.startswith("Not known:"))
+    assert "motor 3's share +5 % ±" in unknown
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "changed", "said"),
+    [
+        ("quad", {}, "one flight each: how much a flight differs from the next is assumed"),
+        ("quad", {"vehicle_basis": "system id"}, "quad is a name by the MAVLink system id, which many vehicles share"),
+        ("other", {}, "A is quad and B is other"),
+        ("unknown", {}, "taken on trust"),
+        ("quad", {"status": "It is empty."}, "Nothing can be compared.\n\nNot compared: everything: B has no flight"),
+    ],
+)
+def test_what_the_statements_rest_on_is_said(vehicle, changed, said):
+    assert said in words(flown(0), flown(1, vehicle, **changed))
+
+
+def test_the_latest_flight_of_each_vehicle_is_compared_with_the_baseline():
+    baseline = [row for number in range(4) for row in flown(number)]
+    later = [row for number in range(4, 8) for row in flown(number, **WEAK)]
+    rows = [*baseline, *later, *flown(0, "new"), *flown(0, "unknown")]
+    found = {name: baseline_blocks(*one) for name, one in since_baseline(rows, baseline).items()}
+    assert set(found) == {"quad", "new"}
+    assert "motor 3's share +12" in text_of(found["quad"])
+    assert "the latest flight, 0007.ulg (2026-01-12), beside 4 flights." in text_of(found["quad"])
+    assert "no flight of this vehicle" in text_of(found["new"])
