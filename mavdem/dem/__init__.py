@@ -1,4 +1,4 @@
-"""Dynamic Expectation Maximization of linear models: arrays in, a learnt model out."""
+"""Dynamic Expectation Maximization of linear models: arrays in, a learned model out."""
 
 from mavdem.dem.engine.ascent import FreeEnergy, Learning
 from mavdem.dem.engine.model import LinearModel

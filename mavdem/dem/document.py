@@ -1,4 +1,4 @@
-"""The document of a learnt model, ``model.json``: every field by its name, arrays as nested lists.
+"""The document of a learned model, ``model.json``: every field by its name, arrays as nested lists.
 
 What a document holds is what the fields of the records say: pydantic checks it by their types. What types do not say,
 shapes and finite numbers, stands in the table :data:`SHAPES`.
@@ -78,7 +78,7 @@ def from_text(kind: type[Kind], text: str) -> Kind:
         result: Kind = _adapter(cast(Any, kind)).validate_json(text)
     except (ValidationError, TypeError) as error:
         problem = first_problem(error) if isinstance(error, ValidationError) else str(error)
-        raise ValueError(f"not the document of a learnt model: {problem}") from None
+        raise ValueError(f"not the document of a learned model: {problem}") from None
     _require_shapes(result)
     return result
 

@@ -43,7 +43,7 @@ KNOWN_INPUT = float(np.exp(12.0))  # precision of the constant input
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A learnt model in the engine's units.
+    """A learned model in the engine's units.
 
     ``gain`` (n, m) is of the filter of the ascent's model and its noises, and ``predictor`` has that filter. Where
     there is a ``simulation_fit``, the ascent's belief is about its θ.
@@ -148,8 +148,8 @@ def _parameter_prior(settings: CompleteSettings, scaling: Scaling, record: Recor
         return uniform_prior(settings, n, r, m)
     if settings.prior == "regulated":
         return regulated_prior(settings, n, motors, scaling.constant, scaling.output_scale, derivative_pairs(record))
-    places = of_vehicle(n, motors, m, scaling.constant)
-    mean, precision = explicit_prior(settings.prior, settings.parameter_precision, places, scaling.parameter_scale(n))
+    indices = of_vehicle(n, motors, m, scaling.constant)
+    mean, precision = explicit_prior(settings.prior, settings.parameter_precision, indices, scaling.parameter_scale(n))
     # Where C is free as well, nothing fixes the scale of x, and F̄ is largest at C = 0.
     _, _, of_C = unpack(np.diag(precision), n, r, m)
     if not settings.last_derivative_zero and not (of_C >= KINEMATIC).all():
@@ -187,8 +187,8 @@ def _input_precision(settings: CompleteSettings, motors: int, constant: bool) ->
     if given.ndim and len(given) != motors * orders:
         raise ValueError(f"input_precision must be of {motors} inputs, or of their {orders} orders, not {given.shape}")
     precision = np.diag(np.full((motors + constant) * orders, KNOWN_INPUT))
-    places = np.arange(len(precision)).reshape(orders, motors + constant)[:, :motors].ravel()
-    precision[np.ix_(places, places)] = given if given.ndim else given * np.eye(len(places))
+    indices = np.arange(len(precision)).reshape(orders, motors + constant)[:, :motors].ravel()
+    precision[np.ix_(indices, indices)] = given if given.ndim else given * np.eye(len(indices))
     return precision
 
 
@@ -211,7 +211,7 @@ def generalized(settings: CompleteSettings, scaling: Scaling, record: Record) ->
 
 
 def gain_of(model: GenerativeModel, belief: Belief, smoothness: float, dt: float) -> Array:
-    """(n, m) gain of the filter of what was learnt; ``LinAlgError`` where there is no steady filter."""
+    """(n, m) gain of the filter of what was learned; ``LinAlgError`` where there is no steady filter."""
     A, B, C = unpack(belief.theta, *model.sizes)
     noise = np.exp(-belief.lambda_)
     # The uncertainty of the inputs moves the states as well.

@@ -33,7 +33,7 @@ may_overflow = np.errstate(over="ignore", invalid="ignore")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Learned(LearnedDownstream):
-    """A learnt model with its posterior, its iterations and its forecasts, in physical units.
+    """A learned model with its posterior, its iterations and its forecasts, in physical units.
 
     Attributes:
         settings: as used, with nothing left open.

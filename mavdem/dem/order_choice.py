@@ -201,13 +201,13 @@ def orders_of(
         box = BlackBox.of(record, max_order, known_inputs, input_precision)
         # No more parameters, less n² for the coordinates, than effective values.
         allowed = min(max_order, max(1, int(box.counted(box.dt).number * box.m / (box.r + box.m))))
-        found = fits_by_order(box, allowed, smoothness)
+        fits = fits_by_order(box, allowed, smoothness)
     values, widths = np.full((2, max_order), np.nan)
-    values[:allowed] = [np.nan if one is None else one.iterate.free_energy for one in found]
-    widths[:allowed] = [np.nan if one is None else one.smoothness for one in found]
+    values[:allowed] = [np.nan if fit is None else fit.iterate.free_energy for fit in fits]
+    widths[:allowed] = [np.nan if fit is None else fit.smoothness for fit in fits]
     if not np.isfinite(values).any():
         raise ValueError("no order can be fitted: every fit broke down")
-    remarks = [f"With {_states(order)} every fit broke down." for order, one in enumerate(found, 1) if one is None]
+    remarks = [f"With {_states(order)} every fit broke down." for order, fit in enumerate(fits, 1) if fit is None]
     if allowed < max_order:
         remarks.append(
             f"{_states(allowed + 1).capitalize()} and more are not fitted: they have more parameters than the "

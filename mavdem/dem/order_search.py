@@ -1,16 +1,14 @@
-"""A recorded flight as a black-box system: only the number of states differs, under the same priors.
+"""F̄ by model order: one flight fitted as a black box with one state, two, and so on, each from several starts.
 
 F̄ of different orders is comparable because:
 
 - **Every order has the same data**, generalized vectors filtered by one Gaussian kernel.
 - **x has a prior**: variance 1 at every sample, which also gives hidden states a unit. Eq. ``free_E`` has none, and
   each further state could change F̄ by any number of nats.
-- **The effective sample size is counted.** Noise of width s is correlated over √(2π) s/dt samples (Σₖ ρ(k dt)², as in
-  ``smoothness``); counted as T independent samples, it would justify any number of parameters.
+- **The effective sample size is counted.** Noise of width s is correlated over √(2π) s/dt samples (Σₖ ρ(k dt)²);
+  counted as T independent samples, it would justify any number of parameters.
 - **A prior of variance 1 means the same for any flight**, by the units: outputs of variance 1, inputs of variance 1
   together, and a unit of time in which outputs change by as much as they vary.
-
-F̄ by model order: one flight fitted with one state, two, and so on, each from several starts.
 
 F̄ of a model with hidden states has many maxima, most of them far below the highest. A start is a linear map from the
 data to the states and their rates; θ follows by regression, in the coordinates of the priors: states of variance 1,
@@ -93,16 +91,8 @@ class BlackBox:
         in_units = unit ** np.repeat(np.concatenate([np.arange(p + 1), np.arange(p)]), [m] * (p + 1) + [r] * p)
         each = np.full(r, KNOWN_INPUT if known_inputs else input_precision)
         each[r - scaling.constant :] = KNOWN_INPUT
-        return cls(
-            SufficientStatistics.of(read * in_units),
-            r,
-            m,
-            p,
-            record.dt,
-            width,
-            unit,
-            input_precision=np.diag(np.tile(each, p)),
-        )
+        precision = np.diag(np.tile(each, p))
+        return cls(SufficientStatistics.of(read * in_units), r, m, p, record.dt, width, unit, precision)
 
     def counted(self, smoothness: float) -> SufficientStatistics:
         """The data with the effective sample size of noise of that smoothness, s, before filtering."""
@@ -114,24 +104,15 @@ class BlackBox:
         n, r, m = order, self.r, self.m
         mean = pack(np.zeros((n, n)), np.zeros((n, r)), np.zeros((m, n)))
         read = float(np.hypot(smoothness, self.width)) / self.unit_of_time
+        lambda_mean, lambda_precision = np.array([LAMBDA_Z] + [LAMBDA_W] * n), LAMBDA_PRECISION * np.eye(1 + n)
         return GenerativeModel(
-            n,
-            r,
-            m,
-            self.p,
-            self.p - 1,
-            self.p - 1,
+            *(n, r, m, self.p, self.p - 1, self.p - 1),
             output_correlation=temporal_precision(self.p, read),
             state_correlation=temporal_precision(self.p - 1, read),
             output_groups=np.zeros(m, np.intp),
             state_groups=1 + np.arange(n),
             input_precision=self.input_precision,
-            prior=Prior(
-                mean,
-                UNIT * np.eye(len(mean)),
-                np.array([LAMBDA_Z] + [LAMBDA_W] * n),
-                LAMBDA_PRECISION * np.eye(1 + n),
-            ),
+            prior=Prior(mean, UNIT * np.eye(len(mean)), lambda_mean, lambda_precision),
             state_precision=UNIT * np.eye(n),
         )
 
@@ -139,20 +120,6 @@ class BlackBox:
 REACH_WIDTHS = 6.0  # of the kernel to either side, beyond which even its eighth derivative is below 5e-5
 NARROWEST_STEPS = 1.5  # the derivatives of a narrower kernel are undersampled
 ROUNDING = 1e-9  # of a width that is meant to be a number of steps
-
-
-def kernel_weights(order: int, width: float, dt: float) -> Array:
-    """(order + 1, window) weights: row k gives the k-th derivative, at the centre, of the filtered signal.
-
-    The kernel is exp(−t²/2σ²)/√(2π)σ, of ``width`` σ, s; ``ValueError`` where that is too narrow for the samples.
-    """
-    if not width >= NARROWEST_STEPS * dt * (1 - ROUNDING):
-        raise ValueError(f"width must be at least {NARROWEST_STEPS:g} steps of {dt:g} s, not {width:g} s")
-    reach = ceil(REACH_WIDTHS * width / dt * (1 - ROUNDING))
-    at = np.arange(-reach, reach + 1) * dt / width
-    kernel = np.exp(-(at**2) / 2) * dt / (np.sqrt(2 * np.pi) * width)
-    # The k-th derivative of the kernel is (−1/σ)ᵏ Heₖ(t/σ) times it; a convolution reverses it, t → −t.
-    return np.stack([hermeval(at, np.eye(order + 1)[k]) * kernel / width**k for k in range(order + 1)])
 
 
 def embed_through_kernel(samples: Array, order: int, width: float, dt: float) -> Array:
@@ -163,12 +130,18 @@ def embed_through_kernel(samples: Array, order: int, width: float, dt: float) ->
     they are (Young 1981, Automatica 17, 23), and noise of smoothness s becomes that of √(s² + σ²), so that Eq.
     ``Smatrix`` holds. Derivatives of Gaussians: Koenderink and van Doorn 1987, Biological Cybernetics 55, 367.
 
-    (T − window + 1, (order + 1)·m), order-major; none where the window is longer than the signal.
+    (T − window + 1, (order + 1)·m), order-major; none where the window is longer than the signal. The kernel is
+    exp(−t²/2σ²)/√(2π)σ, of ``width`` σ, s; ``ValueError`` where that is too narrow for the samples.
     """
-    weights = kernel_weights(order, width, dt)
-    reach = weights.shape[1] // 2
+    if not width >= NARROWEST_STEPS * dt * (1 - ROUNDING):
+        raise ValueError(f"width must be at least {NARROWEST_STEPS:g} steps of {dt:g} s, not {width:g} s")
+    reach = ceil(REACH_WIDTHS * width / dt * (1 - ROUNDING))
     if len(samples) <= 2 * reach:
         return np.empty((0, (order + 1) * samples.shape[1]))
+    times = np.arange(-reach, reach + 1) * dt / width
+    kernel = np.exp(-(times**2) / 2) * dt / (np.sqrt(2 * np.pi) * width)
+    # The k-th derivative of the kernel is (−1/σ)ᵏ Heₖ(t/σ) times it; a convolution reverses it, t → −t.
+    weights = [hermeval(times, row) * kernel / width**k for k, row in enumerate(np.eye(order + 1))]
     return np.hstack([correlate1d(samples, row, axis=0)[reach:-reach] for row in weights])
 
 
@@ -184,13 +157,9 @@ def embedding_order(outputs: int, most: int) -> int:
 
 def kernel_width(record: Record) -> float:
     """σ of the kernel that filters a record, s."""
-    spread = record.spread[1]
-    rates = [
-        embed_through_kernel((outputs - spread.mean) / np.sqrt(spread.variance), 1, 2 * record.dt, record.dt)
-        for _, outputs in record.segments
-    ]
-    m = len(spread.mean)
-    read = np.concatenate(rates)
+    spread, m = record.spread[1], record.outputs.shape[1]
+    units = ((outputs - spread.mean) / np.sqrt(spread.variance) for _, outputs in record.segments)
+    read = np.concatenate([embed_through_kernel(outputs, 1, 2 * record.dt, record.dt) for outputs in units])
     widest = len(record) * record.dt / (_repeated(1.0, 1.0) * KERNEL_SAMPLES)
     if len(read):
         widest = min(widest, WIDTH * _time_of_change(read[:, :m], read[:, m:]))
@@ -204,17 +173,11 @@ def _time_of_change(values: Array, rates: Array) -> float:
 
 def _read(record: Record, scaling: Scaling, p: int, width: float) -> Array:
     """Generalized data [ỹ; η̃], (T′, ·), of the samples whose whole kernel lies inside their segment."""
-    return np.concatenate(
-        [
-            np.hstack(
-                [
-                    embed_through_kernel(scaling.scale_outputs(outputs), p, width, record.dt),
-                    embed_through_kernel(scaling.scale_inputs(inputs), p - 1, width, record.dt),
-                ]
-            )
-            for inputs, outputs in record.segments
-        ]
+    pairs = (
+        (embed_through_kernel(outputs, p, width, record.dt), embed_through_kernel(inputs, p - 1, width, record.dt))
+        for inputs, outputs in scaling.scale_segments(record)
     )
+    return np.concatenate([np.hstack(pair) for pair in pairs])
 
 
 Result = TypeVar("Result")
@@ -247,13 +210,13 @@ def fits_by_order(box: BlackBox, most: int, smoothness: float | None) -> tuple[O
     """
     if smoothness is not None:
         return _swept(_Fits(box, box.counted(smoothness), smoothness), most)
-    found = _swept(_Fits(box, box.counted(box.dt), None), most)
-    highest = max((one for one in found if one), key=lambda one: one.iterate.free_energy, default=None)
+    fits = _swept(_Fits(box, box.counted(box.dt), None), most)
+    highest = max((fit for fit in fits if fit), key=lambda fit: fit.iterate.free_energy, default=None)
     if highest is None:
-        return found
+        return fits
     # The effective sample size follows from the smoothness, which is known only now.
     recounted = _Fits(box, box.counted(highest.smoothness), None)
-    return tuple(None if one is None else recounted.continued(one) for one in found)
+    return tuple(None if fit is None else recounted.continued(fit) for fit in fits)
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,8 +239,8 @@ class _Fits:
             iterates = [_or_none(partial(_on, ascent, iterate, rounds)) or iterate for iterate in iterates]
         if not iterates or iterates[0].free_energy < best - SMOOTHNESS_GAIN_NATS:
             return None
-        found = self._with_best_smoothness(OrderFit(ascent.model, smoothness, iterates[0]))
-        return found if found.iterate.free_energy > best else None
+        fit = self._with_best_smoothness(OrderFit(ascent.model, smoothness, iterates[0]))
+        return fit if fit.iterate.free_energy > best else None
 
     def continued(self, fit: OrderFit) -> OrderFit | None:
         """A fit continued with another effective sample size."""
@@ -297,13 +260,13 @@ class _Fits:
             ascent = CoordinateAscent(self.box.model(fit.model.n, smoothness), self.samples)
             iterate = _or_none(lambda: _on(ascent, ascent.at_belief(fit.iterate.belief), SMOOTHNESS_ROUNDS))
             if iterate is None:
-                return -min(one.iterate.free_energy for one in fits.values())
+                return -min(tried.iterate.free_energy for tried in fits.values())
             fits[smoothness] = OrderFit(ascent.model, smoothness, iterate)
             return -iterate.free_energy
 
         bounds = (0.0, float(np.log(MAX_WIDTHS)))
         minimize_scalar(negative_free_energy, bounds=bounds, method="bounded", options={"xatol": SMOOTHNESS_TOLERANCE})
-        return max(fits.values(), key=lambda one: one.iterate.free_energy)
+        return max(fits.values(), key=lambda fit: fit.iterate.free_energy)
 
 
 def _swept(fits: _Fits, most: int) -> tuple[OrderFit | None, ...]:
@@ -323,11 +286,11 @@ def _swept(fits: _Fits, most: int) -> tuple[OrderFit | None, ...]:
             starts = [*starts, *(_or_none(lambda: changed(box, near.model, near.iterate)) or ())]
         if order in best:
             before = best[order].iterate.free_energy
-        found = fits.best_of(order, smoothness, starts, before)
-        if found is None:
+        fit = fits.best_of(order, smoothness, starts, before)
+        if fit is None:
             return False
-        best[order] = found
-        return found.iterate.free_energy > before + INCREASE_NATS
+        best[order] = fit
+        return fit.iterate.free_energy > before + INCREASE_NATS
 
     for order in range(1, most + 1):
         improves(order, order - 1, _or_none(partial(chain, box, order)) or ())

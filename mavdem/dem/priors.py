@@ -38,11 +38,11 @@ def derivative_pairs(record: Record) -> tuple[tuple[int, int], ...]:
         return ()
     change, integral = np.concatenate(changes), np.concatenate(integrals)
     pairs = []
-    for i, own in enumerate(change.T):
-        left = (own[:, None] - integral).var(axis=0)
+    for i, moved in enumerate(change.T):
+        left = (moved[:, None] - integral).var(axis=0)
         left[i] = np.inf
         j = int(np.argmin(left))
-        if left[j] < (1 - KINEMATIC_SHARE) * own.var():
+        if left[j] < (1 - KINEMATIC_SHARE) * moved.var():
             pairs.append((i, j))
     return tuple(pairs)
 
@@ -66,18 +66,18 @@ def hyperparameter_groups(settings: CompleteSettings, n: int, m: int) -> tuple[N
     return np.array(outputs), max(outputs) + 1 + np.array(states)
 
 
-def explicit_prior(prior: Gaussian, weak: float, places: NDArray[np.intp], scale: Array) -> tuple[Array, Array]:
-    """A prior of the vehicle's θ in physical units, in the engine's, where these parameters are at ``places`` (k,).
+def explicit_prior(prior: Gaussian, weak: float, indices: NDArray[np.intp], scale: Array) -> tuple[Array, Array]:
+    """Returns the engine's prior of the vehicle's θ, at these ``indices`` (k,), from a ``prior`` in physical units.
 
     Others have η = 0 and the prior precision ``weak``. ``scale`` is the physical size of a unit of each of the
     engine's.
     """
     theta, theta_precision = prior.arrays
-    if len(theta) != len(places):
-        raise ValueError(f"prior must be of the {len(places)} parameters of A, B and C, not of {len(theta)}")
+    if len(theta) != len(indices):
+        raise ValueError(f"prior must be of the {len(indices)} parameters of A, B and C, not of {len(theta)}")
     mean, precision = np.zeros(len(scale)), weak * np.eye(len(scale))
-    mean[places] = theta / scale[places]
-    precision[np.ix_(places, places)] = theta_precision * np.outer(scale[places], scale[places])
+    mean[indices] = theta / scale[indices]
+    precision[np.ix_(indices, indices)] = theta_precision * np.outer(scale[indices], scale[indices])
     return mean, precision
 
 

@@ -207,7 +207,7 @@ def _table(values: ArrayLike, name: str, columns: int) -> Array:
 def _directions(flights: Sequence[UniformRecord], motors: int) -> Array | None:
     """(r,) the effect directions of all segments; ``None`` unless each has the same, and not all are zero."""
     given = [getattr(flight, "effect_directions", None) for flight in flights]
-    tables = [real_numbers(each, "effect_directions") for each in given if each is not None]
+    tables = [real_numbers(row, "effect_directions") for row in given if row is not None]
     for table in tables:
         if table.shape != (motors,) or not np.isfinite(table).all():
             raise ValueError(f"effect_directions must be {motors} finite numbers, not {table}")

@@ -77,12 +77,12 @@ def sample_slopes(model: GenerativeModel, data: Array, states: Array, belief: Be
     of_y, _, of_x = model.errors
     weights = expected_weights(belief.lambda_, belief.lambda_covariance)
     slopes = np.zeros((len(data), len(belief.theta)))
-    for rows, places, S, noise, of in (
+    for rows, regressors, S, noise, part in (
         (model.parameter_rows.dynamics, both, model.state_correlation, weights[model.state_groups], of_x),
         (model.parameter_rows.observation, x, model.output_correlation, weights[model.output_groups], of_y),
     ):
-        weighted = np.einsum("ik,tij->tkj", S, errors[:, of].reshape(len(data), len(S), -1)) * noise
-        slopes[:, rows] = np.einsum("tkj,tka->tja", weighted, joint[:, places])
+        weighted = np.einsum("ik,tij->tkj", S, errors[:, part].reshape(len(data), len(S), -1)) * noise
+        slopes[:, rows] = np.einsum("tkj,tka->tja", weighted, joint[:, regressors])
     return slopes
 
 
@@ -149,13 +149,13 @@ class Direction(NamedTuple):
 
     def __repr__(self) -> str:
         """The heaviest entries, as ``learned.model`` is indexed."""
-        places = unpack(np.arange(len(self.weights)), *self.sizes)
+        indices = unpack(np.arange(len(self.weights)), *self.sizes)
         heaviest = [i for i in np.argsort(-np.abs(self.weights), kind="stable")[:SHOWN_ENTRIES] if self.weights[i]]
         entries = (
             f"{self.weights[i]:+.2g} {name}[{row},{column}]"
             for i in heaviest
-            for name, place in zip("ABC", places, strict=True)
-            for row, column in np.argwhere(place == i)
+            for name, matrix in zip("ABC", indices, strict=True)
+            for row, column in np.argwhere(matrix == i)
         )
         rest = " …" if np.count_nonzero(self.weights) > len(heaviest) else ""
         return f"<Direction: {' '.join(entries)}{rest}, {self.share:.2g} of the prior's information from data>"
@@ -168,13 +168,13 @@ def undetermined_directions(
 
     ``information`` of the data and ``precision`` of the prior are (k, k).
     """
-    places = np.flatnonzero(free)
-    of_free = np.ix_(places, places)
-    values, vectors = np.linalg.eigh(precision[of_free])
+    kept = np.flatnonzero(free)
+    block = np.ix_(kept, kept)
+    values, vectors = np.linalg.eigh(precision[block])
     to_units = (vectors / np.sqrt(values)) @ vectors.T
-    shares, modes = np.linalg.eigh(to_units @ information[of_free] @ to_units)
-    weights = np.zeros((len(places), len(free)))
-    weights[:, places] = modes.T
+    shares, modes = np.linalg.eigh(to_units @ information[block] @ to_units)
+    weights = np.zeros((len(kept), len(free)))
+    weights[:, kept] = modes.T
     return tuple(
         Direction(mode, max(float(share), 0.0), sizes) for share, mode in zip(shares, weights, strict=True) if share < 1
     )

@@ -104,14 +104,7 @@ def test_all_methods_on_all_cores_are_reported_with_their_losses_first(tmp_path,
     assert main(["compare", FLIGHT, "--hop", "6000", "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert said.startswith("DEM's error is not distinguishable from another method's: only ")
-    for fact in (
-        *(f"\n{method.name} " for method in METHODS),
-        "error ratio",
-        "unstable",
-        "p=1",
-        "roll rate, °/s",
-    ):
-        assert fact in said
+    assert all(f"\n{method.name} " in said for method in METHODS)
     assert {path.name for path in out.iterdir()} == {"comparison.json", "comparison.html", "windows.csv"}
     assert "<h1>DEM and other methods</h1>" in (out / "comparison.html").read_text()
     kept = strict_json((out / "comparison.json").read_text())

@@ -1,4 +1,4 @@
-"""The document of a learnt model: both ways, and what is no such document."""
+"""The document of a learned model: both ways, and what is no such document."""
 
 import json
 from dataclasses import fields, is_dataclass
@@ -54,8 +54,8 @@ def arrays_of(value, name=""):
 
 
 @pytest.mark.parametrize("text", ["5", "null", "{}", '{"settings": {}}', "not JSON"])
-def test_something_else_is_no_learnt_model(text):
-    with pytest.raises(ValueError, match="^not the document of a learnt model: "):
+def test_something_else_is_no_learned_model(text):
+    with pytest.raises(ValueError, match="^not the document of a learned model: "):
         Learned.from_json(text)
 
 
@@ -63,7 +63,7 @@ def test_every_field_of_a_document_is_needed_and_checked(document):
     values = json.loads(document)
     for name in values:
         missing = {key: value for key, value in values.items() if key != name}
-        with pytest.raises(ValueError, match=f"^not the document of a learnt model: {name} is missing"):
+        with pytest.raises(ValueError, match=f"^not the document of a learned model: {name} is missing"):
             Learned.from_json(json.dumps(missing))
     for name in ("theta_covariance", "prior_sd", "known", "state_map", "theta", "free_energy_of_samples"):
         for junk in (None, [], values[name][:-1] + [[1.0]], values[name][:1]):

@@ -85,7 +85,7 @@ class _LogJoint(NamedTuple):
     def about(self, at: Array) -> GrayBoxFit:
         """By differences, all at once; ``LinAlgError`` if no filter is steady."""
         steps = RELATIVE_STEP * np.maximum(0.01, np.abs(at))
-        points, scores, information, own = np.vstack([at, at + np.diag(steps)]), [], [], []
+        points, scores, information, innovations = np.vstack([at, at + np.diag(steps)]), [], [], []
         with np.errstate(all="ignore"):
             for part in self._chunks:
                 errors, _ = self.parameters.innovations(points, part)
@@ -93,15 +93,15 @@ class _LogJoint(NamedTuple):
                 scores.append(-np.einsum("kwn,wn->wk", slopes, errors[0]) / square[:, None])
                 weighted = slopes / np.sqrt(square)[:, None]
                 information.append(np.einsum("kwn,jwn->wkj", weighted, weighted, optimize=True))
-                own.append(errors[0])
-            value = self._value(at, np.concatenate(own))
-        found, whole = np.concatenate(information), np.diag(self.parameters.prior[1] ** -2.0)
-        curvature = found.sum(axis=0) + whole
+                innovations.append(errors[0])
+            value = self._value(at, np.concatenate(innovations))
+        by_window, prior = np.concatenate(information), np.diag(self.parameters.prior[1] ** -2.0)
+        curvature = by_window.sum(axis=0) + prior
         if not (np.isfinite(value) and np.isfinite(curvature).all()):
             raise np.linalg.LinAlgError("there is no steady filter")
         _, _, variance = self.parameters.filters(at[None], self.windows.dt)
-        levels = np.sqrt(np.mean(np.concatenate(own) ** 2, axis=1) / variance[0])
-        return GrayBoxFit(self.parameters, at, value, curvature, np.concatenate(scores), found, levels)
+        levels = np.sqrt(np.mean(np.concatenate(innovations) ** 2, axis=1) / variance[0])
+        return GrayBoxFit(self.parameters, at, value, curvature, np.concatenate(scores), by_window, levels)
 
     def limited(self, step: Array) -> Array:
         """A step that changes no logarithm by more than ``LONGEST_STEP``."""
@@ -170,8 +170,8 @@ def _recognised(effect: Array, gram: Array) -> Array | None:
     turnings = [prior.turning for prior in mixer_priors(len(effect)) if prior.turning is not None]
     # Combinations that the motors hardly move in explain nothing but rounding.
     moved = EXCITED * np.trace(gram) / len(effect)
-    turnings = [each for each in turnings if each @ gram @ each > moved * (each @ each)]
-    explained = np.array([float(each @ gram @ effect) ** 2 / float(each @ gram @ each) for each in turnings])
+    turnings = [row for row in turnings if row @ gram @ row > moved * (row @ row)]
+    explained = np.array([float(row @ gram @ effect) ** 2 / float(row @ gram @ row) for row in turnings])
     whole = float(effect @ gram @ effect)
     if not turnings or explained.max() < RECOGNISED * whole:
         return None

@@ -179,7 +179,7 @@ class Parameters(NamedTuple):
 
         The transition has two inputs: the torque that the motors settle at, and a constant acceleration.
         """
-        n = 2 + sum(len(each.A) for each in self.wind)
+        n = 2 + sum(len(colour.A) for colour in self.wind)
         A, B, drive = (np.zeros((len(thetas), n, width)) for width in (n, 2, n))
         rate = 1 / self.lag(thetas, dt)
         A[:, 0, 0], A[:, 0, 1], A[:, 1, 1] = -self.damping(thetas), 1.0, -rate
@@ -281,9 +281,9 @@ def delayed(inputs: Array, steps: float) -> tuple[Array, Array]:
     """
     last = np.arange(len(inputs) - 1, dtype=np.float64)
     ends = []
-    for place in (last - max(steps, 0.0), last + min(1 - steps, 0.0)):
-        whole = np.floor(place)
-        share = (place - whole)[:, None]
+    for time in (last - max(steps, 0.0), last + min(1 - steps, 0.0)):
+        whole = np.floor(time)
+        share = (time - whole)[:, None]
         at = whole.astype(np.intp)
         low, high = np.maximum(at, 0), np.clip(at + 1, 0, len(inputs) - 1)
         ends.append((1 - share) * inputs[low] + share * inputs[high])

@@ -77,14 +77,15 @@ def _mean(theta: Array, delay: float, record: Record, order: list[int], inputs: 
 
 def _of_wind(physical: Physical, dt: float, steps: int) -> Array:
     """(H, 2) variance that the wind gives angle and rate from a known beginning."""
-    colours = [(each.colour.A / each.time, each.colour.drive / each.time) for each in physical.components]
-    places = np.cumsum([2, *(len(own) for own, _ in colours)])
-    A = block_diag(np.array([[0.0, 1.0], [0.0, -physical.damping]]), *(own for own, _ in colours))
+    components = physical.components
+    noises = [(part.colour.A / part.time, part.colour.drive / part.time) for part in components]
+    bounds = pairwise(np.cumsum([2, *(len(noise) for noise, _ in noises)]))
+    A = block_diag(np.array([[0.0, 1.0], [0.0, -physical.damping]]), *(noise for noise, _ in noises))
     drive, P = np.zeros_like(A), np.zeros_like(A)
-    for each, (own, noise), (start, stop) in zip(physical.components, colours, pairwise(places), strict=True):
-        A[1, start:stop] = each.size * each.colour.C
-        drive[start:stop, start:stop] = noise
-        P[start:stop, start:stop] = solve_continuous_lyapunov(own, -noise)
+    for part, (noise, intensity), (start, stop) in zip(components, noises, bounds, strict=True):
+        A[1, start:stop] = part.size * part.colour.C
+        drive[start:stop, start:stop] = intensity
+        P[start:stop, start:stop] = solve_continuous_lyapunov(noise, -intensity)
     state, process, variance = expm(A * dt), step_covariance(A, drive, dt), np.empty((steps, 2))
     for step in range(steps):
         P = state @ P @ state.T + process

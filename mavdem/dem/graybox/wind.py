@@ -153,10 +153,10 @@ def wind(physical: Physical, record: Record) -> WindTorque:
         )
     size, levels = float(torques.mean.var()), slopes.mean(axis=1)
     covariance = physical.covariance
-    own = torques.variance + MODEL_ERRORS.wind**2 * size
+    smoother = torques.variance + MODEL_ERRORS.wind**2 * size
 
     def with_parameters(slopes: Array) -> Array:
-        return np.asarray(own + np.einsum("it,ij,jt->t", slopes, covariance, slopes))
+        return np.asarray(smoother + np.einsum("it,ij,jt->t", slopes, covariance, slopes))
 
     variance = with_parameters(slopes)
     # Motors that do more, and balance more: an error of the size alone leaves the course as it is. Where the motors do
@@ -303,7 +303,7 @@ def gusts(torque: Array, band: Array, record: Record) -> Gusts:
     # Likewise by the median, so that gusts do not count.
     crossings = float(np.median(np.abs(slopes))) / NORMAL_MEDIAN / sd / (2 * np.pi)
     false = 2 * 60 * crossings * float(np.exp(-(THRESHOLD**2) / 2))
-    found = []
+    detected = []
     for first, part, width in zip(record.starts.tolist(), away, bands, strict=True):
         outside = np.concatenate([[False], np.abs(part) > END * THRESHOLD * sd, [False]])
         # A change of sign ends a gust.
@@ -312,8 +312,8 @@ def gusts(torque: Array, band: Array, record: Record) -> Gusts:
             peak = start + int(np.argmax(np.abs(part[start:stop])))
             if abs(part[peak]) > max(THRESHOLD * sd, CERTAIN * width[peak]):
                 sample = first + start
-                found.append(DetectedGust(sample, sample * record.dt, (stop - start) * record.dt, float(part[peak])))
-    return Gusts(tuple(found), THRESHOLD * sd, false)
+                detected.append(DetectedGust(sample, sample * record.dt, (stop - start) * record.dt, float(part[peak])))
+    return Gusts(tuple(detected), THRESHOLD * sd, false)
 
 
 def _level(part: Array, dt: float) -> Array:
