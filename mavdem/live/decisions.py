@@ -196,10 +196,8 @@ class Phase:
     def __init__(self) -> None:
         self.flying = self.steady = self.idle = False
         self.parameters: Mapping[str, float] = {}
-        self._rows: dict[str, deque[tuple[float, float]]]
-        self._rows = {
-            kind: deque(maxlen=MAX_REPORTS) for kind in ("armed", "collective", "landed_state", *CLIMB_FIELDS)
-        }
+        kinds = ("collective", *REPORTED, *CLIMB_FIELDS)
+        self._rows: dict[str, deque[tuple[float, float]]] = {kind: deque(maxlen=MAX_REPORTS) for kind in kinds}
         self._start = self._reviewed = -inf
         self._settled_from: float | None = None
         self._beat: tuple[float, bool] | None = None
@@ -304,9 +302,8 @@ class Phase:
         columns: dict[str, Columns] = {}
         series: dict[str, Signal | None] = {}
         for kind, rows in self._rows.items():
-            while len(rows) > 2 * (kind == "armed") and rows[0][0] < now - (
-                REPORTS_SECONDS if kind in REPORTED else PHASE_SECONDS
-            ):
+            since = now - (REPORTS_SECONDS if kind in REPORTED else PHASE_SECONDS)
+            while len(rows) > 2 * (kind == "armed") and rows[0][0] < since:  # the last state stays
                 rows.popleft()
             reports = list(rows)
             if kind == "landed_state" and now <= self._reported_until:
