@@ -53,17 +53,22 @@ MAX_REPORTS = 4096  # Of each kind of what shows the phase
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the rows of a segment are, like the ``provenance`` of a ``Flight``."""
+    """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
 
-    segment: int  # its number
-    boot: int  # the number of the boot
-    dt: float  # step, s
-    attitude: str  # name of the message
-    motors: str  # name of the message
-    layout: MotorGeometry  # with scale: of the inputs
+    ``segment``, ``boot``: number of the segment and of the boot. ``dt``: step, s. ``attitude``, ``motors``: names of
+    the messages. ``layout``, ``scale``: of the inputs. ``rates``: Hz of attitude and motors that decided the step.
+    ``start``: first point of the grid, s; the first row may be a few seconds later.
+    """
+
+    segment: int
+    boot: int
+    dt: float
+    attitude: str
+    motors: str
+    layout: MotorGeometry
     scale: OutputScale
-    rates: tuple[float, ...]  # Hz of attitude and motors that decided the step
-    start: float  # first point of the grid, s; the first row may be a few seconds later
+    rates: tuple[float, ...]
+    start: float
 
 
 @dataclass(frozen=True, eq=False)
