@@ -113,8 +113,8 @@ class Dashboard:
 
     def close(self) -> None:
         """Ends the view."""
-        for one in self._sinks if self.view is None else [self.view]:
-            one.close()
+        for shown in self._sinks if self.view is None else [self.view]:
+            shown.close()
 
 
 STATUS_SECONDS = 5.0  # between two status lines on standard error

@@ -165,8 +165,8 @@ def _extreme_rows(table: NDArray[np.float64]) -> list[int]:
     """The rows of (N, k) with the least and the largest output of each channel beside 0, which is "no output yet"."""
     sent = (table != 0) & np.isfinite(table)
     least, most = np.where(sent, table, inf).argmin(axis=0), np.where(sent, table, -inf).argmax(axis=0)
-    found: list[int] = np.unique([least, most]).tolist()
-    return found
+    rows: list[int] = np.unique([least, most]).tolist()
+    return rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,8 +210,8 @@ class Phase:
     @property
     def obstacle(self) -> str:
         """Why it is not flying, one sentence; empty if it is."""
-        known = self.idle or self._rows["collective"] or self._rows["landed_state"] or not self._armed
-        return "" if self.flying else NOT_FLYING if known else FLIGHT_UNKNOWN
+        evidence = self.idle or self._rows["collective"] or self._rows["landed_state"] or not self._armed
+        return "" if self.flying else NOT_FLYING if evidence else FLIGHT_UNKNOWN
 
     def settled(self, time: float) -> bool:
         """Whether ``time``, s, is in settled flight, apart from the tilt."""
@@ -302,7 +302,7 @@ class Phase:
     def _signals(self, now: float) -> Signals:
         """What the last seconds show, as signals of boot 0."""
         columns: dict[str, Columns] = {}
-        found: dict[str, Signal | None] = {}
+        series: dict[str, Signal | None] = {}
         for kind, rows in self._rows.items():
             while len(rows) > 2 * (kind == "armed") and rows[0][0] < now - (
                 REPORTS_SECONDS if kind in REPORTED else PHASE_SECONDS
@@ -313,25 +313,27 @@ class Phase:
                 reports.append((now, reports[-1][1]))
             time, values = np.array(reports).reshape(-1, 2).T
             boot = np.zeros(len(time), dtype=np.int64)
-            found[kind] = Signal(time, boot, values) if reports else None
+            series[kind] = Signal(time, boot, values) if reports else None
             if kind in CLIMB_FIELDS and reports:
                 columns[kind] = {"time": time, "boot": boot, CLIMB_FIELDS[kind][0]: values}
             if kind == "landed_state" and reports:
                 columns["EXTENDED_SYS_STATE"] = {"time": time, "boot": boot, kind: values}
         telemetry = Telemetry(0, 0, "UNKNOWN", "", columns, self.parameters)
-        return _PhaseSignals(telemetry, armed_states=found["armed"], shares=found["collective"])
+        return _PhaseSignals(telemetry, armed_states=series["armed"], shares=series["collective"])
 
     def _settle(self, now: float, climb: Signal | None) -> None:
         """Decides since when the flight is settled; means are known half of their window later."""
-        known = now if climb is None else now - AVERAGING_SECONDS / 2
+        averaged_until = now if climb is None else now - AVERAGING_SECONDS / 2
         if self._settled_from is None:
             level = phases.between_transients((self._start, inf), climb)
-            if level is not None and level[0] <= known:
+            if level is not None and level[0] <= averaged_until:
                 self._settled_from = level[0]
         elif climb is not None:
             sinks = phases.average(climb) <= -CLIMB_OUT_SPEED
             since = self._reviewed - AVERAGING_SECONDS / 2
-            sinking = climb.time[sinks & (climb.time > max(since, self._reported_until)) & (climb.time <= known)]
+            sinking = climb.time[
+                sinks & (climb.time > max(since, self._reported_until)) & (climb.time <= averaged_until)
+            ]
             if len(sinking):
                 self._unsettle(float(sinking[-1]))
 

@@ -185,7 +185,7 @@ class LiveHistory:
         return [HorizonErrors(seconds, count, *(sums / count)) for seconds, (count, sums) in sorted(self._sums.items())]
 
     @property
-    def learnt(self) -> list[tuple[float, float]]:
+    def learned(self) -> list[tuple[float, float]]:
         """The parts learned from: first and last sample, s."""
         return [(first + self._offsets[i], last + self._offsets[i]) for i, first, last in self._learned]
 

@@ -430,14 +430,14 @@ class RawRecording:
             # The last frame may not be complete.
             searched = max(int(frames.end.max(initial=0)), len(content) - LONGEST_FRAME)
         stamps = (round(self._pieces[piece][0] * 1e6) for piece in pieces.tolist())
-        found = [content[a:b] for a, b in zip(frames.start.tolist(), frames.end.tolist(), strict=True)]
+        contents = [content[a:b] for a, b in zip(frames.start.tolist(), frames.end.tolist(), strict=True)]
         if self._mcap is None:
-            write_stamped(self._file, zip(stamps, found, strict=True))
+            write_stamped(self._file, zip(stamps, contents, strict=True))
         else:
-            for stamp, frame in zip(stamps, found, strict=True):
+            for stamp, frame in zip(stamps, contents, strict=True):
                 write_message(self._mcap, self._channel, stamp * 1000, frame)
         self._file.flush()
-        self.frames += len(found)
-        self.bytes_skipped += searched - sum(map(len, found))
+        self.frames += len(contents)
+        self.bytes_skipped += searched - sum(map(len, contents))
         self._pieces = [(self._pieces[-1][0], content[searched:])] if searched < len(content) else []
         self._first = self._pieces[0][0] if self._pieces else 0.0

@@ -75,23 +75,23 @@ class FrameReader:
     def feed(self, piece: bytes) -> list[Frame]:
         """Returns the frames that the next bytes complete, in order; good ones do not depend on how bytes are cut."""
         data, start = self._rest + piece, 0
-        found: list[Frame] = []
+        read: list[Frame] = []
         while start < len(data):
             frame, end = _frame_at(data, start)
             if frame is not None and frame.verdict == GOOD:
-                found.append(frame)
+                read.append(frame)
                 start = end
             elif end >= len(data):
                 break  # incomplete, or alone: what follows decides
-            elif (decided := self._search(data, start, found)) is None:
+            elif (decided := self._search(data, start, read)) is None:
                 break
             else:
                 start = decided
         self._rest = data[start:]
-        self.unread += sum(frame.verdict != GOOD for frame in found)
-        return found
+        self.unread += sum(frame.verdict != GOOD for frame in read)
+        return read
 
-    def _search(self, data: bytes, start: int, found: list[Frame]) -> int | None:
+    def _search(self, data: bytes, start: int, read: list[Frame]) -> int | None:
         """Adds the frames up to the last good one, as a file's are found; returns where they end, None if unknown."""
         table = concatenated(list(find_frames(np.frombuffer(data, np.uint8)[start:], seeds())))
         good = np.flatnonzero(table.verdict == GOOD)
@@ -108,7 +108,7 @@ class FrameReader:
             header = (table.message_id, table.system, table.component, table.sequence, table.verdict)
             message_id, system, component, sequence, verdict = (int(column[row]) for column in header)
             payload = data[begin : begin + length]
-            found.append(Frame(message_id, system, component, sequence, verdict, payload))
+            read.append(Frame(message_id, system, component, sequence, verdict, payload))
         return start + until
 
 

@@ -183,9 +183,9 @@ class LiveStream:
                 self._add(name, port, time, values, rows)
         elif name == "HEARTBEAT":
             kind, autopilot, *state = message.values
-            own = enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot)
+            identity = enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot)
             # Not of another vehicle with the same ids.
-            if own == (sender.kind, sender.autopilot):
+            if identity == (sender.kind, sender.autopilot):
                 self._phase.take_heartbeat(time, autopilot, *state)
         elif name == "EXTENDED_SYS_STATE":
             self._phase.take("landed_state", time, message.values[0])
@@ -209,7 +209,7 @@ class LiveStream:
         if inputs is None or stream not in streams:
             return
         if stream is streams[1]:
-            used = [values[place] for number, place in inputs.picks if number == port]
+            used = [values[channel] for number, channel in inputs.picks if number == port]
             share = inputs.share(sum(used) / len(used))
             self._phase.take("collective", time, values[THRUST_COLUMN] if name == DEMAND_MESSAGE else share)
             self._watch_motors(time, inputs)
@@ -235,13 +235,13 @@ class LiveStream:
         return tuple(self._streams.setdefault(key, Samples()) for key in keys)
 
     def _row(self, time: float, point: list[Values], inputs: Inputs) -> AlignedRow:
-        motion, place = point[0], TILT_AXES.index(self.axis)
+        motion, axis = point[0], TILT_AXES.index(self.axis)
         ports = dict(zip(inputs.ports, point[1:], strict=True))
         upright = max(abs(motion[0]), abs(motion[1])) < MAX_TILT
         return AlignedRow(
             time=time,
             inputs=np.array([ports[port][channel] for port, channel in inputs.picks]),
-            outputs=np.array([motion[place], motion[2 + place]]),
+            outputs=np.array([motion[axis], motion[2 + axis]]),
             segment=self._grid.segment,
             received=self._received,
             settled=upright and self._phase.settled(time),
@@ -251,8 +251,8 @@ class LiveStream:
         """Reports the segment that begins, if its rows are others than before."""
         grid, before, plan = self._grid, self.setup, inputs.layout
         assert grid.dt is not None and self._attitude is not None
-        place = (grid.segment, self.boot, grid.dt, self._attitude, inputs.message)
-        self.setup = now = Setup(*place, plan, inputs.scale, grid.rates, grid.start)
+        names = self._attitude, inputs.message
+        self.setup = now = Setup(grid.segment, self.boot, grid.dt, *names, plan, inputs.scale, grid.rates, grid.start)
         if before is not None and (before.dt, before.motors, before.layout) == (now.dt, now.motors, plan):
             return
         self._report(
@@ -339,7 +339,7 @@ class LiveStream:
         if not self._phase.settled(time):
             self._alarms.landed |= not self._phase.flying
         elif all(ports.values()):
-            commands = [inputs.share(ports[port][0][place]) for port, place in inputs.picks]
+            commands = [inputs.share(ports[port][0][channel]) for port, channel in inputs.picks]
             for sentence in self._alarms.take(time, self.boot, inputs, commands):
                 self._report(sentence)
 
@@ -384,8 +384,8 @@ class MotorAlarms:
         if inputs.message != DEMAND_MESSAGE:
             watched = layout, inputs.scale.low, inputs.scale.high  # balances on two ranges differ
             if self._watch is None or watched != self._watched:
-                place = layout.names, layout.motors, layout.positions, layout.spins
-                self._watch, self._watched = MotorWatch(*place, layout.positions_assumed, boot), watched
+                motors = layout.names, layout.motors, layout.positions, layout.spins
+                self._watch, self._watched = MotorWatch(*motors, layout.positions_assumed, boot), watched
             alarm, obstacle = self._watch.take(time, commands, True), self._watch.obstacle
             if alarm is not None:
                 self.latest.append(alarm)

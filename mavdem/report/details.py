@@ -34,16 +34,16 @@ MAX_NAMED, MIN_WEIGHT = 4, 0.3
 largest weight."""
 
 
-def detail_blocks(learned: Learned, report: dict[str, Any]) -> list[Block]:
+def detail_blocks(learned: Learned, report: dict[str, Any] | None = None) -> list[Block]:
     """Returns cautions, errors one step ahead, the ``learned`` model, and how it was learned.
 
-    ``report`` has the figures of :func:`mavdem.analysis.figures`.
+    ``report`` has the figures of :func:`mavdem.analysis.figures`; without it the errors are left out.
     """
     labels, energy = Labels.of(learned), learned.free_energy
     converged = "" if learned.simulation_fit is not None else _convergence(learned)
     return [
         *(Sentence(caution, "Caution:") for caution in learned.cautions),
-        *_one_step(report, labels),
+        *([] if report is None else _one_step(report, labels)),
         *_model(labels, learned),
         *_physical(learned.physical),
         *_cancelled(learned.wind),

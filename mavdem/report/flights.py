@@ -355,8 +355,8 @@ def live_report(history: LiveHistory, status: SessionStatus, account: Mapping[st
                 "How they were made:",
             ),
         ]
-    if history.learnt:
-        rows = [[f"{first:.0f} s", f"{last:.0f} s", f"{last - first:.0f} s"] for first, last in history.learnt]
+    if history.learned:
+        rows = [[f"{first:.0f} s", f"{last:.0f} s", f"{last - first:.0f} s"] for first, last in history.learned]
         blocks.append(Table(["learned from", "until", "length"], rows))
     spent = [[what[0].upper() + what[1:], f"{account[kind]:.0f} s"] for kind, what in ACCOUNT.items() if account[kind]]
     return [*blocks, Table([f"of {sum(account.values()):.0f} s", "time"], spent), *_link(status)]

@@ -11,19 +11,18 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from mavdem.analysis.findings import findings, known_wind
-from mavdem.confidence import LEVEL, quantile
+from mavdem.confidence import LEVEL
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
-from mavdem.dem.engine.model import pack
 from mavdem.evaluate.held_out import FORECAST, HeldOut
 from mavdem.flight import Flight
 from mavdem.report import palette
 from mavdem.report.blocks import Block, Sentence, Table, markdown
+from mavdem.report.details import detail_blocks
 from mavdem.report.numbers import AxisCommand, Labels, named, place, plus_minus, readable, state_names
 from mavdem.report.screen import key_figures, screen, title
 from mavdem.view.plots import (
     ITERATION,
-    FreeEntries,
     Lines,
     Plot,
     blueprint,
@@ -232,54 +231,44 @@ def _details(recording: rr.RecordingStream, series: FlightSeries) -> rrb.Contain
 
 
 def _learning(recording: rr.RecordingStream, learned: Learned) -> Iterator[rrb.Container]:
-    """What learning came to, with F̄ by iteration as bars; then every curve, on the timeline of iterations.
+    """F̄ by iteration as bars, beside what was learned; then every curve, on the timeline of iterations.
 
     All plots over time in a recording follow the one timeline that is chosen.
     """
-    energy, curves, blocks = learned.free_energy, [], []
-    for path, heading, names, values, results in _iterations(learned):
+    energy, labels = learned.free_energy, Labels.of(learned)
+    first = min(FIRST_ITERATIONS, len(energy) - 1)
+    gap = (energy.total.max() - energy.total)[first:]
+    recording.log("learning/gap", _bars(gap, np.arange(float(first), first + len(gap))), static=True)
+    heading = f"F̄ below its maximum of {energy.total.max():,.0f} nats, by iteration"
+    yield rrb.Horizontal(
+        rrb.BarChartView(origin="learning/gap", name=heading, plot_legend=rrb.PlotLegend(visible=False)),
+        _text(recording, "learning/details", "The model, and how it was learned", detail_blocks(learned)),
+        name="Learning",
+    )
+    terms = {"F̄": energy.total, **{name.removeprefix("prediction "): term for name, term in energy.terms.items()}}
+    precisions = free_precisions(labels, learned)
+    curves = {
+        "free_energy": (
+            "F̄ and its terms, less their final value, nats",
+            tuple(terms),
+            np.stack([term - term[-1] for term in terms.values()], axis=-1),
+        ),
+        "lambda": (
+            "λ: log precisions of the noise",
+            precisions.names,
+            precisions.shown(learned.learning.lambda_),
+        ),
+    }
+    for matrix, entries in free_parameters(labels, learned).items():
+        curves[f"parameters/{matrix}"] = f"{matrix} (degrees, s)", entries.names, entries.shown(learned.learning.theta)
+    views = []
+    for path, (heading, names, values) in curves.items():
         lines = Lines(f"learning/{path}", names, tuple(map(palette.distinct, range(len(names)))))
         lines.send_style(recording)
         lines.send(recording, np.arange(float(len(values))), values, ITERATION)
         legend = rrb.PlotLegend(corner=rrb.Corner2D.RightTop)
-        curves.append(rrb.TimeSeriesView(origin=lines.path, name=heading, plot_legend=legend))
-        blocks.append(
-            Table([heading, f"result ± {LEVEL:.0%} interval"], [list(row) for row in zip(names, results, strict=True)])
-        )
-    first = min(FIRST_ITERATIONS, len(energy) - 1)
-    gap = (energy.total.max() - energy.total)[first:]
-    bars = _bars(gap, np.arange(float(first), first + len(gap)))
-    recording.log("learning/gap", bars, static=True)
-    heading = f"F̄ below its maximum of {energy.total.max():,.0f} nats, by iteration"
-    yield rrb.Horizontal(
-        rrb.BarChartView(origin="learning/gap", name=heading, plot_legend=rrb.PlotLegend(visible=False)),
-        _text(recording, "learning/results", "Results", blocks),
-        column_shares=[60, 40],
-        name="Learning",
-    )
-    yield rrb.Grid(*curves, grid_columns=2, name=f"Iterations (choose the timeline “{ITERATION}” below)")
-
-
-def _iterations(learned: Learned) -> Iterator[tuple[str, str, tuple[str, ...], Array, list[str]]]:
-    """Path, heading, names, values (I + 1, k) by iteration and the result in words, of F̄, λ and each matrix."""
-    labels, learning, energy = Labels.of(learned), learned.learning, learned.free_energy
-    series = {"F̄": energy.total, **{name.removeprefix("prediction "): term for name, term in energy.terms.items()}}
-    values = np.stack(list(series.values()), axis=-1)
-    results = [f"{round(float(value)) + 0:,}" for value in values[-1]]
-    yield "free_energy", "F̄ and its terms, nats (lines: less their result)", tuple(series), values - values[-1], results
-
-    def results_of(entries: FreeEntries, final: Array, half: Array) -> list[str]:
-        pairs = zip(entries.shown(final), np.abs(entries.shown(half)), strict=True)
-        return [plus_minus(*pair) if np.isfinite(pair[1]) else f"{pair[0]:.3g}" for pair in pairs]
-
-    noise, half = free_precisions(labels, learned), quantile(LEVEL) * learning.lambda_sd[-1]
-    results = results_of(noise, learning.lambda_[-1], half)
-    yield "lambda", "λ: log precisions of the noise", noise.names, noise.shown(learning.lambda_), results
-    final, halves = (pack(*model[:3]) for model in (learned.model, learned.model_interval(LEVEL)))
-    for matrix, entries in free_parameters(labels, learned).items():
-        results = results_of(entries, final, halves)
-        heading = f"{matrix} (degrees, s)"
-        yield f"parameters/{matrix}", heading, entries.names, entries.shown(learning.theta), results
+        views.append(rrb.TimeSeriesView(origin=lines.path, name=heading, plot_legend=legend))
+    yield rrb.Grid(*views, grid_columns=2, name=f"Iterations (choose the timeline “{ITERATION}” below)")
 
 
 def _text(recording: rr.RecordingStream, origin: str, name: str, words: str | Sequence[Block]) -> rrb.View:

@@ -178,7 +178,7 @@ def test_a_live_flight_is_drawn_in_degrees_with_what_was_trained_on_and_has_its_
     above, below = live_flight(history, "roll").axes
     measured = next(line for line in above.lines if line.get_label() == "measured")
     assert np.nanmax(measured.get_ydata()) == pytest.approx(np.rad2deg(np.nanmax(history.lines.measured)))
-    assert len(above.patches) == len(history.learnt) == 1
+    assert len(above.patches) == len(history.learned) == 1
     assert "°/s²" in below.get_ylabel()
     text = live_page("udpin:<b>", "roll", history, SessionStatus("1:1"), NOTHING | {"learned": 53.0}, None)
     for told in (">0.25 s ahead</td>", ">12.2 s</td>", "come again after 3 s", "udpin:&lt;b&gt;", "<svg"):

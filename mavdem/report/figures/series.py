@@ -397,7 +397,7 @@ def live_flight(history: LiveHistory, name: str) -> Figure:
             (above, lines.predicted, lines.predicted_band, angle, PREDICTED, f"{history.horizon:g} s ahead"),
             (below, lines.torque, lines.torque_band, torque, DISTURBANCE, ""),
         ):
-            for number, ends in enumerate(history.learnt):
+            for number, ends in enumerate(history.learned):
                 trained = "" if number or axes is below else "trained on"
                 axes.axvspan(*ends, color=MEASURED, alpha=HELD_OUT_OPACITY, linewidth=0, label=trained)
             mean, half = unit.scale * mean, unit.scale * half
