@@ -95,12 +95,12 @@ class Holding:
 
     def cautions(self) -> list[str]:
         """One sentence for each problem, without a full stop."""
-        found = []
+        cautions = []
         if self.farthest:
-            found.append(f"the vehicle could not hold its place and was {self.farthest:.3g} m from it: use less wind")
+            cautions.append(f"the vehicle could not hold its place and was {self.farthest:.3g} m off: use less wind")
         if self.at_limit > 0.1:
-            found.append(
+            cautions.append(
                 f"motors were at their limits in {self.at_limit:.0%} of the time in the air, where nothing linear is "
                 "to be learned: use less wind, or smaller moments"
             )
-        return found
+        return cautions

@@ -197,8 +197,8 @@ class Simulation:
         if self._grounded:
             rotors = self._body.spun(state.rotors, targets, self._steps)
             self._state = state._replace(rotors=rotors)
-            each = zip(rotors, self._condition.thrust, strict=True)
-            lift = fsum(left * self._airframe.thrust_at(speed) for speed, left in each)
+            shares = zip(rotors, self._condition.thrust, strict=True)
+            lift = fsum(left * self._airframe.thrust_at(speed) for speed, left in shares)
             self._grounded = lift <= self._airframe.mass * GRAVITY
             return
         state = self._body.moved(state, targets, air, self._steps)

@@ -77,8 +77,8 @@ def axis(vehicle: VehicleSpec, axis: Axis = "roll", lag: bool = True) -> Linear:
     With ``lag`` there is one more state, the angular acceleration that the rotors make, "roll drive" (rad/s²), which
     follows the commands with the rotors' time constant. Without, it is there at once.
     """
-    found = linearised(vehicle)
-    everything = Linear(found.states, found.A, found.B * (airframe(vehicle).full / 1000))
+    linear = linearised(vehicle)
+    everything = Linear(linear.states, linear.A, linear.B * (airframe(vehicle).full / 1000))
     # The heading does nothing to a vehicle; roll and pitch, of gravity, do.
     names = ("yaw rate",) if axis == "yaw" else (axis, f"{axis} rate")
     instant = everything.without_lag().of(names)
@@ -116,10 +116,10 @@ def paper_system(order: Literal[1, 2, 3, 4]) -> Linear:
     motors are in its own order, see ``sitl_scenarios.dynamics.PAPER_ORDER``.
     """
     east = ("east", "east speed", "roll", "roll rate")[4 - order :]
-    found = linearised(VehicleSpec(model="ardrone2", rotor_drag=False)).without_lag().of(east)
+    linear = linearised(VehicleSpec(model="ardrone2", rotor_drag=False)).without_lag().of(east)
     mirror = np.diag([-1.0 if state.startswith("east") else 1.0 for state in east])
     names = tuple({"east": "y", "east speed": "ẏ", "roll": "φ", "roll rate": "φ̇"}[state] for state in east)
-    return Linear(names, mirror @ found.A @ mirror, mirror @ found.B[:, PAPER_ORDER])
+    return Linear(names, mirror @ linear.A @ mirror, mirror @ linear.B[:, PAPER_ORDER])
 
 
 def _derivative(vehicle: VehicleSpec) -> Callable[[Array], Array]:
@@ -197,15 +197,18 @@ def _damage(scenario: Scenario, motion: Motion) -> dict[str, NDArray[Any]]:
     begins = [(BOOT_SECONDS + begin, condition) for begin, condition in damages(scenario)]
     left = [UNDAMAGED, *(condition for _, condition in begins)]
     number = np.searchsorted([begin for begin, _ in begins], motion.time, side="right")
-    parts = {f"{name}_left": np.array([getattr(one, name) for one in left]) for name in ("speed", "thrust", "torque")}
-    parts["centre"] = np.array([one.centre for one in left])
+    parts = {
+        f"{name}_left": np.array([getattr(condition, name) for condition in left])
+        for name in ("speed", "thrust", "torque")
+    }
+    parts["centre"] = np.array([condition.centre for condition in left])
     last = len(begins) if begins else 1
     return {name: values[number] for name, values in parts.items()} | {"weak": number >= last}
 
 
 def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
     """``roll_effect`` and its likes."""
-    spec, body, found = scenario.vehicle, airframe(scenario.vehicle), dict[str, Array]()
+    spec, body, effects = scenario.vehicle, airframe(scenario.vehicle), dict[str, Array]()
     hover, begins = motion.landed_state == IN_AIR, damages(scenario)
     parts = {"": (hover, UNDAMAGED)}
     if begins:
@@ -223,8 +226,8 @@ def _effects(scenario: Scenario, motion: Motion) -> dict[str, Array]:
         slopes = np.array([body.speed_slope(command) for command in commands.tolist()]) * condition.speed
         slopes *= motion.battery[rows].mean() * body.full / (MAX_PULSE - MIN_PULSE)
         for name, row in zip(AXES, per_speed * slopes, strict=True):
-            found[f"{name}_effect{suffix}"] = row
-    return found
+            effects[f"{name}_effect{suffix}"] = row
+    return effects
 
 
 def write_truth(path: str | os.PathLike[str], scenario: Scenario, motion: Motion) -> None:

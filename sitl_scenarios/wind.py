@@ -284,13 +284,13 @@ class Weather:
 def _turbulent(wind: TurbulentWind, scenario: Scenario, dt: float, samples: int, noise: np.random.Generator) -> Array:
     """(N, 5) velocity NED of the mean wind and its turbulence, and the air's rotation about two horizontal axes."""
     places = frame(scenario.vehicle.frame, AIRFRAMES[scenario.vehicle.model].arm)
-    known = turbulence(wind, scenario.height, max(places.right) - min(places.right))
+    turbulent = turbulence(wind, scenario.height, max(places.right) - min(places.right))
     if isinstance(wind, DrydenWind):
-        along = first_order(known.along[0], dt, samples, noise)
-        across, down = (second_order(known[i][0], dt, samples, noise) for i in (1, 2))
+        along = first_order(turbulent.along[0], dt, samples, noise)
+        across, down = (second_order(turbulent[i][0], dt, samples, noise) for i in (1, 2))
     else:
-        along, across, down = (von_karman_noise(i > 0, known[i][0], dt, samples, noise) for i in range(3))
+        along, across, down = (von_karman_noise(i > 0, turbulent[i][0], dt, samples, noise) for i in range(3))
     north, east, _ = towards(wind.direction)
-    ahead, aside = wind.speed + known.along[1] * along, known.across[1] * across
-    p, q = (known.rotation[1] * first_order(known.rotation[0], dt, samples, noise) for _ in range(2))
-    return np.column_stack([ahead * north - aside * east, ahead * east + aside * north, known.down[1] * down, p, q])
+    ahead, aside = wind.speed + turbulent.along[1] * along, turbulent.across[1] * across
+    p, q = (turbulent.rotation[1] * first_order(turbulent.rotation[0], dt, samples, noise) for _ in range(2))
+    return np.column_stack([ahead * north - aside * east, ahead * east + aside * north, turbulent.down[1] * down, p, q])

@@ -19,7 +19,8 @@ ROOMS = ("", "baselines", "condition", "dem", "evaluate", "ingest")
 """Modules whose public names may have examples; ``mavdem`` itself first."""
 WITH_EXAMPLE = (
     *("Flight", "Flight.segments", "hover", "read_flight", "read_segments", "ingest.read_log"),
-    *("learn", "Settings", "Learned.forecast", "Learned.predict", "Learned.simulate", "dem.physical"),
+    *("learn", "Settings", "Learned.forecast", "Learned.predict", "Learned.simulate", "dem.physical", "evaluate.mspe"),
+    *("baselines.subspace", "baselines.pem", "baselines.em", "baselines.arx", "OnlineLearner.update"),
 )
 """The most used: each has an example, and says what else to see."""
 
@@ -54,6 +55,8 @@ def test_an_example_does_what_it_says(
     monkeypatch.chdir(tmp_path)
     os.symlink(LOG, "flight.tlog")
     test = EXAMPLES[name]
+    if any("train" in example.source for example in test.examples):
+        test.globs |= {"train": simulated(wind=1.0)[:300], "test": simulated(wind=1.0)[300:400]}
     if any("learned" in example.source for example in test.examples) and "learned =" not in test.docstring:
         test.globs |= {"learned": request.getfixturevalue("learned"), "test": simulated(wind=1.0)[700:]}
     said: list[str] = []

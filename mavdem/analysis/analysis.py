@@ -28,7 +28,7 @@ from mavdem.errors import NotLearnable
 from mavdem.evaluate.held_out import BASELINES, FOLDS, HeldOut, held_out_test, held_out_windows
 from mavdem.evaluate.scores import SIGNIFICANCE, paired
 from mavdem.evaluate.truth import compare_with_truth, read_truth, truth_of
-from mavdem.evaluate.windows import TEST_SECONDS, Length, fewer_samples, samples_in
+from mavdem.evaluate.windows import TEST_SECONDS, Length, TooFewSamples, part_samples, samples_in
 from mavdem.flight import Flight
 from mavdem.health.in_flight import MotorAlarm, MotorWatch
 from mavdem.ingest import Log
@@ -39,18 +39,6 @@ RMSE 5 % lower."""
 SLOW_CAUTION = (
     "The model is of the slow motion only: what shows at several Hz, such as the control effectiveness, is not in it."
 )
-
-
-class TooFewSamples(NotLearnable):
-    """The settled flight is too short for the windows that were asked for.
-
-    Attributes:
-        lengths: options of ``mavdem learn`` with windows that fit, ("--test", "40"); empty where none do.
-    """
-
-    def __init__(self, reason: str, remedy: str = "", lengths: tuple[str, ...] = ()) -> None:
-        super().__init__(reason, remedy or f"Ask for shorter ones: `{' '.join(lengths)}`.")
-        self.lengths = lengths
 
 
 class StepProgress(Protocol):
@@ -223,7 +211,7 @@ def _model(
         raise NotLearnable(f"No model could be learnt: {error}.", remedy) from error
     if train is not None:
         return flights, learned, held_out_test(training, following, learned)
-    steps = _test_samples(flights[0], test)
+    _, steps = part_samples(flights[0].dt, None, test)
     try:
         with progress("Judging by held-out windows") as done:
             return flights, learned, held_out_windows(flights, settings, steps, done, learned)
@@ -267,10 +255,6 @@ def flown_after(flights: Sequence[Flight], start: float) -> tuple[Flight, ...]:
     return left
 
 
-def _test_samples(flight: Flight, test: Length | None) -> int:
-    return test.samples(flight.dt) if test else samples_in(TEST_SECONDS, flight.dt)
-
-
 def _too_few(flights: Sequence[Flight], steps: int) -> TooFewSamples:
     """Why no held-out window of ``steps`` fits into a part of the flights, and which would."""
     dt, samples = flights[0].dt, sum(map(len, flights))
@@ -290,16 +274,9 @@ def cut(flight: Flight, start: float, train: Length, test: Length | None) -> tup
         TooFewSamples: they do not fit.
     """
     first = round(min(start / flight.dt, len(flight)))
-    left = len(flight) - first
-    length, ahead = train.samples(flight.dt), _test_samples(flight, test)
-    if left >= length + ahead:
-        end = first + length
-        return flight[first:end], flight[end : end + ahead]
-    fewer_train, fewer_test = fewer_samples(left, length, ahead)
-    fits = fewer_train >= FEWEST_SAMPLES
-    raise TooFewSamples(
-        f"The settled flight has {len(flight)} samples ({flight.duration:.1f} s), {left} of them from {start:g} s on, "
-        f"but {length} training and {ahead} test samples were asked for.",
-        "" if fits else "Start earlier, with a smaller --start.",
-        ("--train", str(fewer_train), "--test", str(fewer_test)) if fits else (),
-    )
+    length, ahead = part_samples(flight.dt, train, test)
+    end = first + length
+    if len(flight) < end + ahead:
+        remedy = "Start earlier, with a smaller --start."
+        raise TooFewSamples.of(flight, start, length, ahead, FEWEST_SAMPLES, remedy)
+    return flight[first:end], flight[end : end + ahead]

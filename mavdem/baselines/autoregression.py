@@ -31,6 +31,10 @@ from mavdem.dem.validation import is_number
 def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2, stable: bool = False) -> Identified:
     """y_t = Σₖ Aₖ y_{t−k} + Σₖ Bₖ u_{t−k} + c + e_t over ``order`` lags k = 1, 2, …, by least squares.
 
+    >>> model = mavdem.baselines.arx(train, order=2)
+    >>> model.forecast(test.inputs).shape
+    (100, 2)
+
     Consistent, also in closed loop, where e is white (Ljung, System Identification, 2nd ed., secs. 7.3 and 13.4); noise
     of the measurements alone biases it. The model is realised in observer form, m · order states. The lags before a
     segment's first samples are taken to be at the trim.
@@ -43,6 +47,9 @@ def arx(train: UniformRecord | Sequence[UniformRecord], order: int = 2, stable: 
     Raises:
         ValueError: too few samples, values that are not finite, an output that does not vary, or an order that is no
             positive number.
+
+    See Also:
+        :func:`mavdem.baselines.var`: the inputs are predicted too; :func:`mavdem.learn`.
     """
     order = required_order(order)
     record = Record.of(train)

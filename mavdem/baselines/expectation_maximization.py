@@ -38,6 +38,10 @@ def em(
 ) -> Identified:
     """The model of :class:`StateSpace`'s A, B, C and D with independent white noises of states and outputs.
 
+    >>> model = mavdem.baselines.em(train, order=2)
+    >>> model.forecast(test.inputs).shape
+    (100, 2)
+
     Expectation: states are smoothed under the model there is. Maximization: A, B, offset and Q, C, D, trim and R, and
     the states in which segments begin are regressed on them (Shumway and Stoffer, Journal of Time Series Analysis 3(4),
     1982; with inputs Cara, Juan and Alarcón, Mechanical Systems and Signal Processing 46(2), 2014). The likelihood
@@ -54,6 +58,9 @@ def em(
 
     Raises:
         ValueError: as :func:`mavdem.baselines.subspace`; or EM breaks down from every start.
+
+    See Also:
+        :func:`mavdem.baselines.subspace`, :func:`mavdem.baselines.pem`: other methods; :func:`mavdem.learn`.
     """
     order = required_order(order)
     record = Record.of(train)

@@ -35,6 +35,10 @@ def pem(
 ) -> Identified:
     """The model in innovation form that makes the determinant of the one-step errors' covariance smallest.
 
+    >>> model = mavdem.baselines.pem(train, order=2)
+    >>> model.forecast(test.inputs).shape
+    (100, 2)
+
     That is maximum likelihood where errors are Gaussian (Ljung, System Identification, 2nd ed., secs. 7.2, 10.2): all
     of A, B, C, K, the offset and the states in which segments begin, in full parametrization, by Levenberg and
     Marquardt's method on errors weighted by their covariance, iterated until it converges. The determinant never rises:
@@ -50,6 +54,9 @@ def pem(
 
     Raises:
         ValueError: as :func:`mavdem.baselines.subspace`, of whose models none can be started from.
+
+    See Also:
+        :func:`mavdem.baselines.subspace`, :func:`mavdem.baselines.em`: other methods; :func:`mavdem.learn`.
     """
     order = required_order(order)
     record = Record.of(train)

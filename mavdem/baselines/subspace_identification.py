@@ -42,6 +42,10 @@ def subspace(
 ) -> Identified:
     """A state-space model of ``order`` states from projections, without iterations.
 
+    >>> model = mavdem.baselines.subspace(train, order=2)
+    >>> model.forecast(test.inputs).shape
+    (100, 2)
+
     The states are the combinations of the past that predict the future best; y is regressed on them for C (and D),
     their successors on them and u for A and B, and K is the steady Kalman gain of the residuals' covariances (Van
     Overschee and De Moor, Subspace Identification for Linear Systems, 1996, ch. 4; Katayama, Subspace Methods for
@@ -68,6 +72,9 @@ def subspace(
     Raises:
         ValueError: too few samples for the order, values that are not finite, an output that does not vary, or an order
             or weighting that is none.
+
+    See Also:
+        :func:`mavdem.baselines.pem`, :func:`mavdem.baselines.em`: other methods; :func:`mavdem.learn`.
     """
     order = required_order(order)
     if weighting not in get_args(Weighting):

@@ -15,10 +15,9 @@ from mavdem.cli.output import json_text, print_blocks, print_json, printable, pr
 from mavdem.cli.output_files import check_folder, files_in, folder_named, page_bytes
 from mavdem.cli.sources import end_report, names_of, nothing_left, of_each
 from mavdem.dem.learning import FEWEST_SAMPLES
-from mavdem.errors import NotLearnable
 from mavdem.evaluate.comparison import METHODS, Comparison, outcomes
 from mavdem.evaluate.scores import FROM_ZERO, KNOWN
-from mavdem.evaluate.windows import TEST_SECONDS, TRAIN_SECONDS, Length, Window, fewer_samples, samples_in, windows
+from mavdem.evaluate.windows import TRAIN_SECONDS, Length, TooFewSamples, Window, part_samples, windows
 from mavdem.flight import Flight
 from mavdem.report.comparison import comparison_report
 from mavdem.report.page import comparison_page
@@ -117,18 +116,10 @@ def compare_command(
 def _windows(
     name: str, flight: Flight, train: Length | None, test: Length | None, hop: int | None
 ) -> tuple[Window, ...]:
-    given = train.samples(flight.dt) if train else samples_in(TRAIN_SECONDS, flight.dt)
-    ahead = test.samples(flight.dt) if test else samples_in(TEST_SECONDS, flight.dt)
-    if cut := windows(name, flight, given, ahead, hop):
+    lengths = part_samples(flight.dt, train, test)
+    if cut := windows(name, flight, *lengths, hop):
         return cut
-    fewer_train, fewer_test = fewer_samples(len(flight), given, ahead)
-    raise NotLearnable(
-        f"The settled flight has {len(flight)} samples ({flight.duration:.1f} s), but {given} training and "
-        f"{ahead} test samples were asked for.",
-        f"Ask for fewer: `--train {fewer_train} --test {fewer_test}`."
-        if fewer_train >= FEWEST_SAMPLES
-        else "Record a longer flight.",
-    )
+    raise TooFewSamples.of(flight, 0.0, *lengths, FEWEST_SAMPLES, "Record a longer flight.")
 
 
 def _compare(cut: Sequence[Window]) -> Comparison:

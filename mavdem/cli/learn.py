@@ -13,7 +13,6 @@ from click.core import ParameterSource
 
 from mavdem.alignment.drive import TILT_AXES
 from mavdem.analysis import analyse
-from mavdem.analysis.analysis import TooFewSamples
 from mavdem.analysis.figures import ALL
 from mavdem.cli.options import chosen_settings, file_option, model_options, source_options, window_options
 from mavdem.cli.output import complain, print_blocks, print_json, printable, progress, say_aside
@@ -21,7 +20,7 @@ from mavdem.cli.output_files import RECORDING, check_folder, folder_named, resul
 from mavdem.cli.sources import read_source
 from mavdem.condition.inventory import inventory
 from mavdem.errors import NotLearnable, advice
-from mavdem.evaluate.windows import Length
+from mavdem.evaluate.windows import Length, TooFewSamples
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.details import detail_blocks
 from mavdem.report.flights import truth_blocks

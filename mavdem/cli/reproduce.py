@@ -100,6 +100,7 @@ class _Jobs:
 
 def _print(reports: Iterable[ItemReport]) -> None:
     table = Table("item", "verdict", "findings")
-    for one in reports:
-        table.add_row(one.item.claim.name, one.status.value, f"{one.sentence} {one.beyond}".rstrip())
+    for report in reports:
+        findings = f"{report.sentence} {report.beyond}".rstrip()
+        table.add_row(report.item.claim.name, report.status.value, findings)
     print_table(table)

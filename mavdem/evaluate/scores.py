@@ -79,6 +79,9 @@ def mspe(measured: ArrayLike, predicted: ArrayLike) -> Mspe:
 
     >>> mspe([[0.0, 0.0], [2.0, 1.0]], [[0.0, 0.0], [0.0, 0.0]]).total
     2.5
+
+    See Also:
+        :func:`mavdem.evaluate.held_out_windows`: errors on windows that no model has seen.
     """
     y, yhat = np.asarray(measured, np.float64), np.asarray(predicted, np.float64)
     if y.shape != yhat.shape or y.ndim != 2 or not len(y):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
 
 TRAIN_SECONDS, TEST_SECONDS = 7.0, 1.5
@@ -12,7 +13,7 @@ TRAIN_SECONDS, TEST_SECONDS = 7.0, 1.5
 
 
 def samples_in(seconds: float, dt: float) -> int:
-    """The number of samples ``dt`` s apart that last so many ``seconds``, at least 1."""
+    """Returns the number of samples ``dt`` s apart that last so many ``seconds``, at least 1."""
     return max(1, round(seconds / dt))
 
 
@@ -23,14 +24,46 @@ class Length(NamedTuple):
     in_seconds: bool
 
     def samples(self, dt: float) -> int:
-        """The number of samples ``dt`` s apart, at least 1."""
+        """Returns the number of samples ``dt`` s apart, at least 1."""
         return samples_in(self.number, dt) if self.in_seconds else int(self.number)
 
 
-def fewer_samples(available: int, train: int, test: int) -> tuple[int, int]:
-    """Numbers of training and test samples that fit into a flight: at most these, and at most a sixth for the test."""
-    test = min(test, max(available // 6, 1))
-    return min(train, available - test), test
+def part_samples(dt: float, train: Length | None, test: Length | None) -> tuple[int, int]:
+    """Returns the samples of a training and a test part ``dt`` s apart: as asked for, else 7 s and 1.5 s."""
+    return (
+        train.samples(dt) if train else samples_in(TRAIN_SECONDS, dt),
+        test.samples(dt) if test else samples_in(TEST_SECONDS, dt),
+    )
+
+
+class TooFewSamples(NotLearnable):
+    """The settled flight is too short for the windows that were asked for.
+
+    Attributes:
+        lengths: options with windows that fit, ("--test", "40"); empty where none do.
+    """
+
+    def __init__(self, reason: str, remedy: str = "", lengths: tuple[str, ...] = ()) -> None:
+        super().__init__(reason, remedy or f"Ask for shorter ones: `{' '.join(lengths)}`.")
+        self.lengths = lengths
+
+    @classmethod
+    def of(cls, flight: Flight, start: float, train: int, test: int, least: int, remedy: str) -> TooFewSamples:
+        """Returns why ``train`` and ``test`` samples do not fit after ``start`` s of a ``flight``, and how many would.
+
+        With fewer than ``least`` training samples none do, and the ``remedy`` is another.
+        """
+        left = len(flight) - round(min(start / flight.dt, len(flight)))
+        shorter = min(test, max(left // 6, 1))
+        longest = min(train, left - shorter)
+        fits = longest >= least
+        after = f", {left} of them from {start:g} s on" if start else ""
+        return cls(
+            f"The settled flight has {len(flight)} samples ({flight.duration:.1f} s){after}, but {train} training and "
+            f"{test} test samples were asked for.",
+            "" if fits else remedy,
+            ("--train", str(longest), "--test", str(shorter)) if fits else (),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +84,7 @@ class Window:
 def windows(
     name: str, flight: Flight, train: int | None = None, test: int | None = None, hop: int | None = None
 ) -> tuple[Window, ...]:
-    """Every window that fits into a flight; none if it is too short.
+    """Returns every window that fits into a flight; none if it is too short.
 
     Args:
         name: of the flight.

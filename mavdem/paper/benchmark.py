@@ -42,7 +42,7 @@ def run(runner: Runner) -> Result:
     """Tries each method on the five experiments, and on all windows of all flights."""
     numbers = list(runner.experiments)
     experiments = {
-        start: {name: np.array([_trial(runner, name, one, start).errors[start] for one in numbers]) for name in SHOWN}
+        start: {name: np.array([_trial(runner, name, i, start).errors[start] for i in numbers]) for name in SHOWN}
         for start in STARTS
     }
     sample = {name: _trial(runner, name, runner.extent.sample, STARTS[0]).forecasts for name in SHOWN}
@@ -73,13 +73,13 @@ def run(runner: Runner) -> Result:
         ),
         numbers={
             **{
-                f"mspe, from {start}": {name: one.tolist() for name, one in experiments[start].items()}
+                f"mspe, from {start}": {name: errors.tolist() for name, errors in experiments[start].items()}
                 for start in STARTS
             },
             "squared_errors_by_step": {name: errors.tolist() for name, errors in squares.items()},
             "all_windows": {
                 "flights": list(relative),
-                "median_error_over_constant_mean": {name: [one[name] for one in relative.values()] for name in SHOWN},
+                "median_error_over_constant_mean": {name: [row[name] for row in relative.values()] for name in SHOWN},
             },
             "unstable_models": {
                 flight: {name: sum(trial.stable is False for trial in tried) for name, tried in trials.items()}
@@ -93,13 +93,13 @@ def run(runner: Runner) -> Result:
                 block
                 for start, errors in experiments.items()
                 for block in _table(
-                    f"MSPE of the five experiments, from {start}", errors, [f"expt {one}" for one in numbers]
+                    f"MSPE of the five experiments, from {start}", errors, [f"expt {number}" for number in numbers]
                 )
             ),
             Sentence("the median over a flight’s windows of the error over the constant mean’s.", "All windows:"),
             Table(
                 ["flight", *(NAMES.get(name, name) for name in SHOWN)],
-                [[flight, *(rounded(own[name], 3) for name in SHOWN)] for flight, own in relative.items()],
+                [[flight, *(rounded(ratios[name], 3) for name in SHOWN)] for flight, ratios in relative.items()],
             ),
         ),
         pictures=(
@@ -179,7 +179,8 @@ def _losses(parts: dict[str, Errors]) -> tuple[Block, ...]:
 
 def _table(title: str, errors: Errors, flights: list[str]) -> tuple[Block, ...]:
     rows = [
-        [NAMES.get(name, name), *(rounded(error, 3) for error in (*own, own.sum()))] for name, own in errors.items()
+        [NAMES.get(name, name), *(rounded(error, 3) for error in (*values, values.sum()))]
+        for name, values in errors.items()
     ]
     return Sentence("", f"{title}."), Table(["method", *flights, "total"], rows)
 

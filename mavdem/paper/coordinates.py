@@ -89,7 +89,7 @@ def run(runner: Runner) -> Result:
 
 def _errors(by_method: Iterable[Iterable[list[Trial]]], start: str) -> Errors:
     """The errors of trials by method, experiment and prior."""
-    with_, without = (np.array([[one.errors[start] for one in priors] for priors in rows]) for rows in by_method)
+    with_, without = (np.array([[trial.errors[start] for trial in priors] for priors in rows]) for rows in by_method)
     return with_, without
 
 

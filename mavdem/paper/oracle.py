@@ -47,14 +47,14 @@ def run(runner: Runner) -> Result:
     done = iter(runner.each(run_trial, [(fit, window) for name in METHODS for fit in fits[name]]))
     trials = {name: [next(done) for _ in fits[name]] for name in METHODS}
     ours = {
-        start: {name: np.array([one.errors[start] for one in trials[name]]) for name in METHODS} for start in STARTS
+        start: {name: np.array([trial.errors[start] for trial in trials[name]]) for name in METHODS} for start in STARTS
     }
     cases = [(name, start) for name in METHODS for start in STARTS]
     return Result(
         checks=tuple(check(name, start, ours[start][name], theirs[start][name]) for name, start in cases),
         numbers={
-            "theirs": {start: {name: own.tolist() for name, own in one.items()} for start, one in theirs.items()},
-            "ours": {start: {name: own.tolist() for name, own in one.items()} for start, one in ours.items()},
+            "theirs": _plain(theirs),
+            "ours": _plain(ours),
             "true_model_from_data": TRUE_MODEL,
         },
         tables=(
@@ -90,6 +90,10 @@ def check(name: str, start: str, ours: Array, theirs: Array) -> Check:
         f"{name} from {start}: their MSPE is {rounded(theirs[0], 3)}, above {percent(below)} of ours (median "
         f"{rounded(float(np.median(ours)), 3)})",
     )
+
+
+def _plain(errors: dict[str, dict[str, Array]]) -> dict[str, dict[str, list[float]]]:
+    return {start: {name: values.tolist() for name, values in one.items()} for start, one in errors.items()}
 
 
 def _range(values: Array) -> str:

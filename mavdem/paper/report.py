@@ -106,7 +106,7 @@ def write(folder: Path, reports: Sequence[ItemReport], runner: Runner, seconds: 
     window = runner.sample
     learned = learn(window.train, PAPER)
     write_recording(folder / RECORDING, (window.train,), learned, held_out_test(window.train, window.test, learned))
-    found = [[report.item.claim.title, report.status.value, report.sentence, report.beyond] for report in reports]
+    verdicts = [[report.item.claim.title, report.status.value, report.sentence, report.beyond] for report in reports]
     blocks: list[Block] = [
         Sentence(
             "Each claim is tested by checks with fixed rules. If all hold, it is reproduced; if none holds, it is not; "
@@ -115,7 +115,7 @@ def write(folder: Path, reports: Sequence[ItemReport], runner: Runner, seconds: 
             "2.0 in the wind of a blower, 850 samples at 120 Hz each, replace them. TU Delft’s real AR.Drone in wind, "
             "and flights of two autopilots in their simulators, are added where their recordings are on this machine."
         ),
-        Table(["item", "verdict", "findings", "beyond the paper"], found, words=True),
+        Table(["item", "verdict", "findings", "beyond the paper"], verdicts, words=True),
         Sentence(
             f"All numbers are in `{NUMBERS}`; `{RECORDING}` has {window.flight}, with the model that DEM learns with "
             f"the paper’s settings, for Rerun. It took {seconds:.0f} s."

@@ -232,7 +232,7 @@ class Runner:
         if not self.extent.recorded:
             return {}
         cut = {name: windows(name, flight, TRAIN, TEST, HOP) for name, flight in recorded_flights()}
-        return {name: found if name == REAL else self._few(found) for name, found in cut.items() if found}
+        return {name: some if name == REAL else self._few(some) for name, some in cut.items() if some}
 
     def _few(self, cut: tuple[Window, ...]) -> tuple[Window, ...]:
         """At most ``extent.windows`` of them, with the first and the last."""

@@ -41,7 +41,7 @@ CHANNELS = 16  # Outputs in SERVO_OUTPUT_RAW and PX4's other output messages
 @cache
 def named(name: str) -> MessageDefinition:
     """The definition of a message."""
-    return next(one for one in definitions().values() if one.name == name)
+    return next(message for message in definitions().values() if message.name == name)
 
 
 def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
@@ -222,7 +222,7 @@ def parameters(scenario: Scenario, autopilot: Autopilot, cycle: float) -> dict[s
     """An autopilot's parameters by name, in alphabetical order; ``cycle`` of its loop in s."""
     by_kind = _px4(scenario) if autopilot.bitwise else _ardupilot(scenario, cycle)
     made = [Parameter(name, kind, value) for kind, values in by_kind.items() for name, value in values.items()]
-    return {parameter.name: parameter for parameter in sorted(made, key=lambda one: one.name)}
+    return {parameter.name: parameter for parameter in sorted(made, key=lambda parameter: parameter.name)}
 
 
 def _px4(scenario: Scenario) -> dict[int, dict[str, float]]:

@@ -41,8 +41,8 @@ class Schedule:
         self.usual = dict(usual)
         self._step, self._cycle = step, cycle
         self._courses: dict[str, _Course] = {}
-        for place, (name, rate) in enumerate(usual.items()):
-            self.set(name, 1 / rate if rate else np.inf, start + place * cycle * apart)
+        for number, (name, rate) in enumerate(usual.items()):
+            self.set(name, 1 / rate if rate else np.inf, start + number * cycle * apart)
 
     def set(self, name: str, interval: float, start: float) -> None:
         """From ``start`` on, s, sends a message every ``interval`` s; never, when that is infinite."""
@@ -203,7 +203,7 @@ class Transmitter:
         self._asked = []
         placed += [*self._changes(motion), *self._listed(len(motion)), *self._streams(motion, clock)]
         version = self._scenario.stream.version
-        placed = [one for one in placed if version == 2 or named(one[0]).message_id <= 255]
+        placed = [row for row in placed if version == 2 or named(row[0]).message_id <= 255]
         return self._framed(placed, motion.time, version) if placed else _nothing()
 
     def _changes(self, motion: Motion) -> list[Placed]:

@@ -122,6 +122,12 @@ class OnlineLearner:
     def update(self, time: float, outputs: ArrayLike, inputs: ArrayLike) -> Estimate:
         """Takes the next sample, ``outputs`` (m,) and ``inputs`` (r,) at a ``time`` in s.
 
+        >>> online = mavdem.OnlineLearner(dt=0.01, n_inputs=4, n_outputs=2)
+        >>> for time, outputs, inputs in zip(train.time[:50], train.outputs, train.inputs):
+        ...     estimate = online.update(time, outputs, inputs)
+        >>> estimate.ahead.shape[1]  # outputs some steps ahead
+        2
+
         A time other than one step after the last, also one that goes back, begins a new segment: the model is kept, and
         nothing is predicted or differentiated across the gap. After ``MAX_GAPS`` in a row, ``obstacle`` states that
         samples do not come every ``dt``.
@@ -131,6 +137,9 @@ class OnlineLearner:
 
         Raises:
             ValueError: values that are not finite, larger than ``mavdem.learn`` takes, or of another number.
+
+        See Also:
+            :func:`mavdem.learn`: from a whole flight.
         """
         time, u, y = self._checked(time, inputs, outputs)
         step = self._dt if self._last is None else time - self._last
