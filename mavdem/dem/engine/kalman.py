@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mavdem.dem.engine.linalg import Array
+from mavdem.dem.engine.linalg import Array, inverse
 from mavdem.dem.engine.model import recursion
 
 MAX_DOUBLINGS, MAX_STEPS = 40, 60  # of the time over which the filter becomes steady, and single steps after it
@@ -175,6 +175,110 @@ def _powers(matrix: Array, number: int) -> Array:
     return powers[:number]
 
 
+class KalmanFilter(NamedTuple):
+    """The filter of x⁺ = A x + push + w, y = C x + v from an uncertain first state on, until it is steady.
+
+    Attributes:
+        A: (n, n).
+        C: (m, n).
+        covariances: (h + 1, n, n) P of the state before each sample; the last one is that of all later samples.
+        gains: (h, n, m) K of each sample, likewise.
+        weights: (h, m, m) S⁻¹ of the errors of prediction, likewise.
+    """
+
+    A: Array
+    C: Array
+    covariances: Array
+    gains: Array
+    weights: Array
+
+    @classmethod
+    def of(cls, A: Array, C: Array, Q: Array, R: Array, S: Array, first: Array, samples: int) -> KalmanFilter:
+        """Returns that for noises as in :func:`steady_covariance`, and a first state of covariance ``first`` (n, n).
+
+        Where a covariance overflows, or is none, all from there on are infinite, and their gains 0.
+        """
+        covariances, gains, weights = [first], [], []
+        with np.errstate(over="ignore", invalid="ignore"):
+            for _ in range(max(samples, 1)):
+                P = covariances[-1]
+                try:
+                    weights.append(inverse(C @ P @ C.T + R))
+                except np.linalg.LinAlgError:
+                    covariances.append(np.full_like(P, np.inf))
+                    gains.append(np.zeros_like(S))
+                    weights.append(np.zeros_like(R))
+                    break
+                gains.append((A @ P @ C.T + S) @ weights[-1])
+                kept, mixed = A - gains[-1] @ C, gains[-1] @ S.T
+                # In Joseph's form it stays positive.
+                after = kept @ P @ kept.T + gains[-1] @ R @ gains[-1].T + Q - mixed - mixed.T
+                covariances.append((after + after.T) / 2)
+                if np.abs(covariances[-1] - P).max() <= STEADY * np.abs(P).max():
+                    break
+        return cls(A, C, np.array(covariances), np.array(gains), np.array(weights))
+
+    def covariances_of(self, samples: int) -> Array:
+        """Returns (T + 1, n, n) those before each sample and after the last."""
+        return np.asarray(self.covariances[np.minimum(np.arange(samples + 1), len(self.covariances) - 1)])
+
+    def states(self, start: Array, pushes: Array, measured: Array) -> tuple[Array, Array]:
+        """Returns states (…, T + 1, n) before each sample and after the last, and errors (…, T, m) of predicting it.
+
+        ``start`` is (…, n), ``pushes`` (…, T, n) act on the next state, ``measured`` is (…, T, m); leading axes are
+        segments side by side.
+        """
+        samples, last = measured.shape[-2], len(self.gains) - 1
+        states = np.empty((*measured.shape[:-2], samples + 1, len(self.A)))
+        states[..., 0, :] = start
+        single = min(last, samples) if measured.ndim == 2 else samples
+        with np.errstate(over="ignore", invalid="ignore"):
+            for t in range(single):
+                x = states[..., t, :]
+                error = measured[..., t, :] - x @ self.C.T
+                states[..., t + 1, :] = x @ self.A.T + pushes[..., t, :] + error @ self.gains[min(t, last)].T
+            if single < samples:
+                gain = self.gains[-1]
+                driven = pushes[single:] + measured[single:] @ gain.T
+                states[single + 1 :] = recursion(self.A - gain @ self.C, driven, states[single])
+            return states, measured - states[..., :-1, :] @ self.C.T
+
+    def smoothed(self, states: Array, errors: Array) -> tuple[Array, Array, Array]:
+        """Returns means (…, T + 1, n) and covariances (T + 1, n, n) of all states given all measurements.
+
+        By the disturbance smoother, which inverts no covariance of states (de Jong, "Smoothing and interpolation with
+        the state-space model", Journal of the American Statistical Association 84(408), 1989). The third are
+        covariances (T, n, n) of each state but the first with the one before it.
+        """
+        samples, last, n = errors.shape[-2], len(self.gains) - 1, len(self.A)
+        closed = self.A - self.gains @ self.C
+        heard = self.weights @ self.C
+        information, pull = np.zeros((samples + 1, n, n)), np.zeros_like(states)
+        with np.errstate(over="ignore", invalid="ignore"):
+            t = samples - 1
+            while t >= 0:
+                place = min(t, last)
+                information[t] = self.C.T @ heard[place] + closed[place].T @ information[t + 1] @ closed[place]
+                change = np.abs(information[t] - information[t + 1]).max()
+                if t > last and change <= STEADY * np.abs(information[t]).max():
+                    information[last + 1 : t] = information[t]
+                    t = last + 1
+                t -= 1
+            single = samples
+            if errors.ndim == 2 and samples > last:
+                single = last
+                drives = (errors[last:] @ heard[-1])[::-1]
+                pull[last:-1] = recursion(closed[-1].T, drives, np.zeros(n))[::-1]
+            for t in range(single - 1, -1, -1):
+                place = min(t, last)
+                pull[..., t, :] = errors[..., t, :] @ heard[place] + pull[..., t + 1, :] @ closed[place]
+            P = self.covariances_of(samples)
+            means = states + np.einsum("...ti,tij->...tj", pull, P)
+            covariances = P - P @ information @ P
+            rest = np.eye(n) - P[1:] @ information[1:]
+            return means, covariances, rest @ closed[np.minimum(np.arange(samples), last)] @ P[:-1]
+
+
 class GaussianModel(NamedTuple):
     """x⁺ = A x + B u + offset + w,  y = C x + D u + trim + v; w ~ N(0, Q) and v ~ N(0, R), white and independent."""
 
@@ -201,81 +305,20 @@ class Smoothed(NamedTuple):
 
 
 def smoothed(model: GaussianModel, start: Array, inputs: Array, outputs: Array) -> Smoothed:
-    """The smoothed states of one segment (Shumway and Stoffer, Journal of Time Series Analysis 3(4), 1982).
+    """Returns the smoothed states of one segment, and the likelihood of its outputs.
 
-    The first one has mean ``start`` (n,) and the identity as covariance; ``LinAlgError`` where a covariance is not
+    The first state has mean ``start`` (n,) and the identity as covariance; ``LinAlgError`` where a covariance is not
     positive or not finite.
     """
-    A, C, samples = model.A, model.C, len(outputs)
-    predicted, gains, filtered, precision_roots = _filter_covariances(model, samples)
-    steady = len(gains) - 1
-    drives, targets = inputs @ model.B.T + model.offset, outputs - inputs @ model.D.T - model.trim
-
-    ahead = np.empty((samples, len(A)))
-    ahead[0] = start
-    for t in range(min(steady, samples - 1)):
-        ahead[t + 1] = A @ (ahead[t] + gains[t] @ (targets[t] - C @ ahead[t])) + drives[t]
-    gain = A @ gains[-1]
-    pushes = drives[steady:-1] + targets[steady:-1] @ gain.T
-    ahead[steady + 1 :] = recursion(A - gain @ C, pushes, ahead[min(steady, samples - 1)])
-
-    errors = targets - ahead @ C.T
-    each = np.minimum(np.arange(samples), steady)
-    whitened = np.einsum("tij,tj->ti", precision_roots[each], errors)
-    log_roots = np.log(np.abs(np.linalg.det(precision_roots)))[each].sum()
-    log_likelihood = float(log_roots - 0.5 * (whitened**2).sum() - 0.5 * errors.size * np.log(2 * np.pi))
-
-    means = ahead + np.einsum("tij,tj->ti", gains[each], errors)
-    returns = filtered[:-1] @ A.T @ np.linalg.inv(predicted[1:]) if steady else np.empty((0, *A.shape))
-    returns = np.concatenate([returns, (filtered[-1] @ A.T @ np.linalg.inv(A @ filtered[-1] @ A.T + model.Q))[None]])
-    pulls = means[:-1] - np.einsum("tij,tj->ti", returns[each[:-1]], ahead[1:])
-    means[steady:-1] = recursion(returns[-1], pulls[steady:][::-1], means[-1])[::-1]
-    for t in range(min(steady, samples - 1) - 1, -1, -1):
-        means[t] = pulls[t] + returns[t] @ means[t + 1]
-
-    covariances = _smoothed_covariances(model, filtered, returns, samples)
-    lagged = covariances[1:] @ returns[each[:-1]].swapaxes(1, 2)
-    return Smoothed(means, covariances, lagged, log_likelihood)
-
-
-def _filter_covariances(model: GaussianModel, samples: int) -> tuple[Array, Array, Array, Array]:
-    """Of each sample until they are steady: covariance before it, gain, covariance after it, and a root of S⁻¹."""
-    A, C, Q, R = model.A, model.C, model.Q, model.R
-    eye = np.eye(len(A))
-    predicted, gains, filtered, roots = [eye], [], [], []
-    for _ in range(samples):
-        before = predicted[-1]
-        root = np.linalg.inv(np.linalg.cholesky(C @ before @ C.T + R))
-        gain = before @ C.T @ root.T @ root
-        keep = eye - gain @ C
-        # In Joseph's form it stays positive.
-        after = keep @ before @ keep.T + gain @ R @ gain.T
-        following = A @ after @ A.T + Q
-        gains.append(gain)
-        filtered.append(after)
-        roots.append(root)
-        if np.abs(following - before).max() < STEADY * np.abs(before).max():
-            break
-        predicted.append(following)
-    predicted = predicted[: len(gains)]
-    if not np.isfinite(predicted[-1]).all():
+    A, C, eye = model.A, model.C, np.eye(len(model.A))
+    filtered = KalmanFilter.of(A, C, model.Q, model.R, np.zeros((len(A), len(C))), eye, len(outputs))
+    if not np.isfinite(filtered.covariances).all():
         raise np.linalg.LinAlgError("the filter's covariance overflows")
-    return np.array(predicted), np.array(gains), np.array(filtered), np.array(roots)
-
-
-def _smoothed_covariances(model: GaussianModel, filtered: Array, returns: Array, samples: int) -> Array:
-    """(T, n, n), backward; where gains are constant only until it is steady."""
-    steady = len(filtered) - 1
-    covariances = np.empty((samples, *model.A.shape))
-    covariances[-1] = filtered[-1]
-    t = samples - 2
-    while t >= 0:
-        gain, after = returns[min(t, steady)], filtered[min(t, steady)]
-        ahead = model.A @ after @ model.A.T + model.Q
-        covariances[t] = after + gain @ (covariances[t + 1] - ahead) @ gain.T
-        change = np.abs(covariances[t] - covariances[t + 1]).max()
-        if t > steady and change < STEADY * np.abs(covariances[t]).max():
-            covariances[steady:t] = covariances[t]
-            t = steady
-        t -= 1
-    return covariances
+    states, errors = filtered.states(
+        start, inputs @ model.B.T + model.offset, outputs - inputs @ model.D.T - model.trim
+    )
+    weights = filtered.weights[np.minimum(np.arange(len(errors)), len(filtered.weights) - 1)]
+    squares = np.einsum("ti,tij,tj->", errors, weights, errors)
+    log_likelihood = 0.5 * (np.linalg.slogdet(weights)[1].sum() - squares - errors.size * np.log(2 * np.pi))
+    means, covariances, lagged = filtered.smoothed(states, errors)
+    return Smoothed(means[:-1], covariances[:-1], lagged[:-1], float(log_likelihood))

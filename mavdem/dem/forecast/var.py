@@ -8,9 +8,7 @@ z = [outputs, inputs] is one process of k = m + r channels,
 It answers three questions about the outputs after a known past: the inputs unknown; the inputs measured up to the
 sample itself; all inputs measured. Given the parameters the answers are Gaussian and exact, and their variance does not
 depend on the samples. Inputs are measured without noise, so that what is uncertain are the outputs since the past
-ended: the state of a Kalman filter, and of a smoother, for noises of measurement and process that are correlated
-(Durbin and Koopman, Time Series Analysis by State Space Methods, 2nd ed., secs. 4.3 and 4.4). It inverts no covariance
-of states, which may be singular.
+ended: the state of a Kalman filter, and of a smoother, whose noises of measurement and process are correlated.
 """
 
 from __future__ import annotations
@@ -20,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mavdem.dem.engine.kalman import KalmanFilter
 from mavdem.dem.engine.linalg import Array, inverse, solve
 from mavdem.dem.record import Record, Spread
 
@@ -33,8 +32,6 @@ LEAST_FREEDOM = 1.0  # rows that are left for the innovations, where there are h
 
 INPUT_NOISE = 1e-9
 """Variance added to the innovations of inputs: one that is constant, or depends on others, has none of its own."""
-
-STEADY_TOLERANCE = 1e-11  # change of a covariance in a step, relative to its largest entry, that no longer counts
 
 
 class Forecast(NamedTuple):
@@ -275,18 +272,28 @@ class Var(NamedTuple):
     def infer(self, past: Array, inputs: Array, smooth: bool = False) -> Forecast:
         """Returns the outputs (…, H, m) after ``past`` (…, lags, k), each given ``inputs`` (…, H, r) up to its sample.
 
-        With ``smooth`` all inputs count (P. de Jong, "Smoothing and interpolation with the state-space model", Journal
-        of the American Statistical Association 84(408), 1989). Overflow is as in :meth:`predict`.
+        With ``smooth`` all inputs count. Overflow is as in :meth:`predict`.
         """
-        loop = _InputConditionedFilter.of(self, inputs.shape[-1])
-        scaled, steps = self.units.scaled_inputs(inputs), inputs.shape[-2]
-        covariances, gains, weights = loop.covariances(steps)
-        states, errors = loop.states(self.units.scaled(past), scaled, gains)
-        if not smooth:
-            return self._physical(
-                states[..., 1:, : loop.outputs], np.diagonal(covariances[1:], axis1=1, axis2=2)[:, : loop.outputs]
-            )
-        return self._physical(*loop.smoothed(states, errors, covariances, gains, weights))
+        (lags, k, _), r, steps = self.coefficients.shape, inputs.shape[-1], inputs.shape[-2]
+        m, n = k - r, (k - r) * lags
+        # The state is the outputs of all lags; what the inputs of the lags add is known.
+        across = self.coefficients.swapaxes(0, 1)
+        output_effect, A = across[:, :, :m].reshape(k, n), np.eye(n, k=-m)
+        A[:m] = output_effect[:m]
+        Q, S, R = np.zeros((n, n)), np.zeros((n, r)), self.covariance[m:, m:] + INPUT_NOISE * np.eye(r)
+        Q[:m, :m], S[:m] = self.covariance[:m, :m], self.covariance[:m, m:]
+        filtered = KalmanFilter.of(A, output_effect[m:], Q, R, S, np.zeros((n, n)), steps)
+        before, now = self.units.scaled(past), self.units.scaled_inputs(inputs)
+        earlier = lagged(np.concatenate([before[..., m:], now], axis=-2), lags)
+        drives = earlier @ across[:, :, m:].reshape(k, lags * r).T + self.offset
+        pushes = np.zeros((*drives.shape[:-1], n))
+        pushes[..., :m] = drives[..., :m]
+        states, errors = filtered.states(_latest_first(before[..., :m]), pushes, now - drives[..., m:])
+        covariances = filtered.covariances_of(steps)
+        if smooth:
+            states, covariances, _ = filtered.smoothed(states, errors)
+        variance = np.maximum(np.diagonal(covariances, axis1=1, axis2=2), 0.0)
+        return self._physical(states[..., 1:, :m], variance[1:, :m])
 
     def infer_every(self, past: Array, steps: int, inputs: Array, outputs: Array, smooth: bool = False) -> Forecast:
         """Returns (H, m) as :meth:`infer`, begun again at every ``steps``-th sample from all samples before it."""
@@ -336,95 +343,6 @@ class Var(NamedTuple):
         known = finite & np.isfinite(variance)
         mean = center + scale * np.where(finite, mean, 0.0)
         return Forecast(mean, scale**2 * np.where(known, np.broadcast_to(variance, mean.shape), np.inf))
-
-
-class _InputConditionedFilter(NamedTuple):
-    """The model with x, the outputs of all lags, as its state: x⁺ = step x + … + w, inputs = seen x + … + v.
-
-    What the inputs of the lags add is known and comes on top. The first m of w, and v, are the innovations.
-    """
-
-    outputs: int
-    step: Array  # (n, n), n = m · lags
-    seen: Array  # (r, n)
-    input_effect: Array  # (k, r · lags) of the lagged inputs on the next outputs and inputs
-    offset: Array  # (k,)
-    covariance: Array  # (k, k), with the noise of the inputs
-
-    @classmethod
-    def of(cls, model: Var, inputs: int) -> _InputConditionedFilter:
-        lags, k, _ = model.coefficients.shape
-        m = k - inputs
-        across = model.coefficients.swapaxes(0, 1)
-        output_effect = across[:, :, :m].reshape(k, lags * m)
-        step = np.eye(lags * m, k=-m)
-        step[:m] = output_effect[:m]
-        covariance = model.covariance.copy()
-        covariance[m:, m:] += INPUT_NOISE * np.eye(inputs)
-        return cls(m, step, output_effect[m:], across[:, :, m:].reshape(k, lags * inputs), model.offset, covariance)
-
-    def covariances(self, steps: int) -> tuple[Array, Array, Array]:
-        """P (H + 1, n, n) of x before each step and after the last, gain (H, n, r), and weight S⁻¹ (H, r, r).
-
-        From the step on where P is steady all are the same.
-        """
-        m, (r, n) = self.outputs, self.seen.shape
-        crossed = np.zeros((n, r))
-        crossed[:m] = self.covariance[:m, m:]
-        output_noise, input_noise = self.covariance[:m, :m], self.covariance[m:, m:]
-        P, gains, weights = np.zeros((steps + 1, n, n)), np.zeros((steps, n, r)), np.zeros((steps, r, r))
-        with np.errstate(over="ignore", invalid="ignore"):
-            for step in range(steps):
-                before = P[step]
-                try:
-                    weights[step] = inverse(self.seen @ before @ self.seen.T + input_noise)
-                except np.linalg.LinAlgError:
-                    P[step + 1 :] = np.inf
-                    break
-                gains[step] = gain = (self.step @ before @ self.seen.T + crossed) @ weights[step]
-                kept = self.step - gain @ self.seen
-                # In Joseph's form it stays positive.
-                after = kept @ before @ kept.T + gain @ input_noise @ gain.T
-                mixed = gain @ crossed.T
-                after -= mixed + mixed.T
-                after[:m, :m] += output_noise
-                P[step + 1] = (after + after.T) / 2
-                if np.abs(P[step + 1] - before).max() <= STEADY_TOLERANCE * np.abs(before).max():
-                    P[step + 2 :], gains[step + 1 :], weights[step + 1 :] = P[step + 1], gain, weights[step]
-                    break
-        return P, gains, weights
-
-    def states(self, past: Array, inputs: Array, gains: Array) -> tuple[Array, Array]:
-        """X (…, H + 1, n) before each step and after the last, and the errors (…, H, r) of predicting the inputs."""
-        m, steps, n = self.outputs, inputs.shape[-2], len(self.step)
-        drives = lagged(np.concatenate([past[..., m:], inputs], axis=-2), n // m) @ self.input_effect.T + self.offset
-        states, errors = np.zeros((*past.shape[:-2], steps + 1, n)), inputs - drives[..., m:]
-        states[..., 0, :] = _latest_first(past[..., :m])
-        with np.errstate(over="ignore", invalid="ignore"):
-            for step in range(steps):
-                x = states[..., step, :]
-                errors[..., step, :] -= x @ self.seen.T
-                states[..., step + 1, :] = x @ self.step.T + errors[..., step, :] @ gains[step].T
-                states[..., step + 1, :m] += drives[..., step, :m]
-        return states, errors
-
-    def smoothed(
-        self, states: Array, errors: Array, covariances: Array, gains: Array, weights: Array
-    ) -> tuple[Array, Array]:
-        """Mean (…, H, m) and variance (H, m) of the outputs given all inputs."""
-        m, steps = self.outputs, errors.shape[-2]
-        mean, variance = np.empty((*states.shape[:-2], steps, m)), np.empty((steps, m))
-        pull, information = np.zeros_like(states[..., 0, :]), np.zeros_like(covariances[0])
-        with np.errstate(over="ignore", invalid="ignore"):
-            for step in reversed(range(steps)):
-                P = covariances[step + 1]
-                mean[..., step, :] = states[..., step + 1, :m] + pull @ P[:, :m]
-                variance[step] = np.diagonal(P - P @ information @ P)[:m]
-                kept = self.step - gains[step] @ self.seen
-                seen = self.seen.T @ weights[step]
-                pull = errors[..., step, :] @ seen.T + pull @ kept
-                information = seen @ self.seen + kept.T @ information @ kept
-        return mean, np.maximum(variance, 0.0)
 
 
 def _pieces(number: int, steps: int, length: int) -> np.typing.NDArray[np.intp]:
