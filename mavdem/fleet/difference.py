@@ -237,7 +237,7 @@ def estimates_of(flight: Flight) -> dict[Quantity, FlightEstimate]:
 def _effects(
     row: FlightRow, axis: str, effect: Sequence[float], interval: Sequence[float | None]
 ) -> dict[Quantity, FlightEstimate]:
-    """Logarithms of the mean effect on the row's axis and of each motor's beside the others', if motors well enough."""
+    """Logarithms of the mean effect on the row's axis and of each motor's beside the others', if known well enough."""
     motors = {
         motor: FlightEstimate(log(abs(value)), half / abs(value) / _Z)
         for motor, (value, half) in enumerate(zip(effect, interval, strict=True), start=1)
@@ -245,7 +245,7 @@ def _effects(
     }
     if not motors:
         return {}
-    # Errors of the motors' effects have much in common: their mean is hardly motors better than each.
+    # Errors of the motors' effects have much in common: their mean is hardly known better than each.
     mean, sd = fmean(effect.value for effect in motors.values()), max(effect.sd for effect in motors.values())
     estimates = {Quantity(MEAN_EFFECT, 0, axis): FlightEstimate(mean, sd)}
     by_motors = row.motors is not None and len(row.motors) == len(effect)
@@ -256,11 +256,8 @@ def _beside_median(kind: str, axis: str, known: Mapping[int, FlightEstimate]) ->
     """Each motor's logarithm less the median of all; of too few motors none."""
     if len(known) < FEWEST_MOTORS:
         return {}
-    middle = median(motor.value for motor in known.values())
-    return {
-        Quantity(kind, motor, axis): FlightEstimate(estimate.value - middle, estimate.sd)
-        for motor, estimate in known.items()
-    }
+    middle = median(value for value, _ in known.values())
+    return {Quantity(kind, motor, axis): FlightEstimate(value - middle, sd) for motor, (value, sd) in known.items()}
 
 
 def _compared(kind: str, sides: Sequence[Sequence[FlightEstimate]], allowance: float) -> _Raw:
