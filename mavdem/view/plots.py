@@ -25,7 +25,7 @@ from mavdem.report.numbers import Labelled, entries, left_free, place, readable,
 FLIGHT_TIME = "flight time"
 """Timeline of a recording, seconds since the first sample that is shown."""
 BOOT_CLOCK = "boot clock"
-"""Timeline of a live flight, s; see ``mavdem.view.live.live_view.Timeline``."""
+"""Timeline of a live flight, s: the boot clock of its first boot, which goes on where a later one begins."""
 ITERATION = "iteration"
 """Timeline of what was learned by iteration; 0 is the prior."""
 
