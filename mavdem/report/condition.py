@@ -112,47 +112,32 @@ def log_blocks(held: dict[str, Any]) -> list[Block]:
 
 
 def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
-    """Returns what a log holds of one ``vehicle``: whether a model can be learned, repairs, settled flight, messages."""
-    verdict = vehicle["verdict"]
+    """Returns what a log holds of a ``vehicle``: whether a model can be learned, repairs, settled flight, messages."""
+    verdict, names, messages = vehicle["verdict"], vehicle["names"], vehicle["messages"]
     can = "can" if verdict["learnable"] else "cannot"
     axis = verdict["axis"]
     what = f"A {axis} model" if axis in TILT_AXES else f"The physical parameters of {axis}"
-    blocks: list[Block] = [
-        Sentence(
-            f"{what} {can} be learned from {sender(vehicle)} ({vehicle['vehicle']}, {vehicle['autopilot']}): {verdict['reason']}"
-        )
-    ]
+    whose = f"{sender(vehicle)} ({vehicle['vehicle']}, {vehicle['autopilot']})"
+    blocks: list[Block] = [Sentence(f"{what} {can} be learned from {whose}: {verdict['reason']}")]
     if verdict["remedy"]:
         blocks.append(Sentence(verdict["remedy"], "What to do:"))
-    blocks += [
-        *tier_sentences(vehicle),
-        identity_sentence(vehicle["identity"]),
-        *condition_sentences(vehicle["condition"]),
-    ]
+    blocks += [*tier_sentences(vehicle), identity_sentence(vehicle["identity"])]
+    blocks += condition_sentences(vehicle["condition"])
     blocks += [Sentence(caution, "Caution:") for caution in verdict["cautions"]]
     blocks += [Sentence(repair, "Noted:") for repair in vehicle["repairs"]]
     if vehicle["segments"]:
         longest, *shorter = vehicle["segments"]
         others = f", and {len(shorter)} shorter segment{'s' * (len(shorter) > 1)}" if shorter else ""
-        boot = _boot(longest["boot"] + 1, vehicle["boots"])
+        boot = "boot" if vehicle["boots"] == 1 else f"boot {longest['boot'] + 1} of {vehicle['boots']}"
         text = f"{longest['duration']:.1f} s, from {longest['start']:.1f} s after {boot}{others}."
         blocks.append(Sentence(text, "Settled flight:"))
-    named = {
-        name: f"{name} ({vehicle['names'][name]})" if name in vehicle["names"] else name for name in vehicle["messages"]
-    }
-    streams = _by_rate({named[name]: message for name, message in vehicle["messages"].items()})
-    if streams and vehicle["translated_from"]:
-        blocks.append(
-            Sentence(f"The motion, translated from {vehicle['translated_from']} to the equivalent MAVLink messages:")
-        )
+    streams = _by_rate({f"{name} ({names[name]})" if name in names else name: one for name, one in messages.items()})
+    if streams and (format_name := vehicle["translated_from"]):
+        blocks.append(Sentence(f"The motion, translated from {format_name} to the equivalent MAVLink messages:"))
     if streams:
-        blocks += [
-            Sentence(
-                "Messages and their mean rates over the whole log (the verdict's rates are those of the settled "
-                "flight):"
-            ),
-            Table(["rate", "messages"], [[rate, ", ".join(names)] for rate, names in streams.items()], words=True),
-        ]
+        text = "Messages and their mean rates over the whole log (the verdict's rates are those of the settled flight):"
+        rows = [[rate, ", ".join(group)] for rate, group in streams.items()]
+        blocks += [Sentence(text), Table(["rate", "messages"], rows, words=True)]
     return blocks
 
 
@@ -177,10 +162,6 @@ def stream_contents(held: dict[str, Any]) -> list[Sentence]:
 def sender(component: dict[str, Any]) -> str:
     """Returns system and number of a ``component``, as in "1:1"."""
     return f"{component['system']}:{component['component']}"
-
-
-def _boot(number: int, boots: int) -> str:
-    return "boot" if boots == 1 else f"boot {number} of {boots}"
 
 
 def _by_rate(messages: dict[str, dict[str, Any]]) -> dict[str, list[str]]:
