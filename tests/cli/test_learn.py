@@ -214,7 +214,7 @@ def test_yaw_has_no_model_and_is_judged_only(tmp_path, capsys):
     said = capsys.readouterr()
     assert said.out == "" and "'yaw' is not one of 'roll', 'pitch', 'all'" in said.err
     assert main(["info", FLIGHT, "--axis", "yaw"]) == 0
-    assert capsys.readouterr().out.startswith("The physical parameters of yaw can be learnt from")
+    assert capsys.readouterr().out.startswith("The physical parameters of yaw can be learned from")
 
 
 @pytest.mark.slow
