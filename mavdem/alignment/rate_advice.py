@@ -44,13 +44,13 @@ did not."""
 HIGH_RATE_PROFILE = 1 << 4  # of PX4's SDLOG_PROFILE
 
 
-def ask_for_rate(telemetry: Telemetry, rate: int = 100, speakers: Sequence[Component] = ()) -> str:
+def ask_for_rate(telemetry: Telemetry, rate: int = 100, components: Sequence[Component] = ()) -> str:
     """Returns how to get attitude and motors at ``rate`` Hz out of this autopilot, by the settings that its log shows.
 
-    Where one of the ``speakers`` asks for rates, which hold whatever the autopilot was set to, how to end that comes
+    Where one of the ``components`` asks for rates, which hold whatever the autopilot was set to, how to end that comes
     first.
     """
-    kept = _kept_from_asking(telemetry, speakers)
+    kept = _kept_from_asking(telemetry, components)
     recorder = telemetry.translated_from
     if recorder in ("DataFlash", "ULog"):
         return kept + (_dataflash(telemetry) if recorder == "DataFlash" else _ulog(telemetry))
@@ -60,9 +60,9 @@ def ask_for_rate(telemetry: Telemetry, rate: int = 100, speakers: Sequence[Compo
     return kept + advice.format(rate=rate, **values)
 
 
-def _kept_from_asking(telemetry: Telemetry, speakers: Sequence[Component]) -> str:
+def _kept_from_asking(telemetry: Telemetry, components: Sequence[Component]) -> str:
     own = (telemetry.system, telemetry.component)
-    others = (one for one in speakers if REQUEST in one.messages and (one.system, one.component) != own)
+    others = (one for one in components if REQUEST in one.messages and (one.system, one.component) != own)
     if asking := ", ".join(f"{one.system}:{one.component}" for one in others):
         off = f"switch that off (in MAVProxy with {STREAMS_OFF})"
         return f"A ground station ({asking}) sets rates with {REQUEST}: {off}. "

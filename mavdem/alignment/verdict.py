@@ -129,10 +129,10 @@ class Verdict:
         return {name: value for name, value in values.items() if name not in ("flight", "segments")}
 
 
-def verdict_of(signals: Signals, speakers: Sequence[Component] = (), least_rate: float = MINIMUM_RATE) -> Verdict:
+def verdict_of(signals: Signals, components: Sequence[Component] = (), least_rate: float = MINIMUM_RATE) -> Verdict:
     """Returns the verdict: yes on the longest settled segment that can be learnt from, or no on the longest.
 
-    The ``speakers`` are the components in the log, among them whoever asks the vehicle for other rates; ``least_rate``,
+    The ``components`` are those of the log, among them whoever asks the vehicle for other rates; ``least_rate``,
     Hz, is what both streams need: ``SLOW_MOTION_RATE`` where the slow motion is enough.
     """
     telemetry, axis = signals.telemetry, signals.axis
@@ -170,7 +170,7 @@ def verdict_of(signals: Signals, speakers: Sequence[Component] = (), least_rate:
         return refused(_NEVER_ARMED, FLY, figures)
     if figures.airborne == 0:
         return refused(*_grounded(signals, figures), figures)
-    log = _Evidence(signals, attitude, drive, speakers, figures, least_rate)
+    log = _Evidence(signals, attitude, drive, components, figures, least_rate)
     if not found:
         return refused(
             *(_too_slow(log, figures) or _slowed_down(log) or _too_short(figures, telemetry.translated_from)), figures
@@ -187,18 +187,18 @@ def verdict_of(signals: Signals, speakers: Sequence[Component] = (), least_rate:
 
 
 def segment_verdicts(
-    signals: Signals, speakers: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
+    signals: Signals, components: Sequence[Component] = (), least_rate: float = MINIMUM_RATE
 ) -> tuple[Verdict, ...]:
     """The verdict of :func:`verdict_of` and, if that is yes, one on each other segment of ``MINIMUM_DURATION`` or more.
 
     All flights have the sampling step of the first; a segment too slow for that (``MAX_STEP_RATIO``) is refused.
     """
-    first = verdict_of(signals, speakers, least_rate)
+    first = verdict_of(signals, components, least_rate)
     if not first.learnable:
         return (first,)
     assert first.flight is not None and signals.attitude is not None and signals.drive is not None
     figures = quality.of_log(signals, len(first.segments))
-    log = _Evidence(signals, signals.attitude, signals.drive, speakers, figures, least_rate)
+    log = _Evidence(signals, signals.attitude, signals.drive, components, figures, least_rate)
     others = (one for one in first.segments if one != first.segment and one.duration >= MINIMUM_DURATION)
     return first, *(_of_segment(log, other, first.segments, first.flight.dt) for other in others)
 
@@ -213,7 +213,7 @@ def _of_segment(log: _Evidence, segment: Segment, found: tuple[Segment, ...], dt
     if objection is None and slower * flight.dt * MAX_STEP_RATIO < 1:
         objection = (
             f"The segment's messages come at {slower:.1f} Hz and those of the longest at {1 / flight.dt:.1f} Hz.",
-            ask_for_rate(signals.telemetry, speakers=log.speakers),
+            ask_for_rate(signals.telemetry, components=log.components),
         )
     if objection is not None:
         return Verdict(signals.axis, False, *objection, (), segment, figures, flight, found)
@@ -229,7 +229,7 @@ class _Evidence:
     signals: Signals
     attitude: Attitude
     drive: Motors
-    speakers: Sequence[Component]
+    components: Sequence[Component]
     figures: QualityFigures
     least_rate: float  # Hz, that both streams need
 
@@ -332,7 +332,7 @@ def _for_faster(log: _Evidence, attitude_is_fast: bool) -> str:
     demand = signals.demand if signals.inputs == "motors" and attitude_is_fast else None
     if demand is not None and (rate := usual_rate(demand)) >= MINIMUM_RATE:
         return f"Leave out `--inputs motors`: the {signals.axis} demand comes at {rate:.1f} Hz and is then the input."
-    return ask_for_rate(signals.telemetry, speakers=log.speakers)
+    return ask_for_rate(signals.telemetry, components=log.components)
 
 
 def too_slow(rates: Mapping[str, float], axis: str, least: float = MINIMUM_RATE) -> str | None:

@@ -1,6 +1,6 @@
 """Analysis: from a log to all that it says of one vehicle and axis.
 
-The verdict and the tier say what the log allows. The model is learnt from the settled flight, judged by windows that no
+The verdict and the tier say what the log allows. The model is trained on the settled flight, judged by windows that no
 model saw, and graded by findings; a model of the slow motion is kept only where it predicts better than none.
 """
 
@@ -70,8 +70,8 @@ def analyse(
 ) -> LogAnalysis:
     """Returns all that a log says of one vehicle and axis.
 
-    The model is learnt from the whole settled flight of the longest segment's boot and judged by held-out windows. With
-    ``train`` it is learnt from so much of the longest segment, and tested once on what follows. In tier "b" it is kept
+    The model is trained on the whole settled flight of the longest segment's boot and judged by held-out windows. With
+    ``train`` it is trained on so much of the longest segment, and tested once on what follows. In tier "b" it is kept
     only if it predicts better than no model.
 
     Args:
@@ -172,17 +172,16 @@ def motor_alarms(signals: Signals) -> tuple[MotorAlarm, ...]:
 def _limited(
     found: tuple[Finding, ...], flights: Sequence[Flight], alarms: Sequence[MotorAlarm]
 ) -> tuple[Finding, ...]:
-    """The findings; of vehicle and wind at most LIMITED where a motor changed in what the model was learnt from."""
+    """The findings; of vehicle and wind at most LIMITED where a motor changed in what the model was trained on."""
     for alarm in alarms:
         if alarm.motor is not None and flights[0].time[0] < alarm.since < flights[-1].time[-1]:
             reason = (
                 f"{alarm.name.capitalize()} changed at {alarm.since:.0f} s; this takes the flight before and after "
                 "together."
             )
+            limited = {finding: Finding(finding.purpose, LIMITED, reason) for finding in found if finding.grade == GOOD}
             return tuple(
-                Finding(purpose, LIMITED, reason) if purpose in PURPOSES[:3] and grade == GOOD else one
-                for one in found
-                for purpose, grade in [one[:2]]
+                limited.get(finding, finding) if finding.purpose in PURPOSES[:3] else finding for finding in found
             )
     return found
 
@@ -195,7 +194,7 @@ def _model(
     test: Length | None,
     progress: StepProgress,
 ) -> tuple[tuple[Flight, ...], Learned, HeldOut]:
-    """What was learnt from, the model, and forecasts of windows that no model saw."""
+    """What was trained on, the model, and forecasts of windows that no model saw."""
     if train is not None:
         training, following = cut(max(segments, key=len), start, train, test)
         flights: tuple[Flight, ...] = (training,)
@@ -208,7 +207,7 @@ def _model(
             learned = learn(flights, settings)
     except ValueError as error:
         remedy = "Choose another part of the flight with --start, or a longer --train."
-        raise NotLearnable(f"No model could be learnt: {error}.", remedy) from error
+        raise NotLearnable(f"No model could be learned: {error}.", remedy) from error
     if train is not None:
         return flights, learned, held_out_test(training, following, learned)
     _, steps = part_samples(flights[0].dt, None, test)

@@ -80,13 +80,13 @@ class LogAnalysis:
     """One vehicle and axis of a log.
 
     Attributes:
-        verdict: whether a full model of the axis can be learnt, on which segment, and its figures.
+        verdict: whether a full model of the axis can be learned, on which segment, and its figures.
         tier: what the log allows, why no more, and what the next tier needs.
         condition: balance, limits, lean, vibration and battery, at any rate.
         identity: which vehicle, and when.
         vehicle: how hard each motor works; of ``axis="all"`` also the physical parameters of each axis.
         reason, remedy: why there is no full model, and what to change; empty where there is one.
-        flights: what was learnt from; empty without a model.
+        flights: what was trained on; empty without a model.
         learned: the model: in tier "b" of the slow motion, and without physical parameters; None where there is none.
         held_out: forecasts of windows that no model saw; None without a model.
         findings: what the model is good for, purpose by purpose.

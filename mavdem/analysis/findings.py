@@ -141,7 +141,7 @@ def _prediction(held_out: HeldOut) -> tuple[Grade, str]:
     limits, best = PREDICTION_LIMITS, held_out.best_baseline
     ratio, worse = held_out.error_ratio() / held_out.error_ratio(best), float((held_out.error_ratios() > 1).mean())
     shown = (
-        f"{ratio:.2g} times the squared error of “{best}”" if isfinite(ratio) else "No model of a part could be learnt"
+        f"{ratio:.2g} times the squared error of “{best}”" if isfinite(ratio) else "No model of a part could be learned"
     )
     among = f"in {100 * worse:.0f} % of {len(held_out)} windows" if len(held_out) > 1 else f"in {worse:.0f} of 1 window"
     reason = f"{shown}; worse than the mean {among}."
@@ -159,7 +159,7 @@ def warnings_of(learned: Learned, held_out: HeldOut | None) -> tuple[str, ...]:
     """
     warnings, limits = [], PREDICTION_LIMITS
     if held_out is not None:
-        warnings += [f"No model of a part of the flight could be learnt: {failure}." for failure in held_out.failures]
+        warnings += [f"No model of a part of the flight could be learned: {failure}." for failure in held_out.failures]
         if held_out.coverage < limits.coverage:
             few = len(held_out) < limits.windows
             advice = "of so few windows it may be chance" if few else "do not rely on it"

@@ -1,4 +1,4 @@
-"""``mavdem info``: what a log holds, and whether a model can be learnt from it."""
+"""``mavdem info``: what a log holds, and whether a model can be learned from it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def info_command(
     rates.
     --json has all details, for example message counts; the reason is then also printed on standard error.
 
-    Exit code: 0 if a model can be learnt from at least one vehicle, otherwise 1.
+    Exit code: 0 if a model can be learned from at least one vehicle, otherwise 1.
     """
     held = inventory(read_source(source), axis, vehicle, inputs)
     if as_json:
@@ -46,7 +46,7 @@ def info_command(
             # The document is printed already, with all the reasons.
             because = [f"; {sender(one)}: {one['verdict']['reason']}" for one in held["vehicles"]]
             because.append(": there is no vehicle in this log.")
-            complain(f"No {axis} model can be learnt from {source}{because[0]}", "", as_json=False)
+            complain(f"No {axis} model can be learned from {source}{because[0]}", "", as_json=False)
         context.exit(1)
 
 

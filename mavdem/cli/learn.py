@@ -61,7 +61,7 @@ def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> 
     help="Nothing before it is used: seconds into the settled flight.",
 )
 @file_option("--truth", "Truth of a simulated flight, flight.truth.npz: it is put beside the estimates.")
-@click.option("--verbose", is_flag=True, help="Also print cautions, the model A, B and C, and how it was learnt.")
+@click.option("--verbose", is_flag=True, help="Also print cautions, the model A, B and C, and how it was learned.")
 def learn_command(
     source: str,
     axis: str,
@@ -79,8 +79,8 @@ def learn_command(
 ) -> None:
     """Learns a linear model, and reports what the vehicle does in wind.
 
-    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. The model is learnt from its whole
-    settled flight. It is judged by windows of --test: five further models, each learnt from four fifths of the flight,
+    SOURCE is a log: .tlog, .mcap (MAVLink or ROS 2), .bin, .log, .ulg or .ulg.xz. The model is trained on its whole
+    settled flight. It is judged by windows of --test: five further models, each trained on four fifths of the flight,
     forecast every window of the fifth that they have not seen.
 
     \b

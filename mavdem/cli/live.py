@@ -34,8 +34,9 @@ if TYPE_CHECKING:
 class Dashboard:
     """Shows a live flight in a viewer, browsers and an .rrd file; without Rerun, or a screen and these, nowhere.
 
-    ``advice``: how to open it, unless it opens by itself. Raises ``Unreadable`` for a port that is taken,
-    ``BadParameter`` for an invalid URL, ``MissingExtra`` where Rerun is asked for and not installed.
+    ``advice``: how to open it, unless it opens by itself. ``file``: the recording, if there is one. Raises
+    ``Unreadable`` for a port that is taken, ``BadParameter`` for an invalid URL, ``MissingExtra`` where Rerun is asked
+    for and not installed.
     """
 
     def __init__(self, link: str, axis: str, rrd: Path | None, serve: bool, connect: str | None) -> None:
@@ -43,7 +44,7 @@ class Dashboard:
         self.view: LiveView | None = None
         self._said: set[str] = set()
         self._sinks: list[Sink] = []
-        self._file: RecordingFile | None = None
+        self.file: RecordingFile | None = None
         self.advice = advice("The dashboard", "view")
         wanted = rrd is not None or serve or connect is not None
         if self.advice and wanted:
@@ -67,17 +68,7 @@ class Dashboard:
             if isinstance(sink, WebServer):
                 self.advice = f"Open {sink.page} in a browser."
             elif isinstance(sink, RecordingFile):
-                self._file = sink
-
-    @property
-    def recorded(self) -> bool:
-        """Whether the file contains any of it."""
-        return self._file is not None and self._file.kept
-
-    @property
-    def broken(self) -> bool:
-        """Whether the file could not be written completely."""
-        return self._file is not None and self._file.broken
+                self.file = sink
 
     def open(self, setup: Setup) -> LiveView | None:
         """Shows the rows of a setup from now on; None where nothing can be shown."""
@@ -260,13 +251,14 @@ def live_command(
                     "obstacle": status.obstacle,
                     **alarm_figures(status.alarms),
                     "events": session.sentences,
-                    "rrd": str(rrd) if dashboard.recorded else None,
+                    "rrd": str(rrd) if dashboard.file is not None and dashboard.file.kept else None,
                     "record": None if recording is None else {"file": str(record), "frames": recording.frames},
                     "model": str(model) if code == DONE and model is not None else None,
                     "html": str(html) if has_page else None,
                 }
             )
-    if session.recording is not recording or dashboard.broken or (html is not None and not has_page):
+    broken = dashboard.file is not None and dashboard.file.broken
+    if session.recording is not recording or broken or (html is not None and not has_page):
         code = UNUSABLE
     click.get_current_context().exit(code)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,9 +11,11 @@ from urllib.parse import urlsplit
 import click
 
 from mavdem.cli.commands import UNSUPPORTED, UNUSABLE
+from mavdem.cli.options import no_option
 from mavdem.cli.output import STDERR, print_blocks, print_json, printable, progress, say, say_aside
 from mavdem.cli.output_files import write_page
 from mavdem.cli.sources import refuse_link
+from mavdem.dem.parallel import spare_cores
 from mavdem.fleet.cluster import Cluster
 from mavdem.fleet.difference import since_baseline
 from mavdem.fleet.row import summary
@@ -33,14 +34,6 @@ PAGE = "mavdem.report.page:flight_page"
 """The function that makes a flight's page, as workers call it."""
 
 
-def _folder(context: click.Context, parameter: click.Parameter, value: str) -> Path:
-    if not value or value.startswith("--"):
-        raise click.BadParameter("it names no folder; use `.` for the current one.", context, parameter)
-    if os.path.lexists(value) and not os.path.isdir(value):
-        raise click.BadParameter(f"{value} is a file: name a folder.", context, parameter)
-    return Path(value)
-
-
 def _scheduler(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
     try:
         parts = urlsplit(value or "tcp://of-this-machine:1")
@@ -54,7 +47,15 @@ def _scheduler(context: click.Context, parameter: click.Parameter, value: str | 
 
 @click.command("track")
 @click.argument("logs", nargs=-1, required=True)
-@click.option("--out", required=True, metavar="FLEET", callback=_folder, help="Folder of the fleet; it grows.")
+@click.option(
+    "--out",
+    "fleet",
+    required=True,
+    metavar="FLEET",
+    type=click.Path(file_okay=False),
+    callback=no_option,
+    help="Folder of the fleet; it grows.",
+)
 @click.option(
     "--baseline",
     multiple=True,
@@ -85,7 +86,7 @@ def _scheduler(context: click.Context, parameter: click.Parameter, value: str | 
 def track_command(
     context: click.Context,
     logs: tuple[str, ...],
-    out: Path,
+    fleet: str,
     baseline: tuple[str, ...],
     jobs: int | None,
     scheduler: str | None,
@@ -129,12 +130,15 @@ def track_command(
         refuse_link(name)
     if time_limit != time_limit:
         raise click.BadParameter("it must be a number.", param_hint="--time-limit")
+    if not fleet:
+        raise click.BadParameter("it names no folder; use `.` for the current one.", param_hint="--out")
+    out = Path(fleet)
     limits = Limits(time_limit, memory_limit)
     if scheduler and jobs:
         raise click.BadParameter(
             "it is of this machine; with --scheduler the cluster has its own.", param_hint="--jobs"
         )
-    reader: Reader = Cluster(scheduler, limits) if scheduler else WorkerPool(jobs or _cores(), limits)
+    reader: Reader = Cluster(scheduler, limits) if scheduler else WorkerPool(jobs or spare_cores(), limits)
     try:
         with _progress() as show:
             tracked = track(out, logs, reader, baseline, PAGE, progress=show)
@@ -170,10 +174,6 @@ def track_command(
         context.exit(UNUSABLE)
     if not counts["flights"]:
         context.exit(UNSUPPORTED)
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager

@@ -139,7 +139,7 @@ class Condition:
 
 def condition_of(signals: Signals) -> Condition:
     """Returns the condition of the vehicle of ``signals``, whatever they are for: it takes the motors' own messages."""
-    signals = Signals(signals.telemetry, inputs="motors") if signals.inputs != "motors" else signals
+    signals = signals.about("roll", "motors") if signals.inputs != "motors" else signals
     span, settled = recorded_parts(signals), settled_parts(signals)
     try:
         hover = hover_of(signals)

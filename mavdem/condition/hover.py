@@ -90,12 +90,12 @@ def hover_of_log(log: Log, vehicle: str | None = None) -> HoverFigures:
     return hover_of(Signals(choose_vehicle(log.vehicles, vehicle), inputs="motors"), log.components)
 
 
-def hover_of(signals: Signals, speakers: Sequence[Component] = ()) -> HoverFigures:
+def hover_of(signals: Signals, components: Sequence[Component] = ()) -> HoverFigures:
     """Returns the figures of ``signals`` with the motors as inputs, as :func:`hover` gives them."""
     segments = settled_segments(signals)
     motors = signals.motors
     if not segments or motors is None or signals.telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
-        verdict = verdict_of(signals, speakers)
+        verdict = verdict_of(signals, components)
         raise NotLearnable(verdict.reason, verdict.remedy)
     rows = within(motors, *segments)
     tilts = zip(("roll", "pitch"), signals.tilts, strict=True)

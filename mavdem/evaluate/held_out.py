@@ -44,11 +44,11 @@ class HeldOut:
         measured: (W, H, m).
         forecasts: (W, H, m) by name: "forecast", with the recorded motors; "prediction", without them; and the
             baselines "constant mean", of the training data, and "hold last", the sample before the window. NaN where no
-            model could be learnt.
+            model could be learned.
         band: (W, H, m) half width of the 90 % band of "forecast".
         expected: (W, H, m) squared error to expect of "forecast", as the model states it.
         variance: (m,) of the training data: the unit in which the errors of outputs are added up.
-        failures: why models of parts could not be learnt, one sentence each.
+        failures: why models of parts could not be learned, one sentence each.
     """
 
     time: Array

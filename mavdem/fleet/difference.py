@@ -171,9 +171,9 @@ def vehicle_difference(before: Sequence[FlightRow], after: Sequence[FlightRow]) 
         alike = [quantity for quantity in alike if quantity.kind not in OF_MODELS]
     raws: dict[Quantity, list[_Raw]] = {}
     for quantity in alike:
-        known = [[flight[quantity] for flight in side if quantity in flight] for side in estimates]
-        if all(known):
-            raw = _compared(quantity.kind, known, _allowance(quantity.kind, conditions))
+        pair = [[flight[quantity] for flight in side if quantity in flight] for side in estimates]
+        if all(pair):
+            raw = _compared(quantity.kind, pair, _allowance(quantity.kind, conditions))
             # A motor's effect on roll and on pitch changes alike.
             merged = quantity._replace(axis="") if quantity.kind == EFFECT and quantity.motor else quantity
             raws.setdefault(merged, []).append(raw)
@@ -238,26 +238,26 @@ def _effects(
     row: FlightRow, axis: str, effect: Sequence[float], interval: Sequence[float | None]
 ) -> dict[Quantity, FlightEstimate]:
     """Logarithms of the mean effect on the row's axis and of each motor's beside the others', if known well enough."""
-    known = {
+    motors = {
         motor: FlightEstimate(log(abs(value)), half / abs(value) / _Z)
         for motor, (value, half) in enumerate(zip(effect, interval, strict=True), start=1)
         if half is not None and isfinite(half) and half < MAX_UNCERTAINTY * abs(value)
     }
-    if not known:
+    if not motors:
         return {}
     # Errors of the motors' effects have much in common: their mean is hardly known better than each.
-    mean, sd = fmean(effect.value for effect in known.values()), max(effect.sd for effect in known.values())
+    mean, sd = fmean(effect.value for effect in motors.values()), max(effect.sd for effect in motors.values())
     estimates = {Quantity(MEAN_EFFECT, 0, axis): FlightEstimate(mean, sd)}
     by_motors = row.motors is not None and len(row.motors) == len(effect)
-    return estimates | (_beside_median(EFFECT, axis, known) if by_motors else {})
+    return estimates | (_beside_median(EFFECT, axis, motors) if by_motors else {})
 
 
 def _beside_median(kind: str, axis: str, known: Mapping[int, FlightEstimate]) -> dict[Quantity, FlightEstimate]:
     """Each motor's logarithm less the median of all; of too few motors none."""
     if len(known) < FEWEST_MOTORS:
         return {}
-    middle = median(motor.value for motor in known.values())
-    return {Quantity(kind, motor, axis): FlightEstimate(own.value - middle, own.sd) for motor, own in known.items()}
+    middle = median(value for value, _ in known.values())
+    return {Quantity(kind, motor, axis): FlightEstimate(value - middle, sd) for motor, (value, sd) in known.items()}
 
 
 def _compared(kind: str, sides: Sequence[Sequence[FlightEstimate]], allowance: float) -> _Raw:

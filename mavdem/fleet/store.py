@@ -221,8 +221,8 @@ class Store:
     def rows_of(self, sources: Iterable[Source]) -> list[FlightRow]:
         """Returns the rows of these logs."""
         query = "select row, path from flights join logs using (log) where path = ? order by flights.rowid"
-        found = (self._db.execute(query, [as_text(source.path)]).fetchall() for source in sources)
-        return [_row(*values) for rows in found for values in rows]
+        logs = (self._db.execute(query, [as_text(source.path)]).fetchall() for source in sources)
+        return [_row(*values) for rows in logs for values in rows]
 
     @property
     def healthy(self) -> list[FlightRow]:

@@ -191,10 +191,10 @@ def _blocks(time: Array, signatures: MotorSignatures, commands: Array, lean: Arr
     if len(time) < 2:
         return []
     balance = np.full((len(time), 3), np.nan)
-    found = signatures.balance(commands)
-    for axis, column in zip(signatures.axes[1:], found.T[1:], strict=True):
+    asked = signatures.balance(commands)
+    for axis, column in zip(signatures.axes[1:], asked.T[1:], strict=True):
         balance[:, AXES.index(axis)] = column
-    thrust = found[:, 0]
+    thrust = asked[:, 0]
     seconds = time[-1] - time[0]
     count = int(seconds / BLOCK_SECONDS)
     number = np.minimum((time - time[0]) / seconds * count, count - 1).astype(int)
@@ -209,7 +209,7 @@ def _blocks(time: Array, signatures: MotorSignatures, commands: Array, lean: Arr
 def _figures(blocks: list[tuple[Array, Array]], signatures: MotorSignatures, seconds: float) -> BalanceFigures | None:
     if len(blocks) < FEWEST_BLOCKS or len(signatures.axes) == 1:
         return None
-    balance, lean = (np.array(each) for each in zip(*blocks, strict=True))
+    balance, lean = (np.array(means) for means in zip(*blocks, strict=True))
     rest, leaned = balance - balance.mean(axis=0), lean - lean.mean(axis=0)
     effect, effect_variance = np.full((3, 2), np.nan), np.full((3, 2), np.nan)
     freedom = len(blocks) - 1

@@ -92,52 +92,52 @@ class Candidates:
         self.signatures = signatures
         self.change = np.concatenate(list(changes.values()))
         self.spread = np.concatenate(list(spreads.values()))
-        self.prior = np.concatenate([PRIORS[name] * each / each.sum() for name, each in likely.items()])
-        ends = np.cumsum([len(each) for each in changes.values()])
+        self.prior = np.concatenate([PRIORS[name] * weights / weights.sum() for name, weights in likely.items()])
+        ends = np.cumsum([len(change) for change in changes.values()])
         self.groups = {
             name: slice(int(end) - len(each), int(end)) for (name, each), end in zip(changes.items(), ends, strict=True)
         }
         self.centre = np.zeros_like(self.change)
         self.centre[self.groups["healthy"]] = centres
 
-    def after(self, found: Deviation, before: Array | None = None) -> Explanations:
+    def after(self, away: Deviation, before: Array | None = None) -> Explanations:
         """What explains a flight's deviation; ``before`` (S,) are the candidates' probabilities after the last."""
         prior = self.prior if before is None else PERSISTENCE * before + (1 - PERSISTENCE) * self.prior
         # The candidates without a change carry the common error of the mean themselves, and so share it over flights.
-        own = np.ones(len(prior), dtype=bool)
-        own[self.groups["healthy"]] = False
+        changed = np.ones(len(prior), dtype=bool)
+        changed[self.groups["healthy"]] = False
         spread = self.spread.copy()
         load, motors = self.groups["load"], self.groups["motor"]
-        spread[load, 2] = spread[load, 0] * YAW_BY_LEAN * found.lean
-        scale = np.sqrt(found.scale**2 + own[:, None] * found.centre_error**2 + spread**2)
-        away = (found.change - self.change - self.centre * found.centre_error) / scale
-        likelihood = (stats.t.logpdf(away, found.freedom) - np.log(scale)).sum(axis=1)
-        likelihood[motors][(np.abs(away[motors]) > MAX_MISFIT).any(axis=1)] = -np.inf
+        spread[load, 2] = spread[load, 0] * YAW_BY_LEAN * away.lean
+        scale = np.sqrt(away.scale**2 + changed[:, None] * away.centre_error**2 + spread**2)
+        scales = (away.change - self.change - self.centre * away.centre_error) / scale
+        likelihood = (stats.t.logpdf(scales, away.freedom) - np.log(scale)).sum(axis=1)
+        likelihood[motors][(np.abs(scales[motors]) > MAX_MISFIT).any(axis=1)] = -np.inf
         posterior = prior * np.exp(likelihood - likelihood.max())
         return self._summed(posterior / posterior.sum())
 
-    def shown(self, found: Deviation) -> float:
+    def shown(self, away: Deviation) -> float:
         """Probability of a change, on average over the motors, where one had to work ``DETECTABLE_RISE`` harder.
 
         By the scale of the flight's deviation: what can be seen in it, whatever it shows.
         """
         rises = DETECTABLE_RISE / np.diag(self.signatures.weak_motor_commands)
         weak = self.signatures.weak_motor[:, 1:] * rises[:, None]
-        return float(np.mean([1 - self.after(found._replace(change=change)).healthy for change in weak]))
+        return float(np.mean([1 - self.after(away._replace(change=change)).healthy for change in weak]))
 
     def _summed(self, posterior: Array) -> Explanations:
-        each = {name: float(posterior[rows].sum()) for name, rows in self.groups.items()}
+        total = {name: float(posterior[rows].sum()) for name, rows in self.groups.items()}
         joint = posterior[self.groups["motor"]].reshape(-1, len(RISES))
         motors = joint.sum(axis=1)
         # Of more than four motors the weak one's neighbours help it.
-        own = np.diag(self.signatures.weak_motor_commands)
+        rise_share = np.diag(self.signatures.weak_motor_commands)
         some = np.maximum(motors, np.finfo(np.float64).tiny)
         shares = np.cumsum(joint, axis=1) / some[:, None]
         low, high = (RISES[(shares < end).sum(axis=1).clip(max=len(RISES) - 1)] for end in (TAIL, 1 - TAIL))
-        harder = np.array([joint @ RISES / some, low, high]) * own
-        faults = np.where(np.outer(own, RISES) >= FAULT_RISE, joint, 0.0).sum(axis=1)
+        harder = np.array([joint @ RISES / some, low, high]) * rise_share
+        faults = np.where(np.outer(rise_share, RISES) >= FAULT_RISE, joint, 0.0).sum(axis=1)
         return Explanations(
-            each["healthy"], motors, faults, each["load"], each["yaw"], each["other"], harder, posterior
+            total["healthy"], motors, faults, total["load"], total["yaw"], total["other"], harder, posterior
         )
 
 
@@ -212,7 +212,7 @@ def effort_change(
 
     ``before`` is what the flight before it showed.
     """
-    efforts = np.log([each.effort for each in healthy if each.effort is not None])
+    efforts = np.log([effort for other in healthy if (effort := other.effort) is not None])
     if flight.effort is None or len(efforts) < FEWEST_FLIGHTS:
         return None
     freedom = SCATTER_FREEDOM + len(efforts) - 1

@@ -95,14 +95,14 @@ class BalanceTest:
 
     def take(self, time: float, commands: Sequence[float] | Array) -> BalanceChange | None:
         """A sample of the commands (k,), as shares of the range, at ``time``, s, in settled flight."""
-        found, number = None, floor(time / BLOCK_SECONDS)
+        change, number = None, floor(time / BLOCK_SECONDS)
         if number != self._number:
             if self._count >= MIN_SAMPLES:
-                found = self._block((self._number + 1) * BLOCK_SECONDS, self._sum / self._count)
+                change = self._block((self._number + 1) * BLOCK_SECONDS, self._sum / self._count)
             self._number, self._sum, self._count = number, np.zeros(len(self._signatures)), 0
         self._sum = self._sum + commands
         self._count += 1
-        return found
+        return change
 
     def _block(self, time: float, commands: Array) -> BalanceChange | None:
         mean = float(commands.mean())
@@ -129,7 +129,7 @@ class BalanceTest:
             for free in (self._flat, 1 - self._flat, np.ones_like(self._flat))
         )
         motors = _log_sum(by_window.T) - log(len(by_window))
-        others = _log_sum([_log_sum(one) for one in rest])
+        others = _log_sum([_log_sum(factors) for factors in rest])
         best = int(np.argmax(motors))
         rivals = [*np.delete(motors, best), _log_sum(load), others + log(OTHERS_BESIDE_MOTORS), 0.0]
         odds = float(motors[best] - _log_sum(rivals))
@@ -164,13 +164,13 @@ def _changes(blocks: Array, windows: NDArray[np.int_]) -> _Changes:
     weights = np.exp(np.arange(whole) * (BLOCK_SECONDS / MEMORY_SECONDS))
     weight, square = np.cumsum(weights)[cut - 1], np.cumsum(weights**2)[cut - 1]
     before = np.cumsum(weights[:, np.newaxis] * blocks, axis=0)[cut - 1] / weight[:, np.newaxis]
-    known = weight**2 / square
+    weighed = weight**2 / square
     sums = np.vstack([np.zeros(blocks.shape[1]), np.cumsum(blocks, axis=0)])
     after = (sums[whole] - sums[cut]) / windows[:, np.newaxis]
     noise = _long_run(sums, np.zeros_like(cut), cut, before, np.full_like(before, PRIOR_SD**2))
     here = np.maximum(noise, _long_run(sums, cut, np.full_like(cut, whole), after, noise))
-    variance = noise / known[:, np.newaxis] + here / windows[:, np.newaxis] + WANDER_SD**2
-    return _Changes(after - before, variance, PRIOR_BLOCKS / 2 + known / 4)
+    variance = noise / weighed[:, np.newaxis] + here / windows[:, np.newaxis] + WANDER_SD**2
+    return _Changes(after - before, variance, PRIOR_BLOCKS / 2 + weighed / 4)
 
 
 def _long_run(sums: Array, begin: NDArray[np.int_], end: NDArray[np.int_], mean: Array, prior: Array) -> Array:
@@ -178,12 +178,14 @@ def _long_run(sums: Array, begin: NDArray[np.int_], end: NDArray[np.int_], mean:
 
     ``sums`` (N + 1, a) are those of the blocks before each; the ``prior`` (w, a) counts as ``PRIOR_BLOCKS``.
     """
-    found = prior
+    variance = prior
     for batch in BATCHES:
         if len(sums) <= batch:
             break
         means = (sums[batch:] - sums[:-batch]) / batch
-        first, second = (np.vstack([np.zeros(means.shape[1]), np.cumsum(one, axis=0)]) for one in (means, means**2))
+        first, second = (
+            np.vstack([np.zeros(means.shape[1]), np.cumsum(values, axis=0)]) for values in (means, means**2)
+        )
         start = np.minimum(begin, len(means))
         last = np.clip(end - batch + 1, start, len(means))
         count = (last - start)[:, np.newaxis]
@@ -191,8 +193,10 @@ def _long_run(sums: Array, begin: NDArray[np.int_], end: NDArray[np.int_], mean:
         # Batches overlap: as many count as follow each other.
         several = np.where(count > batch, (end - begin)[:, np.newaxis] / batch, 0.0)
         held = PRIOR_BLOCKS / batch
-        found = np.maximum(found, (held * prior + several * batch * squares / np.maximum(count, 1)) / (held + several))
-    return found
+        variance = np.maximum(
+            variance, (held * prior + several * batch * squares / np.maximum(count, 1)) / (held + several)
+        )
+    return variance
 
 
 def _log_sum(logs: Any) -> Any:
@@ -268,11 +272,11 @@ class MotorAlarm(NamedTuple):
         return {**self._asdict(), "sentence": self.sentence}
 
 
-def alarm_figures(found: Sequence[MotorAlarm]) -> dict[str, Any]:
+def alarm_figures(changes: Sequence[MotorAlarm]) -> dict[str, Any]:
     """Plain JSON values: the alarms on motors, the changes of the steady torque, which are none, and false alarms."""
     return {
-        "alarms": [one.as_dict() for one in found if one.motor is not None],
-        "torque_changes": [one.as_dict() for one in found if one.motor is None],
+        "alarms": [change.as_dict() for change in changes if change.motor is not None],
+        "torque_changes": [change.as_dict() for change in changes if change.motor is None],
         "false_alarms_per_hour": {"at_most": FALSE_ALARMS_PER_HOUR, "basis": FALSE_ALARMS_BASIS},
     }
 
@@ -325,8 +329,8 @@ class MotorWatch:
             return None
         motor = change.motor
         name, number = ("", None) if motor is None else (self._names[motor], self._numbers[motor])
-        found = change.time, change.since, number, name, change.size, change.probability
-        self.alarms.append(MotorAlarm(*found, self._assumed, self._boot))
+        figures = change.time, change.since, number, name, change.size, change.probability
+        self.alarms.append(MotorAlarm(*figures, self._assumed, self._boot))
         return self.alarms[-1]
 
     def _check_rate(self, time: float) -> None:

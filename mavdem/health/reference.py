@@ -66,7 +66,7 @@ class HealthFigures:
             return "there is too little settled flight with attitude and motor outputs"
         if not self.signatures.names_a_motor:
             return "where its motors are, or which way they turn, is not known"
-        if not all(np.isfinite(each).all() for each in self.balance[:3]):
+        if not all(np.isfinite(values).all() for values in self.balance[:3]):
             return "its lean was not recorded"
         return ""
 
@@ -125,7 +125,7 @@ def healthy_flights(flights: Sequence[HealthFigures]) -> tuple[HealthFigures, ..
     first: dict[object, list[HealthFigures]] = {}
     for flight in sorted(dated, key=lambda flight: flight.when):
         first.setdefault(flight.layout, []).append(flight)
-    return tuple(flight for each in first.values() for flight in each[:FIRST_FLIGHTS])
+    return tuple(flight for same in first.values() for flight in same[:FIRST_FLIGHTS])
 
 
 def distinct_flights(flights: Sequence[HealthFigures]) -> list[HealthFigures]:
@@ -148,11 +148,11 @@ def deviation(flight: HealthFigures, healthy: Sequence[HealthFigures]) -> Deviat
     distribution, by the healthy flights' scatter and its prior; to its scale come the errors of the effects of lean
     and of the flight's own mean.
     """
-    found = [_balance(each) for each in (flight, *healthy)]
-    effect, variance = _lean_effects(found)
-    lean = np.array([each.lean for each in found])
-    level = np.array([each.mean for each in found]) - np.einsum("fal,fl->fa", effect, lean)
-    error = np.einsum("fal,fl->fa", variance, lean**2) + np.array([each.error for each in found]) ** 2
+    balances = [_balance(other) for other in (flight, *healthy)]
+    effect, variance = _lean_effects(balances)
+    lean = np.array([balance.lean for balance in balances])
+    level = np.array([balance.mean for balance in balances]) - np.einsum("fal,fl->fa", effect, lean)
+    error = np.einsum("fal,fl->fa", variance, lean**2) + np.array([balance.error for balance in balances]) ** 2
     centre, count = level[1:].mean(axis=0), len(healthy)
     freedom = SCATTER_FREEDOM + count - 1
     scatter = (SCATTER_FREEDOM * SCATTER**2 + ((level[1:] - centre) ** 2).sum(axis=0)) / freedom

@@ -53,17 +53,22 @@ MAX_REPORTS = 4096  # Of each kind of what shows the phase
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the rows of a segment are, like the ``provenance`` of a ``Flight``."""
+    """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
 
-    segment: int  # its number
-    boot: int  # the number of the boot
-    dt: float  # step, s
-    attitude: str  # name of the message
-    motors: str  # name of the message
-    layout: MotorGeometry  # with scale: of the inputs
+    ``segment``, ``boot``: number of the segment and of the boot. ``dt``: step, s. ``attitude``, ``motors``: names of
+    the messages. ``layout``, ``scale``: of the inputs. ``rates``: Hz of attitude and motors that decided the step.
+    ``start``: first point of the grid, s; the first row may be a few seconds later.
+    """
+
+    segment: int
+    boot: int
+    dt: float
+    attitude: str
+    motors: str
+    layout: MotorGeometry
     scale: OutputScale
-    rates: tuple[float, ...]  # Hz of attitude and motors that decided the step
-    start: float  # first point of the grid, s; the first row may be a few seconds later
+    rates: tuple[float, ...]
+    start: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,10 +201,8 @@ class Phase:
     def __init__(self) -> None:
         self.flying = self.steady = self.idle = False
         self.parameters: Mapping[str, float] = {}
-        self._rows: dict[str, deque[tuple[float, float]]]
-        self._rows = {
-            kind: deque(maxlen=MAX_REPORTS) for kind in ("armed", "collective", "landed_state", *CLIMB_FIELDS)
-        }
+        kinds = ("collective", *REPORTED, *CLIMB_FIELDS)
+        self._rows: dict[str, deque[tuple[float, float]]] = {kind: deque(maxlen=MAX_REPORTS) for kind in kinds}
         self._start = self._reviewed = -inf
         self._settled_from: float | None = None
         self._beat: tuple[float, bool] | None = None
@@ -304,9 +307,8 @@ class Phase:
         columns: dict[str, Columns] = {}
         series: dict[str, Signal | None] = {}
         for kind, rows in self._rows.items():
-            while len(rows) > 2 * (kind == "armed") and rows[0][0] < now - (
-                REPORTS_SECONDS if kind in REPORTED else PHASE_SECONDS
-            ):
+            since = now - (REPORTS_SECONDS if kind in REPORTED else PHASE_SECONDS)
+            while len(rows) > 2 * (kind == "armed") and rows[0][0] < since:  # the last state stays
                 rows.popleft()
             reports = list(rows)
             if kind == "landed_state" and now <= self._reported_until:

@@ -67,28 +67,39 @@ class SessionStatus:
 
     ``LiveStream`` fills in what concerns the link and the vehicle, ``LiveSession`` the rows, the latency and the
     silence of the link.
+
+    Attributes:
+        vehicle: the followed vehicle, "system:component"; ``None`` before one is chosen.
+        obstacle: why there are no rows or no new model; empty while all is well.
+        rates: Hz of the vehicle's attitude and motor messages over the last two seconds of its clock, by name.
+        flying: whether the vehicle is armed and airborne.
+        learned, shown: rows that the learner used, and rows that were only shown.
+        latency: median and 99th percentile, s, from the link to the estimate.
+        ahead: about ``AHEAD`` seconds ahead, and the half width, rad, of the 90 % band of the angle predicted there.
+        useful: seconds of the longest useful horizon (``Estimate.useful``), and the squared error of predictions there
+            over that of the better of the last sample and the mean so far; NaN where there is none.
+        lost, late, unread: messages of the vehicle missing by its sequence numbers, samples that came too late for
+            their row, and frames of another dialect or damaged.
+        alarms: lasting changes of the motors' balance, the latest of all boots; those without a motor are no alarms.
+        alarm_count: number of these so far.
+        alarm: the sentence of the latest alarm on a motor in this boot and this flight; it stays after the landing.
     """
 
-    vehicle: str | None = None  # the followed one, "system:component"; ``None`` before one is chosen
-    obstacle: str = ""  # why there are no rows or no new model; empty while all is well
-    # Hz of the vehicle's attitude and motor messages over the last two seconds of its clock, by name
+    vehicle: str | None = None
+    obstacle: str = ""
     rates: Mapping[str, float] = field(default_factory=dict)
-    flying: bool = False  # whether the vehicle is armed and airborne
-    learned: int = 0  # rows that the learner used
-    shown: int = 0  # rows that were only shown
-    latency: tuple[float, float] = (nan, nan)  # median and 99th percentile, s, from the link to the estimate
-    # about ``AHEAD`` seconds ahead, and the half width, rad, of the 90 % band of the angle predicted there
+    flying: bool = False
+    learned: int = 0
+    shown: int = 0
+    latency: tuple[float, float] = (nan, nan)
     ahead: tuple[float, float] = (nan, nan)
-    # s of the longest useful horizon (``Estimate.useful``), and the squared error of predictions there over that of the
-    # better of the last sample and the mean so far; NaN where there is none
     useful: tuple[float, float] = (nan, nan)
-    lost: int = 0  # messages of the vehicle missing by its sequence numbers
-    late: int = 0  # samples that came too late for their row
-    unread: int = 0  # frames of another dialect or damaged
-    # lasting changes of the motors' balance, the latest of all boots; those without a motor are no alarms
+    lost: int = 0
+    late: int = 0
+    unread: int = 0
     alarms: tuple[MotorAlarm, ...] = ()
-    alarm_count: int = 0  # number of these so far
-    alarm: str = ""  # on a motor, the latest in this boot and this flight; it stays after the landing
+    alarm_count: int = 0
+    alarm: str = ""
 
     def predicting(self, estimate: Estimate | None) -> SessionStatus:
         """Returns the same with ``ahead`` and ``useful`` of an estimate."""

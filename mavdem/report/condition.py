@@ -111,47 +111,38 @@ def log_blocks(held: dict[str, Any]) -> list[Block]:
     return [*(block for one in held["vehicles"] for block in vehicle_contents(one)), *stream_contents(held)]
 
 
-def vehicle_contents(one: dict[str, Any]) -> list[Block]:
-    """Of one vehicle: whether a model can be learnt, cautions, repairs, settled flight, and a table of its messages."""
-    verdict = one["verdict"]
+def vehicle_contents(vehicle: dict[str, Any]) -> list[Block]:
+    """Returns what a log holds of a ``vehicle``: whether a model can be learned, repairs, settled flight, messages."""
+    verdict, names, messages = vehicle["verdict"], vehicle["names"], vehicle["messages"]
     can = "can" if verdict["learnable"] else "cannot"
     axis = verdict["axis"]
     what = f"A {axis} model" if axis in TILT_AXES else f"The physical parameters of {axis}"
-    blocks: list[Block] = [
-        Sentence(
-            f"{what} {can} be learnt from {sender(one)} ({one['vehicle']}, {one['autopilot']}): {verdict['reason']}"
-        )
-    ]
+    whose = f"{sender(vehicle)} ({vehicle['vehicle']}, {vehicle['autopilot']})"
+    blocks: list[Block] = [Sentence(f"{what} {can} be learned from {whose}: {verdict['reason']}")]
     if verdict["remedy"]:
         blocks.append(Sentence(verdict["remedy"], "What to do:"))
-    blocks += [*tier_sentences(one), identity_sentence(one["identity"]), *condition_sentences(one["condition"])]
+    blocks += [*tier_sentences(vehicle), identity_sentence(vehicle["identity"])]
+    blocks += condition_sentences(vehicle["condition"])
     blocks += [Sentence(caution, "Caution:") for caution in verdict["cautions"]]
-    blocks += [Sentence(repair, "Noted:") for repair in one["repairs"]]
-    if one["segments"]:
-        longest, *shorter = one["segments"]
+    blocks += [Sentence(repair, "Noted:") for repair in vehicle["repairs"]]
+    if vehicle["segments"]:
+        longest, *shorter = vehicle["segments"]
         others = f", and {len(shorter)} shorter segment{'s' * (len(shorter) > 1)}" if shorter else ""
-        boot = _boot(longest["boot"] + 1, one["boots"])
+        boot = "boot" if vehicle["boots"] == 1 else f"boot {longest['boot'] + 1} of {vehicle['boots']}"
         text = f"{longest['duration']:.1f} s, from {longest['start']:.1f} s after {boot}{others}."
         blocks.append(Sentence(text, "Settled flight:"))
-    named = {name: f"{name} ({one['names'][name]})" if name in one["names"] else name for name in one["messages"]}
-    streams = _by_rate({named[name]: message for name, message in one["messages"].items()})
-    if streams and one["translated_from"]:
-        blocks.append(
-            Sentence(f"The motion, translated from {one['translated_from']} to the equivalent MAVLink messages:")
-        )
+    streams = _by_rate({f"{name} ({names[name]})" if name in names else name: one for name, one in messages.items()})
+    if streams and (format_name := vehicle["translated_from"]):
+        blocks.append(Sentence(f"The motion, translated from {format_name} to the equivalent MAVLink messages:"))
     if streams:
-        blocks += [
-            Sentence(
-                "Messages and their mean rates over the whole log (the verdict's rates are those of the settled "
-                "flight):"
-            ),
-            Table(["rate", "messages"], [[rate, ", ".join(names)] for rate, names in streams.items()], words=True),
-        ]
+        text = "Messages and their mean rates over the whole log (the verdict's rates are those of the settled flight):"
+        rows = [[rate, ", ".join(group)] for rate, group in streams.items()]
+        blocks += [Sentence(text), Table(["rate", "messages"], rows, words=True)]
     return blocks
 
 
 def stream_contents(held: dict[str, Any]) -> list[Sentence]:
-    """What was received from each sender, and what could not be decoded."""
+    """Returns what was received from each sender, by the inventory ``held``, and what could not be decoded."""
     vehicles = [sender(one) for one in held["vehicles"]]
     blocks = []
     for speaker in held["speakers"]:
@@ -168,13 +159,9 @@ def stream_contents(held: dict[str, Any]) -> list[Sentence]:
     return blocks
 
 
-def sender(one: dict[str, Any]) -> str:
-    """System and component, as in "1:1"."""
-    return f"{one['system']}:{one['component']}"
-
-
-def _boot(number: int, boots: int) -> str:
-    return "boot" if boots == 1 else f"boot {number} of {boots}"
+def sender(component: dict[str, Any]) -> str:
+    """Returns system and number of a ``component``, as in "1:1"."""
+    return f"{component['system']}:{component['component']}"
 
 
 def _by_rate(messages: dict[str, dict[str, Any]]) -> dict[str, list[str]]:

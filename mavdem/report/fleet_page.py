@@ -29,8 +29,6 @@ MIN_FLIGHTS = 2  # of a vehicle whose figures are drawn
 MAX_DRAWN = 20  # vehicles, those in trouble first: with more the page takes long to make, and is too large to mail
 FIRST_SHOWN = 200  # lines of the table until all are asked for: a browser lays out so many at once
 MAX_OPEN = 4  # vehicles whose figures are open when nothing is wrong with them
-RATING = {"fault": "bad", "drift": "fair", OK: "good", UNKNOWN: "none"}
-"""The class of a colour, beside the word."""
 NOT_USED = "not used"  # in the place of the health of a log without a flight
 MAX_NOTE = 160  # letters of the notes of a line: the page of the flight has all
 DEGREES = readable("rad/s²").scale
@@ -56,7 +54,6 @@ def fleet_page(rows: Sequence[FlightRow], changes: Mapping[str, Sequence[Block]]
             "name": name,
             "flights": len(vehicles[name]),
             "health": healths[name],
-            "rating": RATING[healths[name]],
             "words": vehicle_words(vehicles[name]),
             "changes": since.get(name, ()),
             "figure": _svg(vehicles[name], name) if name in drawn and not hint else "",

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mavdem.ingest.motors import place_name
 from mavdem.ingest.vocabulary import euler_angles
 from mavdem.report import palette
-from mavdem.view.plots import FLIGHT_TIME, Plot, blueprint, range_of, recorded
+from mavdem.view.plots import FLIGHT_TIME, Plot, blueprint, recorded
 
 Array = NDArray[np.float64]
 
@@ -126,12 +126,12 @@ def _plots(pose: Pose) -> list[Plot]:
         ("wind", "Wind, m/s: where the air moves to", _columns(("north", "east", "down"), pose.wind)),
         ("moment", "Disturbance moment, mN m", _columns(("roll", "pitch", "yaw"), 1e3 * pose.moment)),
     )
-    plots = []
-    for origin, title, series in tables:
-        plots.append(Plot(origin, title, range_of(*(values[carries] for values in series.values()))))
-        for i, (name, values) in enumerate(series.items()):
-            plots[-1].line(name, palette.distinct(i), pose.time[rows], values[rows], 1.0)
-    return plots
+    # Outside the air, as long as rotors spool, values may be far off.
+    inside = carries[rows]
+    return [
+        Plot.series(origin, title, pose.time[rows], {name: values[rows] for name, values in series.items()}, "", inside)
+        for origin, title, series in tables
+    ]
 
 
 def _columns(names: Sequence[str], table: Array) -> dict[str, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from math import ceil
@@ -25,7 +25,7 @@ from mavdem.report.numbers import Labelled, entries, left_free, place, readable,
 FLIGHT_TIME = "flight time"
 """Timeline of a recording, seconds since the first sample that is shown."""
 BOOT_CLOCK = "boot clock"
-"""Timeline of a live flight, s; see ``mavdem.view.live.live_view.Timeline``."""
+"""Timeline of a live flight, s: the boot clock of its first boot, which goes on where a later one begins."""
 ITERATION = "iteration"
 """Timeline of what was learned by iteration; 0 is the prior."""
 
@@ -100,6 +100,16 @@ class Plot:
     title: str
     range: tuple[float, float]
     lines: list[tuple[Lines, Array, Array]] = field(default_factory=list)
+
+    @classmethod
+    def series(
+        cls, origin: str, title: str, time: Array, values: Mapping[str, Array], colour: str = "", inside: Any = ...
+    ) -> Plot:
+        """Returns a plot of values (N,) by name over times (N,), s, whose range is that of the rows ``inside``."""
+        plot = cls(origin, title, range_of(*(line[inside] for line in values.values())))
+        for i, (name, line) in enumerate(values.items()):
+            plot.line(name, colour or palette.distinct(i), time, line)
+        return plot
 
     def line(self, name: str, colour: str, time: Array, values: Array, width: float = 1.2) -> None:
         """Adds a line: values (N,) at times (N,), s; NaN breaks it."""

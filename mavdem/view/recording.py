@@ -111,7 +111,8 @@ class FlightSeries:
         command = AxisCommand.of(self.learned)
         inputs = command.series(np.vstack([flight.inputs for flight in self.flights]))
         heading = f"{named(command.name.capitalize(), command.unit)}: the motors' difference, about its mean"
-        return self._trained("command", heading, {command.name: inputs}, palette.COMMAND)
+        time = with_gaps(self.times, last=True)
+        return Plot.series("command", heading, time, {command.name: self._with_gaps(inputs)}, palette.COMMAND)
 
     def motors(self) -> Plot:
         """Returns what drives the vehicle: several inputs, each beyond the mean of all, by their places."""
@@ -119,8 +120,8 @@ class FlightSeries:
         several = inputs.shape[1] > 1
         values = inputs - inputs.mean(axis=1, keepdims=True) if several else inputs
         heading = named("Inputs, each beyond the mean of all" if several else "Input", unit)
-        names = map(place, self.labels.input_names)
-        return self._trained("inputs", heading, dict(zip(names, values.T, strict=True)))
+        series = dict(zip(map(place, self.labels.input_names), self._with_gaps(values).T, strict=True))
+        return Plot.series("inputs", heading, with_gaps(self.times, last=True), series)
 
     def wind(self) -> Plot | None:
         """Returns the wind torque with its band, and gusts behind it; None where it is not known."""
@@ -142,23 +143,12 @@ class FlightSeries:
         """Returns what DEM makes of each sample: F(t) and the process noise w."""
         places, noise = self.learned.process_noise()
         clock, energy = np.concatenate(self.times)[places], self.learned.free_energy_of_samples
-        degrees = np.degrees(noise)
-        plots = [
-            Plot("process_noise", "Process noise w of DEM, ° and s", range_of(degrees)),
-            Plot("free_energy_of_samples", "Free energy F(t) of each sample, nats", range_of(energy)),
+        states = dict(zip(state_names(self.labels, self.learned), np.degrees(noise).T, strict=True))
+        heading = "Free energy F(t) of each sample, nats"
+        return [
+            Plot.series("process_noise", "Process noise w of DEM, ° and s", clock, states),
+            Plot.series("free_energy_of_samples", heading, clock, {"F(t)": energy}, palette.BOUND),
         ]
-        for i, name in enumerate(state_names(self.labels, self.learned)):
-            plots[0].line(name, palette.distinct(i), clock, degrees[:, i], 1.0)
-        plots[1].line("F(t)", palette.BOUND, clock, energy)
-        return plots
-
-    def _trained(self, origin: str, heading: str, series: dict[str, Array], colour: str | None = None) -> Plot:
-        """Series (T,) over the training data, by name."""
-        plot = Plot(origin, heading, range_of(*series.values()))
-        for i, (name, values) in enumerate(series.items()):
-            time = with_gaps(self.times, last=True)
-            plot.line(name, colour or palette.distinct(i), time, self._with_gaps(values))
-        return plot
 
     def _with_gaps(self, values: Array) -> Array:
         return with_gaps(np.split(values, np.cumsum([len(flight) for flight in self.flights])[:-1]))

@@ -8,7 +8,6 @@ https://mavlink.io/en/services/parameter.html#parameter-encoding has it.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -53,29 +52,15 @@ def payload(name: str, count: int = 1, /, **fields: Any) -> Payloads:
 
 
 class MessageWriter:
-    """Makes the payloads of one vehicle."""
+    """Makes the payloads of one vehicle; the method of a message has its name."""
 
     def __init__(self, autopilot: Autopilot, scenario: Scenario) -> None:
         self._autopilot, self._scenario = autopilot, scenario
-        self._told: dict[str, Callable[[Motion, NDArray[np.int64]], dict[str, Any]]] = {
-            "HEARTBEAT": self._heartbeat,
-            "SYS_STATUS": self._sys_status,
-            "BATTERY_STATUS": self._battery_status,
-            "EXTENDED_SYS_STATE": self._extended_sys_state,
-            "ATTITUDE": self._attitude,
-            "ATTITUDE_QUATERNION": self._attitude_quaternion,
-            "ATTITUDE_TARGET": self._attitude_target,
-            "LOCAL_POSITION_NED": self._local_position_ned,
-            "RC_CHANNELS": self._rc_channels,
-            "SERVO_OUTPUT_RAW": self._servo_output_raw,
-            "ACTUATOR_OUTPUT_STATUS": self._actuator_output_status,
-            "HIL_ACTUATOR_CONTROLS": self._hil_actuator_controls,
-            "VIBRATION": self._vibration,
-        }
 
     def write(self, name: str, motion: Motion, boot: NDArray[np.int64]) -> Payloads:
         """The payloads (N,) of a message, one for each row of ``motion``, at ``boot`` (N,), µs since boot."""
-        return payload(name, len(boot), **self._told[name](motion, boot))
+        fields: dict[str, Any] = getattr(self, f"_{name.lower()}")(motion, boot)
+        return payload(name, len(boot), **fields)
 
     def _heartbeat(self, motion: Motion, boot: NDArray[np.int64]) -> dict[str, Any]:
         base, custom = self._modes(motion)

@@ -109,7 +109,7 @@ STATION = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60, "REQUEST_DATA_
 
 @pytest.mark.parametrize("change", [8.0, 15.0])
 def test_rates_that_drop_in_the_air_are_no_link_that_drops_out(change):
-    verdict = verdict_of(Signals(slowed(change)), speakers=(STATION,))
+    verdict = verdict_of(Signals(slowed(change)), components=(STATION,))
     assert not verdict.learnable
     assert re.search(
         rf"In the air ATTITUDE comes at [34]\.\d Hz from {change:.0f}\.\d s after boot on",
@@ -123,7 +123,7 @@ def test_rates_that_drop_in_the_air_are_no_link_that_drops_out(change):
 def test_who_asks_for_rates_is_named_only_where_somebody_does():
     telemetry = slowed(15.0)
     own = Component(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {"REQUEST_DATA_STREAM": 1}, 0)
-    unasked = verdict_of(Signals(telemetry), speakers=(own,)).remedy
+    unasked = verdict_of(Signals(telemetry), components=(own,)).remedy
     assert unasked.startswith("Set the telemetry port's") and unasked.count("streamrate -1") == 1
     answered = changed(telemetry, "COMMAND_ACK", **columns(np.array([14.0]), command=np.array([511])))
     assert "SET_MESSAGE_INTERVAL, which the vehicle acknowledged" in verdict_of(Signals(answered)).remedy

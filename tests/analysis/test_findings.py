@@ -23,7 +23,7 @@ def grades(*found: object) -> tuple[str, ...]:
         ({"forecast": 0.353}, GOOD, "0.5 times the squared error of “hold last”"),
         ({"forecast": 0.354}, LIMITED, "0.5 times the squared error of “hold last”"),
         ({"forecast": 0.6}, NONE, "1.4 times the squared error of “hold last”"),
-        ({"forecast": np.nan}, NONE, "No model of a part could be learnt"),
+        ({"forecast": np.nan}, NONE, "No model of a part could be learned"),
         ({"band": 0.05}, LIMITED, "0.04 times"),
         ({"count": 5}, GOOD, "0.04 times"),
         ({"count": 4}, LIMITED, "0.04 times"),

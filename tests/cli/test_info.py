@@ -60,7 +60,7 @@ def test_why_not_is_reported_once_and_beside_a_document_on_standard_error(capsys
     assert said.err == "" and said.out.count("ATTITUDE comes at 4.0 Hz") == 1
     assert main(["info", path, "--json"]) == 1
     said = capsys.readouterr()
-    assert said.err.startswith(f"mavdem: No roll model can be learnt from {path}; 1:1: ATTITUDE comes at 4.0 Hz")
+    assert said.err.startswith(f"mavdem: No roll model can be learned from {path}; 1:1: ATTITUDE comes at 4.0 Hz")
 
 
 def test_nothing_heard_is_left_out(capsys):
@@ -77,7 +77,7 @@ def test_nothing_heard_is_left_out(capsys):
 def test_the_text_reports_the_same(capsys):
     assert main(["info", recorded("px4_wind5_steps.tlog"), "--axis", "pitch"]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("A pitch model can be learnt from 5:1 (QUADROTOR, PX4): ")
+    assert said.startswith("A pitch model can be learned from 5:1 (QUADROTOR, PX4): ")
     assert "  100.0 Hz: ATTITUDE, SERVO_OUTPUT_RAW\n" in said
     assert "Settled flight: 59.7 s, from 44.5 s after boot.\n" in said
     assert "PARAM_VALUE" not in said

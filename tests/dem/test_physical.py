@@ -34,6 +34,7 @@ from mavdem.dem.graybox.likelihood import (
 )
 from sitl_scenarios.dynamics import euler
 from sitl_scenarios.files import load
+from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import fly
 from sitl_scenarios.truth import truth
 
@@ -79,16 +80,16 @@ def flown(
     return Flight(DT * np.arange(samples), 1500 + commands, outputs)
 
 
-def scenario(name: str, seed: int) -> tuple[Flight, np.ndarray, float]:
-    """A window of a flight of ``sitl_scenarios``, and the motors' effect and lag that are true of it."""
-    plan = load(name)
-    motion = fly(plan.model_copy(update={"seed": plan.seed + seed, "duration": 25.0}))
+def settled(plan: Scenario, samples: int) -> tuple[Flight, dict[str, np.ndarray]]:
+    """Samples of a flight of ``sitl_scenarios`` from 10 s on, and what is true of it; the torque on their grid."""
+    motion = fly(plan)
     known = truth(plan, motion)
-    time = np.arange(1000, 1700) * DT
+    time = np.arange(1000, 1000 + samples) * DT
     roll = np.array([euler(attitude)[0] for attitude in motion.known_attitude.tolist()])
     outputs = [np.interp(time, motion.time, column) for column in (roll, motion.known_rates[:, 0])]
     inputs = [np.interp(time, motion.time, column) for column in motion.outputs.T]
-    return Flight(time, np.column_stack(inputs), np.column_stack(outputs)), known["roll_B"][1], float(known["lag"][0])
+    known["roll_disturbance"] = np.interp(time, motion.time, known["roll_disturbance"])
+    return Flight(time, np.column_stack(inputs), np.column_stack(outputs)), known
 
 
 @pytest.mark.parametrize(
@@ -308,13 +309,14 @@ def test_inputs_that_curve_are_seen_on_unseen_windows_and_straight_ones_are_not(
 @pytest.mark.parametrize(("name", "identifiable"), [("iris_multisine", True), ("iris_gusts", False)])
 def test_simulated_flights_are_identifiable_where_they_steer_and_then_truly(name, identifiable):
     for seed in range(2):
-        flight, motors, lag = scenario(name, seed)
+        plan = load(name)
+        flight, known = settled(plan.model_copy(update={"seed": plan.seed + seed, "duration": 25.0}), 700)
         found = physical(flight)
         assert (found.status["effect"] == "reported") == identifiable
         if identifiable:
             half = found.interval(0.99)
-            assert np.all(np.abs(found.effect - motors) < half.effect)
-            assert abs(found.lag - lag) < half.lag
+            assert np.all(np.abs(found.effect - known["roll_B"][1]) < half.effect)
+            assert abs(found.lag - known["lag"][0]) < half.lag
 
 
 @pytest.mark.parametrize(

@@ -513,17 +513,12 @@ HOSTILE = {
 """Definitions of vehicle_attitude that are none."""
 ODD = {
     "spaces": "uint64 timestamp\nfloat32[4] q\n#" + " " * 60_000 + "[\n",
-    "no array": "uint64 timestamp\nfloat32 q\n",
     "text": "uint64 timestamp\nstring q\n",
-    "texts": "uint64 timestamp\nstring[] q\n",
     "a huge array": "uint64 timestamp\nfloat32[999999999] q\n",
-    "a huge array of bytes": "uint64 timestamp\nuint8[900] q\n",
-    "other fields": "uint64 timestamp\nfloat32[4] quaternion\n",
     "no stamp": "float32[4] q\n",
     "text for a stamp": "string timestamp\nfloat32[4] q\n",
     "a message for a stamp": "A timestamp\nfloat32[4] q\n===\nMSG: px4_msgs/A\nuint64 a\n",
     "any length": "uint64 timestamp\nfloat32[] q\n",
-    "doubles": "float64 timestamp\nfloat64[4] q\n",
 }
 """Definitions that are whole, of something else."""
 

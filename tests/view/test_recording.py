@@ -189,22 +189,6 @@ def test_the_one_blueprint_in_the_file_shows_what_is_there(recording: Path) -> N
         )
 
 
-def test_a_write_that_fails_leaves_what_was_there(
-    tmp_path: Path, learned: mavdem.Learned, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "flight.rrd"
-    path.write_bytes(b"an earlier recording")
-
-    def fails(*_: object) -> str:
-        raise RuntimeError("the screen fails")
-
-    monkeypatch.setattr("mavdem.view.recording.screen", fails)
-    with pytest.raises(RuntimeError, match="the screen fails"):
-        write(path, learned)
-    assert path.read_bytes() == b"an earlier recording"
-    assert [file.name for file in tmp_path.iterdir()] == ["flight.rrd"]
-
-
 def test_without_a_screen_show_says_so(monkeypatch: pytest.MonkeyPatch, recording: Path) -> None:
     monkeypatch.setattr(sys, "platform", "linux")
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):

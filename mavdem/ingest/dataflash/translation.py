@@ -191,7 +191,11 @@ def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int
     targets, asked = _targets(tables, version)
     volts, measured = battery(tables)
     position, positioned = _position(tables)
-    messages = {
+    climb = having(tables, "CTUN", ("CRt",))
+    changes = [_changes(tables, "EV", "Id", ARMED_EVENTS), _changes(tables, "ARM", "ArmState", ARM_STATES)]
+    armed = _each_second(tables, np.concatenate(changes))
+    landed = _each_second(tables, _changes(tables, "EV", "Id", LANDED_EVENTS), undefined=True)
+    messages: dict[str, Columns | None] = {
         "ATTITUDE": attitude,
         "SERVO_OUTPUT_RAW": _servos(tables),
         "ACTUATOR_CONTROL_TARGET": demands,
@@ -201,9 +205,9 @@ def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int
         "VIBRATION": vibration(tables),
         "SYSTEM_TIME": calendar_time(tables),
         "LOCAL_POSITION_NED": position,
-        "VFR_HUD": _climb(tables),
-        "HEARTBEAT": _heartbeats(tables, kind),
-        "EXTENDED_SYS_STATE": _landed_states(tables),
+        "VFR_HUD": None if climb is None else stamped(climb, "", {"climb": values(climb, ("CRt",))[:, 0] / 100}),
+        "HEARTBEAT": {"time": armed[0], "boot": armed[1], **heartbeat_fields(kind, ARDUPILOT, armed[2])},
+        "EXTENDED_SYS_STATE": dict(zip(("time", "boot", "landed_state"), landed, strict=True)),
     }
     names = {"ATTITUDE": named, "SERVO_OUTPUT_RAW": "RCOU", "ACTUATOR_CONTROL_TARGET": "RATE", "VFR_HUD": "CTUN"}
     names |= {"LOCAL_POSITION_NED": positioned, "ATTITUDE_TARGET": asked, "RC_CHANNELS": "RCIN", "SYS_STATUS": measured}
@@ -362,11 +366,6 @@ def _position(tables: Mapping[str, Columns]) -> tuple[Columns | None, str]:
     return None, "XKF1"
 
 
-def _climb(tables: Mapping[str, Columns]) -> Columns | None:
-    logged = having(tables, "CTUN", ("CRt",))
-    return None if logged is None else stamped(logged, "", {"climb": values(logged, ("CRt",))[:, 0] / 100})
-
-
 def _onto(base: Columns, source: Columns, values: Values, turning: bool = False) -> Values:
     """Columns of ``values`` (N, k), of ``source``, at the stamps of ``base``; NaN before, after and inside gaps.
 
@@ -394,19 +393,6 @@ def _onto(base: Columns, source: Columns, values: Values, turning: bool = False)
         table = np.column_stack([np.interp(at, time, column) for column in known.T])
         moved[here] = np.where(sure[:, None], table, np.nan)
     return moved
-
-
-def _heartbeats(tables: Mapping[str, Columns], kind: int) -> Columns:
-    """HEARTBEAT of a vehicle of MAV_TYPE ``kind``; of ``base_mode`` only the armed flag."""
-    changes = [_changes(tables, "EV", "Id", ARMED_EVENTS), _changes(tables, "ARM", "ArmState", ARM_STATES)]
-    time, boot, state = _each_second(tables, np.concatenate(changes))
-    return {"time": time, "boot": boot, **heartbeat_fields(kind, ARDUPILOT, state)}
-
-
-def _landed_states(tables: Mapping[str, Columns]) -> Columns:
-    """EXTENDED_SYS_STATE: on the ground, in the air, or undefined; without take-off and landing."""
-    time, boot, state = _each_second(tables, _changes(tables, "EV", "Id", LANDED_EVENTS), undefined=True)
-    return {"time": time, "boot": boot, "vtol_state": np.zeros_like(state), "landed_state": state}
 
 
 def _changes(tables: Mapping[str, Columns], name: str, field: str, states: Mapping[int, tuple[int, int]]) -> Values:

@@ -225,7 +225,9 @@ def assemble(
     stores = {one.system: messages for one, messages, _ in heard if one.component == PARAMETER_STORE}
     vehicles = []
     for one, messages, of_clock in heard:
-        if _is_vehicle(one):
+        # Without a HEARTBEAT it is one by what it sent.
+        is_vehicle = one.kind not in NOT_VEHICLES and set(one.messages) != {"HEARTBEAT"}
+        if (not VEHICLE_MESSAGES.isdisjoint(one.messages)) if one.kind == UNNAMED else is_vehicle:
             parameters: dict[str, float] = {}
             for own in (stores.get(one.system, {}), messages):
                 if "PARAM_VALUE" in own:
@@ -243,12 +245,6 @@ def identity(heartbeats: Columns) -> tuple[str, str]:
     kind = int(votes.argmax())
     autopilot = int(np.bincount(heartbeats["autopilot"][heartbeats["type"] == kind]).argmax())
     return enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot)
-
-
-def _is_vehicle(one: Component) -> bool:
-    if one.kind == UNNAMED:
-        return not VEHICLE_MESSAGES.isdisjoint(one.messages)
-    return one.kind not in NOT_VEHICLES and set(one.messages) != {"HEARTBEAT"}
 
 
 def _messages(

@@ -23,7 +23,7 @@ from mavdem.errors import Unreadable, require
 from mavdem.ingest.contents import file_bytes
 from mavdem.ingest.mavlink.clocks import Places, Times, far_off
 from mavdem.ingest.mavlink.definitions import FrameSender, seeds
-from mavdem.ingest.mavlink.framing import GOOD, MARKER_1, MARKER_2, Frames, Progress, find_in_pieces
+from mavdem.ingest.mavlink.framing import GOOD, MARKER_1, MARKER_2, Progress, find_in_pieces
 from mavdem.ingest.mavlink.vehicles import FrameIndex, FrameStream, RecordingPart, assemble, joined
 from mavdem.ingest.mcap.json_topics import JsonTopic, JsonTopics
 from mavdem.ingest.mcap.records import Channel, McapMessage, McapRecording
@@ -86,7 +86,10 @@ def _stream(source: str, recording: McapRecording, progress: Progress | None) ->
         if (frames := carried[message.channel]) is not None:
             frames.add(place, message)
     found = [frames.found() for frames in carried.values() if frames is not None]
-    heard = set().union(*(_senders(part.frames) for part, _ in found))
+    heard: set[FrameSender] = set()
+    for part, _ in found:
+        good = part.frames[part.frames.verdict == GOOD]
+        heard |= {FrameSender(*ids) for ids in zip(good.system.tolist(), good.component.tolist(), strict=True)}
     channels = list(recording.channels.values())
     if not heard and not any(channel.encoding in JSON for channel in channels):
         return None, sum(len(part.frames) for part, _ in found)
@@ -133,11 +136,6 @@ class _FrameChannel:
         places, times = np.array(self.places), np.array(self.log_times)
         skipped = len(data) - int((frames.end - frames.start).sum())
         return RecordingPart(data, frames, places[holding], times[holding]), skipped
-
-
-def _senders(frames: Frames) -> set[FrameSender]:
-    ids = (frames.system[frames.verdict == GOOD].tolist(), frames.component[frames.verdict == GOOD].tolist())
-    return {FrameSender(*sender) for sender in zip(*ids, strict=True)}
 
 
 def _json_parts(

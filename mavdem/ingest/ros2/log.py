@@ -137,7 +137,12 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
         for name, table in tables.items()
     }
     placed, repairs = _on_one_clock(stamped)
-    topics = {name: _px4_topic(tables[name].columns, on_clock) for name, on_clock in placed.items()}
+    topics: dict[str, Columns] = {}
+    for name, on_clock in placed.items():
+        topics[name] = selected(tables[name].columns, on_clock.rows) | {"time": on_clock.time}
+        if PX4_SAMPLE in topics[name]:  # both stamps are moved alike, also those of another clock
+            moved = np.rint(on_clock.time * 1e6 - topics[name][PX4_STAMP])
+            topics[name] = {**topics[name], PX4_SAMPLE: topics[name][PX4_SAMPLE] + moved}
     instances = {name: {0: topic} for name, topic in topics.items()}
     kind = px4_topics.mav_type(instances, {})
     name_of_kind = enum_name("MAV_TYPE", kind) if kind is not None else UNNAMED
@@ -163,14 +168,6 @@ def _px4_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry |
         translated_from=PX4_BRIDGE,
         names=px4_topics.names(instances, messages),
     )
-
-
-def _px4_topic(columns: Columns, on_clock: _PlacedTopic) -> Columns:
-    """The topic's messages on the clock; both stamps are moved alike, also those of another clock."""
-    topic = selected(columns, on_clock.rows) | {"time": on_clock.time}
-    if PX4_SAMPLE in topic:
-        topic[PX4_SAMPLE] = topic[PX4_SAMPLE] + np.rint(on_clock.time * 1e6 - topic[PX4_STAMP])
-    return topic
 
 
 def _mavros_vehicle(tables: Mapping[str, TopicColumns], source: str) -> Telemetry | None:

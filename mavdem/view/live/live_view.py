@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import groupby
-from math import isfinite
+from math import inf, isfinite
 from threading import Event, Lock, Thread
 from types import TracebackType
 from uuid import UUID, uuid4
@@ -36,25 +36,6 @@ MAX_LINES = 1000  # log lines that wait for a sink
 STATUS_SECONDS = 1.0  # between two status documents
 RETRY_SECONDS = 1.0  # between two attempts to reach a viewer
 FLUSH_SECONDS = 5.0  # time limit for sending a batch; a slower one is still under way
-
-
-class Timeline:
-    """Places times of the boot clock on one timeline, which continues after a reboot: flights do not overlap."""
-
-    def __init__(self) -> None:
-        self.shift = 0.0  # timeline minus boot clock, s; 0 until the vehicle reboots
-        self.latest = 0.0  # time on the timeline, s
-        self._started = False
-
-    def place(self, time: float | None) -> float:
-        """Returns a boot-clock time on the timeline, s; the latest one for ``None`` and non-finite times."""
-        if time is None or not isfinite(time):
-            return self.latest
-        if self._started and time + self.shift < self.latest - REBOOT_SECONDS:
-            self.shift = self.latest + REBOOT_GAP_SECONDS - time
-        self.latest = max(self.latest, time + self.shift) if self._started else time
-        self._started = True
-        return time + self.shift
 
 
 class SinkThread:
@@ -85,14 +66,6 @@ class SinkThread:
             else:
                 self.dropped += len(self._rows) == self._rows.maxlen
                 self._rows.append(item)
-
-    def _take(self) -> tuple[list[ViewRow], list[LogLine]]:
-        """Removes and returns all that waits, oldest first."""
-        with self._lock:
-            rows, lines = list(self._rows), list(self._lines)
-            self._rows.clear()
-            self._lines.clear()
-        return rows, lines
 
     def end(self) -> None:
         """Starts to send the rest and to close; see :meth:`ended`."""
@@ -169,7 +142,10 @@ class SinkThread:
         return True
 
     def _send(self, recording: rr.RecordingStream) -> None:
-        rows, lines = self._take()
+        with self._lock:
+            rows, lines = list(self._rows), list(self._lines)
+            self._rows.clear()
+            self._lines.clear()
         for channels, batch in groupby(rows, key=lambda row: row.channels):
             if channels != self._channels:
                 # Drawn apart from those before.
@@ -208,7 +184,8 @@ class LiveView:
     """
 
     def __init__(self, channels: Channels, sinks: Sequence[Sink]) -> None:
-        self._timeline, self._lock = Timeline(), Lock()
+        self._lock = Lock()
+        self._shift, self._latest = 0.0, -inf  # timeline minus boot clock, and the latest time on the timeline, s
         self._channels, self._closed, self._marked = channels, False, 0  # alarms that are marked
         recording_id = uuid4()
         self._threads = [SinkThread(sink, channels, recording_id) for sink in sinks]
@@ -252,11 +229,19 @@ class LiveView:
             self._log(self._place(time)[0], level, text)
 
     def _place(self, time: float | None) -> tuple[float, float]:
-        """A boot-clock time on the timeline, and the shift, s."""
+        """The place of a boot-clock time on the timeline, and the shift, s; the latest one for ``None`` and NaN.
+
+        The timeline continues after a reboot: flights do not overlap.
+        """
         with self._lock:
-            before = self._timeline.shift
-            shown, shift = self._timeline.place(time), self._timeline.shift
-        if shift != before:
+            if time is None or not isfinite(time):
+                return max(self._latest, 0.0), self._shift
+            rebooted = time + self._shift < self._latest - REBOOT_SECONDS
+            if rebooted:
+                self._shift = self._latest + REBOOT_GAP_SECONDS - time
+            shown, shift = time + self._shift, self._shift
+            self._latest = max(self._latest, shown)
+        if rebooted:
             self._log(shown, "WARN", f"rebooted: {time:.1f} s is shown as {shown:.1f} s")
         return shown, shift
 
@@ -269,7 +254,7 @@ class LiveView:
         new = min(status.alarm_count - self._marked, len(status.alarms))
         for alarm in status.alarms[len(status.alarms) - new :]:
             with self._lock:
-                began = alarm.since + self._timeline.shift
+                began = alarm.since + self._shift
             what = f"{alarm.name} works harder" if alarm.name else "the steady torque in roll and pitch is another"
             self._log(began, "WARN", f"{what} from here on")
         self._marked = status.alarm_count
