@@ -14,7 +14,7 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from jinja2 import ChoiceLoader, Environment, PackageLoader
+from jinja2 import Environment, PackageLoader
 from markupsafe import Markup, escape
 
 from mavdem.analysis import LogAnalysis
@@ -101,10 +101,9 @@ def document(
     )
 
 
-def environment(package: str = "mavdem.report") -> Environment:
-    """Returns Jinja's environment for templates of a package, which may extend this one's; it escapes all text."""
-    loader = ChoiceLoader([PackageLoader(name, "") for name in dict.fromkeys((package, "mavdem.report"))])
-    made = Environment(loader=loader, autoescape=True, trim_blocks=True, lstrip_blocks=True)
+def environment() -> Environment:
+    """Returns Jinja's environment for the templates beside this file; it escapes all text."""
+    made = Environment(loader=PackageLoader("mavdem.report", ""), autoescape=True, trim_blocks=True, lstrip_blocks=True)
     made.globals |= {"made_by": f"mavdem {version('mavdem')}, Python {platform.python_version()}", "ink": INK_ON_LIGHT}
     made.tests |= {
         "table": lambda block: isinstance(block, Table),

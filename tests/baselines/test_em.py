@@ -7,12 +7,9 @@ from oracle import load, needs_oracle
 from peculiar_flights import (
     FLIGHT,
     NOTHING_NEW,
-    TEST,
     TRAIN,
-    back_from_other_units,
     errors_of,
     growing,
-    in_other_units,
     with_inputs,
 )
 from scipy.stats import chi2
@@ -122,34 +119,12 @@ def test_the_authors_em_is_matched_within_its_spread_over_starts():
 
 
 @pytest.mark.slow
-def test_units_do_not_matter():
-    one, two = (
-        baselines.em(train, 2).forecast(test.inputs)
-        for train, test in ((TRAIN, TEST), (in_other_units(TRAIN), in_other_units(TEST)))
-    )
-    np.testing.assert_allclose(back_from_other_units(two), one, atol=1e-6)
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize("more", NOTHING_NEW)
 def test_inputs_that_tell_nothing_new_change_nothing(more):
     # The random starts know how many inputs there are and of what kind; of one start the iterations must be the same.
     records = [Record.of(flight[:700]) for flight in (FLIGHT, with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs)))]
     one, two = (all_fits(Units.of(record).segments(record), 2, iterations=20)[0].log_likelihoods for record in records)
     np.testing.assert_allclose(two, one, rtol=1e-6)
-
-
-def test_inputs_that_stand_still_leave_what_the_outputs_do_by_themselves():
-    still = with_inputs(FLIGHT, np.full_like(FLIGHT.inputs, 1500.0))
-    em = baselines.em(still[:700], 2)
-    assert not em.model.B.any() and np.isfinite(em.forecast(still.inputs[700:])).all()
-
-
-@pytest.mark.slow
-def test_an_unstable_model_is_said_to_be_and_made_stable_only_when_asked():
-    as_found, asked = (baselines.em(growing(), 1, stable=stable) for stable in (False, True))
-    assert not as_found.stable and not as_found.stabilised and "unstable" in as_found.cautions[0]
-    assert asked.stable and asked.stabilised and "made stable" in asked.cautions[0]
 
 
 def test_what_has_not_settled_is_said(monkeypatch):
@@ -179,16 +154,3 @@ def test_starts_that_break_down_are_left_out_and_all_of_them_are_an_error(breakd
     else:
         with pytest.raises(ValueError, match="^EM for 2 states broke down from each of 4 starts"):
             baselines.em(TRAIN[:300], 2)
-
-
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: baselines.em(TRAIN[:30], 2), "^train has too few samples for 2 states: 30 in segments of 30"),
-        (lambda: baselines.em(TRAIN, 10**9), "^train has too few samples for 1000000000 states"),
-        (lambda: baselines.em(TRAIN, 0), "^order must be a positive"),
-    ],
-)
-def test_what_cannot_be_learnt_from_is_named(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()

@@ -8,16 +8,14 @@ from peculiar_flights import (
     NOTHING_NEW,
     TEST,
     TRAIN,
-    back_from_other_units,
     errors_of,
     growing,
-    in_other_units,
     with_inputs,
 )
 from scipy.stats import chi2
 from standard_errors import Bound
 
-from mavdem import Forecaster, baselines
+from mavdem import baselines
 from mavdem.baselines import prediction_error_method as errors_and_slopes
 from mavdem.baselines.prediction_error_method import FreeParameters, prediction_errors, sensitivities
 
@@ -86,14 +84,6 @@ def test_without_noise_the_forecast_is_exact(order, feedthrough):
     assert errors_of(pem.forecast(flight.inputs[300:]), flight[300:]) < 1e-6
 
 
-def test_units_do_not_matter():
-    one, two = (
-        baselines.pem(train, 2).forecast(test.inputs)
-        for train, test in ((TRAIN, TEST), (in_other_units(TRAIN), in_other_units(TEST)))
-    )
-    np.testing.assert_allclose(back_from_other_units(two), one, rtol=1e-4, atol=1e-6)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("more", NOTHING_NEW)
 def test_inputs_that_tell_nothing_new_change_nothing(more):
@@ -117,19 +107,3 @@ def test_what_has_not_settled_is_said(monkeypatch):
     monkeypatch.setattr(module, "REWEIGHTINGS", 1)
     monkeypatch.setattr(module, "EVALUATIONS", 2)
     assert any("still falling" in caution for caution in baselines.pem(TRAIN, 4).cautions)
-
-
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: baselines.pem(TRAIN[:30], 2), "^train has too few samples for 2 states: 30 in segments of 30"),
-        (lambda: baselines.pem(TRAIN, "2"), "^order must be a positive"),
-    ],
-)
-def test_what_cannot_be_learnt_from_is_named(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()
-
-
-def test_it_is_a_forecaster():
-    assert isinstance(baselines.pem(TRAIN), Forecaster)

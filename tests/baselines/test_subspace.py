@@ -2,19 +2,11 @@ import numpy as np
 import pytest
 from innovation_systems import flown, random_system
 from peculiar_flights import (
-    FLIGHT,
-    NOTHING_NEW,
-    TEST,
-    TRAIN,
-    back_from_other_units,
     errors_of,
-    growing,
-    in_other_units,
-    with_inputs,
 )
 from standard_errors import Bound
 
-from mavdem import Flight, Forecaster, baselines
+from mavdem import baselines
 from mavdem.baselines.subspace_identification import innovation_gain
 
 WEIGHTINGS = ["CVA", "MOESP", "SSARX"]
@@ -95,67 +87,10 @@ def test_segments_are_learnt_from_together_and_nothing_across_gaps(weighting):
     assert errors_of(subspace.forecast(flight.inputs[800:]), flight[800:]) < 1e-5
 
 
-@pytest.mark.parametrize("weighting", WEIGHTINGS)
-def test_units_do_not_matter(weighting):
-    one, two = (
-        baselines.subspace(train, 3, weighting).forecast(test.inputs)
-        for train, test in ((TRAIN, TEST), (in_other_units(TRAIN), in_other_units(TEST)))
-    )
-    np.testing.assert_allclose(back_from_other_units(two), one, rtol=0, atol=1e-6 * np.abs(one).max())
-
-
-@pytest.mark.parametrize("weighting", WEIGHTINGS)
-@pytest.mark.parametrize("more", NOTHING_NEW)
-def test_inputs_that_tell_nothing_new_change_nothing(weighting, more):
-    one, two = (
-        baselines.subspace(flight[:700], 2, weighting).forecast(flight.inputs[700:])
-        for flight in (FLIGHT, with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs)))
-    )
-    np.testing.assert_allclose(two, one, rtol=1e-4, atol=1e-6)
-
-
-@pytest.mark.parametrize("weighting", WEIGHTINGS)
-def test_inputs_that_stand_still_leave_what_the_outputs_do_by_themselves(weighting):
-    still = with_inputs(FLIGHT, np.full_like(FLIGHT.inputs, 1500.0))
-    subspace = baselines.subspace(still[:700], 2, weighting)
-    assert not subspace.model.B.any() and np.isfinite(subspace.forecast(still.inputs[700:])).all()
-
-
-@pytest.mark.parametrize("weighting", WEIGHTINGS)
-def test_an_unstable_model_is_said_to_be_and_made_stable_only_when_asked(weighting):
-    flight = growing()
-    as_found, asked = (baselines.subspace(flight, 1, weighting, stable=stable) for stable in (False, True))
-    assert not as_found.stable and not as_found.stabilised and "unstable" in as_found.cautions[0]
-    assert asked.stable and asked.stabilised and len(asked.cautions) == 1
-    asked = baselines.subspace(flown(random_system(2, 2), 1, 700)[0], 2, weighting, stable=True)
-    assert asked.stable and not asked.stabilised and not asked.cautions
-
-
-@pytest.mark.parametrize(
-    ("make", "said"),
-    [
-        (lambda: baselines.subspace(TRAIN[:30], 2), "^train has too few samples for 2 states: 30 in segments of 30"),
-        (lambda: baselines.subspace([TRAIN[i : i + 5] for i in range(0, 600, 5)], 4), "^train has too few samples"),
-        (lambda: baselines.subspace(TRAIN, 100), "^train has too few samples for 100 states"),
-        (lambda: baselines.subspace(TRAIN, 2, "N4SID"), "^weighting must be one of CVA, MOESP, SSARX, not 'N4SID'"),
-        (lambda: baselines.subspace(TRAIN, -1), "^order must be a positive"),
-        (lambda: baselines.subspace(Flight(TRAIN.time, TRAIN.inputs, np.zeros((700, 2)))), "^outputs column 0"),
-    ],
-)
-def test_what_cannot_be_learnt_from_is_named(make, said):
-    with pytest.raises(ValueError, match=said):
-        make()
-
-
 def test_more_states_than_the_data_have_do_no_harm():
     flight, _ = flown(random_system(1, 1), 1, 450)
     forecasts = [baselines.subspace(flight[:300], order).forecast(flight.inputs[300:]) for order in (1, 6)]
     assert np.abs(forecasts[1] - forecasts[0]).max() < flight.outputs.std()
-
-
-def test_it_is_a_forecaster():
-    forecaster = baselines.subspace(TRAIN)
-    assert isinstance(forecaster, Forecaster) and repr(forecaster).startswith("<Identified: subspace(2, CVA), 2 states")
 
 
 def test_the_gain_is_the_kalman_filter_s():
