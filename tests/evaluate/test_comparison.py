@@ -128,12 +128,9 @@ def test_a_forecast_that_expects_more_than_the_constant_mean_s_error_is_cautione
     assert found[1.1].cautions == ("The error to expect of the forecast is larger than the constant mean's.",)
 
 
-def test_a_fault_of_our_own_is_no_outcome():
+def test_a_window_without_a_unit_of_error_fails_for_every_method_and_a_fault_of_our_own_is_raised():
     with pytest.raises(TypeError):
         evaluate_window(Method("hold", lambda: None), WINDOWS[0])
-
-
-def test_a_window_without_a_unit_of_error_fails_for_every_method():
     flight = FLIGHTS["a"]
     still = Flight(flight.time, flight.inputs, flight.outputs * [1, 0])
     (window, *_) = windows("still", still)
