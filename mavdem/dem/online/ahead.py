@@ -1,7 +1,7 @@
 """Predictions of a stream with its future inputs unknown: one vector autoregression that forgets, or the last sample.
 
 Nothing is known of future inputs: they follow from the motion, since the autopilot answers it. The autoregression of
-outputs and inputs is fitted again every second to sums that are forgotten exponentially. It is mixed with the last
+outputs and inputs is fitted again every half second to sums that are forgotten exponentially. It is mixed with the last
 sample, which is held before the first fit, and with the mean so far, by their latest errors. No prediction is farther
 from the last sample than the vehicle lately went in as many samples.
 """
@@ -24,7 +24,7 @@ FEWEST_LAGS, MOST_LAGS = 4, 16
 MOST_REGRESSORS = 100  # a fit of so many takes a millisecond
 MEMORY_SECONDS = 30.0  # time constant of forgetting
 RIDGE = 0.002  # of the autoregression's prior, for its channels in units of what is remembered
-REFIT_SECONDS = 1.0  # of samples before the first fit, and from one fit to the next
+FIRST_SECONDS, REFIT_SECONDS = 1.0, 0.5  # of samples before the first fit, and from one fit to the next
 SMALLEST_SCALE = 1e-6  # of a channel that became still, in units of its first second
 LARGEST_SECONDS = 20.0  # of samples whose largest change over a horizon bounds the next
 ERROR_SECONDS = 10.0  # time constant of the squared errors that are compared
@@ -114,7 +114,7 @@ class PredictionsAhead:
         if not self._waiting:
             return
         if self._units is None:
-            if sum(len(block.outputs) for block in self._waiting) * self._dt < REFIT_SECONDS:
+            if sum(len(block.outputs) for block in self._waiting) * self._dt < FIRST_SECONDS:
                 return
             channels = np.concatenate([np.hstack([block.outputs, block.inputs]) for block in self._waiting])
             scale = channels.std(axis=0)
