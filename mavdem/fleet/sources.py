@@ -22,17 +22,11 @@ VERSIONS = ("ETag", "etag", "generation", "LastModified", "last_modified", "mtim
 
 
 class Source(NamedTuple):
-    """One log.
+    """One log."""
 
-    Attributes:
-        path: absolute path, or URL.
-        size: bytes; -1 where it is not known.
-        version: changes with the content, as the time of the last change does; empty where nothing does.
-    """
-
-    path: str
-    size: int
-    version: str
+    path: str  # absolute path, or URL
+    size: int  # bytes; -1 where it is not known
+    version: str  # changes with the content, as the time of the last change does; empty where nothing does
 
 
 def is_url(name: str) -> bool:

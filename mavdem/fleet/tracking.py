@@ -32,19 +32,12 @@ Progress = Callable[[int, int], None]
 
 
 class TrackedLogs(NamedTuple):
-    """What a run did.
+    """What a run did."""
 
-    Attributes:
-        logs: how many were named.
-        read: how many of them were read; the others were known.
-        problems: names that name no log, and known logs that could not be read now, a sentence each.
-        healthy: rows of the baseline.
-    """
-
-    logs: int
-    read: int
-    problems: tuple[str, ...]
-    healthy: list[FlightRow]
+    logs: int  # how many were named
+    read: int  # how many of them were read; the others were known
+    problems: tuple[str, ...]  # names that name no log, and known logs that could not be read now, a sentence each
+    healthy: list[FlightRow]  # rows of the baseline
 
 
 def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:

@@ -59,40 +59,25 @@ class Limits(NamedTuple):
 
 
 class Job(NamedTuple):
-    """One log to read.
+    """One log to read."""
 
-    Attributes:
-        path: absolute path, or URL.
-        known: keys of logs of the same size that were read before: if it has one of them it is not read again.
-        page: the function that makes a flight's page, as ``package.module:function``; empty for none.
-    """
-
-    path: str
+    path: str  # absolute path, or URL
+    # keys of logs of the same size that were read before: if it has one of them it is not read again
     known: tuple[str, ...] = ()
-    page: str = ""
+    page: str = ""  # the function that makes a flight's page, as ``package.module:function``; empty for none
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job.
+    """What became of a job."""
 
-    Attributes:
-        path: of the log.
-        ended: how.
-        rows: of the log; at least one, unless it was known.
-        key: hash and size of the log's content; empty if it was not reached.
-        pages: HTML by the name of the file.
-        seconds: it took.
-        megabytes: the most memory that the process has had, with this log and those before.
-    """
-
-    path: str
-    ended: Ended
-    rows: tuple[FlightRow, ...] = ()
-    key: str = ""
-    pages: dict[str, str] = field(default_factory=dict)
-    seconds: float = 0.0
-    megabytes: float = 0.0
+    path: str  # of the log
+    ended: Ended  # how
+    rows: tuple[FlightRow, ...] = ()  # of the log; at least one, unless it was known
+    key: str = ""  # hash and size of the log's content; empty if it was not reached
+    pages: dict[str, str] = field(default_factory=dict)  # HTML by the name of the file
+    seconds: float = 0.0  # it took
+    megabytes: float = 0.0  # the most memory that the process has had, with this log and those before
 
 
 def failed(job: Job, ended: Ended, status: str, key: str = "") -> Outcome:
@@ -101,13 +86,9 @@ def failed(job: Job, ended: Ended, status: str, key: str = "") -> Outcome:
 
 
 class Reader(Protocol):
-    """What reads many logs: the processes of this machine, or a cluster.
+    """What reads many logs: the processes of this machine, or a cluster."""
 
-    Attributes:
-        limits: of each log.
-    """
-
-    limits: Limits
+    limits: Limits  # of each log
 
     def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
         """Yields outcomes in the order in which they come; a job is taken when its turn has come."""

@@ -33,15 +33,12 @@ SAME = 0.99  # Cosine from which two signatures are one
 
 @dataclass(frozen=True)
 class MotorSignatures:
-    """The patterns of a vehicle with k motors, over the a axes that its layout is known for.
+    """The patterns of a vehicle with k motors, over the a axes that its layout is known for."""
 
-    Attributes:
-        axes: "thrust", then "roll" and "pitch" where the motors' places are known, "yaw" where their spins are.
-        weights: (a, k) from commands to axes: thrust is the mean of all motors, roll on an X quad (left - right)/4, as
-            ``MotorGeometry.effect`` has them.
-    """
-
+    # "thrust", then "roll" and "pitch" where the motors' places are known, "yaw" where their spins are
     axes: tuple[str, ...]
+    # (a, k) from commands to axes: thrust is the mean of all motors, roll on an X quad (left - right)/4, as
+    # ``MotorGeometry.effect`` has them
     weights: Array
 
     def balance(self, commands: Array) -> Array:
@@ -128,22 +125,14 @@ class BalanceFigures(NamedTuple):
     """The balance of one vehicle in settled flight, in shares of the mean command of all motors.
 
     NaN stands for what the layout of the motors or the log does not say. Errors are standard errors.
-
-    Attributes:
-        mean: (3,) of roll, pitch and yaw.
-        error: (3,) of ``mean`` at this lean, by the scatter of blocks of 3 s or a little more.
-        lean: (2,) mean roll and pitch, rad.
-        lean_effect: (3, 2) change of the balance by roll and by pitch, 1/rad.
-        lean_effect_error: (3, 2)
-        seconds: of settled flight.
     """
 
-    mean: Array
-    error: Array
-    lean: Array
-    lean_effect: Array
-    lean_effect_error: Array
-    seconds: float
+    mean: Array  # (3,) of roll, pitch and yaw
+    error: Array  # (3,) of ``mean`` at this lean, by the scatter of blocks of 3 s or a little more
+    lean: Array  # (2,) mean roll and pitch, rad
+    lean_effect: Array  # (3, 2) change of the balance by roll and by pitch, 1/rad
+    lean_effect_error: Array  # (3, 2)
+    seconds: float  # of settled flight
 
 
 def balance_of_signals(signals: Signals) -> BalanceFigures | None:

@@ -143,28 +143,18 @@ class Candidates:
 
 @dataclass(frozen=True, eq=False)
 class Explanations:
-    """What may explain a flight's deviation, with probabilities that sum to 1.
+    """What may explain a flight's deviation, with probabilities that sum to 1."""
 
-    Attributes:
-        healthy: nothing changed but what changes from flight to flight.
-        motors: (k,) that this motor, or its propeller, is weak.
-        faults: (k,) the same, and so weak that the motor must work 8 % harder or more.
-        load: that roll and pitch changed: a load shifted.
-        yaw: that yaw changed alone: an arm or motor twisted, or other propellers.
-        other: that all three changed, not as one motor does.
-        harder: (3, k) by how much each motor must work harder if it is the weak one, as a share of the mean command:
-            the mean, and the ends of the interval of 90 %.
-        candidates: (S,) the probabilities of all candidates.
-    """
-
-    healthy: float
-    motors: Array
-    faults: Array
-    load: float
-    yaw: float
-    other: float
+    healthy: float  # nothing changed but what changes from flight to flight
+    motors: Array  # (k,) that this motor, or its propeller, is weak
+    faults: Array  # (k,) the same, and so weak that the motor must work 8 % harder or more
+    load: float  # that roll and pitch changed: a load shifted
+    yaw: float  # that yaw changed alone: an arm or motor twisted, or other propellers
+    other: float  # that all three changed, not as one motor does
+    # (3, k) by how much each motor must work harder if it is the weak one, as a share of the mean command: the mean,
+    # and the ends of the interval of 90 %
     harder: Array
-    candidates: Array
+    candidates: Array  # (S,) the probabilities of all candidates
 
     @property
     def fault(self) -> float:
@@ -190,19 +180,12 @@ EFFORT_SHIFT = 0.1  # Scale of a change, as a share
 
 
 class EffortChange(NamedTuple):
-    """The effort of a flight beside that of healthy ones.
+    """The effort of a flight beside that of healthy ones."""
 
-    Attributes:
-        more: by which share it is greater.
-        usual: half the width of an interval of 90 % of healthy flights.
-        probability: that it changed.
-        candidates: (S,) the probabilities of no change, by the error of the healthy flights' mean, then of changes.
-    """
-
-    more: float
-    usual: float
-    probability: float
-    candidates: Array
+    more: float  # by which share it is greater
+    usual: float  # half the width of an interval of 90 % of healthy flights
+    probability: float  # that it changed
+    candidates: Array  # (S,) the probabilities of no change, by the error of the healthy flights' mean, then of changes
 
 
 def effort_change(

@@ -228,28 +228,18 @@ GAP_SECONDS = 2.0  # Without settled samples: what was before is no reference fo
 
 
 class MotorAlarm(NamedTuple):
-    """A lasting change of the motors' balance in flight.
+    """A lasting change of the motors' balance in flight."""
 
-    Attributes:
-        time: s on the boot clock, when it was found.
-        since: s, when it began, within a second or two.
-        motor: number of the motor that works harder, from 1; None, which is no alarm: the steady torque in roll and
-            pitch changed, as by wind or by a load that shifts.
-        name: of the motor; empty without one.
-        size: rise of its command, as a share of the mean command; else the change in roll and pitch.
-        probability: that this is the cause, and none of the others that are considered.
-        assumed: whether the motors' places are assumed, and with them the name.
-        boot: number of the vehicle's boot, from 0 on, whose clock the times are on.
-    """
-
-    time: float
-    since: float
+    time: float  # s on the boot clock, when it was found
+    since: float  # s, when it began, within a second or two
+    # number of the motor that works harder, from 1; None, which is no alarm: the steady torque in roll and pitch
+    # changed, as by wind or by a load that shifts
     motor: int | None
-    name: str
-    size: float
-    probability: float
-    assumed: bool = False
-    boot: int = 0
+    name: str  # of the motor; empty without one
+    size: float  # rise of its command, as a share of the mean command; else the change in roll and pitch
+    probability: float  # that this is the cause, and none of the others that are considered
+    assumed: bool = False  # whether the motors' places are assumed, and with them the name
+    boot: int = 0  # number of the vehicle's boot, from 0 on, whose clock the times are on
 
     @property
     def sentence(self) -> str:
