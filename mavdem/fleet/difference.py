@@ -265,17 +265,18 @@ def _judged(quantity: Quantity, raw: _Raw) -> QuantityChange:
     sd = hypot(sqrt(raw.variance), raw.allowance)
     half = quantile(LEVEL, raw.freedom) * sd
     p = float(2 * student.sf(abs(raw.difference) / sd, raw.freedom))
-    figures = raw.before, raw.after, raw.difference, half
+    found = QuantityChange(quantity, raw.before, raw.after, raw.difference, half, p, raw.allowance, "same")
     if quantity.kind in (SHARE, EFFECT, MEAN_EFFECT):
         # The interval of a ratio, at its difference.
         ratio = exp(raw.difference)
-        figures = None, None, ratio - 1, ratio * half
-    return QuantityChange(quantity, *figures, p, raw.allowance, "same")
+        return found._replace(before=None, after=None, difference=ratio - 1, half_width=ratio * half)
+    return found
 
 
 def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
     """The outcome of each, by Holm's procedure over all."""
-    tested, outcome = [], "changed"
+    tested: list[QuantityChange] = []
+    outcome: Outcome = "changed"
     for rank, change in enumerate(sorted(judged, key=lambda change: change.p)):
         if outcome != "changed" or change.p > FAMILY_ERROR / (len(judged) - rank):
             within = abs(change.difference) + change.half_width <= RESOLUTION[change.quantity.kind]

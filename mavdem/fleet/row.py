@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from functools import cache
-from types import NoneType, UnionType
+from types import UnionType
 from typing import Any, get_args, get_origin, get_type_hints
 
 from mavdem.alignment.drive import INPUTS
@@ -158,13 +158,7 @@ class FlightRow:
 def _kinds() -> dict[str, Any]:
     """The type of each column, without None."""
     hints = get_type_hints(FlightRow)
-    return {field.name: _without_none(hints[field.name]) for field in fields(FlightRow)}
-
-
-def _without_none(hint: Any) -> Any:
-    if isinstance(hint, UnionType):
-        (hint,) = (kind for kind in get_args(hint) if kind is not NoneType)
-    return hint
+    return {name: get_args(hint)[0] if isinstance(hint, UnionType) else hint for name, hint in hints.items()}
 
 
 def _value(value: Any, kind: Any) -> Any:
@@ -172,9 +166,7 @@ def _value(value: Any, kind: Any) -> Any:
     if value is None:
         return None
     if get_origin(kind) is tuple:
-        inners = get_args(kind)
-        kinds = [inners[0]] * len(value) if inners[-1] is Ellipsis else inners
-        return tuple(_value(entry, inner) for entry, inner in zip(value, kinds, strict=True))
+        return tuple(_value(entry, get_args(kind)[0]) for entry in value)
     if kind is float:
         return float(value) if math.isfinite(value) else None
     if kind is int:

@@ -32,12 +32,10 @@ from mavdem.health.reference import (
 
 Health = Literal["ok", "drift", "fault", "unknown"]
 
-FAULT = 0.5
-"""Probability of a fault from which a flight is called one. ``tools/validation/propellers.py`` prints how many healthy
-flights are by chance, and the same of ``DRIFT``."""
-DRIFT = 0.5  # Probability of any change from which a flight is called a drift
+FAULT = DRIFT = 0.5
+"""Probability of a fault, and of any change, from which a flight is called one. ``tools/validation/propellers.py``
+prints how many healthy flights are by chance."""
 NAMED = 0.8  # A motor is named if, given that one is faulty, it is that one with this probability
-EVEN = 0.5  # Probability of a change from which it is stated as the likelier
 MIN_LEAN = np.radians(2.0)  # Difference of lean that is worth a sentence
 
 
@@ -149,7 +147,7 @@ def _drift(
         f"{axis} {100 * change:+.1f} % (usual ±{100 * usual:.1f} %)"
         for axis, change, usual in zip(AXES, away.change, _usual(away), strict=True)
     )
-    if away.beyond and probability < EVEN:
+    if away.beyond and probability < DRIFT:
         return f"Outside the 99.9 % range of {reference}: {changed}."
     differs = f"Differs from {reference} (probability {probability:.2f})"
     balance = 1 - weighed.healthy

@@ -29,6 +29,10 @@ from mavdem.alignment.signals import Signals
 from mavdem.dem.engine.linalg import Array
 
 SAME = 0.99  # Cosine from which two signatures are one
+AXES = ("roll", "pitch", "yaw")
+BLOCK_SECONDS = 3.0
+"""Over which commands and lean are averaged: longer than the attitude's motion, shorter than most gusts."""
+FEWEST_BLOCKS = 6  # From which means and slopes have an error that can be estimated
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ class MotorSignatures:
             return False
         signatures = self.weak_motor[:, 1:]
         size = np.linalg.norm(signatures, axis=1)
-        if not (size > 0).all() or not (np.abs(signatures[:, -1]) > 0).all():
+        if not signatures[:, -1].all():
             return False
         cosines = signatures @ signatures.T / np.outer(size, size)
         return bool((cosines[~np.eye(len(size), dtype=bool)] < SAME).all())
@@ -89,8 +93,7 @@ def motor_signatures(
     Args:
         motors: how many it has.
         positions: (forward, right) of each motor, as ``MotorGeometry.positions``; empty where not known.
-        spins: 1 of a propeller that turns counterclockwise seen from above, -1 clockwise; empty, or zeros, where not
-            known.
+        spins: 1 counterclockwise seen from above, -1 clockwise; empty, or zeros, where not known.
 
     Raises:
         ValueError: there are no motors, or positions or spins of another number of them.
@@ -115,12 +118,6 @@ def motor_signatures(
     return MotorSignatures(tuple(axes), np.array(rows))
 
 
-AXES = ("roll", "pitch", "yaw")
-BLOCK_SECONDS = 3.0
-"""Over which commands and lean are averaged: longer than the attitude's motion, shorter than most gusts."""
-FEWEST_BLOCKS = 6  # From which means and slopes have an error that can be estimated
-
-
 class BalanceFigures(NamedTuple):
     """The balance of one vehicle in settled flight, in shares of the mean command of all motors.
 
@@ -141,13 +138,11 @@ def balance_of_signals(signals: Signals) -> BalanceFigures | None:
     if motors is None:
         return None
     signatures = motor_signatures(len(motors.layout.motors), motors.layout.positions, motors.layout.spins)
-    blocks: list[tuple[Array, Array]] = []
-    seconds = 0.0
+    blocks, seconds = [], 0.0
     for segment in sorted(settled_segments(signals), key=lambda found: (found.boot, found.start)):
         commands = motors.scale.fraction(motors.outputs[within(motors, segment)])
         time = motors.time[within(motors, segment)]
-        lean = _lean(signals, segment, time)
-        blocks += _blocks(time, signatures, commands, lean)
+        blocks += _blocks(time, signatures, commands, _lean(signals, segment, time))
         seconds += segment.duration
     return _figures(blocks, signatures, seconds)
 

@@ -73,32 +73,20 @@ class Candidates:
         centres = np.array(list(product(CENTRE_ERRORS, repeat=3)))
         motors = (signatures.weak_motor[:, None, 1:] * RISES[:, None]).reshape(-1, 3)
         sizes, weights = shift_sizes(SHIFT)
-        none = np.zeros((len(sizes), 3))
-        changes = {"healthy": np.zeros_like(centres), "motor": motors, "load": none, "yaw": none, "other": none}
-        spreads = {
-            "healthy": np.zeros_like(centres),
-            "motor": np.zeros_like(motors),
-            "load": np.outer(sizes, (1.0, 1.0, 0.0)),
-            "yaw": np.outer(sizes, (0.0, 0.0, 1.0)),
-            "other": np.outer(sizes, (1.0, 1.0, 1.0)),
-        }
         likely = {
             "healthy": np.prod(list(product(CENTRE_WEIGHTS, repeat=3)), axis=1),
             "motor": np.tile(np.exp(-RISES / MEAN_RISE), len(signatures.weak_motor)),
-            "load": weights,
-            "yaw": weights,
-            "other": weights,
+            **dict.fromkeys(("load", "yaw", "other"), weights),
         }
+        ends = np.cumsum([len(weights) for weights in likely.values()]).tolist()
         self.signatures = signatures
-        self.change = np.concatenate(list(changes.values()))
-        self.spread = np.concatenate(list(spreads.values()))
+        self.groups = dict(zip(likely, map(slice, [0, *ends], ends), strict=True))
         self.prior = np.concatenate([PRIORS[name] * weights / weights.sum() for name, weights in likely.items()])
-        ends = np.cumsum([len(change) for change in changes.values()])
-        self.groups = {
-            name: slice(int(end) - len(each), int(end)) for (name, each), end in zip(changes.items(), ends, strict=True)
-        }
-        self.centre = np.zeros_like(self.change)
+        self.change, self.spread, self.centre = np.zeros((3, len(self.prior), 3))
         self.centre[self.groups["healthy"]] = centres
+        self.change[self.groups["motor"]] = motors
+        for name, axes in (("load", (1.0, 1.0, 0.0)), ("yaw", (0.0, 0.0, 1.0)), ("other", (1.0, 1.0, 1.0))):
+            self.spread[self.groups[name]] = np.outer(sizes, axes)
 
     def after(self, away: Deviation, before: Array | None = None) -> Explanations:
         """What explains a flight's deviation; ``before`` (S,) are the candidates' probabilities after the last."""

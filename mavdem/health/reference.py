@@ -113,14 +113,10 @@ def healthy_flights(flights: Sequence[HealthFigures]) -> tuple[HealthFigures, ..
 def distinct_flights(flights: Sequence[HealthFigures]) -> list[HealthFigures]:
     """Each flight once, though it was logged twice, as on board and on the ground: with the surer balance."""
     kept: list[HealthFigures] = []
-    for flight in sorted(flights, key=_error):
+    for flight in sorted(flights, key=lambda flight: float(np.linalg.norm(_balance(flight).error))):
         if not any(flight.overlaps(other) for other in kept):
             kept.append(flight)
     return [flight for flight in flights if flight in kept]
-
-
-def _error(flight: HealthFigures) -> float:
-    return float("inf") if flight.balance is None else float(np.linalg.norm(flight.balance.error))
 
 
 def deviation(flight: HealthFigures, healthy: Sequence[HealthFigures]) -> Deviation:
