@@ -46,12 +46,12 @@ _PATHS = {
     "driven": "predictor.input_trim",
     "X data": "state_map",
     "K": "theta simulation_fit.theta",
-    "free": "simulation_fit.places",
+    "free": "simulation_fit.free",
     "free free": "simulation_fit.covariance",
     "rounds": "simulation_fit.terms",
     "longest m": "simulation_fit.mse",
     "n m": "simulation_fit.gain",
-    "combinations r": "simulation_fit.layout.quiet",
+    "combinations r": "simulation_fit.mixer.quiet",
 }
 SHAPES = {path: shape.split() for shape, paths in _PATHS.items() for path in paths.split()}
 """Shapes of all arrays; equal names are equal numbers: T samples, r inputs, m outputs, n states, k parameters of the

@@ -1,8 +1,4 @@
-"""The training data: uniformly sampled segments, with gaps of any length between them.
-
-Nothing is differentiated, filtered or forecast across a gap: whatever uses more than one sample at a time uses
-:attr:`Record.segments`.
-"""
+"""The training data: uniformly sampled segments with gaps between, across which nothing is computed."""
 
 from __future__ import annotations
 

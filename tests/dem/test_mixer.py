@@ -59,8 +59,8 @@ def test_the_height_is_that_of_a_linear_gaussian_model():
 def found(flight: Flight) -> np.ndarray:
     """The combination of four motors that turns the vehicle, with the layout that a flight is learnt with."""
     learned = learn(flight, COMPLETE)
-    assert learned.simulation_fit is not None and learned.simulation_fit.layout is not None
-    turning = learned.simulation_fit.layout.turning
+    assert learned.simulation_fit is not None and learned.simulation_fit.mixer is not None
+    turning = learned.simulation_fit.mixer.turning
     assert turning is not None
     return turning
 
@@ -114,7 +114,7 @@ def test_a_known_geometry_takes_the_place_of_the_one_that_is_inferred():
     inferred = learn(flight, settings)
     known = learn(_with_directions(flight, np.array([0.2, -0.2, -0.2, 0.2])), settings)
     assert inferred.simulation_fit is not None and known.simulation_fit is not None
-    np.testing.assert_allclose(known.simulation_fit.layout.turning, np.array([1, -1, -1, 1]) / 2, atol=1e-12)
+    np.testing.assert_allclose(known.simulation_fit.mixer.turning, np.array([1, -1, -1, 1]) / 2, atol=1e-12)
     np.testing.assert_allclose(known.simulation_fit.theta, inferred.simulation_fit.theta, atol=1e-4)
     other = learn(_with_directions(flight, np.array([1.0, 1.0, -1.0, -1.0])), settings)
     assert other.simulation_fit is not None

@@ -91,7 +91,7 @@ def test_slopes_and_curvature_are_those_of_the_height():
 def test_the_climb_never_falls_and_settles(wind):
     learned = learn(simulated(wind=wind, lag=0.05)[:700], COMPLETE)
     trajectory = learned.simulation_fit
-    assert trajectory is not None and trajectory.settled
+    assert trajectory is not None and trajectory.converged
     log_joint = sum(term for name, term in trajectory.terms.items() if name != "parameter entropy")
     assert (np.diff(log_joint) > 0).all()
     assert set(trajectory.terms) <= set(learned.free_energy.terms)
@@ -119,7 +119,7 @@ def test_a_model_without_noise_is_found_as_it_is():
     climbed = fit_with_prior(start, (start, np.diag(precision)), (n, r, m), gain, dt, stretches, iterations=50)
     assert climbed is not None
     found, _ = climbed
-    np.testing.assert_array_equal(found.places, free)
+    np.testing.assert_array_equal(found.free, free)
     np.testing.assert_allclose(found.theta[free], truth[free], rtol=1e-3, atol=1e-3)
 
 
@@ -138,12 +138,12 @@ def test_the_posterior_holds_the_truth_as_often_as_it_says():
 
 
 def test_inputs_beyond_what_was_learnt_from_are_not_believed():
-    plant = replace(COMPLETE, closed_loop=False)
+    plant = replace(COMPLETE, forecasts="shrunk")
     learned = learn(FLIGHT[:700], plant)
     trim, ahead = learned.model.output_trim, FLIGHT.inputs[700:850]
     calm = np.broadcast_to(learned.model.input_trim, ahead.shape)
     wild = learned.model.input_trim + 100 * (ahead - learned.model.input_trim)
-    alone = learn(FLIGHT[:700], replace(plant, shrink_forecasts=False))
+    alone = learn(FLIGHT[:700], replace(plant, forecasts="model"))
     np.testing.assert_array_equal(alone.model.A, learned.model.A)
     for inputs in (calm, ahead, wild):
         weight = (learned.forecast(inputs) - trim) / (alone.forecast(inputs) - trim)
@@ -159,7 +159,7 @@ def test_the_horizon_is_as_long_as_the_samples_suffice_for(samples, seconds):
     found = learn(FLIGHT[:samples], COMPLETE).simulation_fit
     assert found is not None
     assert found.horizon == round(seconds / FLIGHT.dt)
-    assert found.numbers >= SAMPLES_PER_PARAMETER * len(found.places)
+    assert found.effective_samples >= SAMPLES_PER_PARAMETER * len(found.free)
 
 
 @pytest.mark.parametrize("rate", [50, 100, 200, 400])
