@@ -21,14 +21,9 @@ SMALLEST = 1e-50  # of a positive setting; the largest is its inverse
 
 @dataclass(frozen=True)
 class Gaussian:
-    """N(mean, precision⁻¹). A known entry is one of high precision; a structure is a matrix of them.
+    """N(mean, precision⁻¹): ``mean`` (k,), ``precision`` (k, k), positive definite; a number or (k,) is a diagonal.
 
-    Attributes:
-        mean: (k,).
-        precision: (k, k), symmetric positive definite; a number or (k,) stands for a diagonal.
-
-    Raises:
-        ValueError: names what is not finite, of the wrong shape or not positive definite.
+    A known entry is one of high precision; a structure is a matrix of them.
     """
 
     mean: tuple[float, ...]
@@ -175,9 +170,6 @@ class Settings:
         forecasts: "model": by the model alone; "shrunk": these, shrunk towards the trim as far as the posterior of θ is
             uncertain, or, where θ was not refined, by the weight that forecasts of the training data give; "mixed":
             these, mixed with others that take the motors for measurements of the motion as well.
-
-    Raises:
-        ValueError: names the setting and says what it must be.
     """
 
     order: int | None = None
