@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from closed_loop_flight import in_closed_loop
-from simulated import simulated
+from simulated import in_closed_loop, simulated
 
 from mavdem import Flight, Learned, Settings, baselines, evaluate, learn
 from mavdem.dem.forecast.forecasts import (
