@@ -32,6 +32,7 @@ def test_json_both_ways_keeps_every_forecast(settings):
     np.testing.assert_array_equal(again.one_step(), learned.one_step())
     np.testing.assert_array_equal(again.process_noise()[1], learned.process_noise()[1])
     np.testing.assert_array_equal(again.free_energy, learned.free_energy)
+    np.testing.assert_array_equal(again.model_interval().B, learned.model_interval().B)
     # In another layout equal numbers are multiplied by another routine, which rounds differently on some processors.
     assert [name for name, array in arrays_of(learned) if not array.flags.c_contiguous] == []
     assert [name for name, array in arrays_of(again) if not array.flags.c_contiguous] == []

@@ -1,13 +1,11 @@
 """Forecasts with the motors known and unknown: the plant's, autoregressions', the last sample and the mean, mixed."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from closed_loop_flight import in_closed_loop
 from simulated import simulated
 
-from mavdem import Flight, Learned, Settings, baselines, evaluate, learn
+from mavdem import Flight, Settings, baselines, evaluate, learn
 from mavdem.dem.forecast.forecasts import (
     DOUBLING_DEVIATION,
     FOLDS,
@@ -78,11 +76,6 @@ def test_a_forecast_is_one_piece_of_forecasts_from_every_sample(learned):
     np.testing.assert_allclose(every, forecast, rtol=1e-9, atol=1e-12)
     pieces = learned.forecast_every(40, TEST.inputs, TEST.outputs)
     np.testing.assert_allclose(pieces[:40], learned.forecast(TEST.inputs[:40]), rtol=1e-9, atol=1e-12)
-
-
-def test_a_document_forecasts_what_the_model_did(learned):
-    again = Learned.from_json(learned.to_json())
-    np.testing.assert_array_equal(again.forecast(TEST.inputs), learned.forecast(TEST.inputs))
 
 
 def test_weights_fall_with_the_expected_error():
@@ -175,13 +168,6 @@ def test_a_gust_that_training_has_not_seen_widens_the_band(learned):
     assert np.isfinite(learned.forecast(1e6 * TEST.inputs)).all()
 
 
-def test_settings_without_it_leave_the_plant_alone():
-    learned = learn(TRAIN, replace(PLANT, iterations=2))
-    plant = learned.prediction.plant.every(len(TEST), TEST.inputs, 0 * TEST.outputs)
-    np.testing.assert_array_equal(learned.forecast(TEST.inputs), plant.mean)
-    assert Settings.paper().forecasts == "model"
-
-
 def test_every_so_many_samples_a_prediction_begins_anew(learned):
     every = learned.predict_every(40, TEST.inputs, TEST.outputs)
     np.testing.assert_allclose(every[:40], learned.predict(40), rtol=1e-12)
@@ -256,12 +242,6 @@ def test_near_the_trim_it_is_the_mean_of_a_gaussian_posterior():
     ours = shrunk(seen, np.full_like(seen, V), np.full_like(seen, S))
     near = np.abs(seen) < 0.3 * DOUBLING_DEVIATION * np.sqrt(S)
     np.testing.assert_allclose((ours / seen)[near], slope, atol=0.03)
-
-
-def test_larger_deviations_are_shrunk_more():
-    deviation = np.linspace(0.5, 60, 50)[:, None]
-    share = shrunk(deviation, 0.3 * np.ones_like(deviation), np.ones_like(deviation)) / deviation
-    assert (np.diff(share, axis=0) < 0).all() and share[-1] < 0.05
 
 
 def test_what_the_motors_are_asked_for_is_the_size_of_what_may_come():

@@ -44,13 +44,9 @@ def test_the_order_is_the_lowest_that_no_higher_one_is_strongly_better_than(flig
 
 def test_a_choice_says_why():
     told = choice([0.0, 100.0, 95.0])
-    assert told.reason == (
-        "F̄ saturates at 2 states: no further state increases it by more than 3 nats (the largest change is -5.0)."
-    )
-    assert told.saturated
+    assert told.saturated and told.reason.startswith("F̄ saturates at 2 states")
     rising = choice([0.0, 100.0], [0.0, 110.0])
-    assert rising.reason == "F̄ still increases at 2 states, the highest order that was fitted."
-    assert not rising.saturated
+    assert not rising.saturated and rising.reason.startswith("F̄ still increases at 2 states")
     assert rising.gain(2, over=1) == pytest.approx((105.0, 5.0))
     assert rising.spread == pytest.approx([0.0, np.sqrt(50)])
     assert np.isnan(told.spread).all()
