@@ -38,19 +38,16 @@ def as_texts(answers):
     return [str(answer) if isinstance(answer, ValueError) else answer.to_json() for answer in answers]
 
 
-def learnt_one_by_one(jobs):
-    answers = []
-    for train, settings in jobs:
-        try:
-            answers.append(learn(train, settings))
-        except ValueError as error:
-            answers.append(error)
-    return as_texts(answers)
+def answer(train, settings):
+    try:
+        return learn(train, settings)
+    except ValueError as error:
+        return error
 
 
 @pytest.fixture(scope="module")
 def expected():
-    return learnt_one_by_one(JOBS)
+    return as_texts(answer(*job) for job in JOBS)
 
 
 @pytest.fixture
@@ -124,25 +121,17 @@ def test_a_killed_worker_is_reported(two_workers):
     assert not multiprocessing.active_children()
 
 
-class Postponed(Future):
-    """Is done when it is asked for."""
-
-    def __init__(self, function, *args):
-        super().__init__()
-        self.call = function, args
-
-    def result(self, timeout=None):
-        function, args = self.call
-        return function(*args)
-
-
 class Postponing(Executor):
+    """Does a job when its result is asked for."""
+
     def __init__(self):
         self.futures = []
 
-    def submit(self, function, /, *args):
-        self.futures.append(Postponed(function, *args))
-        return self.futures[-1]
+    def submit(self, function, /, *arguments):
+        future = Future()
+        future.result = lambda timeout=None: function(*arguments)
+        self.futures.append(future)
+        return future
 
 
 def test_a_bounded_number_is_on_its_way_and_cancelled_at_the_end():
@@ -153,7 +142,7 @@ def test_a_bounded_number_is_on_its_way_and_cancelled_at_the_end():
         assert len(executor.futures) == AHEAD_ELSEWHERE + taken
     answers.close()
     # The first two jobs are over, and the third has been asked for.
-    assert [future.cancelled() for future in executor.futures[3:]] == [True] * (len(executor.futures) - 3)
+    assert all(future.cancelled() for future in executor.futures[3:])
 
 
 def run_script(folder: Path, text: str) -> subprocess.CompletedProcess[str]:

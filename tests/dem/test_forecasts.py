@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from closed_loop_flight import in_closed_loop
-from simulated import simulated
 
 from mavdem import Flight, Settings, baselines, evaluate, learn
 from mavdem.dem.forecast.forecasts import (
@@ -42,18 +41,6 @@ def without_plant(train) -> Forecasts:
 @pytest.fixture(scope="module")
 def learned():
     return learn(TRAIN)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", [0, 5])
-def test_the_motors_are_measurements_of_the_motion(seed):
-    """The autopilot hardly errs here: its motors tell more of the motion than the plant alone can know of the wind."""
-    flight = in_closed_loop(850, seed)
-    train, test = flight[:700], flight[700:]
-    ours, plants = (
-        relative_mspe(train, test, learn(train, each).forecast(test.inputs)) for each in (Settings(), PLANT)
-    )
-    assert ours < plants
 
 
 def test_smoothing_uses_motors_that_come_later(learned):
@@ -251,18 +238,3 @@ def test_what_the_motors_are_asked_for_is_the_size_of_what_may_come():
     assert prior_variance(inputs[:0], 5).shape == (0, 1)
     wide, narrow = (shrunk(8 * np.ones((1, 1)), 0.5 * np.ones((1, 1)), size * np.ones((1, 1))) for size in (16.0, 1.0))
     assert wide > 2 * narrow
-
-
-@pytest.mark.slow
-def test_bands_hold_livelier_flights_than_those_learnt_from():
-    """Of a made-up vehicle in wind whose motors work three times as hard after training: it does not hover still."""
-    inside, better = [], []
-    for seed in range(6):
-        flight = simulated(wind=0.5, lag=0.05, seed=seed)
-        learned = learn(flight[:700], Settings(order=3, window=9, parameter_precision=1.0))
-        lively = simulated(wind=0.5, lag=0.05, seed=seed, liveliness=3.0)
-        later = learned.forecast(lively.inputs[700:])
-        measured = lively.outputs[700:]
-        inside.append(np.mean(np.abs(measured - later) <= learned.forecast_band(lively.inputs[700:])))
-        better.append(np.mean((measured - later) ** 2) / np.mean((measured - flight.outputs[:700].mean(axis=0)) ** 2))
-    assert np.mean(inside) > 0.75 and np.median(better) < 0.3

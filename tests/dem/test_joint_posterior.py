@@ -13,7 +13,7 @@ from joint_gaussian import parameters_given
 from scipy.special import erfc
 from systems import DT, decay, roll, weak_prior
 
-from mavdem.dem.engine.coordinates import sampled_output_precision, sampled_state_precision, temporal_precision
+from mavdem.dem.engine.coordinates import temporal_precision
 
 SERIES = 40
 
@@ -98,18 +98,6 @@ def test_states_come_to_the_exact_ones_as_measurement_noise_vanishes():
     assert departure(decay(4, 0.1), Embedding(2, 1)) < departure(decay(4, 0.2), Embedding(2, 1)) / 4
 
 
-def test_states_come_to_the_exact_ones_with_the_square_of_the_sampling_step():
-    """Central differences err by (dt/s)² and, in the next order, by (dt/s)² of that."""
-
-    def at(dt):
-        system = replace(decay(4, 0.02), dt=dt, samples=round(9 / dt), lead=round(4 / dt))
-        return departure(system, Embedding(2, 1)), (dt / system.smoothness) ** 2
-
-    coarse, next_order = at(0.2)
-    fine, _ = at(0.1)
-    assert coarse / fine == pytest.approx(4, rel=next_order)
-
-
 @pytest.mark.parametrize("smoothness", [1, 2])
 def test_higher_orders_bring_states_nearer_the_exact_ones(smoothness):
     """An analytic path is all in its derivatives: at p → ∞ each sample's posterior is that of the whole path."""
@@ -133,15 +121,6 @@ def test_the_last_derivative_is_false_evidence(smoothness):
         squares, exact = departures(system, Embedding(2, q), SERIES)
         excess = squares[:, 1].mean() + exact[1] - 1
         assert (excess < 4 * standard_error(squares)[1]) == honest
-
-
-def test_noise_as_it_is_read_comes_to_the_kernel_s_with_the_square_of_the_sampling_step():
-    def error(ratio):
-        read = sampled_output_precision(2, 1.0, 1 / ratio, 3), sampled_state_precision(1, 1.0, 1 / ratio, 3)
-        exact = temporal_precision(2, 1.0), temporal_precision(1, 1.0)
-        return np.array([np.abs(a - b).max() for a, b in zip(read, exact, strict=True)])
-
-    np.testing.assert_allclose(error(10) / error(20), 4, rtol=(1 / 10) ** 2 * 4)
 
 
 # Parameters, the noise being known.

@@ -87,18 +87,6 @@ def test_nobody_s_inputs_are_not_looked_at():
     assert int(np.argmax(told)) + 1 == 2
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("smoothness", [1.0, 4.0])
-def test_the_smoothness_of_the_noise_comes_out(smoothness):
-    flight = paper_flight(2, 1, smoothness=smoothness)
-    told = orders_of(flight, 2)
-    # What is told is the width with the kernel's added in squares, of about 80 samples that tell something new.
-    widths = np.hypot(told.width, [told.smoothness[1], smoothness * flight.dt])
-    assert abs(np.log(widths[0] / widths[1])) < 0.15
-    fixed = orders_of(flight, 2, smoothness=smoothness * flight.dt)
-    assert (fixed.smoothness == smoothness * flight.dt).all()
-
-
 @pytest.mark.parametrize(
     ("arguments", "wrong"),
     [
