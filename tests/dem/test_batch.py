@@ -67,10 +67,10 @@ def test_the_machines_cores_answer_as_learn_does_and_in_order(two_workers, expec
 
 def test_a_job_without_an_answer_is_answered_by_its_error():
     answers = list(learn_many(JOBS[4:7]))  # few enough that no process starts
-    assert [type(answer) for answer in answers] == [Learned, ValueError, Learned]
-    with pytest.raises(ValueError) as refused:
-        learn(STILL)
-    assert str(answers[1]) == str(refused.value)
+    assert [type(each) for each in answers] == [Learned, ValueError, Learned]
+    assert str(answers[1]) == str(answer(STILL, None))
+    wrong = list(learn_many([(FLIGHTS[0], "none"), (FLIGHTS[0], {}), JOBS[0]]))
+    assert [str(each).startswith("settings must be") for each in wrong] == [True, True, False]
 
 
 @pytest.mark.slow
@@ -103,11 +103,6 @@ def test_what_jobs_raise_is_raised():
 def test_what_is_no_job_is_named(job):
     with pytest.raises(ValueError, match="^jobs must be pairs"):
         list(learn_many([job]))
-
-
-def test_what_are_no_settings_is_that_job_s_answer():
-    answers = list(learn_many([(FLIGHTS[0], "none"), (FLIGHTS[0], {}), JOBS[0]]))
-    assert [str(answer).startswith("settings must be") for answer in answers] == [True, True, False]
 
 
 @pytest.mark.slow

@@ -32,6 +32,7 @@ def test_a_clean_system_is_recovered_and_forecast():
     np.testing.assert_allclose(model.B[1], GAIN, rtol=0.1)
     np.testing.assert_allclose(model.A[0], [0, 1], atol=0.05)
     assert evaluate.relative_mspe(train, test, learned.forecast(test.inputs)) < 0.02
+    assert isinstance(learned, Forecaster) and learned.stable
 
 
 def test_units_of_the_stream_do_not_matter():
@@ -74,12 +75,6 @@ def test_the_memory_layout_of_the_data_does_not_matter():
     for other in (two, three):
         np.testing.assert_array_equal(other.forecast(np.asfortranarray(ahead)), one.forecast(ahead))
         np.testing.assert_array_equal(other.theta_covariance, one.theta_covariance)
-
-
-@pytest.mark.parametrize("train", [None, "flight", np.zeros((100, 2)), {"dt": 1}])
-def test_something_else_is_no_flight(train):
-    with pytest.raises(ValueError, match="^train must be a Flight"):
-        learn(train)
 
 
 @pytest.mark.parametrize(("rate", "window"), [(50, 5), (100, 9), (120, 11), (200, 19), (250, 23), (400, 37)])
@@ -281,14 +276,6 @@ def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physica
     forecast = learned.forecast(inputs, from_zero=True)
     np.testing.assert_allclose(forecast, expected, atol=1e-8 * np.abs(expected).max())
     assert learned.forecast(inputs[:0], from_zero=True).shape == (0, 2)
-
-
-def test_learned_is_a_forecaster_that_says_whether_it_is_stable():
-    learned = learn(simulated()[:700], Settings(order=2))
-    assert isinstance(learned, Forecaster)
-    n = learned.settings.order
-    radius = np.abs(np.linalg.eigvals(learned.predictor.A[:n, :n])).max()
-    assert learned.stable and learned.spectral_radius == pytest.approx(radius)
 
 
 def test_a_fit_that_starts_at_an_earlier_one_arrives_at_the_same_model_sooner():

@@ -101,16 +101,6 @@ def test_at_any_rate_the_first_model_comes_after_so_many_samples(milliseconds, s
 
 
 @pytest.mark.slow
-def test_learning_on_predicts_better_than_a_model_that_stays():
-    windy = flown(OnlineLearner(COMPLETE, dt=WINDY.dt, memory=20.0), WINDY)
-    before = mavdem.learn(WINDY[:1000], COMPLETE)
-    scaled = before.scaling.scale_inputs(WINDY.inputs), before.scaling.scale_outputs(WINDY.outputs)
-    stayed = before.scaling.physical_outputs(before.predictor.one_step(*scaled))[999:] - WINDY.outputs[1000:]
-    went_on = np.array([each.expected for each in windy[1000:]]) - WINDY.outputs[1000:]
-    assert ((went_on**2).mean(axis=0) < (stayed**2).mean(axis=0)).all()
-
-
-@pytest.mark.slow
 def test_what_is_left_open_is_chosen_as_learning_at_once_chooses_it():
     flight = WINDY[:450]
     online = OnlineLearner(dt=flight.dt)

@@ -104,6 +104,7 @@ def test_time_that_does_not_increase_is_refused(time):
         (lambda flight: [flight[:300], Flight(flight.time, flight.inputs[:, :3], flight.outputs)], "^inputs"),
         (lambda flight: [flight[:300], Flight(flight.time, flight.inputs, flight.outputs[:, :1])], "^outputs"),
         (lambda flight: [flight[:300], None], "^train must be a Flight"),
+        (lambda flight: {"dt": 1}, "^train must be a Flight"),
         (lambda flight: [flight[i : i + 6] for i in range(0, 600, 6)], "^train must be longer"),
     ],
 )

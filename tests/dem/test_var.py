@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -55,37 +57,23 @@ def given(mean: np.ndarray, covariance: np.ndarray, known: np.ndarray, values: n
     return mean[asked] + gain @ (values - mean[known]), spread.diagonal()
 
 
-def test_predicted_filtered_and_smoothed_are_those_of_the_joint_gaussian():
-    true = model()
-    samples = run(true, LAGS + STEPS)
-    past, inputs = samples[:LAGS], samples[LAGS:, OUTPUTS:]
-    mean, covariance = joint(true, past, STEPS)
-    predicted = true.predict(past, STEPS)
-    np.testing.assert_allclose(predicted.mean.ravel(), mean, rtol=1e-9)
-    np.testing.assert_allclose(predicted.variance.ravel(), covariance.diagonal(), rtol=1e-9)
-    places = np.arange(STEPS * CHANNELS).reshape(STEPS, CHANNELS)
-    for smooth in (False, True):
-        found = true.infer(past, inputs, smooth)
-        for step in range(STEPS):
-            seen = slice(STEPS if smooth else step + 1)
-            known, asked = places[seen, OUTPUTS:].ravel(), places[step, :OUTPUTS]
-            expected = given(mean, covariance, known, inputs[seen].ravel(), asked)
-            np.testing.assert_allclose(found.mean[step], expected[0], rtol=1e-6)
-            np.testing.assert_allclose(found.variance[step], expected[1], rtol=1e-6)
-
-
-@pytest.mark.parametrize("smooth", [False, True])
-def test_several_pasts_are_answered_as_each_by_itself(smooth):
+def test_predicted_filtered_and_smoothed_are_those_of_the_joint_gaussian_for_each_of_several_pasts():
     true = model()
     samples = np.stack([run(true, LAGS + STEPS, seed) for seed in (1, 2)])
-    together = true.infer(samples[:, :LAGS], samples[:, LAGS:, OUTPUTS:], smooth)
-    for number, each in enumerate(samples):
-        alone = true.infer(each[:LAGS], each[LAGS:, OUTPUTS:], smooth)
-        np.testing.assert_allclose(together.mean[number], alone.mean, rtol=1e-12)
-        np.testing.assert_allclose(together.variance[number], alone.variance, rtol=1e-12)
-    np.testing.assert_allclose(
-        true.predict(samples[:, :LAGS], STEPS).mean[1], true.predict(samples[1, :LAGS], STEPS).mean, rtol=1e-12
-    )
+    pasts, inputs = samples[:, :LAGS], samples[:, LAGS:, OUTPUTS:]
+    places = np.arange(STEPS * CHANNELS).reshape(STEPS, CHANNELS)
+    predicted = true.predict(pasts, STEPS)
+    inferred = {smooth: true.infer(pasts, inputs, smooth) for smooth in (False, True)}
+    for number, past in enumerate(pasts):
+        mean, covariance = joint(true, past, STEPS)
+        np.testing.assert_allclose(predicted.mean[number].ravel(), mean, rtol=1e-9)
+        np.testing.assert_allclose(predicted.variance[number].ravel(), covariance.diagonal(), rtol=1e-9)
+        for smooth, step in product((False, True), range(STEPS)):
+            seen = slice(STEPS if smooth else step + 1)
+            known, asked = places[seen, OUTPUTS:].ravel(), places[step, :OUTPUTS]
+            expected = given(mean, covariance, known, inputs[number, seen].ravel(), asked)
+            np.testing.assert_allclose(inferred[smooth].mean[number, step], expected[0], rtol=1e-6)
+            np.testing.assert_allclose(inferred[smooth].variance[number, step], expected[1], rtol=1e-6)
 
 
 def test_coefficients_and_covariance_are_those_of_least_squares_without_a_prior():
