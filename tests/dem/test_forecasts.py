@@ -91,22 +91,25 @@ def test_left_out_errors_are_of_models_that_have_not_seen_the_samples():
     record, lags = Record.of([FLIGHT[:300], FLIGHT[320:500]]), 5
     units = ChannelUnits.of(record)
     segments = units.segments(record)
-    whole, squares = LagStatistics.of(segments, lags), []
+    whole, squares, measured = LagStatistics.of(segments, lags), [], []
     lengths = [len(channels) for channels in segments]
     for fold in ([(segments[n], *span) for n, *span in part] for part in folds(lengths, FOLDS)):
         left_out = LagStatistics.of([channels[max(0, first - lags) : stop] for channels, first, stop in fold], lags)
         models = [Var.fit(whole - left_out, lags, ridge) for ridge in (MEASURED_RIDGE, PREDICTED_RIDGE)]
         for channels, first, stop in fold:
             # One step ahead, from as many samples as the function takes.
-            begins = np.arange(max(first, lags), stop, 6)
-            pasts = np.array([channels[begin - lags : begin] for begin in begins])
-            known = models[0].infer(pasts, channels[begins, None, 2:]).mean[:, 0]
-            unknown = models[1].predict(pasts, 1).mean[:, 0, :2]
-            answers = np.array([known, unknown, pasts[:, -1, :2]])
-            squares.append((channels[begins, :2] - answers) ** 2)
+            first = max(first, lags)
+            whole_ones = np.unique(np.linspace(first, max(first, stop - 150), 8).astype(int))
+            for begins, table in ((whole_ones, measured), (np.arange(first, stop, 6), squares)):
+                pasts = np.array([channels[begin - lags : begin] for begin in begins])
+                known = models[0].infer(pasts, channels[begins, None, 2:]).mean[:, 0]
+                unknown = models[1].predict(pasts, 1).mean[:, 0, :2]
+                table.append((channels[begins, :2] - np.array([known, unknown, pasts[:, -1, :2]])) ** 2)
     errors = left_out_errors(record, lags)
-    expected = np.concatenate(squares, axis=1).mean(axis=1) * record.outputs.var(axis=0)
-    np.testing.assert_allclose([table[0] for table in errors[:3]], expected)
+    variance = record.outputs.var(axis=0)
+    np.testing.assert_allclose(errors.known[0], np.concatenate(measured, axis=1)[0].mean(axis=0) * variance)
+    for table, expected in zip(errors[1:3], np.concatenate(squares, axis=1)[1:].mean(axis=1), strict=True):
+        np.testing.assert_allclose(table[0], expected * variance)
     assert (errors.known[0] < errors.unknown[0]).all() and (errors.mean[0] > record.outputs.var(axis=0)).all()
 
 

@@ -17,8 +17,8 @@ from mavdem import Flight, OnlineLearner, Settings
 from mavdem.dem.engine.linalg import one_thread, one_thread_if_free
 from mavdem.dem.forecast.simulation_error import CONVERGED_NATS
 from mavdem.dem.learning import FEWEST_SAMPLES
-from mavdem.dem.online.learner import FIRST_LEARNING_SECONDS, FIRST_RUNS, HORIZONS, LEARNING_SECONDS, TOO_FEW
-from mavdem.dem.online.memory import Memory
+from mavdem.dem.online.learner import HORIZONS, LEARNING_SECONDS, TOO_FEW
+from mavdem.dem.online.memory import Memory, drop_since
 from mavdem.dem.online.tracker import Estimate
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
@@ -44,6 +44,17 @@ def test_a_memory_has_its_latest_samples():
         memory.add(np.array([sample]), np.array([-sample]), 0.01 * sample)
         assert memory.latest(7)[0].ravel().tolist() == list(range(max(sample - 6, 100), sample + 1))
     assert memory.record().lengths == (12,) and memory.record().inputs.ravel().tolist() == list(range(128, 140))
+
+
+def test_what_is_taken_back_is_forgotten_and_nothing_of_an_earlier_boot():
+    memory = Memory(0.01, block=4, most=9, inputs=1, outputs=1)
+    for start in (500.0, 3.0):
+        for sample in range(12):
+            memory.add(np.array([sample]), np.array([-sample]), start + 0.01 * sample)
+        memory.end_segment()
+    assert drop_since(memory.blocks, 3.045) and memory.record().lengths == (12, 4)
+    assert drop_since(memory.blocks, 1.0) and memory.record().lengths == (12,)
+    assert drop_since(memory.blocks, -1.0) and not memory.blocks
 
 
 @pytest.mark.slow
@@ -94,9 +105,9 @@ def test_at_any_rate_the_first_model_comes_after_so_many_samples(milliseconds, s
             break
         said.append(online.obstacle)
     assert first is not None and first <= 1.1 * samples
-    begins = max(round(FIRST_LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
+    begins = max(round(LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
     assert set(said[: begins - 1]) == {TOO_FEW}
-    assert set(said[begins - 1 : -1]) <= {FIRST_RUNS}
+    assert len(said) == begins
     assert online.obstacle == said[-1] == ""
 
 

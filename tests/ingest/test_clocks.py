@@ -160,11 +160,6 @@ def test_messages_without_a_clock_take_the_last_before_them() -> None:
     assert clock(stamps, np.full(6, np.nan)).time.tolist() == [7.0, 7.0, 7.0, 7.1, 7.2, 7.2]
 
 
-def test_without_any_stamp_there_is_no_time() -> None:
-    made = clock_of(np.zeros(5))
-    assert np.isnan(made.time).all() and not made.boot.any()
-
-
 @given(st.lists(st.floats(0, 4e6), min_size=1, max_size=60), st.booleans())
 def test_any_stamps_at_all_give_finite_times(times: list[float], servo: bool) -> None:
     values = np.array(times)

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from pathlib import Path
 
 import numpy as np
-import pytest
 from numpy.typing import NDArray
 
 from mavdem.ingest import Log, read_log
 from mavdem.ingest.telemetry import Telemetry
 
-SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
 REAL = ["logs/pyulog_sample.ulg", "logs/pyulog_appended_multiple.ulg"]
 TIMES = 20 + 0.01 * np.arange(300)
 """A short flight."""
@@ -144,11 +141,3 @@ def vehicle_of(content: bytes, folder: Path) -> Telemetry:
     """The vehicle in it."""
     (vehicle,) = log_of(content, folder).vehicles
     return vehicle
-
-
-def shared(name: str) -> Path:
-    """A recorded log, where it is at hand."""
-    path = SHARED / name
-    if not path.exists():
-        pytest.skip(f"{path} is not on this machine")
-    return path
