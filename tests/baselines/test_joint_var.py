@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from closed_loop_flight import in_closed_loop
 from peculiar_flights import TEST, TRAIN, back_from_other_units, in_other_units
+from simulated import in_closed_loop
 
 from mavdem import Forecaster, baselines, evaluate
 from mavdem.dem.forecast.var import LagStatistics

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from closed_loop_flight import in_closed_loop
+from simulated import in_closed_loop
 
 from mavdem import Flight, Settings, baselines, evaluate, learn
 from mavdem.dem.forecast.forecasts import (
