@@ -124,9 +124,9 @@ def analyse(
         return without_model(error.reason) if slow else replace(found, reason=error.reason, remedy=error.remedy)
     if slow and (refusal := slow_motion_refusal(held_out)):
         return without_model(refusal)
-    compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
     cautions = (*([SLOW_CAUTION] if slow else []), *flights[0].provenance["cautions"], *learned.cautions)
-    learned = replace(learned, cautions=cautions)
+    learned = replace(learned, cautions=cautions)  # before anything is fitted that it keeps
+    compared = None if truth is None else compare_with_truth(learned, flights, truth_of(flights, truth))
     if axis == ALL:
         axes = {AXES[0]: AxisFigures(flights, learned.physical, learned.wind, learned.physical_reason)}
         with progress("Estimating the physical parameters") as done:

@@ -186,7 +186,8 @@ class Plots(SystemPlots):
             below.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylabel=f"({unit.name})²/Hz")
             top = unit.scale**2 * float(max(density.max(), model.max()))
             below.set_ylim(np.clip(below.get_ylim()[0], top / MAX_RANGE, top / MIN_RANGE), 2 * top)
-            below.xaxis.set_major_formatter("{x:g}")
+            for axis in (below.xaxis, below.yaxis):
+                axis.set_major_formatter("{x:g}")
             legend_above(below)
             if learned.physical is not None and not learned.physical.identifiable:
                 note(figure, "Control effectiveness is not identifiable in this flight, and so the wind torque is not.")
@@ -258,6 +259,7 @@ class Plots(SystemPlots):
             action.plot(gap, color=PREDICTED, marker="o", markersize=2.5)
             title = f"F̄ below its maximum of {energy.total.max():,.0f} nats".replace("-", "−")
             action.set(yscale="log", ylabel="nats", title=title)
+            action.yaxis.set_major_formatter("{x:g}")
 
             # Those that change most, less their last value: where F̄ increases, the sum of all does.
             change = {name: term - term[-1] for name, term in energy.terms.items()}
@@ -268,6 +270,7 @@ class Plots(SystemPlots):
             terms.set(ylabel="nats", title="terms of F̄, less their last value")
             terms.yaxis.set_major_locator(FixedLocator([-1e6, -1e3, 0, 1e3, 1e6]))
             terms.yaxis.set_minor_locator(NullLocator())
+            terms.yaxis.set_major_formatter("{x:g}")
 
             (n, r), m = learned.model.B.shape, len(learned.model.C)
             values = np.vstack([learned.learning.theta, pack(*learned.model[:3])])
