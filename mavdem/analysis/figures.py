@@ -39,7 +39,10 @@ EXPLAINED_SHARE = 0.5  # of an output's variance: up to the horizon at which the
 
 
 class AxisFigures(NamedTuple):
-    """One axis, from the segments of all its settled flight; ``reason`` says why there is no ``physical``."""
+    """One axis, from ``flights``, the segments of all its settled flight: ``physical`` parameters and ``wind`` torque.
+
+    ``reason`` says why there are none.
+    """
 
     flights: tuple[Flight, ...]
     physical: Physical | None
@@ -48,7 +51,7 @@ class AxisFigures(NamedTuple):
 
 
 class VehicleFigures(NamedTuple):
-    """Figures by name of axis; and ``hover``: each motor's trim and headroom, ``None`` without settled outputs."""
+    """Figures of ``axes`` by name; and ``hover``: each motor's trim and headroom, ``None`` without settled outputs."""
 
     axes: dict[str, AxisFigures]
     hover: HoverFigures | None
