@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from paper_systems import paper_system
 from scipy.linalg import expm
 
 from sitl_scenarios.dynamics import AirState, Body, State
 from sitl_scenarios.scenario import VehicleSpec
-from sitl_scenarios.truth import linearised, paper_system
+from sitl_scenarios.truth import linearised
 from sitl_scenarios.vehicles import AIRFRAMES, GRAVITY
 
 K = 0.3748
