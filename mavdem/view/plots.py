@@ -40,23 +40,14 @@ AXIS_MARGIN = 0.05  # margin beyond the values, as a share of their span
 
 @dataclass(frozen=True)
 class Lines:
-    """An entity of k lines over the same times, drawn in the order of the paths; together they cost one chunk a batch.
+    """An entity of k lines over the same times, drawn in the order of the paths: one chunk a batch."""
 
-    Attributes:
-        path: of the entity.
-        names: of the lines, in the legend.
-        colours: of the palette.
-        width: points.
-        marked: whether the values are drawn as markers, not joined.
-        filled: whether the values are the edges of an area, drawn as one line of upright strokes.
-    """
-
-    path: str
-    names: tuple[str, ...]
-    colours: tuple[str, ...]
-    width: float = 1.5
-    marked: bool = False
-    filled: bool = False
+    path: str  # of the entity
+    names: tuple[str, ...]  # of the lines, in the legend
+    colours: tuple[str, ...]  # of the palette
+    width: float = 1.5  # points
+    marked: bool = False  # whether the values are drawn as markers, not joined
+    filled: bool = False  # whether the values are the edges of an area, drawn as one line of upright strokes
 
     def under(self, root: str) -> Lines:
         """Returns the same below the entity ``root``, if that is not empty."""
