@@ -219,7 +219,7 @@ def live_command(
         if ahead := _ahead(session.status, axis):
             say_aside(sentence(ahead))
         tasks = ["learning the model of the last samples"] if session.learner is not None else []
-        tasks += ["restoring the vehicle's message rates"] if session.asked else []
+        tasks += ["restoring the vehicle's message rates"] if session.request is not None else []
         tasks += ["completing files"] if rrd is not None or record is not None else []
         if tasks:
             say_aside(f"Ending: {', '.join(tasks)}; this takes some seconds.")

@@ -17,7 +17,6 @@ from unittest.mock import Mock
 
 import psutil
 import pytest
-from pymavlink.dialects.v20 import all as dialect
 from rerun.chunk import RrdReader
 
 import mavdem
@@ -233,45 +232,3 @@ def test_a_simulated_vehicle_is_learnt_from_and_everything_is_kept(tmp_path):
     assert len(learned.model.B.T) == 4 and len(learned.record) > 200
     assert RrdReader(tmp_path / "f.rrd").store() is not None
     assert read_log(tmp_path / "f.tlog").vehicles[0].messages["ATTITUDE"]["time"].size > 300
-
-
-@pytest.mark.slow
-def test_who_answers_only_when_spoken_to_is_greeted_until_it_does(tmp_path):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
-        vehicle.bind(("127.0.0.1", 0))
-        vehicle.settimeout(PATIENCE)
-        live = Live(tmp_path, "--request-rate", "50", link=f"udpout:127.0.0.1:{vehicle.getsockname()[1]}")
-        greeting, who = vehicle.recvfrom(300)
-        (heartbeat,) = dialect.MAVLink(None).parse_buffer(greeting)
-        assert (heartbeat.get_type(), heartbeat.type) == ("HEARTBEAT", dialect.MAV_TYPE_GCS)
-        # The ground station that a vehicle counts on is another: its HEARTBEATs must not be seen to end.
-        assert heartbeat.get_srcSystem() != 255
-        sending = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
-        beat = sending.heartbeat_encode(dialect.MAV_TYPE_QUADROTOR, 12, 128, 0, 4)
-        vehicle.settimeout(0.1)
-        kinds = []
-        while kinds.count("COMMAND_LONG") < 4:
-            sending.seq += 1
-            vehicle.sendto(beat.pack(sending), who)
-            with contextlib.suppress(TimeoutError):
-                kinds.append(dialect.MAVLink(None).parse_buffer(vehicle.recv(300))[0].get_type())
-        assert set(kinds) <= {"HEARTBEAT", "COMMAND_LONG"}
-        live.until("Following vehicle 1:1")
-        assert live.end(signal.SIGTERM, code=1)["vehicle"] == "1:1"
-
-
-@pytest.mark.slow
-@pytest.mark.skipif(MAVPROXY is None, reason="MAVProxy is not installed")
-def test_mavproxy_forwards_a_vehicle_while_it_is_learnt_from(tmp_path):
-    live, inlet = Live(tmp_path), free_port()
-    proxy = [str(MAVPROXY), f"--master=udpin:127.0.0.1:{inlet}", f"--out=udpout:127.0.0.1:{live.port}", "--daemon"]
-    with subprocess.Popen([*proxy, "--streamrate=-1"], cwd=tmp_path, stdout=subprocess.DEVNULL) as forwarding:
-        fly = [*MAVDEM, "fly", "iris_multisine", "--udp", f"127.0.0.1:{inlet}", "--speed", "2", "--duration", "900"]
-        with subprocess.Popen(fly, stderr=subprocess.DEVNULL) as flying:
-            live.until("The model is being learned")
-            live.until_learnt(101)
-            flying.send_signal(signal.SIGINT)
-        forwarding.terminate()
-    assert "The model will not be written: name a file with --model" in (tmp_path / "error").read_text()
-    told = live.end()
-    assert told["vehicle"] == "1:1" and told["samples"]["learnt"] > 100

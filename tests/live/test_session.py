@@ -17,7 +17,6 @@ from mavlink_streams import SHARED
 from pymavlink.dialects.v20 import all as dialect
 
 import mavdem
-from mavdem.cli.live import _status_line
 from mavdem.dem import Estimate, Settings
 from mavdem.ingest.formats import read_stream
 from mavdem.live import AlignedRow, LiveStream, SessionStatus, Setup
@@ -245,17 +244,6 @@ def test_a_landing_never_replaces_the_last_model_before_it():
 
 
 @pytest.mark.slow
-def test_a_link_that_is_lost_comes_back_and_what_was_learnt_stays():
-    one, screen, said = session_of([*batches(9.0), LinkLost("The link x was lost."), *batches(3.0, start=10.0)])
-    run(one)
-    assert any("was lost" in sentence for sentence in said) and "The link is open again." in said
-    assert len({segment for _, segment, _ in screen.rows}) == 2
-    first_after = next(row for row in screen.rows if row[1] != screen.rows[0][1])
-    assert first_after[2] is None or first_after[2].model is not None
-    assert screen.rows[-1][2].model is not None
-
-
-@pytest.mark.slow
 def test_what_came_before_a_silence_does_not_pass_for_what_comes(now):
     one, screen, said = session_of([*batches(9.0)])
     run(one)
@@ -295,21 +283,6 @@ def test_a_clock_that_is_set_is_no_latency(now, monkeypatch):
     monkeypatch.setattr("mavdem.live.session.time.time", lambda: FIRST + 100.0 * next(jumps))
     run(one)
     assert one.status.learned + one.status.shown > 300 and one.status.latency == (0.0, 0.0)
-
-
-def test_a_sentence_has_one_full_stop(monkeypatch):
-    one, _, said = session_of(batches(7.0))
-
-    def fails(*_: Any) -> None:
-        raise ValueError("A process was terminated abruptly.")
-
-    monkeypatch.setattr(mavdem.OnlineLearner, "update", fails)
-    run(one)
-    assert "A sample was skipped: A process was terminated abruptly." in said
-    status = SessionStatus(obstacle="There are two of them. Choose one.")
-    said = _status_line(replace(status, vehicle="1:1", ahead=(0.25, 0.0052)), "roll")
-    assert said.startswith("1:1: no attitude; 0 samples learned; roll predicted 0.25 s ahead within ±0.3° (90 %)")
-    assert _status_line(status, "roll") == "", "without a vehicle the session has said why"
 
 
 def test_every_second_is_accounted_for(now):
