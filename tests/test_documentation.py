@@ -98,3 +98,22 @@ def test_the_package_says_who_made_it_and_what_it_is():
     assert all(f"name: {author['name']}\n" in citation for author in project["authors"])
     assert project["urls"] and all(f"url: {url}\n" in citation for url in project["urls"].values())
     assert f"version: {project['version']}\n" in citation and f"license: {project['license']}\n" in citation
+
+
+TEXTS = ("mavdem/**/*.py", "sitl_scenarios/**/*.py", "tools/**/*.py", "README.md", "CONTRIBUTING.md", "docs/*.md")
+REPLACED = re.compile(
+    r"are news to|leant on|rotors stand|beyond all numbers|without measure|believed"
+    r"|\b(?:is|are|was|were) (?:not )?told\b|of them their past|is another since|what is wrong with it"
+    r"|\berrs [0-9.]+ times|in the places of|\bstretches\b|learnt from / tried on|how they stand|climbs? higher",
+    re.IGNORECASE,
+)
+
+
+def test_texts_use_the_vocabulary():
+    assert [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+        for pattern in TEXTS
+        for path in sorted(ROOT.glob(pattern))
+        for number, line in enumerate(path.read_text().splitlines(), 1)
+        if REPLACED.search(line)
+    ] == []

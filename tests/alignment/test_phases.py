@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from math import inf
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hover import Hover, changed, columns
+from recorded_flights import shared
 
 from mavdem.alignment import phases
 from mavdem.alignment.phases import TRANSIENT_SECONDS
@@ -17,7 +16,6 @@ from mavdem.alignment.verdict import verdict_of
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
 
-SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "real" / "logs"
 HOVER = Hover()
 LIFTED, LANDED = 6.0, HOVER.landed
 
@@ -50,13 +48,6 @@ def test_taking_off_and_landing_are_airborne_and_not_settled(state: int) -> None
     assert flight == pytest.approx((LIFTED, LANDED), abs=0.6) and phases.settled(signals, 0) == []
 
 
-def test_a_silence_between_reports_is_left_to_the_motors() -> None:
-    """Both reports are of the ground, and the flight is between them."""
-    signals = Signals(reporting(np.array([1.0, 2.0, HOVER.end - 2, HOVER.end - 1]), 1))
-    (flight,) = phases.airborne(signals, 0)
-    assert flight == pytest.approx((LIFTED, LANDED), abs=1.1)
-
-
 def test_what_is_undefined_reports_nothing() -> None:
     time = HOVER.stamps(2.0)
     (flight,) = phases.airborne(Signals(reporting(time, np.where(time < 40, 0, np.where(in_air(time), 2, 1)))), 0)
@@ -78,10 +69,7 @@ def test_a_vertical_speed_that_only_sinks_has_run_away() -> None:
 
 
 def test_a_recorded_flight_whose_reports_come_at_its_end() -> None:
-    path = SHARED / "ardupilot_late_landed_state.tlog"
-    if not path.exists():
-        pytest.skip("the shared data are not here")
-    signals = Signals(read_log(path).vehicles[0])
+    signals = Signals(read_log(shared("real/logs/ardupilot_late_landed_state.tlog")).vehicles[0])
     (flight,) = phases.airborne(signals, 0)
     assert flight == pytest.approx((45, 131), abs=1)  # by the reports it landed at 131.4 s
     ((start, end),) = phases.settled(signals, 0)

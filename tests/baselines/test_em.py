@@ -2,13 +2,12 @@ import sys
 
 import numpy as np
 import pytest
-from innovation_systems import DT, random_system
+from innovation_systems import random_system
 from oracle import load, needs_oracle
 from peculiar_flights import (
     FLIGHT,
     NOTHING_NEW,
     TRAIN,
-    errors_of,
     growing,
     with_inputs,
 )
@@ -87,20 +86,6 @@ def test_the_likelihood_rises_and_covariances_stay_positive(order, bound, train)
         assert np.abs(np.linalg.eigvals(fitted.model.A)).max() <= bound
         for covariance in (fitted.model.Q, fitted.model.R):
             assert np.linalg.eigvalsh(covariance).min() > 0.99 * LEAST_NOISE
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 3])
-@pytest.mark.parametrize("feedthrough", [False, True])
-def test_with_hardly_any_noise_the_forecast_is_nearly_exact(order, feedthrough):
-    """To what the least noise that EM allows leaves open, a ten-thousandth of the outputs' size at each sample."""
-    system = noisy_system(order)
-    if feedthrough:
-        system = system._replace(D=np.array([[0.5, -1.0], [0.2, 0.3]]))
-    inputs, outputs = flown(system._replace(Q=1e-16 * system.Q, R=1e-16 * system.R), 1, 450)
-    flight = Flight(DT * np.arange(450), inputs, outputs)
-    em = baselines.em(flight[:300], order, feedthrough)
-    assert errors_of(em.forecast(flight.inputs[300:]), flight[300:]) < 10 * np.sqrt(LEAST_NOISE)
 
 
 @needs_oracle

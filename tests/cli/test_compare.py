@@ -111,13 +111,8 @@ def test_what_cannot_be_compared_is_reported_and_the_others_are_compared(quick, 
     ]
     assert list(told["sources"].values()) == [FLIGHT]
     assert said.err.count("not compared: ") == said.err.count("\n") == 2
-
-
-def test_without_a_flight_that_can_be_compared_the_first_reason_is_reported(quick, tmp_path, capsys):
     assert main(["compare", SLOW, "--json"]) == 1
     assert "4.0 Hz" in strict_json(capsys.readouterr().out)["error"]["reason"]
-    assert main(["compare", SLOW, str(tmp_path / "missing.tlog"), "--json"]) == 2
-    assert "missing.tlog does not exist" in strict_json(capsys.readouterr().out)["error"]["reason"]
 
 
 def test_a_flight_too_short_says_what_fits(quick, capsys):
@@ -142,20 +137,6 @@ def test_bad_usage_names_what_is_wrong(words, named, quick, capsys):
     assert main(["compare", *words]) == 2
     said = capsys.readouterr()
     assert named in said.err and said.out == ""
-
-
-def test_files_of_the_same_name_are_distinguished(quick, tmp_path, capsys):
-    again = tmp_path / Path(FLIGHT).name
-    again.symlink_to(FLIGHT)
-    assert main(["compare", FLIGHT, str(again), "--json"]) == 0
-    assert strict_json(capsys.readouterr().out)["sources"] == {FLIGHT: FLIGHT, str(again): str(again)}
-
-
-def test_an_out_that_is_a_file_is_refused_before_the_work(tmp_path, capsys):
-    (tmp_path / "file").write_text("mine")
-    assert main(["compare", "missing.tlog", "--out", str(tmp_path / "file")]) == 2
-    assert "--out" in capsys.readouterr().err
-    assert (tmp_path / "file").read_text() == "mine"
 
 
 @pytest.mark.slow

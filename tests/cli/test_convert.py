@@ -49,18 +49,16 @@ def test_through_mcap_a_telemetry_log_comes_back_byte_by_byte(log, tmp_path, cap
     assert {path.name for path in tmp_path.iterdir()} == {"flight.mcap", "back.tlog"}
 
 
-@pytest.mark.parametrize("axis", ["roll", "pitch", "yaw"])
+@pytest.mark.parametrize("axis", ["roll", "yaw"])
 def test_a_table_is_the_flight(axis, tmp_path, capsys):
     out = tmp_path / "flight.csv"
     told = convert(capsys, FLIGHT, out, "--axis", axis, "--vehicle", "1")
     flight = read_flight(FLIGHT, axis)
-    with out.open(newline="", encoding="utf-8") as file:
-        head, *rows = csv.reader(file)
+    head, values = table_of(out)
     assert head == told["columns"]
     measured = [f"{axis}_rad", f"{axis}_rate_rad_s"]
     assert head[:5] == ["time_s", "motor_1_us", "motor_2_us", "motor_3_us", "motor_4_us"]
     assert head[5:] == (measured[1:] if axis == "yaw" else measured)
-    values = np.array(rows, dtype=np.float64)
     assert told["samples"] == len(values)
     for name, column, exact in zip(head, values.T, (flight.time, *flight.inputs.T, *flight.outputs.T), strict=True):
         step = {"s": 1e-5 if "rate" in name else 1e-6, "us": 0.01, "rad": 1e-6}[name.rpartition("_")[2]]
@@ -79,22 +77,12 @@ def test_a_parquet_table_is_the_flight(tmp_path, capsys):
     assert json.loads(table.schema.metadata[b"provenance"])["source"] == str(FLIGHT)
 
 
-def test_without_pyarrow_it_says_what_to_install(tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    assert "mavdem[parquet]" in refused(capsys, 2, FLIGHT, tmp_path / "flight.parquet")
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("how", ["itself", "by another path", "by a link", "by a hard link"])
+@pytest.mark.parametrize("how", ["itself", "by a link", "by a hard link"])
 def test_the_input_is_never_overwritten(how, tmp_path, capsys):
-    source = tmp_path / "flight.tlog"
+    source, out = tmp_path / "flight.tlog", tmp_path / "other.csv"
     source.write_bytes(FLIGHT.read_bytes())
-    out = tmp_path / "other.csv"
     if how == "itself":
-        out = source
-    elif how == "by another path":
-        (tmp_path / "folder").mkdir()
-        out = tmp_path / "folder" / ".." / "flight.tlog"
+        out = tmp_path / "." / "flight.tlog"
     elif how == "by a link":
         out.symlink_to(source)
     else:
@@ -135,18 +123,6 @@ def test_a_log_that_no_model_can_be_learnt_from_is_a_table_with_a_caution(tmp_pa
     assert told["dt"] == pytest.approx(0.25, abs=0.01) and np.isfinite(values).all()
 
 
-@pytest.mark.parametrize(("message", "columns"), [("ATTITUDE", 3), ("SERVO_OUTPUT_RAW", 5)])
-def test_a_log_of_one_stream_is_a_table_at_its_own_stamps(message, columns, tmp_path, monkeypatch, capsys):
-    hover = Hover()
-    without = tuple({"ATTITUDE", "SERVO_OUTPUT_RAW"} - {message})
-    log = log_of_vehicles((hover.telemetry(7.0, 7.0, without=without),), 1, 0)
-    monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
-    told = convert(capsys, "made-up.tlog", tmp_path / "one.csv")
-    head, values = table_of(tmp_path / "one.csv")
-    assert told["dt"] is None and len(head) == columns
-    assert np.allclose(values[:, 0], hover.stamps(7.0), atol=1e-6)
-
-
 def test_rates_far_apart_are_kept_and_nothing_is_made_up_between(tmp_path, monkeypatch, capsys):
     hover = Hover()
     log = log_of_vehicles((hover.telemetry(50.0, 10.0),), 1, 0)
@@ -160,14 +136,6 @@ def test_rates_far_apart_are_kept_and_nothing_is_made_up_between(tmp_path, monke
     assert np.allclose(roll[np.isfinite(roll)], hover.roll(hover.stamps(50.0)), atol=1e-6)
 
 
-def test_a_log_of_neither_attitude_nor_inputs_is_refused(tmp_path, monkeypatch, capsys):
-    log = log_of_vehicles((Hover().telemetry(without=("ATTITUDE", "SERVO_OUTPUT_RAW")),), 1, 0)
-    monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
-    assert "There is no ATTITUDE" in refused(capsys, 1, "made-up.tlog", tmp_path / "none.csv")
-    assert "no vehicle 9" in refused(capsys, 1, FLIGHT, tmp_path / "nobody.csv", "--vehicle", "9")
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.slow
 def test_a_termination_while_writing_leaves_nothing(tmp_path):
     stopped = (
@@ -178,3 +146,19 @@ def test_a_termination_while_writing_leaves_nothing(tmp_path):
     done = subprocess.run(words, capture_output=True, text=True, timeout=60)
     assert done.returncode == 128 + signal.SIGTERM
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("message", ["ATTITUDE", "SERVO_OUTPUT_RAW", "neither"])
+def test_a_log_of_one_stream_is_a_table_and_of_none_is_refused(message, tmp_path, monkeypatch, capsys):
+    hover = Hover()
+    without = tuple({"ATTITUDE", "SERVO_OUTPUT_RAW"} - {message})
+    log = log_of_vehicles((hover.telemetry(7.0, 7.0, without=without),), 1, 0)
+    monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
+    if message == "neither":
+        assert "There is no ATTITUDE" in refused(capsys, 1, "made-up.tlog", tmp_path / "none.csv")
+        assert list(tmp_path.iterdir()) == []
+        return
+    told = convert(capsys, "made-up.tlog", tmp_path / "one.csv")
+    head, values = table_of(tmp_path / "one.csv")
+    assert told["dt"] is None and len(head) == {"ATTITUDE": 3, "SERVO_OUTPUT_RAW": 5}[message]
+    assert np.allclose(values[:, 0], hover.stamps(7.0), atol=1e-6)

@@ -7,12 +7,16 @@ import json
 import numpy as np
 import pytest
 from hover import Hover, changed, columns
+from scipy.signal import lfilter
 
 from mavdem.alignment.signals import Signals
 from mavdem.condition import condition_of
+from mavdem.condition.condition import LEVEL, mean_interval
 from mavdem.ingest.telemetry import Telemetry
 
 HOVER = Hover(hovering=60.0)
+SECONDS, RATE, SERIES = 60.0, 10.0, 1000
+"""Series whose means have an interval."""
 
 
 def uneven(rate: float, noise: float = 3.0) -> Telemetry:
@@ -67,12 +71,6 @@ def test_the_figures_are_those_of_the_flight_at_any_rate(rate):
     assert json.loads(json.dumps(found.as_dict(), allow_nan=False))["hover"]["unit"] == "µs"
 
 
-def test_px4s_vibration_is_one_number():
-    telemetry = changed(uneven(10.0), "HEARTBEAT", autopilot=np.full(len(HOVER.stamps(1.0)), 12))
-    found = condition_of(Signals(Telemetry(**{**vars(telemetry), "autopilot": "PX4"})))
-    assert found.vibration is not None and found.vibration.level == (5.0,)
-
-
 def test_a_vehicle_that_never_armed_has_its_battery_and_how_long_it_stood():
     telemetry = uneven(10.0)
     beats = telemetry.messages["HEARTBEAT"]
@@ -100,3 +98,23 @@ def test_a_current_sensor_that_reads_nothing_in_flight_has_no_figures():
     found = condition_of(Signals(changed(telemetry, "SYS_STATUS", **columns(beat, **power)))).battery
     assert found is not None and found.voltage_mean == 16.0
     assert (found.current_mean, found.resistance) == (None, None)
+
+
+@pytest.mark.parametrize("correlation_seconds", [0.0, 1.0])
+def test_the_interval_contains_the_mean_as_often_as_it_claims(correlation_seconds):
+    pole = np.exp(-1 / (RATE * correlation_seconds)) if correlation_seconds else 0.0
+    noise = np.random.default_rng(3).standard_normal((int(1.5 * SECONDS * RATE), SERIES))
+    series = lfilter([1.0], [1.0, -pole], noise, axis=0)[-int(SECONDS * RATE) :] + 5.0
+    inside = float((np.abs(series.mean(axis=0) - 5.0) <= mean_interval(series, SECONDS)).mean())
+    # Four standard errors of a share of so many series; correlation costs a few per cent.
+    assert LEVEL - 0.04 - 4 * np.sqrt(0.09 / SERIES) <= inside <= LEVEL + 4 * np.sqrt(0.09 / SERIES)
+
+
+def test_a_rate_ten_times_as_high_makes_the_interval_no_narrower_where_it_adds_nothing():
+    slow = np.random.default_rng(4).standard_normal((600, 20))
+    often = np.repeat(slow, 10, axis=0)
+    np.testing.assert_allclose(mean_interval(often, 60.0), mean_interval(slow, 60.0), rtol=1e-3)
+
+
+def test_a_series_too_short_has_no_interval():
+    assert np.isinf(mean_interval(np.arange(8.0)[:, None], 8.0)).all()

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hover import Hover, changed
+from recorded_flights import shared
 
 from mavdem import Flight, hover, hover_figures
 from mavdem.alignment.read import usable_segments
@@ -21,7 +20,6 @@ from mavdem.ingest.telemetry import Telemetry
 
 HOVER = Hover()
 PULSES = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
-DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
 
 
 def log_of(telemetry: Telemetry) -> Log:
@@ -82,46 +80,16 @@ def test_arrays_need_the_range_of_their_outputs():
     assert found.roll == pytest.approx(np.degrees(0.1)) and found.pitch is None
 
 
-@pytest.mark.parametrize(
-    ("flights", "scale", "message"),
-    [
-        ([], None, "at least one"),
-        ([Flight([0, 1], [1.0, 2.0], [1.0, 2.0], input_names=(name,)) for name in "ab"], PULSES, "the same inputs"),
-        ([Flight([0, 1], [1.0, 2.0], [1.0, 2.0])], OutputScale("demand", "", -1, 1, 0.1), "demand"),
-    ],
-)
-def test_what_has_no_figures_is_refused(flights, scale, message):
-    with pytest.raises(ValueError, match=message):
-        hover_figures(flights, scale)
-
-
-def test_motors_that_are_off_have_no_trim():
-    with pytest.raises(NotLearnable, match="are off"):
-        hover_figures([Flight([0, 1], [1000.0, 1000.0], [1.0, 2.0])], PULSES)
-
-
-def test_a_log_without_settled_flight_says_why():
-    disarmed = changed(HOVER.telemetry(), "HEARTBEAT", base_mode=np.ones(len(HOVER.stamps(1.0))))
-    with pytest.raises(NotLearnable, match="never armed"):
-        hover_of_log(log_of(disarmed))
-    with pytest.raises(NotLearnable, match="multirotors only"):
-        hover_of_log(log_of(HOVER.telemetry(vehicle="GROUND_ROVER")))
-
-
-def shared(name: str) -> Path:
-    if not (DATA / name).exists():
-        pytest.skip(f"{name} is not on this machine")
-    return DATA / name
-
-
-def test_a_weakened_motor_works_hardest():
-    """Motor 1 has 65 % of its thrust for most of the flight."""
-    found = hover(shared("sitl_events/ap_motor.tlog"))
-    assert np.argmax(found.imbalance) == 0 and found.imbalance[0] > 15 > max(found.imbalance[1:])
-
-
 def test_a_shortened_propeller_makes_its_motor_work_harder():
     """Logged at 10 Hz, too slowly for a model."""
     good, cut = (hover(shared(f"real/propeller/hover_{name}_1.BIN")) for name in ("good", "cut25mm"))
     assert np.argmax(cut.imbalance) == 0 and cut.imbalance[0] - good.imbalance[0] > 10
     assert cut.headroom[0] < good.headroom[0]
+
+
+def test_what_has_no_figures_is_refused():
+    still = Flight([0, 1], [1000.0, 1000.0], [1.0, 2.0])
+    with pytest.raises(NotLearnable, match="are off"):
+        hover_figures([still], PULSES)
+    with pytest.raises(ValueError, match="demand"):
+        hover_figures([still], OutputScale("demand", "", -1, 1, 0.1))

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hover import Hover, changed, columns
+from recorded_flights import shared
 
 from mavdem.alignment.signals import Signals
 from mavdem.condition import identity_of
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
 
-DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
 TEXT = "CUAVv5Nano 001A002F 30395113 33333539"
 CALIBRATED = {"INS_ACCOFFS_X": 0.11, "INS_ACCOFFS_Y": -0.02, "INS_ACCOFFS_Z": 0.3}
 CALIBRATED |= {"INS_ACCSCAL_X": 1.001, "INS_ACCSCAL_Y": 0.99, "INS_ACCSCAL_Z": 1.0}
@@ -78,10 +76,8 @@ def test_firmware_is_what_the_autopilot_says_or_sends():
 
 
 def test_one_flight_recorded_both_ways_is_of_one_vehicle_and_another_is_of_another():
-    recorded = [DATA / "sitl_ardupilot" / f"ardupilot_inertia_wind5_steps.{kind}" for kind in ("tlog", "BIN")]
-    others = [DATA / "real/propeller/hover_good_1.BIN", DATA / "real/propeller/hover_cut25mm_1.BIN"]
-    if not all(path.exists() for path in (*recorded, *others)):
-        pytest.skip("the recorded flights are not here; MAVDEM_SHARED_DATA says where they are")
-    names = [name(read_log(path).vehicles[0]) for path in (*recorded, *others)]
+    recorded = [f"sitl_ardupilot/ardupilot_inertia_wind5_steps.{kind}" for kind in ("tlog", "BIN")]
+    others = [f"real/propeller/hover_{which}_1.BIN" for which in ("good", "cut25mm")]
+    names = [name(read_log(shared(path)).vehicles[0]) for path in (*recorded, *others)]
     assert names[0] == names[1] and names[2] == names[3] == ("001a002f3039511333333539", "board")
     assert names[0] != names[2]

@@ -1,4 +1,4 @@
-"""The tier of made-up flights by their rates, and flights read at each tier."""
+"""The inventory: the tier of made-up flights by their rates, flights read at each tier, and what a link lost."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from mavdem.condition import condition_of
 from mavdem.condition.inventory import Tier, inventory, tier_of
 from mavdem.errors import NotLearnable
 from mavdem.ingest import Log
-from mavdem.ingest.telemetry import Telemetry
+from mavdem.ingest.telemetry import Component, Telemetry
 
-HOVER = Hover(hovering=60.0)
+HOVER, LONG = Hover(hovering=60.0), Hover(hovering=100.0)
 
 
 def tier(telemetry: Telemetry) -> Tier:
@@ -50,14 +50,6 @@ def test_without_settled_flight_there_is_no_tier_but_what_it_takes():
     assert submarine.name is None and "SUBMARINE" in submarine.reason
 
 
-def test_the_inventory_has_tier_condition_and_identity_of_each_vehicle():
-    telemetry = HOVER.telemetry(4.0, 4.0)
-    (held,) = inventory(Log("", (telemetry,), (), (), 0, 0, (0.0, 0.0)))["vehicles"]
-    assert (held["tier"], held["next_tier"]["tier"]) == ("c", "b")
-    assert held["tier_reason"] == held["verdict"]["reason"] and held["next_tier"]["remedy"] == held["verdict"]["remedy"]
-    assert held["condition"]["hover"]["headroom"] and held["identity"]["name"] == "ardupilotmega-1"
-
-
 def flight(telemetry: Telemetry, monkeypatch: pytest.MonkeyPatch, lowest: str) -> mavdem.Flight:
     monkeypatch.setattr(read, "read_log", lambda _: Log("", (telemetry,), (), (), 0, 0, (0.0, 0.0)))
     return mavdem.read_flight("log", tier=lowest)
@@ -88,3 +80,38 @@ def test_rates_that_contradict_the_angles_make_no_slow_motion(monkeypatch):
     with pytest.raises(NotLearnable, match="contradict"):
         flight(aliased, monkeypatch, "b")
     assert flight(aliased, monkeypatch, "c").dt == pytest.approx(0.1)
+
+
+def told(telemetry: Telemetry) -> dict:
+    speaker = Component(1, 1, "QUADROTOR", "ARDUPILOTMEGA", {"ATTITUDE": 1000}, lost=4000)
+    station = Component(255, 190, "GCS", "INVALID", {"HEARTBEAT": 60}, lost=100)
+    return inventory(Log("made-up.tlog", (telemetry,), (speaker, station), (), 0, 0, (0.0, 0.0)))
+
+
+def test_a_log_of_some_kinds_misses_nothing_of_what_it_keeps():
+    vehicle, station = told(LONG.telemetry(stamps_of_8_and_12(), 50.0))["speakers"]
+    assert vehicle["lost_share"] == pytest.approx(0.8)
+    assert vehicle["missing_share"] == 0
+    assert station["missing_share"] is None
+
+
+def stamps_of_8_and_12() -> np.ndarray:
+    return np.cumsum(np.resize([0.008, 0.012], round(LONG.end * 100)))
+
+
+@pytest.mark.parametrize("stamps", [(), (stamps_of_8_and_12(), stamps_of_8_and_12())])
+def test_a_link_that_loses_messages_loses_them_of_every_kind(stamps):
+    random, telemetry = np.random.default_rng(3), LONG.telemetry(*stamps)
+    for message, table in telemetry.messages.items():
+        kept = random.random(len(table["time"])) > 0.1
+        telemetry = changed(telemetry, message, **{name: column[kept] for name, column in table.items()})
+    assert told(telemetry)["speakers"][0]["missing_share"] == pytest.approx(0.1, abs=0.02)
+
+
+def test_the_rate_of_a_message_with_several_ports_is_that_of_one():
+    telemetry = LONG.telemetry()
+    table = telemetry.messages["SERVO_OUTPUT_RAW"]
+    twice = {name: np.repeat(column, 2) for name, column in table.items()}
+    twice["port"] = np.resize([0, 1], len(twice["time"])).astype(np.uint8)
+    (one,), (two,) = (told(changed(telemetry, "SERVO_OUTPUT_RAW", **columns))["vehicles"] for columns in (table, twice))
+    assert one["messages"]["SERVO_OUTPUT_RAW"]["rate"] == two["messages"]["SERVO_OUTPUT_RAW"]["rate"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from mavlink_streams import SHARED
 from scipy.stats import norm
 
 import mavdem
@@ -16,8 +15,6 @@ from mavdem.dem.online.tracker import (
     ErrorBands,
     Surprise,
 )
-from mavdem.ingest.formats import read_stream
-from mavdem.live import LiveStream
 from sitl_scenarios.dynamics import Four
 from sitl_scenarios.scenario import Scenario
 from sitl_scenarios.simulation import Simulation
@@ -177,33 +174,3 @@ def test_of_two_failures_both_are_marked_and_bands_recover_within_seconds():
     for at, _ in TwiceFailing.FAILURES:
         after = (time[:-25] > at + 10.0) & (time[:-25] < at + 15.0)
         assert np.median(band[after]) < 2 * np.median(band[quiet])
-
-
-def live_rows(path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    stream = LiveStream()
-    rows = [row for stamp, data in read_stream(path).stamped_frames() for row in stream.feed(stamp / 1e6, data)]
-    settled = [row for row in rows if row.settled]
-    return tuple(np.array([getattr(row, name) for row in settled]) for name in ("time", "outputs", "inputs"))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("log", "start", "end", "changes"),
-    # The change at 115.43 s, a stronger roll moment, is a sixth of the surprise of the one before it, and not marked.
-    [("ap_motor.tlog", 85.0, 130.0, [117.33]), ("px4_windjump.tlog", 40.0, 105.0, [76.08, 95.73])],
-)
-def test_the_changes_of_a_recorded_flight_are_marked_and_nothing_else_is(log, start, end, changes):
-    path = SHARED / "sitl_events" / log
-    if not path.exists():
-        pytest.skip("needs the recorded flights")
-    time, outputs, inputs = live_rows(path)
-    flown = (time >= start) & (time < end)
-    time, outputs, inputs = time[flown], outputs[flown], inputs[flown]
-    marks, band, _ = judged(time, outputs, inputs)
-    assert len(marks) == len(changes)
-    # The wind of the simulator falls in 2 s.
-    assert ((marks - changes > -0.1) & (marks - changes < 2.5)).all()
-    if log == "ap_motor.tlog":  # Before: 33°, and 18° after 23 s
-        assert np.degrees(np.nanmax(band[time[: len(band)] > 100.0])) < 15.0
-        after = time[: len(band)] > changes[0] + 9.0
-        assert np.degrees(np.median(band[after])) < 2.0

@@ -151,13 +151,6 @@ def test_curvature_in_theta_is_theirs(number):
         np.testing.assert_allclose(curvature[C, C], theirs[C, C], rtol=0, atol=2 * last_place)
 
 
-@every
-def test_precision_of_theta_is_theirs(number):
-    it = Iteration(number)
-    precision = -theta_curvature(case_a(), it.moments, it.weights).diagonal()
-    np.testing.assert_allclose(precision, it.of("Pp_diag"), rtol=ROUNDING)
-
-
 @logged
 def test_slope_in_theta_is_theirs(number):
     """With the same factor 10, and the states' mean field in it."""
@@ -198,14 +191,6 @@ def lost(it: Iteration) -> float:
     precisions = np.linalg.svd(it.state_precision, compute_uv=False)
     unit = np.spacing(precisions[0])
     return unit / precisions[precisions > len(precisions) * unit][-1]
-
-
-@logged
-def test_expected_errors_are_theirs(number):
-    it, (of_y, _, of_x) = Iteration(number), case_a().errors
-    expected = as_published.expected_errors(case_a(), it.moments, it.theta, it.weights)
-    equal_by_unit(expected[of_y, of_y], it.log("EEE1"))
-    equal_by_unit(expected[of_x, of_x], it.log("EEE2"))
 
 
 @logged

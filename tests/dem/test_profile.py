@@ -5,7 +5,7 @@ import pytest
 from simulated import simulated
 
 from mavdem import Settings
-from mavdem.dem.engine.ascent import Rates, ascend, newton_step, plain_rounds, theta_curvature_of_profile
+from mavdem.dem.engine.ascent import Rates, ascend, newton_step, theta_curvature_of_profile
 from mavdem.dem.engine.free_energy import optimal_terms
 from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics
 from mavdem.dem.engine.steps import d_step, with_optimal_precisions
@@ -67,14 +67,6 @@ def test_a_climb_that_says_it_has_settled_has_nothing_left(settings):
     finished = ascend(model, samples, 300)
     assert finished.converged
     assert newton_step(model, samples, finished.belief).gain < 0.1
-
-
-def test_a_course_that_is_extrapolated_leads_further():
-    model, samples = problem(parameter_precision=0.01)
-    rounds = 30
-    ahead = ascend(model, samples, rounds)
-    beliefs = plain_rounds(model, samples, len(ahead.free_energy) - 1)
-    assert ahead.free_energy[-1] > height(model, samples, beliefs[-1]) + 1
 
 
 def test_a_climb_at_a_rate_of_next_to_nothing_has_not_settled():

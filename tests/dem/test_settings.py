@@ -36,31 +36,23 @@ def test_paper_settings_are_those_of_section_v_d():
     ("name", "value"),
     [
         ("order", 0),
-        ("order", 2.5),
         ("order", True),
         ("seed", "one"),
         ("lambda_z", float("nan")),
         ("noise_groups", ((0, 2), (0,))),
-        ("noise_groups", ((0,), ())),
-        ("known_inputs", False),
         ("known_inputs", ("yes",)),
         ("input_precision", (1.0, -1.0)),
         ("learning_rates", (0.0, None, None)),
-        ("smoothness", "learn"),
         ("p", -1),
-        ("d", -1),
         ("window", 2),
         ("smoothness", 0.0),
         ("correlation", "sampled"),
         ("scaling", "flat"),
         ("prior", "flat"),
-        ("parameter_precision", -1.0),
         ("lambda_z", (1.0, 2.0)),
         ("lambda_log_precision", (1.0, 101.0)),
-        ("lambda_log_precision", (1.0, (2.0, 3.0))),
         ("forecasts", True),
         ("input_precision", ((1.0, 2.0), (2.0, 1.0))),
-        ("input_precision", float("nan")),
         ("iterations", 0),
     ],
 )
@@ -109,10 +101,7 @@ def test_complete_settings_keep_what_was_fixed_and_leave_nothing_open():
     assert CompleteSettings.paper() == Settings.paper()
 
 
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("order", None), ("d", None), ("window", None), ("parameter_precision", None)],
-)
-def test_complete_settings_refuse_what_is_open(name, value):
+@pytest.mark.parametrize("name", ["order", "d", "window", "parameter_precision"])
+def test_complete_settings_refuse_what_is_open(name):
     with pytest.raises(ValueError, match=f"^{name} must "):
-        replace(CompleteSettings.paper(), **{name: value})
+        replace(CompleteSettings.paper(), **{name: None})

@@ -8,9 +8,8 @@ from mavdem.dem.engine.coordinates import (
     embed,
     sampled_output_precision,
     sampled_state_precision,
-    temporal_precision,
 )
-from mavdem.dem.fitting import MIN_STEPS, estimate_smoothness
+from mavdem.dem.fitting import estimate_smoothness
 from mavdem.dem.record import Record
 
 DT = 0.01
@@ -79,16 +78,3 @@ def test_noise_as_it_is_read_has_the_covariance_that_is_claimed(ratio, window):
         whitened = samples @ factor
         covariance = whitened.T @ whitened / len(whitened)
         np.testing.assert_allclose(covariance, np.eye(len(precision)), atol=5 * np.sqrt(2 / independent))
-
-
-def test_noise_as_it_is_read_becomes_the_true_one_when_sampling_is_fine():
-    for read, true in (
-        (sampled_output_precision(2, 1.0, 0.01, 3), temporal_precision(2, 1.0)),
-        (sampled_state_precision(1, 1.0, 0.01, 3), temporal_precision(1, 1.0)),
-    ):
-        np.testing.assert_allclose(read, true, rtol=1e-3, atol=1e-3)
-
-
-def test_the_range_begins_where_noise_is_white():
-    estimate = estimate_smoothness(record(2, 0, samples=600))
-    assert estimate.tried[0] == pytest.approx(MIN_STEPS * DT)

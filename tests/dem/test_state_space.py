@@ -3,8 +3,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.linalg import expm, solve_discrete_are
-from scipy.ndimage import gaussian_filter1d
-from scipy.signal import lfilter
 from textbook_filter import TextbookFilter
 
 from mavdem.dem.engine.state_space import filter_gain
@@ -42,36 +40,6 @@ def test_the_innovation_form_is_the_filter_of_textbooks(seed):
     np.testing.assert_allclose(from_there[0], forecast, atol=1e-8 * scale)
     every = predictor.simulated_every(7, start, u[1:], y[1:])
     np.testing.assert_allclose(every[14:21], textbook.forecast(corrected[14], u[14:])[:7], atol=1e-8 * scale)
-
-
-@pytest.mark.slow
-def test_gain_follows_a_state_under_coloured_noise_nearly_as_well_as_the_best_there_is():
-    """Against a Kalman filter that knows the noise's colour, its kernel being part of its state."""
-    rng = np.random.default_rng(0)
-    dt, rate, s, samples = 0.01, 3.0, 0.02, 200_000
-    w = 2.0 * gaussian_filter1d(rng.standard_normal(samples), s / dt) * np.sqrt(2 * s / dt * np.sqrt(np.pi))
-    z = 0.05 * rng.standard_normal(samples)
-    phi = np.exp(-rate * dt)
-    x = lfilter([0, (1 - phi) / rate], [1, -phi], w)
-    y = (x + z)[:, None]
-    A, B, C = -rate * np.eye(1), np.zeros((1, 1)), np.eye(1)
-    textbook = TextbookFilter.of(A, B, C, dt, filter_gain(A, C, dt, np.array([0.05**2]), np.array([[4.0]]), s))
-    # The noise of the measurements is white here, as a filter for z of any colour must also do.
-    ours = np.var(textbook.corrected(np.zeros((samples, 1)), y)[0][1000:, 0] - x[1000:])
-    taps = np.exp(-0.5 * (np.arange(-12, 13) * dt / s) ** 2)
-    taps *= 2.0 / np.linalg.norm(taps)
-    size = len(taps)
-    F = np.zeros((size + 1, size + 1))
-    F[0, 0], F[0, 1:] = phi, taps * (1 - phi) / rate
-    F[2:, 1:-1] = np.eye(size - 1)
-    G = np.zeros((size + 1, 1))
-    G[1] = 1.0
-    H = np.eye(1, size + 1)
-    P = solve_discrete_are(F.T, H.T, G @ G.T, np.array([[0.05**2]]))
-    best = (P - P @ H.T @ np.linalg.solve(H @ P @ H.T + 0.05**2, H @ P))[0, 0]
-    assert best * 0.9 < ours < 2.5 * best
-    # Taking the measurement as it is errs by its whole noise.
-    assert ours < 0.8 * 0.05**2
 
 
 def test_an_unseen_unstable_state_is_refused():

@@ -9,12 +9,10 @@ import pytest
 from test_physical import settled
 
 from mavdem import Flight
-from mavdem.dem.graybox.identifiability import MODEL_ERRORS
 from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, Plant, delayed, plant, smooth
-from mavdem.dem.graybox.wind import THRESHOLD, _Spectra, gusts, wind
+from mavdem.dem.graybox.wind import _Spectra, gusts, wind
 from mavdem.dem.record import Record
 from sitl_scenarios.files import load
-from sitl_scenarios.scenario import Multisine
 
 DT = 0.01
 EFFECT = np.array([-0.06, 0.06, 0.06, -0.06])
@@ -124,21 +122,17 @@ def test_its_band_and_its_size_are_those_of_the_truth_where_the_model_is_true():
     assert np.mean(np.abs(found.torque - torque) <= found.band) > 0.9
 
 
-def test_what_all_motors_have_in_common_is_no_torque():
+def test_motors_that_differ_steadily_balance_a_steady_wind_and_what_all_have_in_common_is_no_torque():
     known = Parameters()
     flight, _ = flown(2, 1500, known)
-    higher = Flight(flight.time, flight.inputs + 137.0, flight.outputs)
-    uneven = known._replace(effect=EFFECT * np.array([1.1, 1.0, 1.0, 1.0]))
-    one, other = wind(uneven, Record.of(flight)), wind(uneven, Record.of(higher))
-    np.testing.assert_allclose(one.torque, other.torque, atol=1e-6)
 
+    def torque(shift: np.ndarray, known: Parameters) -> np.ndarray:
+        return wind(known, Record.of(Flight(flight.time, flight.inputs + shift, flight.outputs))).torque
 
-def test_motors_that_differ_steadily_balance_a_steady_wind():
-    known = Parameters()
-    flight, _ = flown(3, 1500, known)
-    leaning = Flight(flight.time, flight.inputs + 20 * np.sign(EFFECT), flight.outputs)
-    shift = wind(known, Record.of(leaning)).torque - wind(known, Record.of(flight)).torque
+    shift = torque(20 * np.sign(EFFECT), known) - torque(np.zeros(4), known)
     np.testing.assert_allclose(shift, -20 * np.abs(EFFECT).sum(), atol=1e-6)
+    uneven = known._replace(effect=EFFECT * np.array([1.1, 1.0, 1.0, 1.0]))
+    np.testing.assert_allclose(torque(np.zeros(4), uneven), torque(np.full(4, 137.0), uneven), atol=1e-6)
 
 
 def test_the_uncertainty_of_the_motors_effect_is_in_the_bands():
@@ -180,27 +174,13 @@ def test_wind_weaker_than_the_errors_is_not_resolved():
     assert found.gusts == ()
 
 
-@pytest.mark.slow
-def test_the_models_spectrum_has_its_variance():
-    known = Parameters()
-    flight, torque = flown(7, 12000, known)
-    spectrum = wind(known, Record.of(flight)).spectrum
-    assert np.trapezoid(spectrum.model, spectrum.frequency) == pytest.approx(1.5**2 + 0.7**2, rel=0.15)
-    slow = spectrum.frequency < 1.0
-    assert spectrum.density[slow].sum() == pytest.approx(spectrum.model[slow].sum(), rel=0.4)
-
-
-def test_newton_metres_are_by_the_moment_of_inertia():
+def test_newton_metres_are_by_the_moment_of_inertia_and_outputs_need_a_rate():
     known = Parameters()
     flight, _ = flown(8, 800, known)
     found = wind(known, Record.of(flight))
     np.testing.assert_allclose(found.in_newton_metres(0.029), 0.029 * found.torque)
     with pytest.raises(ValueError, match="inertia"):
         found.in_newton_metres(0.0)
-
-
-def test_outputs_without_a_rate_have_no_wind():
-    flight, _ = flown(9, 800, Parameters())
     with pytest.raises(ValueError, match="rate"):
         wind(Parameters(), Record.of(Flight(flight.time, flight.inputs, flight.outputs[:, [0, 0]])))
 
@@ -247,38 +227,18 @@ def test_a_gust_is_found_where_it_is_with_its_length_and_size():
     assert gust.length == pytest.approx(0.6, abs=0.25)
     assert gust.size == pytest.approx(8.0, abs=2.0)
     assert gusts(torque, np.full(6000, 10.0), record_of(6000)).found == ()
-    assert THRESHOLD == 4.0
-
-
-def scenario(name: str, steer: float = 0.0) -> tuple[Flight, np.ndarray, Parameters]:
-    """Settled hover of ``sitl_scenarios``, the true wind's torque, and the true parameters."""
-    plan = load(name).model_copy(update={"duration": 45.0})
-    if steer:
-        multisine = Multisine(kind="multisine", sd=steer, lowest=0.2, highest=4.0, period=10.0)
-        plan = plan.model_copy(update={"excitation": multisine})
-    flight, known = settled(plan, 3200)
-    parameters = Parameters(known["roll_B"][1], -float(known["roll_A"][1, 1]), float(known["lag"][0]))
-    return flight, known["roll_disturbance"], parameters
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hover_blower", "iris_dryden", "iris_gusts", "crazyflie_gusts"])
 def test_it_is_the_truth_of_a_simulated_flight_by_its_true_parameters(name):
-    flight, torque, known = scenario(name)
-    found = wind(known._replace(components=((FIRST_ORDER, torque.std(), 0.15),)), Record.of(flight))
+    """Settled hover of ``sitl_scenarios`` in its wind."""
+    flight, known = settled(load(name).model_copy(update={"duration": 45.0}), 3200)
+    torque, damping = known["roll_disturbance"], -float(known["roll_A"][1, 1])
+    components = ((FIRST_ORDER, torque.std(), 0.15),)
+    parameters = Parameters(known["roll_B"][1], damping, float(known["lag"][0]), components=components)
+    found = wind(parameters, Record.of(flight))
     assert np.corrcoef(found.torque, torque)[0, 1] > 0.9
     assert found.sd == pytest.approx(torque.std(), rel=0.2)
     assert found.mean == pytest.approx(torque.mean(), rel=0.1, abs=0.05)
     assert found.resolved
-
-
-@pytest.mark.slow
-def test_it_is_not_resolved_beside_steering_that_is_much_larger():
-    flight, torque, known = scenario("calm", steer=3.0)
-    # As known as any estimate is: to within the errors of the model.
-    errors = MODEL_ERRORS
-    sd = np.array([*(errors.effect * known.effect), errors.damping, errors.lag * known.lag, errors.delay])
-    known = known._replace(covariance=np.diag(sd**2), components=((FIRST_ORDER, 0.2, 0.05),))
-    found = wind(known, Record.of(flight))
-    assert torque.std() < 0.1
-    assert not found.resolved

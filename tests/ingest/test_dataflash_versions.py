@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+from recorded_flights import shared
 
 from mavdem.alignment.signals import Signals, setpoints, voltage
 from mavdem.errors import Unreadable
 from mavdem.ingest.dataflash.log import read_dataflash
 from mavdem.ingest.telemetry import Telemetry
 
-SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared" / "data")) / "real" / "logs"
 COLUMNS = {
     "MSG": ("QZ", "TimeUS,Message"),
     "ATT": ("Qfff", "TimeUS,Roll,Pitch,Yaw"),
@@ -92,17 +91,6 @@ def test_demands_of_4500_are_full_demands(tmp_path: Path) -> None:
     np.testing.assert_allclose(controls[:, [0, 3]], [[0.1, 0.4]] * len(TIMES))
 
 
-@pytest.mark.filterwarnings("error")
-def test_values_that_are_not_finite_give_no_warning(tmp_path: Path) -> None:
-    lines = ["FMT, 129, 0, ATT, Qfff, TimeUS,Roll,Pitch,Yaw", "FMT, 130, 0, RATE, Qfff, TimeUS,R,P,Y"]
-    lines += [f"ATT, {20000 * row}, {'inf' if row == 7 else 1}, 0, 0" for row in range(1, 20)]
-    lines += [f"RATE, {20000 * row}, {'-inf' if row == 7 else 1}, 0, 0" for row in range(1, 20)]
-    (tmp_path / "flight.log").write_text("\n".join(lines) + "\n")
-    (vehicle,) = read_dataflash(tmp_path / "flight.log").vehicles
-    attitude = vehicle.messages["ATTITUDE"]
-    assert np.isnan(attitude["roll"]).sum() == 1 and np.isfinite(attitude["rollspeed"]).all()
-
-
 def test_rate_with_columns_nobody_knows_leaves_the_gyro(tmp_path: Path) -> None:
     vehicle = log(tmp_path, RATE="TimeUS,a,b,c,d,e,f,g,h,i,j")
     np.testing.assert_allclose(vehicle.messages["ATTITUDE"]["rollspeed"], ROLL_RATE, atol=1e-9)
@@ -148,9 +136,7 @@ def test_a_log_without_a_clock_says_what_it_is(tmp_path: Path, lines: str, said:
     ],
 )
 def test_recorded_logs_of_old_versions(name: str, notes: int) -> None:
-    if not (SHARED / name).exists():
-        pytest.skip("the shared data are not here")
-    (vehicle,) = read_dataflash(SHARED / name).vehicles
+    (vehicle,) = read_dataflash(shared(f"real/logs/{name}")).vehicles
     attitude = Signals(vehicle).attitude
     assert attitude is not None and attitude.impossible == 0
     assert sum("RATE" in note for note in vehicle.repairs) == notes

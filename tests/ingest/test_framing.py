@@ -7,13 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mavlink_streams import frame, frames_in
-from numpy.typing import NDArray
 from pymavlink.dialects.v20 import all as dialect
 from pymavlink.generator.mavcrc import x25crc
 
 from mavdem.ingest.mavlink import framing
 from mavdem.ingest.mavlink.definitions import columns, definitions
-from mavdem.ingest.mavlink.framing import FAILED, GOOD, UNKNOWN, Bytes
+from mavdem.ingest.mavlink.framing import FAILED, GOOD, UNKNOWN
 
 IDS = sorted(dialect.mavlink_map)
 
@@ -62,13 +61,6 @@ def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames: list[bytes],
             assert same(ours[name][0], theirs), (definition.name, name)
 
 
-def test_a_marker_inside_a_time_stamp_is_no_frame() -> None:
-    frames = [frame(30, bytes(range(1, 29)), sequence=row) for row in range(50)]
-    stamps = [b"\x00\xfd\x09\x00\xfe\x09\xfd\xfe"] * 50
-    table = frames_in(b"".join(stamp + each for stamp, each in zip(stamps, frames, strict=True)), 8)
-    assert table.sequence.tolist() == list(range(50))
-
-
 def test_a_frame_carried_inside_a_damaged_one_is_not_taken() -> None:
     inner = frame(30, bytes(range(1, 29)), sequence=99)
     outer = bytearray(frame(131, bytes([1, 0]) + inner + bytes(range(1, 200)), sequence=2))
@@ -105,22 +97,6 @@ def test_a_flood_of_markers_hides_no_frame_and_makes_none(flood: bytes) -> None:
     assert GOOD not in frames_in(content).verdict
 
 
-def test_the_work_for_overlapping_candidates_does_not_grow_with_their_overlap(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each place of a flood of FE begins a candidate of 262 bytes: their checksums must cost no 131 steps each."""
-    steps = 0
-    by_words = framing._by_words
-
-    def counted(data: Bytes, start: NDArray[np.int64], count: NDArray[np.int64]) -> NDArray[np.uint16]:
-        nonlocal steps
-        steps += int(count.sum()) // 2
-        return by_words(data, start, count)
-
-    monkeypatch.setattr(framing, "_by_words", counted)
-    size = 400_000
-    frames_in(b"\xfe" * size)
-    assert steps < size
-
-
 @given(st.binary(min_size=300, max_size=2000), st.data())
 def test_checksums_are_pymavlinks_however_they_are_made(content: bytes, data: st.DataObject) -> None:
     behind = np.frombuffer(content + bytes(framing.MAX_CHECKSUM_BYTES), dtype=np.uint8)
@@ -129,11 +105,6 @@ def test_checksums_are_pymavlinks_however_they_are_made(content: bytes, data: st
     theirs = [x25crc(behind[a : a + b].tolist()).crc for a, b in zip(start, count, strict=True)]
     assert framing._by_words(behind, start, count).tolist() == theirs
     assert framing._by_doubling(behind, start, count).tolist() == theirs
-
-
-def test_nothing_in_nothing_out() -> None:
-    assert len(frames_in(b"")) == 0
-    assert len(frames_in(b"\xfd")) == 0
 
 
 def test_every_message_of_the_dialect_has_the_size_pymavlink_unpacks() -> None:

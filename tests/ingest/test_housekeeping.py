@@ -8,9 +8,9 @@ from pathlib import Path
 import dataflash_logs as dataflash
 import numpy as np
 import pytest
-import ulog_files as ulog
 from pymavlink.DFReader import DFReader_binary
 from pyulog import ULog
+from recorded_flights import shared
 
 from mavdem.ingest import read_log
 from mavdem.ingest.telemetry import Telemetry
@@ -46,7 +46,7 @@ def test_a_dataflash_log_has_the_first_battery_imu_and_receiver(tmp_path):
 
 
 def test_a_dataflash_log_has_what_pymavlink_reads_of_it():
-    path = ulog.shared("real/propeller/hover_good_1.BIN")
+    path = shared("real/propeller/hover_good_1.BIN")
     (vehicle,) = read_log(path).vehicles
     reader = DFReader_binary(str(path))
     levels, volts, stamps = [], [], []
@@ -69,7 +69,7 @@ def test_a_dataflash_log_has_what_pymavlink_reads_of_it():
 
 
 def test_a_ulog_has_what_pyulog_reads_of_it():
-    path = ulog.shared("real/logs/px4_default_rates_learnable.ulg")
+    path = shared("real/logs/px4_default_rates_learnable.ulg")
     (vehicle,) = read_log(path).vehicles
     log = ULog(str(path), ["vehicle_imu_status", "battery_status"])
     status, power = log.get_dataset("vehicle_imu_status").data, log.get_dataset("battery_status").data
@@ -81,7 +81,7 @@ def test_a_ulog_has_what_pyulog_reads_of_it():
 
 
 def test_a_ulog_s_utc_is_that_of_the_receiver():
-    path = ulog.shared("real/logs/px4_motor_failure.ulg")
+    path = shared("real/logs/px4_motor_failure.ulg")
     clock = read_log(path).vehicles[0].messages["SYSTEM_TIME"]
     gps = ULog(str(path), ["vehicle_gps_position"]).get_dataset("vehicle_gps_position").data
     known = gps["time_utc_usec"] > 0

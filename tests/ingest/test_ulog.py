@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from pyulog import ULog
+from recorded_flights import shared
 from ulog_files import (
     OFF,
     REAL,
@@ -15,16 +16,13 @@ from ulog_files import (
     data,
     flight,
     log,
-    log_of,
     parameter,
     roll,
-    shared,
     subscription,
     vehicle_of,
 )
 
 import mavdem
-from mavdem.alignment import drive
 from mavdem.alignment.signals import Signals, setpoints, voltage
 from mavdem.ingest import read_log
 
@@ -78,18 +76,6 @@ def test_a_log_can_be_learnt_from(tmp_path: Path) -> None:
     assert np.allclose(learnt.inputs, 0.5 + np.outer(angle, [-1, 1, 1, -1]), atol=1e-6)
 
 
-def test_messages_are_on_the_boot_clock(tmp_path: Path) -> None:
-    found = log_of(log(*flight(TIMES)), tmp_path)
-    (vehicle,) = found.vehicles
-    for name in ("ATTITUDE_QUATERNION", "HIL_ACTUATOR_CONTROLS", "ACTUATOR_CONTROL_TARGET"):
-        assert (
-            np.allclose(vehicle.messages[name]["time"], TIMES, atol=1e-6) and vehicle.messages[name]["boot"].sum() == 0
-        )
-    assert vehicle.repairs == () and found.bytes_skipped == 0
-    assert found.components[0].messages["ATTITUDE_QUATERNION"] == len(TIMES)
-    assert np.array_equal(vehicle.messages["HEARTBEAT"]["base_mode"], [129] * 6)
-
-
 def test_attitude_is_moved_to_the_stamps_of_the_rates(tmp_path: Path) -> None:
     """Attitude 20 times a second and rates 50, as PX4 logs them by default; one stretch without attitude."""
     pieces = []
@@ -125,14 +111,6 @@ def test_motors_are_put_on_their_channels(tmp_path: Path) -> None:
     assert np.allclose(controls[0], [0.3, 0.1, 0, 0, 0.4, 0.2] + [0] * 10)
 
 
-def test_motors_without_parameters_count_as_channels(tmp_path: Path) -> None:
-    pieces = flight(TIMES)
-    vehicle = vehicle_of(log(*pieces), tmp_path)
-    motors = drive.motors(vehicle)
-    assert motors is not None and motors.layout.channels == (1, 2, 3, 4) and motors.scale.name == "normalised"
-    assert np.allclose(motors.outputs[:, 0], 0.5 - roll(TIMES)[0])
-
-
 def test_instances_of_outputs_are_ports(tmp_path: Path) -> None:
     def outputs(row: int, instance: int) -> bytes:
         values = [1000 * (instance + 1) + row + 0.5, *[7.0] * 15]
@@ -151,13 +129,6 @@ def test_a_topic_subscribed_to_twice_is_one(tmp_path: Path) -> None:
     then = [data("actuator_controls_0", 25 + row, *[5 + row] * 8, number=900) for row in range(5)]
     controls = vehicle_of(log(*first, again, *then), tmp_path).messages["ACTUATOR_CONTROL_TARGET"]["controls"]
     assert controls[:, 0].tolist() == list(range(10))
-
-
-def test_demands_are_controls(tmp_path: Path) -> None:
-    pieces = [data("vehicle_torque_setpoint", 20 + row, 0.1, -0.2, row) for row in range(4)]
-    pieces += [data("vehicle_thrust_setpoint", 20 + row, 0, 0, -0.5) for row in range(4)]
-    target = vehicle_of(log(*pieces), tmp_path).messages["ACTUATOR_CONTROL_TARGET"]
-    assert np.allclose(target["controls"][3], [0.1, -0.2, 3, 0.5, 0, 0, 0, 0]) and not target["group_mlx"].any()
 
 
 def test_setpoints_keep_their_own_stamps(tmp_path: Path) -> None:

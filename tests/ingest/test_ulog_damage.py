@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from recorded_flights import shared
 from ulog_files import (
     FORMATS,
     HEADER,
@@ -24,7 +25,6 @@ from ulog_files import (
     log,
     message,
     parameter,
-    shared,
     subscription,
     subscriptions,
     vehicle_of,
@@ -148,19 +148,6 @@ def test_stamps_that_cannot_be_are_left_out(tmp_path: Path) -> None:
     assert set(stamps_of(vehicle)) < set(INTACT) and len(stamps_of(vehicle)) == len(INTACT) - 3
     assert any("3 messages with a time stamp" in repair for repair in vehicle.repairs)
     assert vehicle.messages["EXTENDED_SYS_STATE"]["time"][0] == 2.2
-
-
-@pytest.mark.parametrize(
-    "formats",
-    [
-        ["vehicle_attitude:b[9999] x;", "b:c[9999] x;", "c:float[9999] x;"],
-        ["vehicle_attitude:t0 x;", *(f"t{n}:t{n + 1} x;t{n + 1} y;" for n in range(60)), "t60:float x;"],
-    ],
-)
-def test_formats_that_cannot_be_neither_fail_nor_take_long(tmp_path: Path, formats: list[str]) -> None:
-    first = b"".join(message("F", text.encode()) for text in formats)
-    vehicle = vehicle_of(HEADER + first + definitions() + subscriptions() + b"".join(flight(TIMES)), tmp_path)
-    assert stamps_of(vehicle) == INTACT and "ATTITUDE_QUATERNION" not in vehicle.messages
 
 
 def nested(deep: int, wide: int) -> bytes:
