@@ -61,13 +61,6 @@ def test_every_frame_is_found_and_decodes_as_pymavlink_does(frames: list[bytes],
             assert same(ours[name][0], theirs), (definition.name, name)
 
 
-def test_a_marker_inside_a_time_stamp_is_no_frame() -> None:
-    frames = [frame(30, bytes(range(1, 29)), sequence=row) for row in range(50)]
-    stamps = [b"\x00\xfd\x09\x00\xfe\x09\xfd\xfe"] * 50
-    table = frames_in(b"".join(stamp + each for stamp, each in zip(stamps, frames, strict=True)), 8)
-    assert table.sequence.tolist() == list(range(50))
-
-
 def test_a_frame_carried_inside_a_damaged_one_is_not_taken() -> None:
     inner = frame(30, bytes(range(1, 29)), sequence=99)
     outer = bytearray(frame(131, bytes([1, 0]) + inner + bytes(range(1, 200)), sequence=2))

@@ -23,7 +23,6 @@ from mavdem.ingest import Log, read_log
 from mavdem.ingest.mcap import records as mcap_records
 from mavdem.ingest.mcap.log import mcap_stream, read_mcap
 from mavdem.ingest.mcap.records import MAGIC, McapRecording
-from mavdem.ingest.mcap.writer import write_series
 from mavdem.ingest.telemetry import Component
 from mavdem.ingest.tlog import write_tlog
 
@@ -219,18 +218,6 @@ def test_a_dialect_nobody_knows_is_counted(tmp_path: Path) -> None:
     log = read_log(path)
     assert {(one.message_id, one.cause) for one in log.unread} == {(54321, "another dialect"), (74, "damage")}
     assert any("SECRET_TOO" in repair for repair in log.vehicles[0].repairs)
-
-
-@pytest.mark.parametrize("columns", [{}, {"x": np.arange(3.0)}])
-def test_a_recording_of_something_else_is_said_in_one_sentence(columns: dict[str, Any], tmp_path: Path) -> None:
-    path = tmp_path / "other.mcap"
-    with path.open("wb") as file:
-        write_series(file, {"flight/outputs": (np.arange(3.0), columns)} if columns else {})
-    with pytest.raises(Unreadable) as failure:
-        read_log(path)
-    sentence = str(failure.value)
-    assert "MCAP" in sentence and "\n" not in sentence and str(path) in sentence
-    assert ("flight/outputs" in sentence) == bool(columns)
 
 
 @pytest.mark.parametrize("topic", ["two\nlines", "\x1b[2Jcleared", "\u202etnorf ot kcab", "long" * 10_000])
