@@ -13,7 +13,7 @@ from hover import Hover, changed
 from mavdem import Flight, hover, hover_figures
 from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
-from mavdem.condition.hover import hover_of_log
+from mavdem.condition.condition import hover_of_log
 from mavdem.errors import NotLearnable
 from mavdem.ingest import Log
 from mavdem.ingest.motors import OutputScale
