@@ -67,12 +67,12 @@ def longest_recorded(signals: Signals) -> Segment | None:
     attitude, drive = signals.attitude, signals.drive
     if attitude is None or drive is None:
         return None
-    found = (
-        Segment(int(boot), start, end)
+    sampled = (
+        segment
         for boot in np.intersect1d(attitude.boot, drive.boot)
-        for start, end in both(*(_at_any_rate(stream.time[stream.boot == boot]) for stream in (attitude, drive)))
+        for span in both(*(_at_any_rate(stream.time[stream.boot == boot]) for stream in (attitude, drive)))
+        if is_sampled(attitude, drive, segment := Segment(int(boot), *span))
     )
-    sampled = (segment for segment in found if is_sampled(attitude, drive, segment))
     return max(sampled, key=lambda segment: segment.duration, default=None)
 
 
@@ -169,11 +169,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
         input_units=(scale.unit,) * len(layout.names),
         output_units=tuple(unit for _, unit in measured),
         provenance={
-            "source": telemetry.source,
-            "system": telemetry.system,
-            "component": telemetry.component,
-            "vehicle": telemetry.vehicle,
-            "autopilot": telemetry.autopilot,
+            **{name: getattr(telemetry, name) for name in ("source", "system", "component", "vehicle", "autopilot")},
             "axis": axis,
             "segment": asdict(segment),
             "messages": {"attitude": attitude.message, "motors": motors.message},
@@ -183,9 +179,7 @@ def align(signals: Signals, segment: Segment, dt: float | None = None) -> Flight
             "motors": {
                 "channels": list(layout.channels),
                 "positions": [list(position) for position in layout.positions],
-                "basis": layout.basis,
-                "channels_assumed": layout.channels_assumed,
-                "positions_assumed": layout.positions_assumed,
+                **{name: getattr(layout, name) for name in ("basis", "channels_assumed", "positions_assumed")},
                 "spins": list(layout.spins),
             },
             "scale": asdict(scale),
