@@ -33,7 +33,7 @@ from mavdem.alignment.verdict import verdict_of
 from mavdem.confidence import LEVEL, half_width
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
-from mavdem.ingest import Component, Log, read_log
+from mavdem.ingest import Component, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
 
 HIGHEST_PERCENTILE = 99.0  # What stands for the highest output: the very highest is a spike
@@ -147,11 +147,12 @@ def hover_figures(flights: Sequence[Flight], scale: OutputScale | None = None) -
         raise ValueError("the inputs are the controller's demand: read the flights with inputs='motors'")
     # The motors of another axis are the same.
     counted = [flight for flight in flights if flight.output_names == flights[0].output_names]
-    angles: dict[str, list[NDArray[np.float64]]] = {}
-    for flight in flights:
-        for name, column in zip(flight.output_names, flight.outputs.T, strict=True):
-            angles.setdefault(name, []).append(column)
-    lean = {axis: float(np.degrees(np.concatenate(columns).mean())) for axis, columns in angles.items()}
+    lean = {}
+    for axis in TILT_AXES:
+        angles = [
+            flight.outputs[:, flight.output_names.index(axis)] for flight in flights if axis in flight.output_names
+        ]
+        lean |= {axis: float(np.degrees(np.concatenate(angles).mean()))} if angles else {}
     seconds = sum(flight.duration for flight in counted)
     return _figures(names, scale, seconds, np.concatenate([flight.inputs for flight in counted]), lean)
 
@@ -169,22 +170,16 @@ def _figures(
     if not trims.mean() > 0:
         raise NotLearnable("The motors are off in all of the settled flight.", "Check what wrote the log.")
 
-    def each(values: NDArray[Any]) -> tuple[float, ...]:
-        return tuple(float(value) for value in values)
-
-    return HoverFigures(
-        motors=names,
-        unit=scale.unit,
-        seconds=float(seconds),
-        trim=each(outputs.mean(axis=0)),
-        trim_of_range=each(trims),
-        trim_share=each(trims / trims.mean()),
-        headroom=each(1 - np.percentile(shares, HIGHEST_PERCENTILE, axis=0)),
-        at_upper_limit=each((shares >= FULL_THROTTLE).mean(axis=0)),
-        at_lower_limit=each((shares <= IDLE_THROTTLE).mean(axis=0)),
-        roll=lean.get("roll"),
-        pitch=lean.get("pitch"),
-    )
+    each = {
+        "trim": outputs.mean(axis=0),
+        "trim_of_range": trims,
+        "trim_share": trims / trims.mean(),
+        "headroom": 1 - np.percentile(shares, HIGHEST_PERCENTILE, axis=0),
+        "at_upper_limit": (shares >= FULL_THROTTLE).mean(axis=0),
+        "at_lower_limit": (shares <= IDLE_THROTTLE).mean(axis=0),
+    }
+    figures: dict[str, Any] = {name: tuple(values.tolist()) for name, values in each.items()}
+    return HoverFigures(names, scale.unit, float(seconds), **figures, roll=lean.get("roll"), pitch=lean.get("pitch"))
 
 
 FASTEST = 0.05

@@ -273,9 +273,8 @@ def _target(topic: Px4Topic, q: NDArray[Any], rates: NDArray[Any], type_mask: in
 def _manual_control(topics: Topics) -> dict[str, NDArray[Any]] | None:
     """MANUAL_CONTROL.hpp: manual_control_setpoint, called x, y and r until PX4 1.13, with the decimals it cuts off."""
     sticks = _first(topics, "manual_control_setpoint") or {}
-    fields = {
-        ours: theirs if theirs in sticks else ours for ours, theirs in (("x", "pitch"), ("y", "roll"), ("r", "yaw"))
-    }
+    names = {"x": "pitch", "y": "roll", "r": "yaw"}
+    fields = {ours: theirs if theirs in sticks else ours for ours, theirs in names.items()}
     if not all(field in sticks for field in fields.values()):
         return None
     shares, valid = {ours: sticks[field].astype(np.float64) for ours, field in fields.items()}, _valid(sticks, "valid")

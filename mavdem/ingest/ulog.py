@@ -410,10 +410,8 @@ def read_ulog(path: str | os.PathLike[str], progress: Progress | None = None) ->
 def _instead(content: bytes, source: str, found: WholeMessages) -> str:
     """What a ULog holds that is not a flight's."""
     log = ULog(io.BytesIO(WholeMessages(content, None, source).content))
-    held, damaged = (
-        {topic.name for topic in log.data_list if len(topic.data["timestamp"])},
-        found.damaged or found.crowded,
-    )
+    held = {topic.name for topic in log.data_list if len(topic.data["timestamp"])}
+    damaged = found.damaged or found.crowded
     if not held:
         return "it is damaged or cut off at its beginning." if damaged or found.cut else "nothing was logged in it."
     state = "is damaged," if damaged else "is cut off at its end," if found.cut else "is intact, but"

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mavdem.alignment.signals import Signals, setpoints, voltage
+from mavdem.alignment.signals import Signals, setpoints
 from mavdem.errors import Unreadable
 from mavdem.ingest.dataflash.log import read_dataflash
 from mavdem.ingest.telemetry import Telemetry
@@ -164,8 +164,8 @@ def test_recorded_logs_of_old_versions(name: str, notes: int) -> None:
 @pytest.mark.parametrize("battery", ["BAT", "CURR"])
 def test_the_battery_in_volts_and_in_the_hundredths_of_old_logs(tmp_path: Path, battery: str) -> None:
     vehicle = log(tmp_path, battery=battery)
-    signal = voltage(vehicle)
+    signal = Signals(vehicle).voltage
     assert signal is not None and len(signal.time) == len(TIMES)
     np.testing.assert_allclose(signal.values, 15.25)
     assert vehicle.called("SYS_STATUS") == battery
-    assert voltage(log(tmp_path)) is None
+    assert Signals(log(tmp_path)).voltage is None

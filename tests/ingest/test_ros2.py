@@ -36,7 +36,7 @@ from scipy.spatial.transform import Rotation
 
 import mavdem
 from mavdem.alignment import signals
-from mavdem.alignment.signals import Signals, setpoints, voltage
+from mavdem.alignment.signals import Signals, setpoints
 from mavdem.alignment.verdict import verdict_of
 from mavdem.errors import MissingExtra, NotLearnable, Unreadable
 from mavdem.export.conversion import convert
@@ -673,7 +673,7 @@ def test_the_battery_of_either_bridge(tmp_path: Path) -> None:
 
     for write in (px4, mavros):
         (vehicle,) = read_log(written(tmp_path, write)).vehicles
-        signal = voltage(vehicle)
+        signal = Signals(vehicle).voltage
         assert signal is not None and signal.values.tolist() == pytest.approx([16, 15, 14])
         assert np.diff(signal.time) == pytest.approx([1, 1], abs=1e-6)
 
