@@ -33,7 +33,7 @@ from mavdem.alignment.verdict import verdict_of
 from mavdem.confidence import LEVEL, half_width
 from mavdem.errors import NotLearnable
 from mavdem.flight import Flight
-from mavdem.ingest import Component, read_log
+from mavdem.ingest import Component, Log, read_log
 from mavdem.ingest.motors import MULTIROTORS, OutputScale
 
 HIGHEST_PERCENTILE = 99.0  # What stands for the highest output: the very highest is a spike
@@ -147,12 +147,10 @@ def hover_figures(flights: Sequence[Flight], scale: OutputScale | None = None) -
         raise ValueError("the inputs are the controller's demand: read the flights with inputs='motors'")
     # The motors of another axis are the same.
     counted = [flight for flight in flights if flight.output_names == flights[0].output_names]
-    lean = {}
+    lean: dict[str, float] = {}
     for axis in TILT_AXES:
-        angles = [
-            flight.outputs[:, flight.output_names.index(axis)] for flight in flights if axis in flight.output_names
-        ]
-        lean |= {axis: float(np.degrees(np.concatenate(angles).mean()))} if angles else {}
+        found = [one.outputs[:, one.output_names.index(axis)] for one in flights if axis in one.output_names]
+        lean |= {axis: float(np.degrees(np.concatenate(found).mean()))} if found else {}
     seconds = sum(flight.duration for flight in counted)
     return _figures(names, scale, seconds, np.concatenate([flight.inputs for flight in counted]), lean)
 
