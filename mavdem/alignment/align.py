@@ -209,8 +209,7 @@ def sample(
     """Columns of ``values`` (N, k), sampled at ``time`` (N,), at ``grid`` (T,) of step ``dt``, and how they were made.
 
     "samples kept", "linear" between the neighbours, or, from a stream at ``LOW_PASS_RATIO`` times the rate of the grid
-    or more, "low-passed at … Hz, linear": without that, what moves faster than the grid can show (a vibration at 49 Hz,
-    on a grid of 50) would be aliased to something slow.
+    or more, "low-passed at … Hz, linear": else a vibration at 49 Hz, on a grid of 50, would look slow.
     """
     way = "linear"
     if is_low_passed(time, dt):
@@ -224,8 +223,8 @@ def sample(
 def grid_of(attitude: NDArray[np.float64], motors: NDArray[np.float64], dt: float) -> NDArray[np.float64]:
     """Steps of ``dt`` where both streams have samples.
 
-    From an attitude sample when both streams then keep theirs; otherwise from a motor sample: from one message to the
-    next motor outputs change more than attitude does, so it is attitude that should be moved.
+    From an attitude sample when both streams then keep theirs; otherwise from a motor sample: motor outputs change more
+    from one message to the next, so it is attitude that should be moved.
     """
     first, last = max(attitude[0], motors[0]), min(attitude[-1], motors[-1])
     for stamps in (attitude, motors):
@@ -260,10 +259,9 @@ def _sure(grid: NDArray[np.float64], dt: float, time: NDArray[np.float64]) -> ND
 def _low_passed(
     time: NDArray[np.float64], values: NDArray[np.float64], cutoff: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The columns at as many even stamps, through a Butterworth filter of fourth order, once forwards, once backwards.
+    """The columns at as many even stamps, through a Butterworth filter of fourth order, forwards and then backwards.
 
-    Butterworth, because it is flat where the dynamics are; both ways, because that leaves no phase, and motors and
-    attitude must keep their order in time. At the cut-off half the amplitude is left, at twice that 1/257.
+    Flat where the dynamics are, and without phase. At the cut-off half the amplitude is left, at twice that 1/257.
     """
     from scipy.signal import sosfiltfilt  # it takes half a second to import, and few flights need it
 

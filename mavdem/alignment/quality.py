@@ -154,10 +154,7 @@ def _turning(motors: Motors, inputs: NDArray[np.float64], axis: str) -> tuple[ND
 
 
 def _step(values: NDArray[np.float64]) -> float:
-    """The quantisation step: the median difference between neighbouring values of those seen, 0 for a constant.
-
-    A few values between the steps do not change the median. Of values that are not rounded it is next to nothing.
-    """
+    """The quantisation step: the median difference between neighbouring values; next to nothing where not rounded."""
     distinct = np.unique(values)
     return float(np.median(np.diff(distinct))) if len(distinct) > 1 else 0.0
 

@@ -47,8 +47,7 @@ HIGH_RATE_PROFILE = 1 << 4  # of PX4's SDLOG_PROFILE
 def ask_for_rate(telemetry: Telemetry, rate: int = 100, components: Sequence[Component] = ()) -> str:
     """Returns how to get attitude and motors at ``rate`` Hz out of this autopilot, by the settings that its log shows.
 
-    Where one of the ``components`` asks for rates, which hold whatever the autopilot was set to, how to end that comes
-    first.
+    How to stop one of the ``components`` from asking for rates comes first: those hold whatever the settings.
     """
     kept = _kept_from_asking(telemetry, components)
     recorder = telemetry.translated_from

@@ -302,10 +302,9 @@ def usual_rate(stream: Attitude | Motors) -> float:
 
 
 def attitude(telemetry: Telemetry, axis: str) -> Attitude | None:
-    """Returns angle and rate of ``axis``, "roll", "pitch" or "yaw".
+    """Returns angle and body rate of ``axis``, "roll", "pitch" or "yaw".
 
     From ATTITUDE or, where it comes clearly faster, ATTITUDE_QUATERNION.
-    Both messages give body rates p, q, r, not the derivatives of the Euler angles; near hover they are the same.
     """
     message = preferred_message(message_counts(telemetry, ATTITUDE_MESSAGES))
     if message is None:

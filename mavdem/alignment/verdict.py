@@ -126,8 +126,7 @@ class Verdict:
 def verdict_of(signals: Signals, components: Sequence[Component] = (), least_rate: float = MINIMUM_RATE) -> Verdict:
     """Returns the verdict: yes on the longest settled segment that can be learnt from, or no on the longest.
 
-    The ``components`` are those of the log, among them whoever asks the vehicle for other rates; ``least_rate``,
-    Hz, is what both streams need: ``SLOW_MOTION_RATE`` where the slow motion is enough.
+    The ``components`` of the log may ask for other rates; ``least_rate``, Hz, is what both streams need.
     """
     telemetry, axis = signals.telemetry, signals.axis
 

@@ -192,12 +192,9 @@ Segments = tuple[Segment, ...]
 
 @dataclass(frozen=True)
 class Steady:
-    """A quantity over settled flight.
+    """The ``mean`` and the standard deviation ``sd`` of a quantity over settled flight.
 
-    Attributes:
-        mean: its mean.
-        interval: half width of the mean's 90 % interval, by the slow part of the series; None where too short to tell.
-        sd: its standard deviation.
+    ``interval`` is the half width of the mean's 90 % interval, by the slow part of the series; None where too short.
     """
 
     mean: float
@@ -207,12 +204,9 @@ class Steady:
 
 @dataclass(frozen=True)
 class VibrationFigures:
-    """Of the first IMU.
+    """Of the first IMU: the mean ``level`` of its acceleration, m/s², and how often it ``clips`` (was out of range).
 
-    Attributes:
-        level: mean level of the acceleration, m/s²: x, y and z from ArduPilot, one for all axes from PX4. The levels of
-            the two are not alike: compare flights of one autopilot.
-        clips: how often an accelerometer was beyond its range.
+    The level is x, y and z from ArduPilot, one for all axes from PX4, and not alike: compare flights of one autopilot.
     """
 
     level: tuple[float, ...]
@@ -224,9 +218,7 @@ class BatteryFigures:
     """The first battery over some time; V, A and Ω. None where it was not measured.
 
     Attributes:
-        voltage_start, voltage_end: medians of the first and the last 2 s.
-        voltage_mean, voltage_min: of all samples.
-        current_mean, current_max: of all samples.
+        voltage_start, voltage_end: medians of the first and the last 2 s; other means and extremes are of all samples.
         resistance: how far the voltage falls with each ampere, apart from the steady discharge; None where the current
             hardly changed, so that the interval contains 0.
         resistance_interval: half width of its 90 % interval.
@@ -402,10 +394,7 @@ def _measured(signals: Signals, message: str, fields: tuple[str, ...]) -> Signal
 
 
 def _vibration(signals: Signals, settled: Segments) -> VibrationFigures | None:
-    """The vibration in settled flight; None where it was not measured then.
-
-    PX4's VIBRATION (``streams/VIBRATION.hpp``) has angular levels in x and y, and that of the acceleration in z.
-    """
+    """The vibration in settled flight, if measured; PX4's (``streams/VIBRATION.hpp``) has acceleration in z only."""
     names = LEVELS[-1:] if signals.telemetry.autopilot == "PX4" else LEVELS
     measured = _measured(signals, "VIBRATION", (*names, *CLIPS))
     if measured is None:

@@ -201,10 +201,7 @@ _PX4_DRIVERS = ("PWM_MAIN", "PWM_AUX", "UAVCAN_EC", "DSHOT", "SIM_GZ_EC", "HIL_A
 
 
 def _px4_channels(parameters: Mapping[str, float], moving: Sequence[int], bank: int) -> dict[int, int]:
-    """The motors of the output drivers whose channels move, each in the first bank where they do.
-
-    {driver}_FUNCn 101..112 are motors 1..12.
-    """
+    """The motors ({driver}_FUNCn 101 to 112 are 1 to 12) of drivers whose channels move, in the first such bank."""
     channels: dict[int, int] = {}
     banks = [0, bank]
     for driver in _PX4_DRIVERS:

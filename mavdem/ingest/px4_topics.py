@@ -246,10 +246,7 @@ def _actuator_control_target(topics: Topics) -> dict[str, NDArray[Any]] | None:
 
 
 def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]] | None:
-    """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint, rad/s.
-
-    PX4 sends both together. Here each is a message of its own at its own stamp, in which the other is masked.
-    """
+    """ATTITUDE_TARGET.hpp: vehicle_attitude_setpoint and vehicle_rates_setpoint, rad/s; each masks the other."""
     parts = []
     attitude, rates = _first(topics, "vehicle_attitude_setpoint"), _first(topics, "vehicle_rates_setpoint")
     if attitude is not None and _has(attitude, "q_d", 4):
@@ -320,10 +317,7 @@ def _heartbeat(topics: Topics, kind: int) -> dict[str, NDArray[Any]] | None:
 
 
 def _extended_sys_state(topics: Topics) -> dict[str, NDArray[Any]] | None:
-    """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, and what an automatic mode flies to.
-
-    One row whenever one of the topics came, with what was last known of the others.
-    """
+    """EXTENDED_SYS_STATE.hpp: vehicle_land_detected, what an automatic mode flies to; a row whenever a topic came."""
     land, mode = _first(topics, "vehicle_land_detected"), _first(topics, "vehicle_control_mode")
     target = _first(topics, "position_setpoint_triplet")
     if land is None or "landed" not in land:

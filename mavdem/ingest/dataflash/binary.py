@@ -42,10 +42,7 @@ DIVISORS = {"c": 100.0, "C": 100.0, "e": 100.0, "E": 100.0, "L": 1e7}
 
 @dataclass(frozen=True)
 class FormatDefinition:
-    """One message as a FMT defines it; ``length`` is that of a whole message, bytes, header included.
-
-    ``characters`` has one format character a field.
-    """
+    """One message as a FMT defines it, with one format character a field; ``length`` in bytes, header included."""
 
     name: str
     length: int

@@ -166,10 +166,7 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
 
 
 def _on_boot_clock(tables: Mapping[str, MessageTable]) -> tuple[dict[str, Columns], tuple[str, ...]]:
-    """The tables with ``time`` (s) and ``boot`` beside their columns, and a sentence for each repair.
-
-    Tables without stamps, other than ``EVENTS``, are left out, and so are messages with an impossible stamp.
-    """
+    """The tables with stamps, or of ``EVENTS``, with ``time`` (s) and ``boot``, and a sentence for each repair."""
     clocks = {name: field for name, table in tables.items() for field in CLOCKS if field in table.columns}
     if not clocks:
         return {}, ()

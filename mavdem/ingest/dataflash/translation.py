@@ -182,7 +182,7 @@ class Translation:
 
 
 def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int] | None = None) -> Translation:
-    """Returns MAVLink's messages, of DataFlash's (``tables``, one at least); one without logged data is left out.
+    """Returns the messages of MAVLink that DataFlash's ``tables``, one at least, have data of.
 
     ``kind`` is the vehicle's MAV_TYPE, for HEARTBEAT; ``version`` that of ArduCopter, None for others.
     """
@@ -217,10 +217,7 @@ def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int
 def _attitude(
     tables: Mapping[str, Columns], version: tuple[int, int] | None
 ) -> tuple[Columns | None, str, tuple[str, ...]]:
-    """At the stamps of the slower of angles and rates, so that neither is interpolated from too few samples.
-
-    With the name of the slower message, and what is odd about RATE.
-    """
+    """At the stamps of the slower of angles and rates; with the name of that message, and what is odd about RATE."""
     named = _faster_angles(tables, ANGLES)
     angles, gyros = having(tables, named, ANGLES), instance(having(tables, "IMU", GYROS), "I", 0)
     columns = next((names for names in RATES if having(tables, "RATE", names) is not None), RATES[0])

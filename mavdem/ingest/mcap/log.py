@@ -39,10 +39,9 @@ NO_FRAMES = JSON | {"ros1", "cdr", "protobuf", "flatbuffer", "cbor", "msgpack"}
 
 
 def read_mcap(path: str | os.PathLike[str], progress: Progress | None = None) -> Log:
-    """Reads the MAVLink in an MCAP recording, or else the flights in its ROS 2 topics.
+    """Reads the MAVLink in an MCAP recording, or else the flights in its ROS 2 topics, also where it is damaged.
 
-    Cut and damaged recordings are read as far as possible. Raises Unreadable: the file cannot be opened or contains
-    neither; MissingExtra: it contains ROS 2 and its reader is not installed.
+    Raises Unreadable: it cannot be opened or contains neither; MissingExtra: the reader of ROS 2 is not installed.
     """
     recording = McapRecording(file_bytes(path))
     stream, seen = _stream(os.fspath(path), recording, progress)
