@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,8 +52,7 @@ class Hover:
     def motors(self, t: Array) -> Array:
         """(N, 4) pulse widths, µs: 1000 on the ground, 1600 and the command in the air."""
         flying = (t >= 6.0) & (t < self.landed)
-        outputs = np.where(flying[:, None], 1600.0 + X_QUAD * self.roll_command(t)[:, None], 1000.0)
-        return outputs
+        return np.where(flying[:, None], 1600.0 + X_QUAD * self.roll_command(t)[:, None], 1000.0)
 
     def climb(self, t: Array) -> Array:
         return np.where((t > 6.0) & (t < self.level), 2.0, np.where((t > self.sinking) & (t < self.landed), -0.5, 0.0))
@@ -110,12 +109,4 @@ def columns(time: Array, boot: int = 0, **fields: NDArray) -> dict[str, NDArray]
 def changed(telemetry: Telemetry, message: str, **fields: NDArray) -> Telemetry:
     """The telemetry with other columns in one message, or with another message."""
     table = {**telemetry.messages.get(message, {}), **fields}
-    return Telemetry(
-        telemetry.system,
-        telemetry.component,
-        telemetry.vehicle,
-        telemetry.autopilot,
-        {**telemetry.messages, message: table},
-        telemetry.parameters,
-        telemetry.source,
-    )
+    return replace(telemetry, messages={**telemetry.messages, message: table})

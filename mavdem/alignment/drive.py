@@ -41,7 +41,7 @@ def floats(columns: Columns, field: str) -> NDArray[np.float64]:
 
 
 def series(columns: Columns, values: NDArray[np.float64], rows: NDArray[np.bool_] | None = None) -> Signal:
-    """Returns ``values`` (N,) or (N, k) of all messages, or ``rows`` (N,), in time order, each stamp once, if finite."""
+    """Returns ``values`` (N,) or (N, k) of all messages, or ``rows`` (N,), in time order, each stamp once, finite."""
     time, boot = columns["time"], columns["boot"]
     if rows is not None:
         time, boot, values = time[rows], boot[rows], values[rows]

@@ -260,7 +260,7 @@ class SmoothnessEstimate(NamedTuple):
 
 
 def estimate_smoothness(train: UniformRecord | Sequence[UniformRecord]) -> SmoothnessEstimate:
-    """Estimates the smoothness s of the noise of a flight, or of segments: the maximum of F̄ᵒ over s.
+    """Estimates the smoothness s of the noise of ``train``, a flight or segments: the maximum of F̄ᵒ over s.
 
     Each sample's derivatives determine s: a noise of variance 1 has a derivative of variance 1/(2s²). So the shortest
     window with two derivatives is enough, without hidden states, which would explain coloured noise as motion. Sensor

@@ -284,7 +284,7 @@ class Learned(LearnedDownstream):
     def forecast_every_with_band(
         self, steps: int, inputs: ArrayLike, outputs: ArrayLike, level: float = LEVEL
     ) -> BandedForecast:
-        """Returns :meth:`forecast_every` of the same arguments, its expected squared error and band of ``level``.
+        """Returns :meth:`forecast_every` of ``steps``, ``inputs`` and ``outputs``, its error and band of ``level``.
 
         Raises:
             ValueError: as :meth:`forecast_every`, or a level that is no probability between 0 and 1.

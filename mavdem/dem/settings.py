@@ -319,7 +319,7 @@ class Settings:
         )
 
     def completed(self, order: int, d: int, window: int, parameter_precision: float) -> CompleteSettings:
-        """Returns these settings; with these values where they leave one open."""
+        """Returns these settings, with ``order``, ``d``, ``window`` and ``parameter_precision`` where they are open."""
         chosen = {"order": order, "d": d, "window": window, "parameter_precision": parameter_precision}
         fixed = {name: value for name, value in vars(self).items() if value is not None}
         return CompleteSettings(**{**vars(self), **chosen, **fixed})

@@ -22,16 +22,12 @@ JOBS_AHEAD = 8  # of each worker's thread, sent before they are needed
 RETRIES = 2  # of a log whose reading fails on a worker, as where a machine has no process to spare
 SECONDS_TO_CONNECT = 10.0
 
-_pools: dict[tuple[Limits, str], WorkerPool] = {}
-"""In a worker of the cluster: the processes that read logs, those of the last run."""
+_pools: dict[tuple[Limits, str], WorkerPool] = {}  # in a worker of the cluster: the processes of the last run
 _lock = Lock()
 
 
 class Cluster:
-    """Reads logs on the Dask cluster at ``address``, each within ``limits``, by the function ``read``.
-
-    What a worker had when it died goes to others.
-    """
+    """Reads logs on the Dask cluster at ``address``, as ``WorkerPool`` does; others take what a dead worker had."""
 
     def __init__(self, address: str, limits: Limits, read: str = READ_LOG) -> None:
         require("Reading logs on a cluster", "dask")

@@ -39,8 +39,6 @@ RESOLUTION = {SHARE: 0.06, EFFECT: 0.2, MEAN_EFFECT: 0.3, DAMPING: 0.8, LAG: 0.0
 """Differences up to which a quantity is called the same, if its whole interval lies within (an equivalence test)."""
 MAX_UNCERTAINTY = 0.5  # of an effect, as a share of it: with a wider interval its logarithm is not nearly normal
 FEWEST_MOTORS = 3  # of which one is compared with the others
-OF_MODELS = (EFFECT, MEAN_EFFECT, DAMPING, LAG)
-"""Quantities that belong to a model, and with it to its inputs."""
 SIDES = ("A", "B")
 _Z = quantile()  # of the intervals of flights, in standard deviations
 
@@ -59,36 +57,23 @@ class Quantity(NamedTuple):
     axis: str = ""
 
 
-class FlightEstimate(NamedTuple):
-    """A value, or its logarithm, and the standard deviation of its error within the flight."""
-
-    value: float
-    sd: float
-
-
-Estimates = Mapping[Quantity, FlightEstimate]
+Estimate = tuple[float, float]
+"""A value, or its logarithm, and the standard deviation of its error within the flight."""
+Estimates = Mapping[Quantity, Estimate]
 
 
 class QuantityChange(NamedTuple):
-    """One quantity in both states.
+    """One quantity in both states."""
 
-    Attributes:
-        quantity: which.
-        before, after: its means; of shares and effects None.
-        difference, half_width: after less before, and the half width of its 90 % interval; relative ones for
-            shares and effects.
-        p: probability of a difference as large if nothing changed.
-        allowance: standard deviation of what other conditions may do to it, which is in the half width.
-        outcome: "changed", "same", or "uncertain" where the interval has both what is called the same and what is not.
-    """
-
-    quantity: Quantity
-    before: float | None
+    quantity: Quantity  # which
+    before: float | None  # its means; of shares and effects None
     after: float | None
+    # after less before, and the half width of its 90 % interval; relative ones for shares and effects
     difference: float
     half_width: float
-    p: float
-    allowance: float
+    p: float  # probability of a difference as large if nothing changed
+    allowance: float  # standard deviation of what other conditions may do to it, which is in the half width
+    # "changed", "same", or "uncertain" where the interval has both what is called the same and what is not
     outcome: Outcome
 
 
@@ -108,25 +93,15 @@ class Conditions(NamedTuple):
 
 
 class VehicleDifference(NamedTuple):
-    """What differs between two states of a vehicle.
+    """What differs between two states of a vehicle."""
 
-    Attributes:
-        vehicles: names in each state.
-        shared: of these, the names that several vehicles may have.
-        motors: their names; empty where not known.
-        flights: how many each has.
-        changes: quantities known in both, in the order of kinds, motors and axes.
-        incomparable: what is not known in both: its name and the reason.
-        conditions: of each state.
-    """
-
-    vehicles: tuple[tuple[str, ...], tuple[str, ...]]
-    shared: tuple[str, ...]
-    motors: tuple[str, ...]
-    flights: tuple[int, int]
-    changes: tuple[QuantityChange, ...]
-    incomparable: tuple[tuple[str, str], ...]
-    conditions: tuple[Conditions, Conditions]
+    vehicles: tuple[tuple[str, ...], tuple[str, ...]]  # names in each state
+    shared: tuple[str, ...]  # of these, the names that several vehicles may have
+    motors: tuple[str, ...]  # their names; empty where not known
+    flights: tuple[int, int]  # how many each has
+    changes: tuple[QuantityChange, ...]  # quantities known in both, in the order of kinds, motors and axes
+    incomparable: tuple[tuple[str, str], ...]  # what is not known in both: its name and the reason
+    conditions: tuple[Conditions, Conditions]  # of each state
 
     def of(self, outcome: Outcome) -> list[QuantityChange]:
         """Returns the changes with this outcome."""
@@ -166,9 +141,10 @@ def vehicle_difference(before: Sequence[FlightRow], after: Sequence[FlightRow]) 
     sides = [flights_of(row for row in rows if row.status == OK) for rows in (before, after)]
     conditions = (conditions_of(sides[0]), conditions_of(sides[1]))
     estimates = [[estimates_of(flight) for flight in flights] for flights in sides]
-    alike = [] if _other_kinds(sides) else sorted({quantity for flight in estimates[0] for quantity in flight})
-    if _other_inputs(sides):
-        alike = [quantity for quantity in alike if quantity.kind not in OF_MODELS]
+    other_kinds, other_inputs = _other_kinds(sides), _other_inputs(sides)
+    alike = [] if other_kinds else sorted({quantity for flight in estimates[0] for quantity in flight})
+    if other_inputs:  # what belongs to a model belongs to its inputs
+        alike = [quantity for quantity in alike if quantity.kind == SHARE]
     raws: dict[Quantity, list[_Raw]] = {}
     for quantity in alike:
         pair = [[flight[quantity] for flight in side if quantity in flight] for side in estimates]
@@ -178,7 +154,8 @@ def vehicle_difference(before: Sequence[FlightRow], after: Sequence[FlightRow]) 
             merged = quantity._replace(axis="") if quantity.kind == EFFECT and quantity.motor else quantity
             raws.setdefault(merged, []).append(raw)
     judged = [_judged(quantity, _merged(parts)) for quantity, parts in raws.items()]
-    changes = sorted(_tested(judged), key=lambda change: (list(BETWEEN).index(change.quantity.kind), change.quantity))
+    kinds = list(BETWEEN)
+    changes = sorted(_tested(judged), key=lambda change: (kinds.index(change.quantity.kind), change.quantity))
     flights = [flight for side in sides for flight in side]
     first, second = (tuple(sorted({flight[0].vehicle for flight in side})) for side in sides)
     return VehicleDifference(
@@ -187,7 +164,7 @@ def vehicle_difference(before: Sequence[FlightRow], after: Sequence[FlightRow]) 
         next((tuple(row.motors) for flight in flights for row in flight if row.motors), ()),
         (len(sides[0]), len(sides[1])),
         tuple(changes),
-        tuple(_incomparable(sides, estimates)),
+        tuple(_incomparable(sides, estimates, other_kinds, other_inputs)),
         conditions,
     )
 
@@ -210,17 +187,17 @@ def since_baseline(
     }
 
 
-def estimates_of(flight: Flight) -> dict[Quantity, FlightEstimate]:
+def estimates_of(flight: Flight) -> dict[Quantity, Estimate]:
     """Returns what the rows of one flight, an axis each, estimate of the vehicle.
 
     Only what is "reported" is compared: what is "biased" is so by as much as wind and steering say.
     """
-    estimates: dict[Quantity, FlightEstimate] = {}
+    estimates: dict[Quantity, Estimate] = {}
     for row in flight:
         # The motors' figures are the same on each axis.
         if row.trim_share and row.trim_share_interval and Quantity(SHARE, 1) not in estimates:
             shares = {
-                motor: FlightEstimate(log(value), half / value / _Z)
+                motor: (log(value), half / value / _Z)
                 for motor, (value, half) in enumerate(zip(row.trim_share, row.trim_share_interval, strict=True), 1)
                 if value > 0 and half is not None
             }
@@ -228,41 +205,33 @@ def estimates_of(flight: Flight) -> dict[Quantity, FlightEstimate]:
         for kind in (DAMPING, LAG):
             value, half, status = (getattr(row, f"{kind}{ending}") for ending in ("", "_interval", "_status"))
             if value is not None and half is not None and status == "reported":
-                estimates[Quantity(kind, axis=row.axis or "")] = FlightEstimate(value, half / _Z)
+                estimates[Quantity(kind, axis=row.axis or "")] = value, half / _Z
         if row.effect and row.effect_interval and row.effect_status == "reported":
-            estimates |= _effects(row, row.axis or "", row.effect, row.effect_interval)
+            effects = {
+                motor: (log(abs(value)), half / abs(value) / _Z)
+                for motor, (value, half) in enumerate(zip(row.effect, row.effect_interval, strict=True), start=1)
+                if half is not None and isfinite(half) and half < MAX_UNCERTAINTY * abs(value)
+            }
+            if effects:
+                # Errors of the motors' effects have much in common: their mean is hardly known better than each.
+                values, sds = zip(*effects.values(), strict=True)
+                estimates[Quantity(MEAN_EFFECT, axis=row.axis or "")] = fmean(values), max(sds)
+            if len(row.motors or ()) == len(row.effect):
+                estimates |= _beside_median(EFFECT, row.axis or "", effects)
     return estimates
 
 
-def _effects(
-    row: FlightRow, axis: str, effect: Sequence[float], interval: Sequence[float | None]
-) -> dict[Quantity, FlightEstimate]:
-    """Logarithms of the mean effect on the row's axis and of each motor's beside the others', if known well enough."""
-    motors = {
-        motor: FlightEstimate(log(abs(value)), half / abs(value) / _Z)
-        for motor, (value, half) in enumerate(zip(effect, interval, strict=True), start=1)
-        if half is not None and isfinite(half) and half < MAX_UNCERTAINTY * abs(value)
-    }
-    if not motors:
-        return {}
-    # Errors of the motors' effects have much in common: their mean is hardly known better than each.
-    mean, sd = fmean(effect.value for effect in motors.values()), max(effect.sd for effect in motors.values())
-    estimates = {Quantity(MEAN_EFFECT, 0, axis): FlightEstimate(mean, sd)}
-    by_motors = row.motors is not None and len(row.motors) == len(effect)
-    return estimates | (_beside_median(EFFECT, axis, motors) if by_motors else {})
-
-
-def _beside_median(kind: str, axis: str, known: Mapping[int, FlightEstimate]) -> dict[Quantity, FlightEstimate]:
+def _beside_median(kind: str, axis: str, known: Mapping[int, Estimate]) -> dict[Quantity, Estimate]:
     """Each motor's logarithm less the median of all; of too few motors none."""
     if len(known) < FEWEST_MOTORS:
         return {}
     middle = median(value for value, _ in known.values())
-    return {Quantity(kind, motor, axis): FlightEstimate(value - middle, sd) for motor, (value, sd) in known.items()}
+    return {Quantity(kind, motor, axis): (value - middle, sd) for motor, (value, sd) in known.items()}
 
 
-def _compared(kind: str, sides: Sequence[Sequence[FlightEstimate]], allowance: float) -> _Raw:
+def _compared(kind: str, sides: Sequence[Sequence[Estimate]], allowance: float) -> _Raw:
     """The difference of the means of two groups of flights, by random effects."""
-    groups = [np.array([(flight.value, flight.sd**2) for flight in side]).T for side in sides]
+    groups = [np.array([(value, sd**2) for value, sd in side]).T for side in sides]
     observed = sum(values.size - 1 for values, _ in groups)
     # The spread within each group less what the flights' own errors make of it.
     excess = sum(
@@ -296,22 +265,23 @@ def _judged(quantity: Quantity, raw: _Raw) -> QuantityChange:
     sd = hypot(sqrt(raw.variance), raw.allowance)
     half = quantile(LEVEL, raw.freedom) * sd
     p = float(2 * student.sf(abs(raw.difference) / sd, raw.freedom))
+    found = QuantityChange(quantity, raw.before, raw.after, raw.difference, half, p, raw.allowance, "same")
     if quantity.kind in (SHARE, EFFECT, MEAN_EFFECT):
         # The interval of a ratio, at its difference.
         ratio = exp(raw.difference)
-        return QuantityChange(quantity, None, None, ratio - 1, ratio * half, p, raw.allowance, "same")
-    return QuantityChange(quantity, raw.before, raw.after, raw.difference, half, p, raw.allowance, "same")
+        return found._replace(before=None, after=None, difference=ratio - 1, half_width=ratio * half)
+    return found
 
 
 def _tested(judged: Sequence[QuantityChange]) -> list[QuantityChange]:
     """The outcome of each, by Holm's procedure over all."""
-    tested = []
-    still = True
+    tested: list[QuantityChange] = []
+    outcome: Outcome = "changed"
     for rank, change in enumerate(sorted(judged, key=lambda change: change.p)):
-        still = still and change.p <= FAMILY_ERROR / (len(judged) - rank)
-        within = abs(change.difference) + change.half_width <= RESOLUTION[change.quantity.kind]
-        same: Outcome = "same" if within else "uncertain"
-        tested.append(change._replace(outcome="changed" if still else same))
+        if outcome != "changed" or change.p > FAMILY_ERROR / (len(judged) - rank):
+            within = abs(change.difference) + change.half_width <= RESOLUTION[change.quantity.kind]
+            outcome = "same" if within else "uncertain"
+        tested.append(change._replace(outcome=outcome))
     return tested
 
 
@@ -375,32 +345,24 @@ def _other_inputs(sides: Sequence[Flights]) -> str:
     return ""
 
 
-def _incomparable(sides: Sequence[Flights], estimates: Sequence[Sequence[Estimates]]) -> list[tuple[str, str]]:
+def _incomparable(
+    sides: Sequence[Flights], estimates: Sequence[Sequence[Estimates]], other_kinds: str, other_inputs: str
+) -> list[tuple[str, str]]:
     """What is missing on either side, by name, each with its reason."""
-    if reason := _other_kinds(sides):
-        return [("everything", reason)]
-    refused = _other_inputs(sides)
-    missing = [("effects, damping and lag", refused)] if refused else []
-    wanted = [(SHARE, "", "motors' shares")]
-    if not refused:
+    if other_kinds:
+        return [("everything", other_kinds)]
+    missing, wanted = [], [(SHARE, "", "motors' shares")]
+    if other_inputs:
+        missing.append(("effects, damping and lag", other_inputs))
+    else:
         wanted += [(EFFECT, "", "motors' effects")]
         wanted += [(kind, axis, f"{kind} on {axis}") for kind in (DAMPING, LAG) for axis in TILT_AXES]
     for kind, axis, name in wanted:
-        known = [
-            {
-                quantity
-                for flight in side
-                for quantity in flight
-                if quantity.kind == kind and axis in ("", quantity.axis)
-            }
-            for side in estimates
-        ]
+        all_known = [{quantity for flight in side for quantity in flight} for side in estimates]
+        known = [{one for one in every if one.kind == kind and axis in ("", one.axis)} for every in all_known]
         if not known[0] & known[1]:
-            reasons = [
-                _reason(kind, side, flights, axis)
-                for side, flights, quantities in zip(SIDES, sides, known, strict=True)
-                if not quantities
-            ]
+            lacking = [i for i in range(2) if not known[i]]
+            reasons = [_reason(kind, SIDES[i], sides[i], axis) for i in lacking]
             missing.append((name, f"{'; '.join(reasons) or 'each side has others'}."))
     return missing
 
@@ -408,16 +370,16 @@ def _incomparable(sides: Sequence[Flights], estimates: Sequence[Sequence[Estimat
 def _reason(kind: str, side: str, flights: Flights, axis: str) -> str:
     """Why a side lacks a quantity."""
     rows = [row for flight in flights for row in flight if axis in ("", row.axis)]
-    tiers = sorted({row.tier for row in rows if row.tier})
-    statuses = {getattr(row, f"{kind}_status", None) for row in rows}
+    tiers = {row.tier for row in rows if row.tier}
+    statuses = {getattr(row, f"{kind}_status", None) for row in rows} & {"biased", "not identifiable"}
     if not rows:
         return f"{side} has no figures of {axis}"
     if kind == SHARE:
         too_short = any(row.trim_share for row in rows)
         lacks = "too little flight for the interval of its shares" if too_short else "no motor outputs of known range"
         return f"{side} has {lacks}"
-    if refused := [status for status in ("biased", "not identifiable") if status in statuses]:
-        return f"{_spoken(refused)} in {side}"
+    if statuses:
+        return f"{_spoken(statuses)} in {side}"
     if tiers and "a" not in tiers:
         return f"{side} is of tier {_spoken(tiers)}; this needs tier a, 40 Hz or more"
     return f"not estimated in {side}, or too uncertain there"

@@ -18,7 +18,7 @@ from mavdem.dem import Learned
 from mavdem.errors import Unreadable
 from mavdem.fleet.row import DEMAND, FlightRow
 from mavdem.fleet.workers import PAGES, LogRows
-from mavdem.health.balance import BalanceFigures, balance_of_signals
+from mavdem.health.balance import balance_of_signals
 from mavdem.ingest import Log, Telemetry, read_log
 
 REPORT, MODEL = "report.json", "model.json"  # of what `mavdem learn` writes, those with figures
@@ -31,17 +31,9 @@ def rows_of_log(path: Path, key: str = "", page: MakePage | None = None) -> LogR
 
     A vehicle without settled flight has one row, whose status says why.
 
-    Args:
-        path: of the log.
-        key: of the log's content, for the names of pages.
-        page: makes the page of a flight; without it there is none.
-
-    Raises:
-        Unreadable: the log cannot be read.
+    Pages are named by the ``key`` of the log's content, and made by ``page``; raises ``Unreadable``.
     """
-    log = read_log(path)
-    rows: list[FlightRow] = []
-    pages: dict[str, str] = {}
+    log, rows, pages = read_log(path), [], {}
     for telemetry in log.vehicles:
         system, component = telemetry.system, telemetry.component
         try:
@@ -74,7 +66,9 @@ def _rows_of_vehicle(log: Log, telemetry: Telemetry, file: str) -> tuple[list[Fl
     if all(analysis.tier.name is None for analysis in analyses.values()):
         unknown = dict.fromkeys(("axis", "tier", "tier_reason", "attitude_rate", "motor_rate"))
         return [FlightRow.of(first.as_dict(), status=_why_nothing(first), warnings=(), **unknown, **columns)], {}
-    columns |= _balance(balance_of_signals(signals))
+    if (balance := balance_of_signals(signals)) is not None:
+        columns |= {"balance": balance.mean, "balance_error": balance.error, "balance_lean": balance.lean}
+        columns |= {name: np.ravel(getattr(balance, name)) for name in ("lean_effect", "lean_effect_error")}
     if signals.motors is not None:
         layout = signals.motors.layout
         columns |= {"positions": layout.positions or None, "spins": layout.spins or None}
@@ -94,18 +88,6 @@ def _why_nothing(analysis: LogAnalysis) -> str:
     if measured.airborne and not measured.segments:
         return f"It holds no settled flight, between climb and landing, in {measured.airborne:.0f} s in the air."
     return analysis.reason
-
-
-def _balance(balance: BalanceFigures | None) -> dict[str, Any]:
-    if balance is None:
-        return {}
-    return {
-        "balance": balance.mean,
-        "balance_error": balance.error,
-        "balance_lean": balance.lean,
-        "lean_effect": np.ravel(balance.lean_effect),
-        "lean_effect_error": np.ravel(balance.lean_effect_error),
-    }
 
 
 def _means(analysis: LogAnalysis) -> dict[str, Any]:

@@ -22,17 +22,11 @@ VERSIONS = ("ETag", "etag", "generation", "LastModified", "last_modified", "mtim
 
 
 class Source(NamedTuple):
-    """One log.
+    """One log."""
 
-    Attributes:
-        path: absolute path, or URL.
-        size: bytes; -1 where it is not known.
-        version: changes with the content, as the time of the last change does; empty where nothing does.
-    """
-
-    path: str
-    size: int
-    version: str
+    path: str  # absolute path, or URL
+    size: int  # bytes; -1 where it is not known
+    version: str  # changes with the content, as the time of the last change does; empty where nothing does
 
 
 def is_url(name: str) -> bool:
@@ -82,16 +76,16 @@ def _local(name: str, left_out: str) -> Iterator[Source]:
                 yield _file(path)
 
 
-def _inside(folder: str, left_out: str, seen: set[tuple[int, int]]) -> Iterator[Source]:
+def _inside(folder: str, left_out: str, seen: set[str]) -> Iterator[Source]:
     """Logs in a folder and those below it, each folder once: links may lead in a circle."""
     try:
-        status = os.stat(folder)
-        if (status.st_dev, status.st_ino) in seen or os.path.realpath(folder) == left_out:
+        place = os.path.realpath(folder)
+        if place in seen or place == left_out:
             return
-        seen.add((status.st_dev, status.st_ino))
+        seen.add(place)
         paths = sorted(os.path.join(folder, name) for name in os.listdir(folder))
     except OSError as error:
-        if not seen:
+        if len(seen) == 1:  # the folder that was named
             raise Unreadable(f"{folder} cannot be read ({error.strerror}): check its permissions.") from None
         return
     for path in paths:
@@ -126,10 +120,8 @@ def _remote(url: str) -> Iterator[Source]:
             files = {name: details for name, details in files.items() if name.lower().endswith(LOG_ENDINGS)}
         else:
             files = {path: system.info(path)}
-    except ImportError as error:
-        raise Unreadable(f"{url} cannot be read: {_one_sentence(error)}.") from None
     except Exception as error:  # of whatever library the file system takes
-        raise Unreadable(f"{url} cannot be read ({type(error).__name__}: {_one_sentence(error)}).") from None
+        raise _unreadable(url, "read", error) from None
     for name, details in files.items():
         if details.get("type", "file") != "directory":
             size = details.get("size")
@@ -137,8 +129,10 @@ def _remote(url: str) -> Iterator[Source]:
             yield Source(system.unstrip_protocol(name), -1 if size is None else int(size), version)
 
 
-def _one_sentence(error: Exception) -> str:
-    return next(iter(str(error).strip().splitlines()), type(error).__name__).rstrip(".")
+def _unreadable(url: str, done: str, error: Exception) -> Unreadable:
+    """Why it cannot be ``done``, by the first line of what is said."""
+    reason = next(iter(str(error).strip().splitlines()), "").rstrip(".")
+    return Unreadable(f"{url} cannot be {done} ({type(error).__name__}: {reason}).")
 
 
 def fetch(url: str, copy: Path) -> None:
@@ -150,4 +144,4 @@ def fetch(url: str, copy: Path) -> None:
         with fsspec.open(url, "rb") as remote, copy.open("wb") as file:
             shutil.copyfileobj(remote, file, 1 << 20)
     except Exception as error:
-        raise Unreadable(f"{url} cannot be fetched ({type(error).__name__}: {_one_sentence(error)}).") from None
+        raise _unreadable(url, "fetched", error) from None

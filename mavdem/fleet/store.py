@@ -16,8 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from importlib import metadata
-from itertools import groupby, islice
-from operator import itemgetter
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -126,7 +125,8 @@ def opened(folder: Path) -> Iterator[Store]:
                 f"{folder} is on a disk of another machine ({disk}), where SQLite's lock does not hold: name a folder "
                 "on a disk of this one; the logs may stay where they are."
             )
-        with closing(Store(folder)) as store:
+        store = Store(folder)
+        with closing(store._db):
             yield store
     except (OSError, sqlite3.OperationalError) as error:
         reason = getattr(error, "strerror", None) or error
@@ -147,14 +147,10 @@ class Store:
         self._db.execute("pragma synchronous = normal")
         (version,) = self._db.execute("pragma user_version").fetchone()
         if version not in (0, SCHEMA_VERSION):
-            self.close()
+            self._db.close()
             raise Unreadable(f"{folder} has the columns of another version of mavdem: name another folder.")
         if not version:
             self._db.executescript(f"begin immediate; {TABLES} pragma user_version = {SCHEMA_VERSION}; commit;")
-
-    def close(self) -> None:
-        """Closes the file."""
-        self._db.close()
 
     @contextmanager
     def _transaction(self) -> Iterator[None]:
@@ -260,10 +256,11 @@ class Store:
     def _name_rows(self) -> None:
         """Names rows by their log's first name, drops those of logs that are there no more under any name."""
         several = "select log from logs where tracked group by log having count(*) > 1"
-        entries = self._db.execute(f"select log, path from logs where log in ({several}) order by log").fetchall()
-        for _, names in groupby(entries, key=itemgetter(0)):
-            paths = [(path,) for _, path in names]
-            gone = [(path,) for (path,) in paths if not (is_url(path) or os.path.lexists(path))]
+        names: dict[str, list[str]] = {}
+        for log, path in self._db.execute(f"select log, path from logs where log in ({several})").fetchall():
+            names.setdefault(log, []).append(path)
+        for paths in names.values():
+            gone = [(path,) for path in paths if not (is_url(path) or os.path.lexists(path))]
             if len(gone) < len(paths):
                 self._db.executemany("delete from logs where path = ?", gone)
         self._delete_rows("log not in (select log from logs)")

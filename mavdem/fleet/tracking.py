@@ -26,25 +26,19 @@ from mavdem.health.reference import HealthFigures, healthy_flights
 
 FEWEST_MODELS = 3  # of healthy flights, from which their scatter gives an interval
 TWO_SIDED = 0.95  # the quantile at the end of an interval of 90 %
+PROBABILITIES = ("fault_probability", "change_probability", "suspect_motor")  # of a verdict
 
 Progress = Callable[[int, int], None]
 """Called with how many logs are done, and how many there are to read."""
 
 
 class TrackedLogs(NamedTuple):
-    """What a run did.
+    """What a run did."""
 
-    Attributes:
-        logs: how many were named.
-        read: how many of them were read; the others were known.
-        problems: names that name no log, and known logs that could not be read now, a sentence each.
-        healthy: rows of the baseline.
-    """
-
-    logs: int
-    read: int
-    problems: tuple[str, ...]
-    healthy: list[FlightRow]
+    logs: int  # how many were named
+    read: int  # how many of them were read; the others were known
+    problems: tuple[str, ...]  # names that name no log, and known logs that could not be read now, a sentence each
+    healthy: list[FlightRow]  # rows of the baseline
 
 
 def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Sequence[FlightRow]:
@@ -54,8 +48,9 @@ def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
         rows: of one vehicle.
         baseline: of its healthy flights; without any, its first flights are the reference.
     """
-    judgement = ("fault_probability", "change_probability", "suspect_motor", "health_reason")
-    unknown: dict[str, Any] = dict.fromkeys((*judgement, "residual_mean", "residual_mean_interval"))
+    unknown: dict[str, Any] = dict.fromkeys(
+        (*PROBABILITIES, "health_reason", "residual_mean", "residual_mean_interval")
+    )
     rows = [replace(row, health=UNKNOWN, **unknown) for row in rows]
     flown = [row for row in rows if row.status == OK]
     if not flown:
@@ -66,25 +61,17 @@ def assess_rows(rows: Sequence[FlightRow], baseline: Sequence[FlightRow]) -> Seq
     healthy_rows = [row for row in baseline if row.status == OK]
     # A flight that is among both is one flight.
     figures = {_key(row): health_figures(row) for row in (*healthy_rows, *flown)}
-    judged = {_key(row): figures[_key(row)] for row in flown}
-    given = list({_key(row): figures[_key(row)] for row in healthy_rows}.values())
-    verdicts = dict(zip(judged, assess(list(judged.values()), given or None), strict=True))
-    names = {flight.name for flight in given or healthy_flights(list(judged.values()))}
+    judged, given = ({_key(row): figures[_key(row)] for row in some} for some in (flown, healthy_rows))
+    verdicts = dict(zip(judged, assess([*judged.values()], [*given.values()] or None), strict=True))
+    names = {flight.name for flight in given.values() or healthy_flights([*judged.values()])}
     healthy = {(*_key(row), row.axis): row for row in (*healthy_rows, *flown) if figures[_key(row)].name in names}
     models = {_kind(row): HealthyModels(healthy.values(), row) for row in flown}
 
     def with_health(row: FlightRow) -> FlightRow:
         verdict, model = verdicts[_key(row)], models[_kind(row)]
-        return replace(
-            row,
-            health=verdict.health,
-            fault_probability=verdict.fault_probability,
-            change_probability=verdict.change_probability,
-            suspect_motor=verdict.suspect_motor,
-            health_reason=verdict.reason,
-            residual_mean=model.residual_mean(row),
-            residual_mean_interval=model.interval,
-        )
+        columns = {name: getattr(verdict, name) for name in ("health", *PROBABILITIES)}
+        columns |= {"residual_mean": model.residual_mean(row), "residual_mean_interval": model.interval}
+        return replace(row, health_reason=verdict.reason, **columns)
 
     return [with_health(row) if row.status == OK else row for row in rows]
 
@@ -93,14 +80,9 @@ def health_figures(row: FlightRow) -> HealthFigures:
     """Returns what a vehicle's health is judged by, of one flight's row."""
     motors, balance = row.motors or (), None
     if row.balance is not None:
-        balance = BalanceFigures(
-            _array(row.balance, 3),
-            _array(row.balance_error, 3),
-            _array(row.balance_lean, 2),
-            _array(row.lean_effect, 6).reshape(3, 2),
-            _array(row.lean_effect_error, 6).reshape(3, 2),
-            row.duration or 0.0,
-        )
+        columns = {"balance": 3, "balance_error": 3, "balance_lean": 2, "lean_effect": 6, "lean_effect_error": 6}
+        mean, spread, lean, effect, error = (_array(getattr(row, name), count) for name, count in columns.items())
+        balance = BalanceFigures(mean, spread, lean, effect.reshape(3, 2), error.reshape(3, 2), row.duration or 0.0)
     return HealthFigures(
         name=f"{row.file} {row.system} {row.component}",
         motors=motors,

@@ -21,12 +21,13 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
-from importlib import import_module, metadata
+from importlib import metadata
 from itertools import islice
 from multiprocessing import get_context, parent_process
 from pathlib import Path
+from pkgutil import resolve_name
 from threading import Thread
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 from urllib.parse import urlsplit
 
 from mavdem.dem.parallel import stay_in_this_process
@@ -43,8 +44,6 @@ WANT_OF_MEMORY = 77  # exit code of a process that reached its limit: what is le
 Ended = Literal["read", "known", "source", "error", "time", "memory", "died"]
 """How the reading of a log ended: it was read, or had been before; it could not be reached; mavdem failed; it took too
 long or too much memory; or the process that read it died."""
-
-
 LogRows = tuple[list[FlightRow], dict[str, str]]
 """What a log says: its rows, and the HTML of pages by the name of the file."""
 ReadLog = Callable[[Path, str, Callable[..., str] | None], LogRows]
@@ -59,40 +58,25 @@ class Limits(NamedTuple):
 
 
 class Job(NamedTuple):
-    """One log to read.
+    """One log to read."""
 
-    Attributes:
-        path: absolute path, or URL.
-        known: keys of logs of the same size that were read before: if it has one of them it is not read again.
-        page: the function that makes a flight's page, as ``package.module:function``; empty for none.
-    """
-
-    path: str
+    path: str  # absolute path, or URL
+    # keys of logs of the same size that were read before: if it has one of them it is not read again
     known: tuple[str, ...] = ()
-    page: str = ""
+    page: str = ""  # the function that makes a flight's page, as ``package.module:function``; empty for none
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job.
+    """What became of a job."""
 
-    Attributes:
-        path: of the log.
-        ended: how.
-        rows: of the log; at least one, unless it was known.
-        key: hash and size of the log's content; empty if it was not reached.
-        pages: HTML by the name of the file.
-        seconds: it took.
-        megabytes: the most memory that the process has had, with this log and those before.
-    """
-
-    path: str
-    ended: Ended
-    rows: tuple[FlightRow, ...] = ()
-    key: str = ""
-    pages: dict[str, str] = field(default_factory=dict)
-    seconds: float = 0.0
-    megabytes: float = 0.0
+    path: str  # of the log
+    ended: Ended  # how
+    rows: tuple[FlightRow, ...] = ()  # of the log; at least one, unless it was known
+    key: str = ""  # hash and size of the log's content; empty if it was not reached
+    pages: dict[str, str] = field(default_factory=dict)  # HTML by the name of the file
+    seconds: float = 0.0  # it took
+    megabytes: float = 0.0  # the most memory that the process has had, with this log and those before
 
 
 def failed(job: Job, ended: Ended, status: str, key: str = "") -> Outcome:
@@ -101,20 +85,16 @@ def failed(job: Job, ended: Ended, status: str, key: str = "") -> Outcome:
 
 
 class Reader(Protocol):
-    """What reads many logs: the processes of this machine, or a cluster.
+    """What reads many logs: the processes of this machine, or a cluster."""
 
-    Attributes:
-        limits: of each log.
-    """
-
-    limits: Limits
+    limits: Limits  # of each log
 
     def outcomes(self, jobs: Iterator[Job]) -> Iterator[Outcome]:
         """Yields outcomes in the order in which they come; a job is taken when its turn has come."""
 
 
 class WorkerPool:
-    """Reads logs with so many ``processes`` at a time, each within ``limits``, by the function ``read``."""
+    """Reads logs with so many ``processes`` at a time, each log within ``limits``, by the function ``read``."""
 
     def __init__(self, processes: int, limits: Limits, read: str = READ_LOG) -> None:
         require("Reading the logs of a fleet", "fleet")
@@ -158,8 +138,7 @@ class WorkerPool:
         seconds, code = self.limits.seconds, 0
         for _ in range(ATTEMPTS):
             try:
-                task = self._pool.schedule(perform, (job, self._read), timeout=seconds)
-                outcome: Outcome = task.result()
+                outcome: Outcome = self._pool.schedule(perform, (job, self._read), timeout=seconds).result()
                 return outcome
             except OutOfTime:
                 status = f"It takes longer than its time limit of {seconds:g} s."
@@ -213,7 +192,7 @@ def perform(job: Job, read: str) -> Outcome:
     """Reads one log; ends the process where memory is wanting, since what comes next would find it in pieces."""
     began = time.perf_counter()
     try:
-        outcome = outcome_of(job, function_of(read))
+        outcome = outcome_of(job, resolve_name(read))
     except MemoryError:
         os._exit(WANT_OF_MEMORY)
     kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024 if sys.platform == "darwin" else 1)
@@ -229,7 +208,7 @@ def outcome_of(job: Job, read: ReadLog) -> Outcome:
                 key = f"{hashlib.file_digest(file, 'sha256').hexdigest()[:32]}-{file.tell()}"
             if key in job.known:
                 return Outcome(job.path, "known", key=key)
-            rows, pages = read(path, key, function_of(job.page) if job.page else None)
+            rows, pages = read(path, key, resolve_name(job.page) if job.page else None)
             return Outcome(job.path, "read", tuple(_named(row, job, path, key) for row in rows), key, pages)
     except Unreadable as error:
         if isinstance(error.__context__, MemoryError):
@@ -241,13 +220,6 @@ def outcome_of(job: Job, read: ReadLog) -> Outcome:
         raise
     except Exception as error:
         return failed(job, "error", f"This should not have happened ({type(error).__name__}: {error}).", key)
-
-
-def function_of(name: str) -> Callable[..., Any]:
-    """Returns the function of ``package.module:function``."""
-    module, _, attribute = name.partition(":")
-    function: Callable[..., Any] = getattr(import_module(module), attribute)
-    return function
 
 
 @contextmanager

@@ -32,39 +32,29 @@ from mavdem.health.reference import (
 
 Health = Literal["ok", "drift", "fault", "unknown"]
 
-FAULT = 0.5
-"""Probability of a fault from which a flight is called one. ``tools/validation/propellers.py`` prints how many healthy
-flights are by chance, and the same of ``DRIFT``."""
-DRIFT = 0.5  # Probability of any change from which a flight is called a drift
+FAULT = DRIFT = 0.5
+"""Probability of a fault, and of any change, from which a flight is called one. ``tools/validation/propellers.py``
+prints how many healthy flights are by chance."""
 NAMED = 0.8  # A motor is named if, given that one is faulty, it is that one with this probability
-EVEN = 0.5  # Probability of a change from which it is stated as the likelier
 MIN_LEAN = np.radians(2.0)  # Difference of lean that is worth a sentence
 
 
 class Assessment(NamedTuple):
-    """What the figures of one flight say of its motors.
+    """What the figures of one flight say of its motors."""
 
-    Attributes:
-        health: "fault": a motor works 8 % harder or more than in healthy flights, for it or its propeller is weak;
-            "drift": the balance changed, by less or not by a motor, or the effort did; "ok": as in healthy flights,
-            and a motor that works 20 % harder would have shown; "unknown": ``reason`` says what is missing.
-        fault_probability: that some motor works 8 % harder or more, for it or its propeller is weak; None where
-            unknown.
-        change_probability: that anything changed, faults included; None where unknown.
-        suspect_motor: from 1, of a fault where one is named.
-        suspect_probability: that the suspect motor is the one, and works 8 % harder or more; at most
-            ``fault_probability``.
-        harder: by how much it works harder if it is weak, %, with the ends of the interval of 90 %.
-        reason: sentences with figures.
-    """
-
+    # "fault": a motor works 8 % harder or more than in healthy flights, for it or its propeller is weak; "drift": the
+    # balance changed, by less or not by a motor, or the effort did; "ok": as in healthy flights, and a motor that
+    # works 20 % harder would have shown; "unknown": ``reason`` says what is missing
     health: Health
+    # that some motor works 8 % harder or more, for it or its propeller is weak; None where unknown
     fault_probability: float | None
-    change_probability: float | None
-    suspect_motor: int | None
+    change_probability: float | None  # that anything changed, faults included; None where unknown
+    suspect_motor: int | None  # from 1, of a fault where one is named
+    # that the suspect motor is the one, and works 8 % harder or more; at most ``fault_probability``
     suspect_probability: float | None
+    # by how much it works harder if it is weak, %, with the ends of the interval of 90 %
     harder: tuple[float, float, float] | None
-    reason: str
+    reason: str  # sentences with figures
 
 
 def assess(flights: Sequence[HealthFigures], baseline: Sequence[HealthFigures] | None = None) -> tuple[Assessment, ...]:
@@ -157,7 +147,7 @@ def _drift(
         f"{axis} {100 * change:+.1f} % (usual ±{100 * usual:.1f} %)"
         for axis, change, usual in zip(AXES, away.change, _usual(away), strict=True)
     )
-    if away.beyond and probability < EVEN:
+    if away.beyond and probability < DRIFT:
         return f"Outside the 99.9 % range of {reference}: {changed}."
     differs = f"Differs from {reference} (probability {probability:.2f})"
     balance = 1 - weighed.healthy

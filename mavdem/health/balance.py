@@ -29,19 +29,20 @@ from mavdem.alignment.signals import Signals
 from mavdem.dem.engine.linalg import Array
 
 SAME = 0.99  # Cosine from which two signatures are one
+AXES = ("roll", "pitch", "yaw")
+BLOCK_SECONDS = 3.0
+"""Over which commands and lean are averaged: longer than the attitude's motion, shorter than most gusts."""
+FEWEST_BLOCKS = 6  # From which means and slopes have an error that can be estimated
 
 
 @dataclass(frozen=True)
 class MotorSignatures:
-    """The patterns of a vehicle with k motors, over the a axes that its layout is known for.
+    """The patterns of a vehicle with k motors, over the a axes that its layout is known for."""
 
-    Attributes:
-        axes: "thrust", then "roll" and "pitch" where the motors' places are known, "yaw" where their spins are.
-        weights: (a, k) from commands to axes: thrust is the mean of all motors, roll on an X quad (left - right)/4, as
-            ``MotorGeometry.effect`` has them.
-    """
-
+    # "thrust", then "roll" and "pitch" where the motors' places are known, "yaw" where their spins are
     axes: tuple[str, ...]
+    # (a, k) from commands to axes: thrust is the mean of all motors, roll on an X quad (left - right)/4, as
+    # ``MotorGeometry.effect`` has them
     weights: Array
 
     def balance(self, commands: Array) -> Array:
@@ -73,7 +74,7 @@ class MotorSignatures:
             return False
         signatures = self.weak_motor[:, 1:]
         size = np.linalg.norm(signatures, axis=1)
-        if not (size > 0).all() or not (np.abs(signatures[:, -1]) > 0).all():
+        if not signatures[:, -1].all():
             return False
         cosines = signatures @ signatures.T / np.outer(size, size)
         return bool((cosines[~np.eye(len(size), dtype=bool)] < SAME).all())
@@ -92,8 +93,7 @@ def motor_signatures(
     Args:
         motors: how many it has.
         positions: (forward, right) of each motor, as ``MotorGeometry.positions``; empty where not known.
-        spins: 1 of a propeller that turns counterclockwise seen from above, -1 clockwise; empty, or zeros, where not
-            known.
+        spins: 1 counterclockwise seen from above, -1 clockwise; empty, or zeros, where not known.
 
     Raises:
         ValueError: there are no motors, or positions or spins of another number of them.
@@ -118,32 +118,18 @@ def motor_signatures(
     return MotorSignatures(tuple(axes), np.array(rows))
 
 
-AXES = ("roll", "pitch", "yaw")
-BLOCK_SECONDS = 3.0
-"""Over which commands and lean are averaged: longer than the attitude's motion, shorter than most gusts."""
-FEWEST_BLOCKS = 6  # From which means and slopes have an error that can be estimated
-
-
 class BalanceFigures(NamedTuple):
     """The balance of one vehicle in settled flight, in shares of the mean command of all motors.
 
     NaN stands for what the layout of the motors or the log does not say. Errors are standard errors.
-
-    Attributes:
-        mean: (3,) of roll, pitch and yaw.
-        error: (3,) of ``mean`` at this lean, by the scatter of blocks of 3 s or a little more.
-        lean: (2,) mean roll and pitch, rad.
-        lean_effect: (3, 2) change of the balance by roll and by pitch, 1/rad.
-        lean_effect_error: (3, 2)
-        seconds: of settled flight.
     """
 
-    mean: Array
-    error: Array
-    lean: Array
-    lean_effect: Array
-    lean_effect_error: Array
-    seconds: float
+    mean: Array  # (3,) of roll, pitch and yaw
+    error: Array  # (3,) of ``mean`` at this lean, by the scatter of blocks of 3 s or a little more
+    lean: Array  # (2,) mean roll and pitch, rad
+    lean_effect: Array  # (3, 2) change of the balance by roll and by pitch, 1/rad
+    lean_effect_error: Array  # (3, 2)
+    seconds: float  # of settled flight
 
 
 def balance_of_signals(signals: Signals) -> BalanceFigures | None:
@@ -152,13 +138,11 @@ def balance_of_signals(signals: Signals) -> BalanceFigures | None:
     if motors is None:
         return None
     signatures = motor_signatures(len(motors.layout.motors), motors.layout.positions, motors.layout.spins)
-    blocks: list[tuple[Array, Array]] = []
-    seconds = 0.0
+    blocks, seconds = [], 0.0
     for segment in sorted(settled_segments(signals), key=lambda found: (found.boot, found.start)):
         commands = motors.scale.fraction(motors.outputs[within(motors, segment)])
         time = motors.time[within(motors, segment)]
-        lean = _lean(signals, segment, time)
-        blocks += _blocks(time, signatures, commands, lean)
+        blocks += _blocks(time, signatures, commands, _lean(signals, segment, time))
         seconds += segment.duration
     return _figures(blocks, signatures, seconds)
 

@@ -73,32 +73,20 @@ class Candidates:
         centres = np.array(list(product(CENTRE_ERRORS, repeat=3)))
         motors = (signatures.weak_motor[:, None, 1:] * RISES[:, None]).reshape(-1, 3)
         sizes, weights = shift_sizes(SHIFT)
-        none = np.zeros((len(sizes), 3))
-        changes = {"healthy": np.zeros_like(centres), "motor": motors, "load": none, "yaw": none, "other": none}
-        spreads = {
-            "healthy": np.zeros_like(centres),
-            "motor": np.zeros_like(motors),
-            "load": np.outer(sizes, (1.0, 1.0, 0.0)),
-            "yaw": np.outer(sizes, (0.0, 0.0, 1.0)),
-            "other": np.outer(sizes, (1.0, 1.0, 1.0)),
-        }
         likely = {
             "healthy": np.prod(list(product(CENTRE_WEIGHTS, repeat=3)), axis=1),
             "motor": np.tile(np.exp(-RISES / MEAN_RISE), len(signatures.weak_motor)),
-            "load": weights,
-            "yaw": weights,
-            "other": weights,
+            **dict.fromkeys(("load", "yaw", "other"), weights),
         }
+        ends = np.cumsum([len(weights) for weights in likely.values()]).tolist()
         self.signatures = signatures
-        self.change = np.concatenate(list(changes.values()))
-        self.spread = np.concatenate(list(spreads.values()))
+        self.groups = dict(zip(likely, map(slice, [0, *ends], ends), strict=True))
         self.prior = np.concatenate([PRIORS[name] * weights / weights.sum() for name, weights in likely.items()])
-        ends = np.cumsum([len(change) for change in changes.values()])
-        self.groups = {
-            name: slice(int(end) - len(each), int(end)) for (name, each), end in zip(changes.items(), ends, strict=True)
-        }
-        self.centre = np.zeros_like(self.change)
+        self.change, self.spread, self.centre = np.zeros((3, len(self.prior), 3))
         self.centre[self.groups["healthy"]] = centres
+        self.change[self.groups["motor"]] = motors
+        for name, axes in (("load", (1.0, 1.0, 0.0)), ("yaw", (0.0, 0.0, 1.0)), ("other", (1.0, 1.0, 1.0))):
+            self.spread[self.groups[name]] = np.outer(sizes, axes)
 
     def after(self, away: Deviation, before: Array | None = None) -> Explanations:
         """What explains a flight's deviation; ``before`` (S,) are the candidates' probabilities after the last."""
@@ -143,28 +131,18 @@ class Candidates:
 
 @dataclass(frozen=True, eq=False)
 class Explanations:
-    """What may explain a flight's deviation, with probabilities that sum to 1.
+    """What may explain a flight's deviation, with probabilities that sum to 1."""
 
-    Attributes:
-        healthy: nothing changed but what changes from flight to flight.
-        motors: (k,) that this motor, or its propeller, is weak.
-        faults: (k,) the same, and so weak that the motor must work 8 % harder or more.
-        load: that roll and pitch changed: a load shifted.
-        yaw: that yaw changed alone: an arm or motor twisted, or other propellers.
-        other: that all three changed, not as one motor does.
-        harder: (3, k) by how much each motor must work harder if it is the weak one, as a share of the mean command:
-            the mean, and the ends of the interval of 90 %.
-        candidates: (S,) the probabilities of all candidates.
-    """
-
-    healthy: float
-    motors: Array
-    faults: Array
-    load: float
-    yaw: float
-    other: float
+    healthy: float  # nothing changed but what changes from flight to flight
+    motors: Array  # (k,) that this motor, or its propeller, is weak
+    faults: Array  # (k,) the same, and so weak that the motor must work 8 % harder or more
+    load: float  # that roll and pitch changed: a load shifted
+    yaw: float  # that yaw changed alone: an arm or motor twisted, or other propellers
+    other: float  # that all three changed, not as one motor does
+    # (3, k) by how much each motor must work harder if it is the weak one, as a share of the mean command: the mean,
+    # and the ends of the interval of 90 %
     harder: Array
-    candidates: Array
+    candidates: Array  # (S,) the probabilities of all candidates
 
     @property
     def fault(self) -> float:
@@ -190,19 +168,12 @@ EFFORT_SHIFT = 0.1  # Scale of a change, as a share
 
 
 class EffortChange(NamedTuple):
-    """The effort of a flight beside that of healthy ones.
+    """The effort of a flight beside that of healthy ones."""
 
-    Attributes:
-        more: by which share it is greater.
-        usual: half the width of an interval of 90 % of healthy flights.
-        probability: that it changed.
-        candidates: (S,) the probabilities of no change, by the error of the healthy flights' mean, then of changes.
-    """
-
-    more: float
-    usual: float
-    probability: float
-    candidates: Array
+    more: float  # by which share it is greater
+    usual: float  # half the width of an interval of 90 % of healthy flights
+    probability: float  # that it changed
+    candidates: Array  # (S,) the probabilities of no change, by the error of the healthy flights' mean, then of changes
 
 
 def effort_change(

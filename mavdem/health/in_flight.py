@@ -134,7 +134,10 @@ class BalanceTest:
         rivals = [*np.delete(motors, best), _log_sum(load), others + log(OTHERS_BESIDE_MOTORS), 0.0]
         odds = float(motors[best] - _log_sum(rivals))
         if motors[best] >= self._enough and odds >= log(NAMING_ODDS):
-            return self._motor(best, changes, windows, int(np.argmax(by_window[best])), odds)
+            place = int(np.argmax(by_window[best]))
+            weighted = self._signatures[best] / changes.variance[place]
+            size = float(weighted @ changes.moved[place] / (weighted @ self._signatures[best]))
+            return self._found(best, int(windows[place]), size, odds)
         lasting = windows * BLOCK_SECONDS >= LASTING_SECONDS
         if lasting.any():
             odds = float(_log_sum(load[lasting]) - _log_sum([*motors, others + log(OTHERS_BESIDE_LOADS), 0.0]))
@@ -143,13 +146,6 @@ class BalanceTest:
                 size = float(np.linalg.norm(changes.moved[place] * self._flat))
                 return self._found(None, int(windows[place]), size, odds)
         return None
-
-    def _motor(
-        self, motor: int, changes: _Changes, windows: NDArray[np.int_], place: int, odds: float
-    ) -> BalanceChange:
-        weighted = self._signatures[motor] / changes.variance[place]
-        size = float(weighted @ changes.moved[place] / (weighted @ self._signatures[motor]))
-        return self._found(motor, int(windows[place]), size, odds)
 
     def _found(self, motor: int | None, n: int, size: float, odds: float) -> BalanceChange:
         time, since = self._times[-1], self._times[-n] - BLOCK_SECONDS
@@ -228,28 +224,18 @@ GAP_SECONDS = 2.0  # Without settled samples: what was before is no reference fo
 
 
 class MotorAlarm(NamedTuple):
-    """A lasting change of the motors' balance in flight.
+    """A lasting change of the motors' balance in flight."""
 
-    Attributes:
-        time: s on the boot clock, when it was found.
-        since: s, when it began, within a second or two.
-        motor: number of the motor that works harder, from 1; None, which is no alarm: the steady torque in roll and
-            pitch changed, as by wind or by a load that shifts.
-        name: of the motor; empty without one.
-        size: rise of its command, as a share of the mean command; else the change in roll and pitch.
-        probability: that this is the cause, and none of the others that are considered.
-        assumed: whether the motors' places are assumed, and with them the name.
-        boot: number of the vehicle's boot, from 0 on, whose clock the times are on.
-    """
-
-    time: float
-    since: float
+    time: float  # s on the boot clock, when it was found
+    since: float  # s, when it began, within a second or two
+    # number of the motor that works harder, from 1; None, which is no alarm: the steady torque in roll and pitch
+    # changed, as by wind or by a load that shifts
     motor: int | None
-    name: str
-    size: float
-    probability: float
-    assumed: bool = False
-    boot: int = 0
+    name: str  # of the motor; empty without one
+    size: float  # rise of its command, as a share of the mean command; else the change in roll and pitch
+    probability: float  # that this is the cause, and none of the others that are considered
+    assumed: bool = False  # whether the motors' places are assumed, and with them the name
+    boot: int = 0  # number of the vehicle's boot, from 0 on, whose clock the times are on
 
     @property
     def sentence(self) -> str:
@@ -323,7 +309,11 @@ class MotorWatch:
             self._test.restart()
             self._rate_from, self._samples = time, 0
         self._latest = time
-        self._check_rate(time)
+        if (passed := time - self._rate_from) >= REFERENCE_SECONDS:
+            # By a tenth less, for what jitters.
+            self.obstacle = "" if self._samples > 0.9 * MIN_RATE * passed else TOO_SLOW
+            self._rate_from, self._samples = time, 0
+        self._samples += 1
         change = self._test.take(time, commands)
         if change is None:
             return None
@@ -332,10 +322,3 @@ class MotorWatch:
         figures = change.time, change.since, number, name, change.size, change.probability
         self.alarms.append(MotorAlarm(*figures, self._assumed, self._boot))
         return self.alarms[-1]
-
-    def _check_rate(self, time: float) -> None:
-        if time - self._rate_from >= REFERENCE_SECONDS:
-            # By a tenth less, for what jitters.
-            self.obstacle = "" if self._samples > 0.9 * MIN_RATE * (time - self._rate_from) else TOO_SLOW
-            self._rate_from, self._samples = time, 0
-        self._samples += 1

@@ -39,25 +39,15 @@ OUTLIER_LEVEL = 0.999  # Of healthy flights: one that is farther off than so man
 
 @dataclass(frozen=True, eq=False)
 class HealthFigures:
-    """One flight of a vehicle, as far as its health is judged by it.
+    """One flight of a vehicle, as far as its health is judged by it."""
 
-    Attributes:
-        name: of the flight.
-        motors: names of the motors.
-        signatures: of the motors; None where the motors are not known.
-        balance: None where it was too short or the log holds none.
-        date: when it began.
-        collective: mean command of all motors, as a share of the range.
-        voltage: mean of the battery, V.
-    """
-
-    name: str
-    motors: tuple[str, ...] = ()
-    signatures: MotorSignatures | None = None
-    balance: BalanceFigures | None = None
-    date: datetime | None = None
-    collective: float | None = None
-    voltage: float | None = None
+    name: str  # of the flight
+    motors: tuple[str, ...] = ()  # names of the motors
+    signatures: MotorSignatures | None = None  # of the motors; None where the motors are not known
+    balance: BalanceFigures | None = None  # None where it was too short or the log holds none
+    date: datetime | None = None  # when it began
+    collective: float | None = None  # mean command of all motors, as a share of the range
+    voltage: float | None = None  # mean of the battery, V
 
     @property
     def missing(self) -> str:
@@ -96,21 +86,13 @@ class HealthFigures:
 
 
 class Deviation(NamedTuple):
-    """How far a flight's level balance is from that of healthy flights.
+    """How far a flight's level balance is from that of healthy flights."""
 
-    Attributes:
-        change: (3,) in roll, pitch and yaw, in shares of the mean command.
-        scale: (3,) by which that of a healthy flight is Student-distributed about the healthy flights' true mean.
-        freedom: degrees of freedom of that.
-        centre_error: (3,) standard error of the mean of the healthy flights; all flights share it.
-        lean: of the flight, from level, rad.
-    """
-
-    change: Array
-    scale: Array
-    freedom: float
-    centre_error: Array
-    lean: float = 0.0
+    change: Array  # (3,) in roll, pitch and yaw, in shares of the mean command
+    scale: Array  # (3,) by which that of a healthy flight is Student-distributed about the healthy flights' true mean
+    freedom: float  # degrees of freedom of that
+    centre_error: Array  # (3,) standard error of the mean of the healthy flights; all flights share it
+    lean: float = 0.0  # of the flight, from level, rad
 
     @property
     def beyond(self) -> bool:
@@ -131,14 +113,10 @@ def healthy_flights(flights: Sequence[HealthFigures]) -> tuple[HealthFigures, ..
 def distinct_flights(flights: Sequence[HealthFigures]) -> list[HealthFigures]:
     """Each flight once, though it was logged twice, as on board and on the ground: with the surer balance."""
     kept: list[HealthFigures] = []
-    for flight in sorted(flights, key=_error):
+    for flight in sorted(flights, key=lambda flight: float(np.linalg.norm(_balance(flight).error))):
         if not any(flight.overlaps(other) for other in kept):
             kept.append(flight)
     return [flight for flight in flights if flight in kept]
-
-
-def _error(flight: HealthFigures) -> float:
-    return float("inf") if flight.balance is None else float(np.linalg.norm(flight.balance.error))
 
 
 def deviation(flight: HealthFigures, healthy: Sequence[HealthFigures]) -> Deviation:

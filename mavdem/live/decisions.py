@@ -53,22 +53,17 @@ MAX_REPORTS = 4096  # Of each kind of what shows the phase
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """What the rows of a segment are, like the ``provenance`` of a ``Flight``.
+    """What the rows of a segment are, like the ``provenance`` of a ``Flight``."""
 
-    ``segment``, ``boot``: number of the segment and of the boot. ``dt``: step, s. ``attitude``, ``motors``: names of
-    the messages. ``layout``, ``scale``: of the inputs. ``rates``: Hz of attitude and motors that decided the step.
-    ``start``: first point of the grid, s; the first row may be a few seconds later.
-    """
-
-    segment: int
-    boot: int
-    dt: float
-    attitude: str
-    motors: str
-    layout: MotorGeometry
-    scale: OutputScale
-    rates: tuple[float, ...]
-    start: float
+    segment: int  # number
+    boot: int  # number
+    dt: float  # step, s
+    attitude: str  # name of the message
+    motors: str  # name of the message
+    layout: MotorGeometry  # of the inputs
+    scale: OutputScale  # of the inputs
+    rates: tuple[float, ...]  # Hz of attitude and motors that decided the step
+    start: float  # first point of the grid, s; the first row may be a few seconds later
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +117,8 @@ class InputChoice:
     ) -> Inputs | None:
         """Returns the inputs by the rule of ``Signals.drive``; None without any.
 
-        ``streams`` are by message and port, ``rates``, Hz, by message. ``vehicle`` has the identity and the parameters,
-        ``axis`` and ``inputs`` are as for ``Signals``, ``staying`` is the only message to consider, if there is one.
+        ``streams`` are by message and port, ``rates``, Hz, by message, ``axis`` and ``inputs`` as for ``Signals``.
+        ``staying`` is the only message to consider, if there is one.
         """
         messages: dict[str, dict[str, NDArray[Any]]] = {}
         oldest = min((stream.time[0] for stream in streams.values() if stream.time), default=inf)
@@ -143,11 +138,10 @@ class InputChoice:
         width, columns = PORT_CHANNELS, messages[drive.message]
         if any(np.any(columns[f"servo{n}_raw"]) for n in range(9, 17) if f"servo{n}_raw" in columns):
             width = WIDE_PORT_CHANNELS
-        picks = [(0, channel - 1) for channel in drive.layout.channels]
-        if drive.message == DEMAND_MESSAGE:
-            picks = [(0, AXES.index(axis))]
-        elif drive.message == "SERVO_OUTPUT_RAW":
-            picks = [divmod(channel - 1, width) for channel in drive.layout.channels]
+        picks = [(0, AXES.index(axis))]
+        if drive.message != DEMAND_MESSAGE:
+            ported = drive.message == "SERVO_OUTPUT_RAW"
+            picks = [divmod(n - 1, width) if ported else (0, n - 1) for n in drive.layout.channels]
         if collective is not None:
             now = collective.time >= oldest
             collective = Signal(collective.time[now], collective.boot[now], collective.values[now])
@@ -156,46 +150,24 @@ class InputChoice:
     def _columns(self, name: str, port: int, stream: Samples) -> dict[str, NDArray[Any]]:
         """The outputs of one port as columns."""
         every = 1 + len(stream.time) // MAX_ROWS
-        recent = list(zip(stream.time[::every], stream.values[::every], strict=True))
+        recent = zip(stream.time[::every], stream.values[::every], strict=True)
         rows = [*self._extremes.get((name, port), ()), *recent]
         table = np.array([values for _, values in rows])
-        self._extremes[name, port] = [rows[row] for row in _extreme_rows(table)]
+        sent = (table != 0) & np.isfinite(table)  # 0 is "no output yet"
+        extremes = np.where(sent, table, inf).argmin(axis=0), np.where(sent, table, -inf).argmax(axis=0)
+        self._extremes[name, port] = [rows[row] for row in np.unique(extremes)]
         columns = {"time": np.array([time for time, _ in rows]), "boot": np.zeros(len(rows), dtype=np.int64)}
         if name == "SERVO_OUTPUT_RAW":
             return columns | {"port": np.full(len(rows), port)} | {f"servo{n + 1}_raw": table[:, n] for n in range(16)}
         return columns | {"actuator" if name == "ACTUATOR_OUTPUT_STATUS" else "controls": table}
 
 
-def _extreme_rows(table: NDArray[np.float64]) -> list[int]:
-    """The rows of (N, k) with the least and the largest output of each channel beside 0, which is "no output yet"."""
-    sent = (table != 0) & np.isfinite(table)
-    least, most = np.where(sent, table, inf).argmin(axis=0), np.where(sent, table, -inf).argmax(axis=0)
-    rows: list[int] = np.unique([least, most]).tolist()
-    return rows
-
-
-@dataclass(frozen=True, eq=False)
-class _PhaseSignals(Signals):
-    """The signals of the last seconds, two of which are not from messages."""
-
-    armed_states: Signal | None = None
-    shares: Signal | None = None
-
-    @cached_property
-    def armed(self) -> Signal | None:
-        return self.armed_states
-
-    @cached_property
-    def collective(self) -> Signal | None:
-        return self.shares
-
-
 class Phase:
     """Whether one boot is armed, airborne and settled, from its messages so far.
 
-    ``flying``: whether it is airborne and, if that is reported, armed. ``steady``: whether it also neither takes off
-    nor lands where that is reported. Both are as of the last ``review``. ``idle``: whether outputs come and none has
-    moved so far. ``parameters``: of the autopilot.
+    As of the last ``review``, ``flying``: whether it is airborne and, if that is reported, armed; ``steady``: whether
+    it also neither takes off nor lands where that is reported. ``idle``: whether outputs come and none has moved so
+    far. ``parameters``: of the autopilot.
     """
 
     def __init__(self) -> None:
@@ -241,12 +213,8 @@ class Phase:
         return since
 
     def take_heartbeat(self, time: float, autopilot: int, base_mode: int, mode: int = 0, state: int = 0) -> None:
-        """A HEARTBEAT of the vehicle's own type and autopilot: only two equal ones in a row change the state.
-
-        It contains the MAV_AUTOPILOT, the base mode, the custom ``mode`` and the MAV_STATE.
-        """
-        # Some vehicles are on standby always.
-        self._was_active |= state == ACTIVE
+        """A HEARTBEAT of the vehicle's own type and autopilot: only two equal ones in a row change the state."""
+        self._was_active |= state == ACTIVE  # some vehicles are on standby always
         lands = bool(base_mode & CUSTOM_MODE) and mode in LANDING_MODES.get(autopilot, ())
         lands |= self._was_active and state == STANDBY
         if lands and self._may_land and not self.evident(time):
@@ -255,14 +223,12 @@ class Phase:
         armed = bool(base_mode & ARMED)
         since, before = self._beat or (time, armed)
         self._beat = time, armed
-        if before == armed:
-            changed = armed != self._armed or not self._rows["armed"]
-            if changed:
-                self._rows["armed"].append((since, armed))
-            if since < time:
-                self._rows["armed"].append((time, armed))
-            if changed:
-                self.review(time)
+        if before != armed:
+            return
+        changed = armed != self._armed or not self._rows["armed"]
+        self._rows["armed"].extend([(since, armed)] * changed + [(time, armed)] * (since < time))
+        if changed:
+            self.review(time)
 
     def take(self, kind: str, time: float, value: float) -> None:
         """A "landed_state", a vertical speed by its message, or the "collective" of the motors, 0 to 1."""
@@ -320,8 +286,10 @@ class Phase:
                 columns[kind] = {"time": time, "boot": boot, CLIMB_FIELDS[kind][0]: values}
             if kind == "landed_state" and reports:
                 columns["EXTENDED_SYS_STATE"] = {"time": time, "boot": boot, kind: values}
-        telemetry = Telemetry(0, 0, "UNKNOWN", "", columns, self.parameters)
-        return _PhaseSignals(telemetry, armed_states=series["armed"], shares=series["collective"])
+        signals = Signals(Telemetry(0, 0, "UNKNOWN", "", columns, self.parameters))
+        # Two are not from messages here: they take the place of the cached properties.
+        vars(signals).update(armed=series["armed"], collective=series["collective"])
+        return signals
 
     def _settle(self, now: float, climb: Signal | None) -> None:
         """Decides since when the flight is settled; means are known half of their window later."""
@@ -333,10 +301,8 @@ class Phase:
         elif climb is not None:
             sinks = phases.average(climb) <= -CLIMB_OUT_SPEED
             since = self._reviewed - AVERAGING_SECONDS / 2
-            sinking = climb.time[
-                sinks & (climb.time > max(since, self._reported_until)) & (climb.time <= averaged_until)
-            ]
-            if len(sinking):
+            new = (climb.time > max(since, self._reported_until)) & (climb.time <= averaged_until)
+            if len(sinking := climb.time[sinks & new]):
                 self._unsettle(float(sinking[-1]))
 
     def _check_touchdown(self, now: float) -> None:

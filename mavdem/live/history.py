@@ -52,12 +52,9 @@ def sentence(text: str) -> str:
 
 
 class Event(NamedTuple):
-    """A ``sentence`` on something that happened.
+    """Something that happened."""
 
-    ``seconds``: when; UNIX s of the bytes that caused it for a stream, s from the beginning in a history.
-    """
-
-    seconds: float
+    seconds: float  # UNIX s of the bytes that caused it for a stream, s from the beginning in a history
     sentence: str
 
 
@@ -65,41 +62,26 @@ class Event(NamedTuple):
 class SessionStatus:
     """The status of a live session at one moment; ``dataclasses.asdict`` turns it into plain JSON values.
 
-    ``LiveStream`` fills in what concerns the link and the vehicle, ``LiveSession`` the rows, the latency and the
-    silence of the link.
-
-    Attributes:
-        vehicle: the followed vehicle, "system:component"; ``None`` before one is chosen.
-        obstacle: why there are no rows or no new model; empty while all is well.
-        rates: Hz of the vehicle's attitude and motor messages over the last two seconds of its clock, by name.
-        flying: whether the vehicle is armed and airborne.
-        learned, shown: rows that the learner used, and rows that were only shown.
-        latency: median and 99th percentile, s, from the link to the estimate.
-        ahead: about ``AHEAD`` seconds ahead, and the half width, rad, of the 90 % band of the angle predicted there.
-        useful: seconds of the longest useful horizon (``Estimate.useful``), and the squared error of predictions there
-            over that of the better of the last sample and the mean so far; NaN where there is none.
-        lost, late, unread: messages of the vehicle missing by its sequence numbers, samples that came too late for
-            their row, and frames of another dialect or damaged.
-        alarms: lasting changes of the motors' balance, the latest of all boots; those without a motor are no alarms.
-        alarm_count: number of these so far.
-        alarm: the sentence of the latest alarm on a motor in this boot and this flight; it stays after the landing.
+    ``LiveStream`` fills in what concerns the link and the vehicle, ``LiveSession`` the rest. ``useful`` is the longest
+    useful horizon, s (``Estimate.useful``), and the squared error there over that of the better of the last sample and
+    the mean so far.
     """
 
-    vehicle: str | None = None
-    obstacle: str = ""
-    rates: Mapping[str, float] = field(default_factory=dict)
-    flying: bool = False
-    learned: int = 0
-    shown: int = 0
-    latency: tuple[float, float] = (nan, nan)
-    ahead: tuple[float, float] = (nan, nan)
+    vehicle: str | None = None  # the followed one, "system:component"
+    obstacle: str = ""  # why there are no rows or no new model; empty while all is well
+    rates: Mapping[str, float] = field(default_factory=dict)  # Hz of attitude and motors over the last 2 s, by message
+    flying: bool = False  # whether the vehicle is armed and airborne
+    learned: int = 0  # rows that the learner used
+    shown: int = 0  # rows that were only shown
+    latency: tuple[float, float] = (nan, nan)  # median and 99th percentile, s, from the link to the estimate
+    ahead: tuple[float, float] = (nan, nan)  # about ``AHEAD`` s, and half width, rad, of the angle's 90 % band there
     useful: tuple[float, float] = (nan, nan)
-    lost: int = 0
-    late: int = 0
-    unread: int = 0
-    alarms: tuple[MotorAlarm, ...] = ()
-    alarm_count: int = 0
-    alarm: str = ""
+    lost: int = 0  # messages of the vehicle missing by its sequence numbers
+    late: int = 0  # samples that came too late for their row
+    unread: int = 0  # frames of another dialect or damaged
+    alarms: tuple[MotorAlarm, ...] = ()  # the latest changes of the motors' balance; without a motor they are no alarms
+    alarm_count: int = 0  # of these so far
+    alarm: str = ""  # the latest on a motor in this boot and this flight; it stays after the landing
 
     def predicting(self, estimate: Estimate | None) -> SessionStatus:
         """Returns the same with ``ahead`` and ``useful`` of an estimate."""
@@ -107,38 +89,31 @@ class SessionStatus:
             return self
         seconds, longest = estimate.ahead_times - estimate.time, estimate.useful
         nearest = int(abs(seconds - AHEAD).argmin())
-        ratio = nan, nan
-        if longest is not None:
-            ratio = float(seconds[longest]), float(estimate.ahead_ratio[longest].mean())
-        return replace(self, ahead=(float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])), useful=ratio)
+        ahead = float(seconds[nearest]), float(estimate.ahead_band[nearest, 0])
+        if longest is None:
+            return replace(self, ahead=ahead)
+        return replace(self, ahead=ahead, useful=(float(seconds[longest]), float(estimate.ahead_ratio[longest].mean())))
 
 
 class HorizonErrors(NamedTuple):
-    """Errors of the predictions ``seconds`` ahead, inputs unknown; (m,) each, over ``samples``.
-
-    ``mse`` is the mean squared error, ``held`` that of the last sample held, ``inside`` the share inside the 90 % band.
-    """
+    """Errors of the predictions ``seconds`` ahead, inputs unknown; (m,) each, over ``samples``."""
 
     seconds: float
     samples: int
-    mse: Array
-    held: Array
-    inside: Array
+    mse: Array  # mean squared error
+    held: Array  # that of the last sample held
+    inside: Array  # share inside the 90 % band
 
 
 class HistoryLines(NamedTuple):
-    """Lines over time, (N,) each, s from the beginning; NaN where there is nothing and across gaps.
-
-    ``predicted`` is of the first output, the horizon of the history before its time; ``torque`` is the wind's, rad/s².
-    The bands are half widths.
-    """
+    """Lines over time, (N,) each, s from the beginning; NaN where there is nothing and across gaps."""
 
     time: Array
-    measured: Array
-    predicted: Array
-    predicted_band: Array
-    torque: Array
-    torque_band: Array
+    measured: Array  # first output
+    predicted: Array  # the same, by the horizon of the history earlier
+    predicted_band: Array  # half width
+    torque: Array  # of the wind, rad/s²
+    torque_band: Array  # half width
 
 
 class LiveHistory:

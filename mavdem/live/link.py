@@ -99,8 +99,8 @@ class Link:
         received: list[tuple[float, bytes]] = []
         try:
             # A silent client may be gone; while it sends, others wait.
-            replaceable = self._server if time.monotonic() - self._came > SILENCE_SECONDS else None
-            ready = select.select([waiting_on, *filter(None, [replaceable])], [], [], max(timeout, 0.0))[0]
+            replaceable = [self._server] if self._server and time.monotonic() - self._came > SILENCE_SECONDS else []
+            ready = select.select([waiting_on, *replaceable], [], [], max(timeout, 0.0))[0]
             if not ready:
                 return received
             if self._server is not None and self._socket is None:
@@ -110,10 +110,7 @@ class Link:
                 self._came = time.monotonic()
             elif ready == [self._server]:
                 self._lose("was silent, and another client waits")
-            while len(received) < MAX_PIECES:
-                piece = self._take()
-                if piece is None:
-                    break
+            while len(received) < MAX_PIECES and (piece := self._take()) is not None:
                 if not piece and not self.datagrams:
                     if received:
                         break  # return what came; the next call raises
@@ -163,18 +160,13 @@ class Link:
         The pause doubles with each attempt, and with each link that is lost within ``STABLE_SECONDS``. An attempt takes
         at most ``CONNECT_SECONDS``.
         """
-        now = time.monotonic()
-        if self._waiting_on() is not None:
-            return True
-        if now < self._not_before:
-            return False
-        try:
-            self._open()
-        except OSError:
-            self.close()
-            self._pause_attempts()
-            return False
-        return True
+        if self._waiting_on() is None and time.monotonic() >= self._not_before:
+            try:
+                self._open()
+            except OSError:
+                self.close()
+                self._pause_attempts()
+        return self._waiting_on() is not None
 
     def close(self) -> None:
         """Closes it."""
@@ -196,22 +188,19 @@ class Link:
         except UnicodeError as error:  # no valid host name
             raise socket.gaierror(str(error)) from error
         opened = socket.socket(family, kind)
+        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
         if self._kind == "tcpin":
             self._server = opened
             opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            opened.bind(address)
+            opened.listen(1)
         else:
             self._socket = opened
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-        if self._kind in ("udpin", "tcpin"):
-            opened.bind(address)
-            if self._kind == "tcpin":
-                opened.listen(1)
-        else:
             if self._kind == "tcp":
                 _probe(opened)
-            # For a datagram socket this only sets the peer.
+            # Connecting a datagram socket only sets the peer.
             opened.settimeout(CONNECT_SECONDS)
-            opened.connect(address)
+            (opened.bind if self._kind == "udpin" else opened.connect)(address)
         opened.setblocking(False)
 
     def _waiting_on(self) -> socket.socket | int | None:
@@ -241,9 +230,8 @@ class Link:
 
     def _lose(self, how: str) -> NoReturn:
         if self._server is not None and self._socket is not None:
-            # The next client may connect at once.
             self._socket.close()
-            self._socket = None
+            self._socket = None  # the next client may connect at once
         else:
             self.close()
             if time.monotonic() - self._opened >= STABLE_SECONDS:
@@ -275,20 +263,22 @@ class Link:
 
 
 class Origins:
-    """Admits the datagrams of each autopilot from one address only. ``events``: sentences to report.
+    """Admits the datagrams of each autopilot from one address only; other components may have several.
 
-    The ids are those of a datagram's first frame. Other components, as ground stations, may have several.
+    ``events``: sentences to report.
     """
 
     def __init__(self) -> None:
         self.events: list[str] = []
-        self._first: dict[tuple[int, int], tuple[Any, float]] = {}
-        self._rivals: dict[tuple[int, int], Any] = {}  # address that was refused, until that is reported
+        self._first: dict[tuple[int, ...], tuple[Any, float]] = {}
+        self._rivals: dict[tuple[int, ...], Any] = {}  # address that was refused, until that is reported
 
     def admit(self, datagram: bytes, address: Any, now: float) -> bool:
         """Whether a datagram from ``address``, None where there are none, is of the first of its ids; ``now`` in s."""
-        ids = _ids(datagram)
-        if address is None or ids is None or ids[1] != AUTOPILOT_COMPONENT:
+        ids: tuple[int, ...] | None = None  # of its first frame
+        if len(datagram) >= HEADER_1 and datagram[0] in (MARKER_1, MARKER_2):
+            ids = tuple(datagram[3:5] if datagram[0] == MARKER_1 else datagram[5:7])
+        if address is None or ids is None or ids[1:] != (AUTOPILOT_COMPONENT,):
             return True
         first, heard = self._first.get(ids, (address, now))
         if first != address and now - heard <= HEARD_SECONDS:
@@ -298,7 +288,7 @@ class Origins:
             del self._rivals[ids]  # it took the place of the first
         if self._rivals.get(ids) is not None:
             # Both send; one that restarts from another port would not send from the first again.
-            addresses = f"{_name(address)} and {_name(self._rivals[ids])}"
+            addresses = " and ".join(f"{host}:{port}" for host, port, *_ in (address, self._rivals[ids]))
             self.events.append(
                 f"Two addresses send as {ids[0]}:{ids[1]}, {addresses}: only the first is read; if they are two "
                 "vehicles, give one another system id."
@@ -307,16 +297,6 @@ class Origins:
         if ids in self._first or len(self._first) < MAX_VEHICLES:
             self._first[ids] = address, now
         return True
-
-
-def _ids(datagram: bytes) -> tuple[int, int] | None:
-    if len(datagram) >= HEADER_1 and datagram[0] == MARKER_1:
-        return datagram[3], datagram[4]
-    return (datagram[5], datagram[6]) if len(datagram) >= 7 and datagram[0] == MARKER_2 else None
-
-
-def _name(address: Any) -> str:
-    return f"{address[0]}:{address[1]}"
 
 
 def _parsed(name: str) -> tuple[str, str, int]:
@@ -341,13 +321,9 @@ def _parsed(name: str) -> tuple[str, str, int]:
 def _probe(connection: socket.socket) -> None:
     """Makes the kernel probe a silent connection: a peer that lost power does not close it."""
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    for option, value in (
-        ("TCP_KEEPIDLE", SILENCE_SECONDS),
-        ("TCP_KEEPINTVL", PROBE_SECONDS),
-        ("TCP_KEEPCNT", MAX_PROBES),
-    ):
-        if hasattr(socket, option):
-            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+    for option, value in {"IDLE": SILENCE_SECONDS, "INTVL": PROBE_SECONDS, "CNT": MAX_PROBES}.items():
+        if hasattr(socket, f"TCP_KEEP{option}"):
+            connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, f"TCP_KEEP{option}"), value)
 
 
 def _serial(name: str) -> int:
@@ -387,7 +363,8 @@ class RawRecording:
     """
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
-        if Path(path).suffix.lower() not in (".tlog", ".mcap"):
+        ending = Path(path).suffix.lower()
+        if ending not in (".tlog", ".mcap"):
             raise ValueError(f"{path} must end in .tlog or .mcap")
         try:
             self._file = open(path, "xb")  # noqa: SIM115 - open until close()
@@ -396,7 +373,7 @@ class RawRecording:
         except OSError as error:
             raise Unreadable(f"{path} cannot be written ({error.strerror or error}): name another file.") from None
         self.frames = self.bytes_skipped = 0
-        self._mcap = started(self._file, CHUNK_BYTES) if Path(path).suffix.lower() == ".mcap" else None
+        self._mcap = started(self._file, CHUNK_BYTES) if ending == ".mcap" else None
         self._channel = 0 if self._mcap is None else raw_channel(self._mcap)
         self._pieces: list[tuple[float, bytes]] = []
         self._first = 0.0
@@ -431,10 +408,11 @@ class RawRecording:
             searched = max(int(frames.end.max(initial=0)), len(content) - LONGEST_FRAME)
         stamps = (round(self._pieces[piece][0] * 1e6) for piece in pieces.tolist())
         contents = [content[a:b] for a, b in zip(frames.start.tolist(), frames.end.tolist(), strict=True)]
+        stamped = zip(stamps, contents, strict=True)
         if self._mcap is None:
-            write_stamped(self._file, zip(stamps, contents, strict=True))
+            write_stamped(self._file, stamped)
         else:
-            for stamp, frame in zip(stamps, contents, strict=True):
+            for stamp, frame in stamped:
                 write_message(self._mcap, self._channel, stamp * 1000, frame)
         self._file.flush()
         self.frames += len(contents)

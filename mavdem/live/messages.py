@@ -81,12 +81,10 @@ class FrameReader:
             if frame is not None and frame.verdict == GOOD:
                 read.append(frame)
                 start = end
-            elif end >= len(data):
-                break  # incomplete, or alone: what follows decides
-            elif (decided := self._search(data, start, read)) is None:
-                break
-            else:
+            elif end < len(data) and (decided := self._search(data, start, read)) is not None:
                 start = decided
+            else:
+                break  # incomplete, or alone: what follows decides
         self._rest = data[start:]
         self.unread += sum(frame.verdict != GOOD for frame in read)
         return read
@@ -103,12 +101,10 @@ class FrameReader:
         else:
             table = table[table.end <= len(data) - start - LONGEST_FRAME]
             until = len(data) - start - LONGEST_FRAME
-        for row in range(len(table)):
-            begin, length = start + int(table.payload[row]), int(table.length[row])
-            header = (table.message_id, table.system, table.component, table.sequence, table.verdict)
-            message_id, system, component, sequence, verdict = (int(column[row]) for column in header)
-            payload = data[begin : begin + length]
-            read.append(Frame(message_id, system, component, sequence, verdict, payload))
+        headers = (table.message_id, table.system, table.component, table.sequence, table.verdict)
+        places = (start + table.payload).tolist(), table.length.tolist()
+        for begin, length, *header in zip(*places, *(column.tolist() for column in headers), strict=True):
+            read.append(Frame._make([*header, data[begin : begin + length]]))
         return start + until
 
 
@@ -124,14 +120,10 @@ def _frame_at(data: bytes, start: int) -> tuple[Frame | None, int]:
         return None, start
     if (end := start + length) > len(data):
         return None, end
-    if header[0] == MARKER_2:
-        payload = start + HEADER
-        sequence, system, component, low, middle, high = header[4:]
-        message_id = low | middle << 8 | high << 16
-    else:
-        payload = start + HEADER_1
-        sequence, system, component, message_id = header[2:HEADER_1]
-    behind = payload + header[1]
+    first, size = (4, HEADER) if header[0] == MARKER_2 else (2, HEADER_1)
+    sequence, system, component = header[first : first + 3]
+    message_id = int.from_bytes(header[first + 3 : size], "little")
+    payload, behind = start + size, start + size + header[1]
     definition, verdict = definitions().get(message_id), UNKNOWN
     if definition is not None:
         sent = data[behind] | data[behind + 1] << 8
@@ -203,10 +195,7 @@ def outputs(message: Message) -> tuple[int, Values]:
 
 def parameters_of(messages: Iterable[Message], autopilot: str) -> dict[str, float]:
     """The finite parameters by name, from the PARAM_VALUEs of the named MAV_AUTOPILOT."""
-    names, kinds, values = zip(*(message.values for message in messages), strict=True)
-    columns = {
-        "param_id": np.array(names, dtype="S16"),
-        "param_type": np.array(kinds, dtype="u1"),
-        "param_value": np.array(values, dtype="<f4"),
-    }
-    return parameter_values(columns, autopilot)
+    columns = zip(*(message.values for message in messages), strict=True)
+    types = {"param_id": "S16", "param_type": "u1", "param_value": "<f4"}
+    parts = {name: np.array(column, kind) for (name, kind), column in zip(types.items(), columns, strict=True)}
+    return parameter_values(parts, autopilot)

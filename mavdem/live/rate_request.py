@@ -75,6 +75,7 @@ class _Interval:
     """One message's interval."""
 
     message_id: int
+    name: str  # of the message
     rate: float  # asked for, Hz
     least: bool = False  # whether about that rate is enough, however it is reached
     before: int | None = None  # the former interval, µs, once known
@@ -88,11 +89,6 @@ class _Interval:
     reached: float = 0.0  # Hz reached since it was set
     again: int = 0  # number of times that it was asked for again since it last stayed
     restored: bool = False  # whether the vehicle confirmed the former interval
-
-    @property
-    def name(self) -> str:
-        """Of the message."""
-        return definitions()[self.message_id].name
 
     def is_enough(self, rate: float) -> bool:
         """Whether ``rate``, Hz, needs no setting: what comes faster already stays as it is."""
@@ -118,8 +114,8 @@ class RateRequest:
     ) -> None:
         self.events: list[str] = []
         self._vehicle = vehicle
-        self._intervals = [_Interval(message_id, rate) for message_id in messages]
-        self._intervals += [_Interval(message_id, EVIDENCE_RATE, least=True) for message_id in evidence]
+        self._intervals = [_Interval(number, definitions()[number].name, rate) for number in messages]
+        self._intervals += [_Interval(number, definitions()[number].name, EVIDENCE_RATE, True) for number in evidence]
         self._sequence = 0
         self._contested = self._restoring = False
         self._unconfirmed: deque[_Interval] = deque()
@@ -160,17 +156,18 @@ class RateRequest:
     def take(self, message: Message) -> None:
         """Takes a MESSAGE_INTERVAL or a COMMAND_ACK of the vehicle."""
         first, second, *addressee = message.values
+        us = GROUND_STATION.system, GROUND_STATION.component
+        ours = all(to in (EVERYONE, own) for to, own in zip(addressee, us, strict=False))
         if message.name == "MESSAGE_INTERVAL":
+            possible = second == STOPPED or second >= SHORTEST_INTERVAL
             for interval in self._intervals:
                 # After a setting it is not the former interval.
-                possible = second == STOPPED or second >= SHORTEST_INTERVAL
                 if interval.message_id == first and interval.before is None and not interval.settings and possible:
                     interval.before, interval.last = second, -np.inf
-        elif first != SET_INTERVAL or second == IN_PROGRESS or not _is_for_us(*addressee):
+        elif first != SET_INTERVAL or second == IN_PROGRESS or not ours:
             return
         elif self._restoring:
-            # In the order of the requests.
-            if self._unconfirmed:
+            if self._unconfirmed:  # in the order of the requests
                 self._unconfirmed.popleft().restored = second == ACCEPTED
         elif waiting := [interval for interval in self._intervals if interval.settings and not interval.done]:
             # It does not contain the message: take the one that was set last.
@@ -191,13 +188,8 @@ class RateRequest:
     def restore(self) -> list[bytes]:
         """Returns frames that restore each former interval that may have changed and is not confirmed as before yet."""
         self._restoring = True
-        self._unconfirmed = deque(
-            interval for interval in self._intervals if interval.unrefused and not interval.restored
-        )
-        return [
-            self._command(SET_INTERVAL, interval.message_id, interval.before or STOPPED)
-            for interval in self._unconfirmed
-        ]
+        self._unconfirmed = deque(each for each in self._intervals if each.unrefused and not each.restored)
+        return [self._command(SET_INTERVAL, each.message_id, each.before or STOPPED) for each in self._unconfirmed]
 
     @property
     def restoring(self) -> bool:
@@ -206,10 +198,7 @@ class RateRequest:
 
     def _waiting(self, now: float) -> bool:
         """Whether a setting may still be confirmed."""
-        return any(
-            interval.settings and not interval.done and now - interval.last < REPLY_SECONDS
-            for interval in self._intervals
-        )
+        return any(each.settings and not each.done and now - each.last < REPLY_SECONDS for each in self._intervals)
 
     def _watch(self, interval: _Interval, now: float, rate: float | None) -> None:
         """Sets the interval of a message again that comes much slower than before, or that was never confirmed."""
@@ -221,9 +210,7 @@ class RateRequest:
             if now - interval.last >= MAX_PAUSE_SECONDS:
                 interval.again = 0
             return
-        if now - interval.last < min(
-            PAUSE_SECONDS * 2**interval.again if unconfirmed else PAUSE_SECONDS, MAX_PAUSE_SECONDS
-        ):
+        if now - interval.last < min(PAUSE_SECONDS * 2 ** (interval.again * unconfirmed), MAX_PAUSE_SECONDS):
             return
         if not interval.least and not unconfirmed and not self._contested:
             self.events.append(f"{interval.name} no longer comes at {interval.reached:.3g} Hz; asking for it again.")
@@ -243,12 +230,8 @@ class RateRequest:
         return _frame("COMMAND_LONG", GROUND_STATION, self._sequence - 1, fields)
 
 
-def _is_for_us(system: int, component: int) -> bool:
-    return system in (EVERYONE, GROUND_STATION.system) and component in (EVERYONE, GROUND_STATION.component)
-
-
 def greeting(number: int) -> bytes:
-    """Returns the ``number``-th HEARTBEAT, from 0 on, for vehicles that send only after they have received interval."""
+    """Returns the ``number``-th HEARTBEAT, from 0 on, for vehicles that send only after they have received one."""
     fields = {"type": GCS, "autopilot": NO_AUTOPILOT, "system_status": ACTIVE, "mavlink_version": VERSION}
     return _frame("HEARTBEAT", GREETER, number, fields)
 

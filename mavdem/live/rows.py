@@ -48,20 +48,14 @@ OTHER_RATE_RATIO = 1.3  # A rate that differs by this factor from the one that d
 
 
 class AlignedRow(NamedTuple):
-    """One point of the grid, as a row of the ``Flight`` that ``align`` returns.
+    """One point of the grid, as a row of the ``Flight`` that ``align`` returns."""
 
-    ``time``: s on the boot clock. ``inputs``: (r,) motor outputs in the unit of the stream, or the demand. ``outputs``:
-    (2,) angle, rad, and body rate, rad/s. ``segment``: its number, from 0 on; rows of one segment are one step apart.
-    ``received``: UNIX s at which the bytes that completed it were received. ``settled``: whether the vehicle was in
-    settled flight, as far as is known by then.
-    """
-
-    time: float
-    inputs: NDArray[np.float64]
-    outputs: NDArray[np.float64]
-    segment: int
-    received: float
-    settled: bool
+    time: float  # s on the boot clock
+    inputs: NDArray[np.float64]  # (r,) motor outputs in the unit of the stream, or the demand
+    outputs: NDArray[np.float64]  # (2,) angle, rad, and body rate, rad/s
+    segment: int  # its number, from 0 on; rows of one segment are one step apart
+    received: float  # UNIX s at which the bytes that completed it were received
+    settled: bool  # whether the vehicle was in settled flight, as far as is known by then
 
 
 class PlacedMessage(NamedTuple):
@@ -130,9 +124,8 @@ class BootClock:
             self.boot += 1
             self._report(f"The vehicle rebooted when its clock read {before:.1f} s.")
         elif not isnan(before):
-            self._report(
-                f"Nothing was received for {first - before:.1f} s of the vehicle's clock, from {before:.1f} s on."
-            )
+            length = f"{first - before:.1f} s of the vehicle's clock"
+            self._report(f"Nothing was received for {length}, from {before:.1f} s on.")
         held, self._held, self._run = self._held, [], []
         self._turns, self.now = 0, first
         self._far.clear()
@@ -169,10 +162,8 @@ class BootClock:
         if len(far) > MIN_RESET_STAMPS:
             away = median(offset for _, offset in self._far.pop(message.name))
             self._shifts[message.name] = -away if abs(away) > OTHER_EPOCH else 0.0
-            self._report(
-                f"The time stamps of {message.name} are of another clock, {away:.6g} s away; they are moved to the "
-                "boot clock."
-            )
+            other = f"The time stamps of {message.name} are of another clock, {away:.6g} s away"
+            self._report(f"{other}; they are moved to the boot clock.")
         return None
 
     def _hold(self, message: Message) -> list[PlacedMessage]:
@@ -257,12 +248,9 @@ class Samples:
         after = bisect_left(self.time, time)
         if self.time[after] == time:
             return self.values[after]
-        before = after - 1
-        start, span = self.time[before], self.time[after] - self.time[before]
-        return tuple(
-            (right - left) / span * (time - start) + left
-            for left, right in zip(self.values[before], self.values[after], strict=True)
-        )
+        start, span = self.time[after - 1], self.time[after] - self.time[after - 1]
+        ends = zip(self.values[after - 1], self.values[after], strict=True)
+        return tuple((right - left) / span * (time - start) + left for left, right in ends)
 
     def nearest(self, time: float) -> Values | None:
         """The sample nearest to ``time``; None if it is farther than ``STAMP_SECONDS``."""
@@ -306,19 +294,15 @@ class Grid:
         self._latest = self._try_from = self._steady_from = -inf
         self._steps: list[float] = []
 
-    def end(self) -> None:
-        """Ends the segment; the step stays."""
+    def end(self, forget_step: bool = False) -> None:
+        """Ends the segment; the step stays, or the next one decides it again."""
         self.running = False
         self._try_from = -inf
-
-    def forget_step(self) -> None:
-        """Ends the segment; the next one decides the step again."""
-        self.end()
-        self.dt = None
+        self.dt = None if forget_step else self.dt
 
     def restart(self) -> None:
         """Resets the clock after a reboot; the segment's number and the steps used so far stay."""
-        self.forget_step()
+        self.end(forget_step=True)
         self._latest = self._steady_from = -inf
 
     def begin(self, streams: Sequence[Samples]) -> bool:
@@ -388,11 +372,10 @@ class Grid:
         Lost samples make the measured step a little longer, and the model learned so far has the earlier one.
         """
         new = step(rates)
-        for before in self._steps:
-            if 1 / OTHER_RATE_RATIO < new / before < OTHER_RATE_RATIO:
-                return before
-        self._steps.append(new)
-        return new
+        former = [before for before in self._steps if 1 / OTHER_RATE_RATIO < new / before < OTHER_RATE_RATIO]
+        if not former:
+            self._steps.append(new)
+        return (former or [new])[0]
 
 
 def _is_steady(time: NDArray[np.float64], first: float, last: float) -> bool:

@@ -29,19 +29,16 @@ MAX_LISTED = 8  # Vehicles named in one sentence
 class Sender:
     """One component on the link, by its MAVLink ids.
 
-    ``kind`` and ``autopilot``: names of the MAV_TYPE and MAV_AUTOPILOT that most of its HEARTBEATs have. ``attitudes``:
-    number of messages of attitude. ``frames``: number of frames, unread ones included. ``arrived``: number of messages
-    by id, damaged and unknown ones excluded. ``parameters``: the last PARAM_VALUEs. ``held``: whether
-    ``ENOUGH_MESSAGES`` decide what it is: a flood of forged ones must not change the followed one.
+    ``kind`` and ``autopilot``: names of the MAV_TYPE and MAV_AUTOPILOT that most of its HEARTBEATs have.
     """
 
     def __init__(self, system: int, component: int) -> None:
         self.system, self.component, self.name = system, component, f"{system}:{component}"
         self.kind = self.autopilot = UNNAMED
-        self.attitudes = self.frames = 0
-        self.arrived: dict[int, int] = {}
-        self.parameters: dict[bytes, Message] = {}
-        self.held = False
+        self.attitudes = self.frames = 0  # messages of attitude, and frames, unread ones included
+        self.arrived: dict[int, int] = {}  # number of messages by id, damaged and unknown ones excluded
+        self.parameters: dict[bytes, Message] = {}  # the last PARAM_VALUEs
+        self.held = False  # Followed: ENOUGH_MESSAGES decide what it is, no flood of forged ones changes it
         self._beats: list[tuple[int, int]] = []
         self._last: Frame | None = None
         self._missing = 0
@@ -89,17 +86,14 @@ class Sender:
             self.attitudes += definitions()[frame.message_id].name in ATTITUDE_MESSAGES
         return True
 
-    def take_parameter(self, message: Message) -> None:
-        """Keeps a PARAM_VALUE."""
-        name = message.values[0]
-        if name in self.parameters or len(self.parameters) < MAX_PARAMETERS:
-            self.parameters[name] = message
-
-    def take_heartbeat(self, message: Message) -> None:
-        """Counts the type and autopilot in a HEARTBEAT."""
-        kind, autopilot, *_ = message.values
-        if len(self._beats) < (ENOUGH_MESSAGES if self.held else VOTING_HEARTBEATS):
-            self._beats.append((kind, autopilot))
+    def take_message(self, message: Message) -> None:
+        """Keeps a PARAM_VALUE; counts the type and autopilot in a HEARTBEAT."""
+        first = message.values[0]
+        if message.name == "PARAM_VALUE" and (first in self.parameters or len(self.parameters) < MAX_PARAMETERS):
+            self.parameters[first] = message
+        votes = ENOUGH_MESSAGES if self.held else VOTING_HEARTBEATS
+        if message.name == "HEARTBEAT" and len(self._beats) < votes:
+            self._beats.append((first, message.values[1]))
             kinds, autopilots = np.array(self._beats).T
             self.kind, self.autopilot = identity({"type": kinds, "autopilot": autopilots})
 
@@ -107,8 +101,7 @@ class Sender:
 class Senders:
     """All senders of a link and the one that is followed: ``wanted``, "system" or "system:component", or the only one.
 
-    ``followed``: the chosen vehicle; None before the choice. ``obstacle``: why none is followed, one sentence; empty
-    when one is.
+    ``followed``: None before the choice. ``obstacle``: why none is followed, one sentence; empty when one is.
     """
 
     def __init__(self, wanted: str | None, report: Callable[[str], None]) -> None:

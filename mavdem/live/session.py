@@ -15,7 +15,7 @@ from collections.abc import Callable
 from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -48,7 +48,6 @@ LOW_PRIORITY = 10  # Niceness, 0 to 19, of the process that learns
 
 _NUMBERS = re.compile(r"\d+(\.\d+)?(?= (Hz|s|ms)\b)")
 
-Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
 
 
@@ -62,9 +61,7 @@ class LearningProcess(Executor):
         self._exits = ExitStack()
         self._start()
 
-    def submit(
-        self, job: Callable[Arguments, Result], /, *args: Arguments.args, **kwargs: Arguments.kwargs
-    ) -> Future[Result]:
+    def submit(self, job: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Runs a job; see ``concurrent.futures.Executor``."""
         try:
             return self._pool.submit(job, *args, **kwargs)
@@ -88,7 +85,8 @@ class LearningProcess(Executor):
 class LiveSession:
     """A link and all that is done with what it receives.
 
-    ``learner``: of the latest rows; None before the first. ``history``: what happened, by the session's own seconds.
+    ``learner``: of the latest rows; None before the first. ``request``: for rates, once sent. ``history``: what
+    happened, by the session's own seconds.
     """
 
     link: Link  # open
@@ -115,7 +113,7 @@ class LiveSession:
         self._setup: Setup | None = None
         self._display: Any = None
         self._display_failed = False
-        self._request: RateRequest | None = None
+        self.request: RateRequest | None = None
         self._arrivals, self._boot = Arrivals(), 0
         self._greetings, self._greeted = 0, -np.inf
         self._latencies: deque[float] = deque(maxlen=10_000)
@@ -196,19 +194,14 @@ class LiveSession:
 
     def end(self) -> None:
         """Restores the vehicle's rates, which it must confirm, and ends the recording."""
-        if self._request is not None:
-            self._restore_rates(self._request)
+        if self.request is not None:
+            self._restore_rates(self.request)
         if self.recording is not None:
             try:
                 self.recording.close()
             except OSError as error:
                 self.recording = None
                 self._log(f"The recording could not be finished ({_reason(error)}).")
-
-    @property
-    def asked(self) -> bool:
-        """Whether the vehicle was asked for message rates, which must be restored."""
-        return self._request is not None
 
     @property
     def sentences(self) -> list[str]:
@@ -233,14 +226,14 @@ class LiveSession:
 
     def _silence(self) -> str:
         """The sentence about a silent link; empty if it is not silent."""
-        now = time.monotonic()
+        now, missing = time.monotonic(), ""
         if self._lost:
             return "the link is lost"
         if now - self._heard > SILENCE_SECONDS:
-            return f"nothing was received for {SILENCE_SECONDS:.0f} s and more"
-        if self._samples and now - self._sampled > SILENCE_SECONDS:
-            return f"no attitude and no motor outputs were received for {SILENCE_SECONDS:.0f} s and more"
-        return ""
+            missing = "nothing was"
+        elif self._samples and now - self._sampled > SILENCE_SECONDS:
+            missing = "no attitude and no motor outputs were"
+        return missing and f"{missing} received for {SILENCE_SECONDS:.0f} s and more"
 
     def _say_resumed(self, what: str, after: float) -> None:
         if SILENCE_SECONDS < after < np.inf:
@@ -298,19 +291,13 @@ class LiveSession:
         """Takes the learner of a setup's rows, and shows them; a display that fails is not used again."""
         if self._setup is not None and setup.boot != self._setup.boot:
             self._models = deque(((-np.inf, learned) for _, learned in self._models), MAX_MODELS)
-        self._setup, layout = setup, setup.layout
-        directions = None if layout.positions_assumed else layout.effect(self.stream.axis)
+        self._setup, layout, axis = setup, setup.layout, self.stream.axis
+        sizes = setup.dt, len(layout.names), len(axis_outputs(axis))
+        directions = None if layout.positions_assumed else layout.effect(axis)
+        options: dict[str, Any] = {"horizons": horizons(setup.dt), "effect_directions": directions}
         key = setup.dt, layout.names
         if key not in self._learners:
-            self._learners[key] = OnlineLearner(
-                self.settings,
-                setup.dt,
-                len(layout.names),
-                len(axis_outputs(self.stream.axis)),
-                horizons=horizons(setup.dt),
-                executor=self.executor,
-                effect_directions=directions,
-            )
+            self._learners[key] = OnlineLearner(self.settings, *sizes, executor=self.executor, **options)
         self.learner = self._learners[key]
         if self._display_failed:
             return
@@ -337,14 +324,8 @@ class LiveSession:
         if setup is None or record.inputs.shape[1] != len(setup.layout.names):
             return learned
         names, units = zip(*axis_outputs(self.stream.axis), strict=True)
-        record = replace(
-            record,
-            input_names=setup.layout.names,
-            output_names=names,
-            input_units=(setup.scale.unit,) * len(setup.layout.names),
-            output_units=units,
-        )
-        return replace(learned, record=record)
+        named = replace(record, input_names=setup.layout.names, output_names=names, output_units=units)
+        return replace(learned, record=replace(named, input_units=(setup.scale.unit,) * len(setup.layout.names)))
 
     def _request_rates(self, now: float) -> None:
         """Asks for rates if the user wants that and the vehicle is known; sends a HEARTBEAT if needed before."""
@@ -357,18 +338,18 @@ class LiveSession:
         vehicle = self.stream.followed
         if vehicle is None or now - self._heard > SILENCE_SECONDS:
             return
-        if self._request is None:
-            self._request = RateRequest(FrameSender(vehicle.system, vehicle.component), self.rate)
+        if self.request is None:
+            self.request = RateRequest(FrameSender(vehicle.system, vehicle.component), self.rate)
         for message in self.stream.replies():
-            self._request.take(message)
+            self.request.take(message)
         rates = self._arrivals.rates(now, vehicle.arrived)
         if self._arrivals.resumed or self.stream.boot != self._boot:
             self._boot = self.stream.boot
-            self._request.restart()
-        self._send(self._request.due(now, rates))
-        for event in self._request.events:
+            self.request.restart()
+        self._send(self.request.due(now, rates))
+        for event in self.request.events:
             self._log(event)
-        self._request.events.clear()
+        self.request.events.clear()
 
     def _restore_rates(self, request: RateRequest) -> None:
         for _ in range(0 if self._lost else MAX_TRIES):
@@ -393,13 +374,12 @@ class LiveSession:
             self._log(str(error))
 
     def _log(self, text: str) -> None:
-        said = sentence(text)
-        now, kind = time.monotonic(), _NUMBERS.sub("", said)
-        if now - self._last_said.get(kind, -np.inf) < REPEAT_SECONDS:
+        now, said = time.monotonic(), sentence(text)
+        kind = _NUMBERS.sub("", said)
+        self._last_said = {before: at for before, at in self._last_said.items() if now - at < REPEAT_SECONDS}
+        if kind in self._last_said:
             return
-        self._last_said = {before: at for before, at in self._last_said.items() if now - at < REPEAT_SECONDS} | {
-            kind: now
-        }
+        self._last_said[kind] = now
         self.say(said)
         self.history.note(now - self._began, said)
         if self._display is not None:

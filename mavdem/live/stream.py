@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import replace
 from math import inf, isnan
 
@@ -31,7 +32,6 @@ REVIEW_SECONDS, CHOICE_SECONDS = 0.1, 0.5  # Of the boot clock, between two revi
 REPLIES = ("MESSAGE_INTERVAL", "COMMAND_ACK")  # What a vehicle sends when it is asked for rates
 MAX_PORTS = 4  # Of a message of outputs that are read; PX4 has two
 MAX_REPLIES = 64  # Replies kept until they are fetched
-MIN_JUDGED, CONTRADICTING_SHARE = 64, 0.2  # Messages whose stamps are judged together, and outliers among them
 RATE_CHECK_SAMPLES = 8  # Samples of a stream between two checks of its rate
 ONLY_DEMAND = "The inputs are the demand and not the motors, so that a weak motor would not be seen."
 NO_EVIDENCE = "There is no EXTENDED_SYS_STATE and no vertical speed: motors and flight mode alone show a landing."
@@ -45,13 +45,10 @@ class LiveStream:
     for :func:`mavdem.read_flight`; without a ``vehicle`` it is the only multirotor that sends attitude. If the vehicle
     is ``asked`` for rates already, no sentence advises it.
 
-    Raises:
-        ValueError: unknown axis or inputs.
+    Raises ValueError: unknown axis or inputs.
 
-    Attributes:
-        setup: what the rows of the latest segment are; None before the first.
-        samples: number of samples of the vehicle's attitude and motor outputs.
-        boot: number of the vehicle's boot, from 0 on.
+    ``setup``: what the rows of the latest segment are; None before the first. ``samples``: number of samples of the
+    vehicle's attitude and motor outputs. ``boot``: number of the vehicle's boot, from 0 on.
     """
 
     def __init__(
@@ -75,8 +72,6 @@ class LiveStream:
         self._alarms = MotorAlarms()
         self._reviewed = -inf
         self._connected_from, self._received, self._said_evidence = inf, 0.0, False
-        self._judged, self._judged_from, self._outliers = 0, 0.0, 0  # Messages judged by their stamps since then
-        self._contradicts = self._said_contradiction = False
         self._obstacle, self._enough = "The message rates are being measured.", True
 
     @property
@@ -96,10 +91,7 @@ class LiveStream:
     def feed(self, stamp: float, data: bytes) -> list[AlignedRow]:
         """Takes the next ``data`` of the link, received at ``stamp``, UNIX s; returns the rows that it completes."""
         self._received = stamp
-        rows: list[AlignedRow] = []
-        for frame in self._frames.feed(data):
-            self._take(frame, rows)
-        return rows
+        return [row for frame in self._frames.feed(data) for row in self._take(frame)]
 
     def landing(self) -> float | None:
         """The time, s of this boot, since which rows given as settled were of a landing; None if none is new."""
@@ -136,69 +128,49 @@ class LiveStream:
             rates[name] = max(rates.get(name, 0.0), stream.rate(now))
         return rates
 
-    def _take(self, frame: Frame, rows: list[AlignedRow]) -> None:
+    def _take(self, frame: Frame) -> Iterator[AlignedRow]:
+        """Takes a frame; the rows that it completes."""
         sender = self._senders.of(frame)
         if not sender.take(frame) or frame.verdict != GOOD:
             return
         message = message_of(frame)
-        if message is not None and message.name == "HEARTBEAT":
-            sender.take_heartbeat(message)
-        elif message is not None and message.name == "PARAM_VALUE":
-            sender.take_parameter(message)
+        if message is not None:
+            sender.take_message(message)
         self._senders.decide(sender)
         if sender is not self._senders.followed or message is None:
             return
         if message.name in REPLIES:
             self._replies.append(message)
             return
-        self._check_stamps(sender)
         for placed in self._clock.place(message):
             if placed.boot != self.boot:
                 self._reboot(placed.boot)
-            self._process(sender, placed, rows)
+            yield from self._process(sender, placed)
 
-    def _check_stamps(self, sender: Sender) -> None:
-        """Reports, once, stamps that contradict each other for ``DECISION_SECONDS`` and more."""
-        self._judged += 1
-        if self._judged < MIN_JUDGED or abs(self._received - self._judged_from) < DECISION_SECONDS:
-            return
-        contradict = self._clock.outliers - self._outliers > CONTRADICTING_SHARE * self._judged
-        if contradict and self._contradicts and not self._said_contradiction:
-            self._said_contradiction = True
-            self._report(
-                f"Time stamps of vehicle {sender.name} contradict each other: two vehicles may send with the same ids; "
-                "give one another system id."
-            )
-        self._contradicts = contradict
-        self._judged, self._judged_from, self._outliers = 0, self._received, self._clock.outliers
-
-    def _process(self, sender: Sender, placed: PlacedMessage, rows: list[AlignedRow]) -> None:
+    def _process(self, sender: Sender, placed: PlacedMessage) -> Iterator[AlignedRow]:
         message, time, name = placed.message, placed.time, placed.message.name
         if name in ATTITUDE_MESSAGES and placed.stamped:
-            self._add(name, 0, time, attitude(message), rows)
+            yield from self._add(name, 0, time, attitude(message))
         elif (name in MOTOR_MESSAGES or name == DEMAND_MESSAGE) and placed.stamped:
             port, values = outputs(message)
-            # Group 0 of the demand is flight control.
-            if not (name == DEMAND_MESSAGE and port):
-                self._add(name, port, time, values, rows)
+            if not (name == DEMAND_MESSAGE and port):  # group 0 of the demand is flight control
+                yield from self._add(name, port, time, values)
         elif name == "HEARTBEAT":
             kind, autopilot, *state = message.values
             identity = enum_name("MAV_TYPE", kind), enum_name("MAV_AUTOPILOT", autopilot)
             # Not of another vehicle with the same ids.
             if identity == (sender.kind, sender.autopilot):
                 self._phase.take_heartbeat(time, autopilot, *state)
-        elif name == "EXTENDED_SYS_STATE":
-            self._phase.take("landed_state", time, message.values[0])
-        elif name in CLIMB_FIELDS:
-            self._phase.take(name, time, message.values[0])
+        elif name == "EXTENDED_SYS_STATE" or name in CLIMB_FIELDS:
+            self._phase.take("landed_state" if name == "EXTENDED_SYS_STATE" else name, time, message.values[0])
         now = self._clock.now
         if now // REVIEW_SECONDS != self._reviewed // REVIEW_SECONDS:
             self._review(sender, now)
         if self._grid.running and not self._phase.steady:
             self._grid.end()
 
-    def _add(self, name: str, port: int, time: float, values: Values | None, rows: list[AlignedRow]) -> None:
-        """Adds a sample to its stream, and the rows that it completes."""
+    def _add(self, name: str, port: int, time: float, values: Values | None) -> Iterator[AlignedRow]:
+        """Adds a sample to its stream; the rows that it completes."""
         stream = self._streams.get((name, port))
         if stream is None and sum(name == other for other, _ in self._streams) < MAX_PORTS:
             stream = self._streams[name, port] = Samples()
@@ -219,13 +191,13 @@ class LiveStream:
                 self._grid.end()
             elif stream.added % RATE_CHECK_SAMPLES == 0 and (before := self._grid.former_rate(stream)) is not None:
                 self._report(f"{name} no longer comes at {before:.3g} Hz: a new segment starts.")
-                self._grid.forget_step()
+                self._grid.end(forget_step=True)
                 for changed in streams:
                     changed.break_off()
         if not self._grid.running and self._phase.steady and self._grid.begin(streams):
             self._begin(inputs)
         if self._grid.running:
-            rows += [self._row(time, point, inputs) for time, point in self._grid.points()]
+            yield from [self._row(time, point, inputs) for time, point in self._grid.points()]
 
     def _row_streams(self) -> tuple[Samples, ...]:
         """The streams that rows are made of, attitude first; none before they are chosen."""
@@ -238,14 +210,10 @@ class LiveStream:
         motion, axis = point[0], TILT_AXES.index(self.axis)
         ports = dict(zip(inputs.ports, point[1:], strict=True))
         upright = max(abs(motion[0]), abs(motion[1])) < MAX_TILT
-        return AlignedRow(
-            time=time,
-            inputs=np.array([ports[port][channel] for port, channel in inputs.picks]),
-            outputs=np.array([motion[axis], motion[2 + axis]]),
-            segment=self._grid.segment,
-            received=self._received,
-            settled=upright and self._phase.settled(time),
-        )
+        row = np.array([ports[port][channel] for port, channel in inputs.picks])
+        moved = np.array([motion[axis], motion[2 + axis]])
+        settled = upright and self._phase.settled(time)
+        return AlignedRow(time, row, moved, self._grid.segment, self._received, settled)
 
     def _begin(self, inputs: Inputs) -> None:
         """Reports the segment that begins, if its rows are others than before."""
@@ -270,9 +238,8 @@ class LiveStream:
             self._connected_from = now
         if now // CHOICE_SECONDS != before // CHOICE_SECONDS:
             if not self._grid.running:
-                counts = {
-                    name: self._streams[name, 0].count(now) for name in ATTITUDE_MESSAGES if (name, 0) in self._streams
-                }
+                counts = {name: stream.count(now) for (name, _), stream in self._streams.items()}
+                counts = {name: counts[name] for name in ATTITUDE_MESSAGES if name in counts}
                 self._attitude = preferred_message(counts) or self._attitude
             self._choose_inputs(sender)
             if now - self._connected_from >= DECISION_SECONDS:
@@ -303,7 +270,7 @@ class LiveStream:
         self._inputs = inputs
         if before is not None and running and inputs.key != before.key:
             self._report(f"The inputs change to {', '.join(inputs.layout.names)}: a new segment starts.")
-            self._grid.forget_step()
+            self._grid.end(forget_step=True)
         elif running and self.setup is not None and inputs.layout != self.setup.layout:
             self.setup = replace(self.setup, layout=inputs.layout)
             self._report(f"Which motor is which is known from {inputs.layout.basis}.")
@@ -359,11 +326,7 @@ class LiveStream:
 
 
 class MotorAlarms:
-    """Lasting changes of the motors' balance in flight.
-
-    ``latest``: of all boots; ``count``: number so far. ``sentence``: on the latest alarm on a motor in this boot and
-    this flight, also after its landing. ``landed``: whether the vehicle was on the ground since.
-    """
+    """Lasting changes of the motors' balance, as ``SessionStatus`` has them. ``landed``: on the ground since."""
 
     def __init__(self) -> None:
         self.latest: deque[MotorAlarm] = deque(maxlen=MAX_EVENTS)

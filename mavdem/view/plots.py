@@ -26,8 +26,6 @@ FLIGHT_TIME = "flight time"
 """Timeline of a recording, seconds since the first sample that is shown."""
 BOOT_CLOCK = "boot clock"
 """Timeline of a live flight, s: the boot clock of its first boot, which goes on where a later one begins."""
-ITERATION = "iteration"
-"""Timeline of what was learned by iteration; 0 is the prior."""
 
 LEGEND_ROOM = 1.16
 """Length of a time axis, in lengths of its lines: the legend stands beside them."""
@@ -40,23 +38,14 @@ AXIS_MARGIN = 0.05  # margin beyond the values, as a share of their span
 
 @dataclass(frozen=True)
 class Lines:
-    """An entity of k lines over the same times, drawn in the order of the paths; together they cost one chunk a batch.
+    """An entity of k lines over the same times, drawn in the order of the paths: one chunk a batch."""
 
-    Attributes:
-        path: of the entity.
-        names: of the lines, in the legend.
-        colours: of the palette.
-        width: points.
-        marked: whether the values are drawn as markers, not joined.
-        filled: whether the values are the edges of an area, drawn as one line of upright strokes.
-    """
-
-    path: str
-    names: tuple[str, ...]
-    colours: tuple[str, ...]
-    width: float = 1.5
-    marked: bool = False
-    filled: bool = False
+    path: str  # of the entity
+    names: tuple[str, ...]  # of the lines, in the legend
+    colours: tuple[str, ...]  # of the palette
+    width: float = 1.5  # points
+    marked: bool = False  # whether the values are drawn as markers, not joined
+    filled: bool = False  # whether the values are the edges of an area, drawn as one line of upright strokes
 
     def under(self, root: str) -> Lines:
         """Returns the same below the entity ``root``, if that is not empty."""
@@ -64,29 +53,25 @@ class Lines:
 
     def send_style(self, recording: rr.RecordingStream) -> None:
         """Sends how the lines are drawn; once a recording."""
-        names, colours = list(self.names), [palette.channels(colour) for colour in self.colours]
-        widths = [FILL_WIDTH if self.filled else self.width] * len(names)
-        style: rr.SeriesPoints | rr.SeriesLines
-        if self.marked:
-            style = rr.SeriesPoints(names=names, colors=colours, marker_sizes=widths, markers=["circle"] * len(names))
-        else:
-            # Averaging within a pixel would hide gusts, and make a point of a stroke.
-            policy = rr.components.AggregationPolicy.Off
-            style = rr.SeriesLines(names=names, colors=colours, widths=widths, aggregation_policy=policy)
+        look: dict[str, Any] = {"names": self.names, "colors": [palette.channels(colour) for colour in self.colours]}
+        widths, count = [FILL_WIDTH if self.filled else self.width] * len(self.names), len(self.names)
+        # Averaging within a pixel would hide gusts, and make a point of a stroke.
+        policy = rr.components.AggregationPolicy.Off
+        style = (
+            rr.SeriesPoints(marker_sizes=widths, markers=["circle"] * count, **look)
+            if self.marked
+            else rr.SeriesLines(widths=widths, aggregation_policy=policy, **look)
+        )
         recording.log(self.path, style, static=True)
 
     def send(self, recording: rr.RecordingStream, time: Array, values: Array, timeline: str = BOOT_CLOCK) -> None:
-        """Sends values (N, k), or edges (N, 2), at times (N,), s or iterations; NaN breaks a line."""
+        """Sends values (N, k), or edges (N, 2), at times (N,), s; NaN breaks a line."""
         if not len(time):
             return
         if self.filled:
             time, values = np.repeat(time, 2), values.reshape(-1, 1)
         columns = rr.Scalars.columns(scalars=values.ravel()).partition([len(self.names)] * len(time))
-        if timeline == ITERATION:
-            index = rr.TimeColumn(timeline, sequence=time.astype(np.int64))
-        else:
-            index = rr.TimeColumn(timeline, duration=time)
-        recording.send_columns(self.path, [index], columns)
+        recording.send_columns(self.path, [rr.TimeColumn(timeline, duration=time)], columns)
 
 
 @dataclass(eq=False)

@@ -44,21 +44,13 @@ class Batch:
 
 def joined(batches: Sequence[Batch]) -> Batch:
     """Batches, one at least, one behind the other."""
-    offset = np.cumsum([0, *(len(batch.data) for batch in batches)])
-    tables = [
-        replace(
-            batch.frames,
-            start=batch.frames.start + by,
-            end=batch.frames.end + by,
-            payload=batch.frames.payload + by,
-        )
-        for batch, by in zip(batches, offset.tolist(), strict=False)
-    ]
-    return Batch(
-        np.concatenate([batch.time for batch in batches]),
-        np.concatenate([batch.data for batch in batches]),
-        concatenated(tables),
-    )
+    time, data = (np.concatenate([getattr(batch, name) for batch in batches]) for name in ("time", "data"))
+    tables, by = [], 0
+    for batch in batches:
+        own = batch.frames
+        tables.append(replace(own, start=own.start + by, end=own.end + by, payload=own.payload + by))
+        by += len(batch.data)
+    return Batch(time, data, concatenated(tables))
 
 
 class LossyLink:

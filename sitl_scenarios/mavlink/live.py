@@ -162,7 +162,4 @@ def _timed(batch: Batch) -> Iterator[tuple[float, bytes]]:
 
 
 def _due(way: deque[tuple[float, bytes]], now: float) -> list[bytes]:
-    due = []
-    while way and way[0][0] <= now:
-        due.append(way.popleft()[1])
-    return due
+    return [way.popleft()[1] for _ in range(len(way)) if way[0][0] <= now]

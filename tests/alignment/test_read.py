@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hover import Hover, changed
+from recorded_flights import shared
 
 from mavdem.alignment.align import Segment
-from mavdem.alignment.read import choose_vehicle, learnable_flight, read_flight, read_segments, usable_segments
+from mavdem.alignment.read import choose_vehicle, learnable_flight, read_flight, usable_segments
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import Verdict
 from mavdem.dem.record import Record
@@ -22,7 +21,6 @@ from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Telemetry
 
 HOVER = Hover()
-DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
 
 
 def log_of(telemetry: Telemetry) -> Log:
@@ -103,15 +101,6 @@ def test_segments_of_a_refused_log_are_refused_like_the_flight():
     assert flights == () and f"{verdict.reason} {verdict.remedy}" == str(flight.value)
 
 
-def test_the_longest_recorded_segment_is_the_recorded_flight():
-    path = shared("real/logs/ardupilot33dev_other_rate_columns.BIN")
-    flight, segments = read_flight(path), read_segments(path)
-    assert len(segments) == 3 and {one.dt for one in segments} == {flight.dt}
-    longest = max(segments, key=len)
-    np.testing.assert_array_equal(longest.outputs, flight.outputs)
-    np.testing.assert_array_equal(longest.inputs, flight.inputs)
-
-
 def test_one_vehicle_is_chosen_and_several_are_listed():
     first, second = HOVER.telemetry(), dataclasses.replace(HOVER.telemetry(), system=7)
     silent = dataclasses.replace(first, system=9, messages={})
@@ -126,18 +115,10 @@ def test_one_vehicle_is_chosen_and_several_are_listed():
         choose_vehicle(())
 
 
-def shared(name: str) -> Path:
-    if not (DATA / name).exists():
-        pytest.skip(f"{name} is not on this machine")
-    return DATA / name
-
-
 @pytest.mark.parametrize(
     ("name", "said"),
     [
         ("samples/ardupilot_default_rates.tlog", "4.0 Hz"),
-        ("sitl_ardupilot/ardupilot_wind5_defaultrate_mavproxy.tlog", "4.0 Hz"),
-        ("logs/wlichon_baseline.tlog", "4.0 Hz"),
         ("logs/dronekit_flight.tlog", "Hz"),
         ("logs/lucagemma_crlf.tlog", "Hz"),
         ("logs/bluerobotics_00025.tlog", "SUBMARINE"),
@@ -155,10 +136,3 @@ def test_either_of_two_vehicles_can_be_asked_for(system):
     flight = read_flight(shared("sitl_px4/px4_two_vehicles_gcslink.tlog"), vehicle=system)
     assert flight.provenance["system"] == int(system)
     assert flight.dt == 0.02
-
-
-@pytest.mark.parametrize("axis", ["roll", "pitch"])
-@pytest.mark.parametrize("name", ["ardupilot_wind5_steps", "px4_wind5_steps"])
-def test_the_samples_are_learnable(name, axis):
-    flight = read_flight(shared(f"samples/{name}.tlog"), axis=axis)
-    assert flight.dt == 0.01 and flight.duration > 55

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-
 import numpy as np
 import pytest
 from hover import Hover, changed, columns
+from recorded_flights import shared
 
 from mavdem import Flight
 from mavdem.alignment.align import align, settled_segments
@@ -17,7 +15,6 @@ from mavdem.ingest.telemetry import Telemetry
 from mavdem.ingest.vocabulary import quaternion
 
 HOVER = Hover()
-DATA = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
 
 
 def with_targets(rate: float = 10.0, type_mask: int = 0, start: float = 0.0, end: float = np.inf) -> Telemetry:
@@ -72,12 +69,6 @@ def test_each_axis_has_its_own():
 )
 def test_masked_fields_are_no_setpoints(mask, names):
     assert [one.name for one in setpoints(with_targets(type_mask=mask), "roll")] == names
-
-
-def test_an_attitude_that_is_no_quaternion_is_no_setpoint():
-    telemetry = with_targets()
-    zero = np.zeros_like(telemetry.messages["ATTITUDE_TARGET"]["q"])
-    assert [one.unit for one in setpoints(changed(telemetry, "ATTITUDE_TARGET", q=zero), "roll")] == ["rad/s"]
 
 
 def test_a_rate_that_no_gyroscope_measures_is_no_setpoint():
@@ -151,9 +142,7 @@ def test_the_sticks_as_the_autopilot_takes_them_are_preferred():
 
 @pytest.mark.parametrize("name", ["sitl_ardupilot/ardupilot_wind4_doublets.tlog", "sitl_px4/px4_wind5_gust.tlog"])
 def test_a_recorded_vehicle_does_what_it_is_asked(name):
-    if not (DATA / name).exists():
-        pytest.skip(f"{name} is not on this machine")
-    for flight in read_segments(DATA / name):
+    for flight in read_segments(shared(name)):
         assert flight.setpoint_names[:2] == ("roll rate setpoint", "roll setpoint")
         assert np.isfinite(flight.setpoints).all()
         assert np.corrcoef(flight.setpoints[:, 1], flight.outputs[:, 0])[0, 1] > 0.8

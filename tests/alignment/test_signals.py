@@ -50,10 +50,6 @@ def test_a_faster_quaternion_gives_the_euler_angles_it_was_made_of():
     np.testing.assert_allclose(pitch.angle, 0.2 * np.sin(pitch.time), atol=1e-12)
 
 
-def test_attitude_is_preferred_when_it_is_as_fast():
-    assert signals.attitude(with_quaternion(10.0), "roll").message == "ATTITUDE"
-
-
 def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
     time = np.arange(0, 10, 1e-3)
     roll, pitch, yaw_rate = 0.4 * np.sin(time), 0.5 + 0.1 * np.cos(2 * time), 0.8
@@ -72,11 +68,6 @@ def test_slope_is_the_derivative_of_the_angle_in_a_banked_turn():
     np.testing.assert_allclose(heading.rate, telemetry.messages["ATTITUDE"]["yawspeed"])
     for axis, derivative in (("roll", roll_rate), ("pitch", pitch_rate), ("yaw", np.full(len(time), yaw_rate))):
         np.testing.assert_allclose(signals.attitude(telemetry, axis).slope, derivative, atol=1e-12)
-
-
-def test_an_unknown_axis_is_named():
-    with pytest.raises(ValueError, match="'heave'"):
-        Signals(HOVER.telemetry(), "heave")
 
 
 def test_disordered_repeated_and_broken_samples_leave_clean_columns():
@@ -207,16 +198,6 @@ def test_rounding_is_measured_before_a_bank_is_moved_to_the_stamps_of_another():
     assert motors.scale.step == 1.0
 
 
-def test_actuator_arrays_serve_where_servo_output_raw_is_slow():
-    telemetry = HOVER.telemetry(motor_time=1.0, autopilot="PX4")
-    time = HOVER.stamps(50.0)
-    actuator = np.zeros((len(time), 32))
-    actuator[:, :4] = HOVER.motors(time)
-    motors = drive.motors(changed(telemetry, "ACTUATOR_OUTPUT_STATUS", **columns(time, actuator=actuator)))
-    assert motors.message == "ACTUATOR_OUTPUT_STATUS"
-    np.testing.assert_array_equal(motors.outputs, HOVER.motors(time))
-
-
 def test_a_message_without_motors_that_move_leaves_the_next() -> None:
     """The more frequent message stands still, and the one with the motors has a channel that never has a number."""
     time = HOVER.stamps(50.0)
@@ -232,12 +213,6 @@ def test_a_message_without_motors_that_move_leaves_the_next() -> None:
 def test_parameters_of_some_motors_only_are_incomplete() -> None:
     motors = drive.motors(HOVER.telemetry(parameters={"SERVO7_FUNCTION": 35.0, "SERVO2_FUNCTION": 34.0}))
     assert motors is not None and motors.layout.channels == (1, 2, 3, 4) and motors.layout.channels_assumed
-
-
-def test_motors_that_never_move_are_no_motors():
-    telemetry = HOVER.telemetry()
-    still = {f"servo{n}_raw": np.full(len(HOVER.stamps(100.0)), 1000.0) for n in range(1, 9)}
-    assert drive.motors(changed(telemetry, "SERVO_OUTPUT_RAW", **still)) is None
 
 
 @pytest.mark.parametrize(

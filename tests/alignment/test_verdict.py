@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from hover import X_QUAD, Hover, changed, columns
 
-from mavdem.alignment import align as aligning
-from mavdem.alignment import quality
-from mavdem.alignment.align import Segment, align, settled_segments
+from mavdem.alignment.align import align, settled_segments
+from mavdem.alignment.drive import DEMAND_MESSAGE
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import DOUBTFUL_CONSISTENCY, DOUBTFUL_SNR, cautions_of, too_slow, verdict_of
 from mavdem.ingest import Component
@@ -33,35 +32,14 @@ def test_a_hover_at_100_hz_is_learnable():
     assert figures.airborne == pytest.approx(HOVER.landed - 6, abs=2.0)
 
 
-def test_a_verdict_is_plain_json():
-    for telemetry in (HOVER.telemetry(), HOVER.telemetry(4.0, 4.0), HOVER.telemetry(vehicle="GROUND_ROVER")):
-        verdict = verdict_of(Signals(telemetry))
-        assert json.loads(json.dumps(verdict.as_dict(), allow_nan=False))["reason"] == verdict.reason
-
-
 def test_sentences_call_messages_by_their_names_in_the_log():
     hover = Hover().telemetry(4.0, 4.0)
     names = {"ATTITUDE": "ATT", "SERVO_OUTPUT_RAW": "RCOU", "ACTUATOR_CONTROL_TARGET": "RATE"}
     logged = dataclasses.replace(hover, translated_from="DataFlash", names=names)
-    assert verdict_of(Signals(logged)).reason.startswith("ATT comes at 4.0 Hz and RCOU at 4.0 Hz;")
     silent = dataclasses.replace(logged, messages={"HEARTBEAT": hover.messages["HEARTBEAT"]})
-    without_motors = {name: table for name, table in hover.messages.items() if name != "SERVO_OUTPUT_RAW"}
-    for telemetry, inputs in (
-        (silent, None),
-        (logged, "demand"),
-        (dataclasses.replace(logged, messages=without_motors), None),
-    ):
-        verdict = verdict_of(Signals(telemetry, inputs=inputs))
-        said = f"{verdict.reason} {verdict.remedy}"
-        assert not any(name in said for name in ("ATTITUDE", *names)), said
-
-
-def test_fifty_hz_with_a_tenth_lost_is_enough():
-    lossy = np.sort(np.random.default_rng(1).permutation(HOVER.stamps(50.0))[: round(HOVER.end * 45)])
-    assert verdict_of(Signals(HOVER.telemetry(lossy, HOVER.stamps(50.0)))).figures.attitude_rate == pytest.approx(
-        45, abs=2
-    )
-    assert verdict_of(Signals(HOVER.telemetry(lossy, HOVER.stamps(50.0)))).learnable
+    for telemetry, inputs in ((logged, None), (silent, None), (logged, "demand")):
+        said = verdict_of(Signals(telemetry, inputs=inputs))
+        assert not any(name in f"{said.reason} {said.remedy}" for name in names), said
 
 
 LONG = Hover(hovering=150.0)
@@ -149,27 +127,6 @@ def test_the_longest_segment_that_can_be_learnt_from_is_taken_or_the_longest_exp
     refused = verdict_of(Signals(with_contradiction(telemetry, 0.0, LONG.end)))
     assert not refused.learnable and refused.segment == longest
     assert "contradict" in refused.reason
-
-
-def test_an_alias_that_only_the_grid_makes_is_seen(monkeypatch):
-    """49 Hz is no alias at 400 Hz and one of 1 Hz at 50; the filter that keeps it out is what is taken away here."""
-    telemetry = HOVER.telemetry(400.0, 50.0)
-    time, rate = (telemetry.messages["ATTITUDE"][name] for name in ("time", "rollspeed"))
-    shaken = changed(telemetry, "ATTITUDE", rollspeed=rate + 0.5 * np.sin(2 * np.pi * 49 * time))
-    assert verdict_of(Signals(shaken)).figures.consistency > 0.99
-    monkeypatch.setattr(aligning, "LOW_PASS_RATIO", np.inf)
-    assert "contradict" in refused_for(shaken)
-
-
-def test_figures_are_of_the_samples_of_the_flight():
-    """A sample half a millisecond before the segment, the resolution of stamps, belongs to it, for both."""
-    stamps = HOVER.stamps(100.0)
-    signals = Signals(HOVER.telemetry(stamps[(stamps <= 20.001) | (stamps >= 20.049)]))
-    segment = Segment(0, 20.0005, 30.0)
-    flight = align(signals, segment)
-    figures = quality.of_segment(signals, segment, flight, quality.QualityFigures())
-    assert figures.attitude_gap == pytest.approx(0.05)
-    assert figures.attitude_rate == pytest.approx(flight.provenance["rates"]["attitude"], abs=5e-4)
 
 
 def refused_for(telemetry: Telemetry) -> str:
@@ -282,10 +239,6 @@ def test_what_cannot_be_learnt_from_is_refused_with_its_figures_and_a_remedy(nam
     assert not verdict.learnable and reason in verdict.reason and remedy in verdict.remedy
 
 
-def test_half_a_minute_of_hover_is_enough():
-    assert verdict_of(Signals(Hover(hovering=15.0).telemetry())).learnable
-
-
 def rounded(hover: Hover) -> Telemetry:
     telemetry = hover.telemetry()
     table = telemetry.messages["SERVO_OUTPUT_RAW"]
@@ -311,11 +264,21 @@ def test_assumptions_are_cautions_and_limits_figures():
     assert verdict.figures.saturation == pytest.approx(0.5, abs=0.1)
 
 
+def random_stamps(random: np.random.Generator, end: float) -> np.ndarray:
+    """A stream that changes its pace a few times, rounded or not."""
+    paces = random.choice([0.001, 0.0025, 0.01, 0.02, 0.066, 0.25, 1.0, 3.0], size=random.integers(1, 5))
+    steps = [random.exponential(pace, random.integers(1, 300)) for pace in paces]
+    stamps = np.round(np.cumsum(np.concatenate(steps)), random.choice([3, 6]))
+    return stamps[stamps < end]
+
+
 @pytest.mark.parametrize("seed", range(40))
 def test_mutilated_telemetry_is_judged_and_its_segments_align(seed):
     """Whatever is missing, shuffled, repeated or not a number, there is a verdict, and every segment makes a Flight."""
     random = np.random.default_rng(seed)
-    telemetry = Hover(hovering=random.uniform(0, 20)).telemetry(*random.choice([1.0, 4.0, 50.0, 100.0], 2))
+    hover = Hover(hovering=random.uniform(0, 20))
+    streams = [random_stamps(random, hover.end) for _ in range(2)]
+    telemetry = hover.telemetry(*(streams if seed % 2 else random.choice([1.0, 4.0, 50.0, 100.0], 2)))
     for message, table in telemetry.messages.items():
         rows = len(table["time"])
         kept = random.permutation(rows)[: random.choice([0, 1, 2, rows // 3, rows, rows, rows])]
@@ -327,33 +290,153 @@ def test_mutilated_telemetry_is_judged_and_its_segments_align(seed):
         telemetry = changed(telemetry, message, **columns)
     verdict = verdict_of(Signals(telemetry))
     assert verdict.learnable == (verdict.remedy == "")
+    assert json.loads(json.dumps(verdict.as_dict(), allow_nan=False))["reason"] == verdict.reason
     for segment in settled_segments(Signals(telemetry)):
         assert len(align(Signals(telemetry), segment)) >= 1
 
 
-def random_stamps(random: np.random.Generator, end: float) -> np.ndarray:
-    """A stream that changes its pace a few times, regular or not, rounded or not."""
-    paces = random.choice([0.001, 0.0025, 0.01, 0.02, 0.066, 0.25, 1.0, 3.0], size=random.integers(1, 5))
-    counts = random.integers(1, 300, size=len(paces))
-    regular = random.random(len(paces)) < 0.5
-    steps = [
-        np.full(count, pace) if even else random.exponential(pace, count)
-        for pace, count, even in zip(paces, counts, regular, strict=True)
-    ]
-    stamps = np.round(np.cumsum(np.concatenate(steps)), random.choice([3, 6]))
-    return stamps[stamps < end]
+def in_whole_pulses(telemetry: Telemetry) -> Telemetry:
+    """The motors in whole µs."""
+    table = telemetry.messages["SERVO_OUTPUT_RAW"]
+    fields = {f"servo{n}_raw": np.round(table[f"servo{n}_raw"]) for n in (1, 2, 3, 4)}
+    return changed(telemetry, "SERVO_OUTPUT_RAW", **fields)
 
 
-@pytest.mark.slow
-def test_streams_of_any_pace_are_judged_and_their_segments_align():
-    aligned = 0
-    for seed in range(450):
-        random = np.random.default_rng(seed)
-        hover = Hover(hovering=random.uniform(0, 20))
-        telemetry = hover.telemetry(random_stamps(random, hover.end), random_stamps(random, hover.end))
-        telemetry = changed(telemetry, "HEARTBEAT", base_mode=np.full(len(hover.stamps(1.0)), 129))
-        verdict_of(Signals(telemetry))
-        for segment in settled_segments(Signals(telemetry)):
-            assert len(align(Signals(telemetry), segment)) >= 1
-            aligned += 1
-    assert aligned > 50
+def held(telemetry: Telemetry, message: str, rows: int, only: tuple[str, ...] = ("",)) -> Telemetry:
+    """Each ``rows``th message's values again and again, under the stamps as they were; only fields beginning so."""
+    table = telemetry.messages[message]
+    source = np.arange(len(table["time"])) // rows * rows
+    fields = {name: column[source] for name, column in table.items() if name not in ("time", "boot")}
+    return changed(telemetry, message, **{name: values for name, values in fields.items() if name.startswith(only)})
+
+
+@pytest.mark.parametrize(("rows", "told"), [(10, 10.0), (5, 20.0), (25, 4.0)])
+@pytest.mark.parametrize(("message", "only"), [("ATTITUDE", ""), ("ATTITUDE", "roll"), ("SERVO_OUTPUT_RAW", "servo")])
+def test_values_sent_again_and_again_are_refused_for_the_rate_of_new_ones(message, only, rows, told):
+    reason = refused_for(held(in_whole_pulses(HOVER.telemetry()), message, rows, (only,)))
+    found = re.search(message + r" changes only at ([\d.]+) Hz, though it is sent at 100 Hz", reason)
+    # At its turning points a rounded command may be the same twice running.
+    assert found and 0.9 * told <= float(found[1]) <= told
+
+
+def test_held_values_are_seen_through_losses_and_a_rate_that_does_not_divide():
+    telemetry, random = HOVER.telemetry(), np.random.default_rng(4)
+    table = telemetry.messages["ATTITUDE"]
+    source = np.floor(np.arange(len(table["time"])) / 6.7).astype(int) * 67 // 10
+    kept = np.sort(random.permutation(len(source))[: round(0.9 * len(source))])
+    fields = {name: (column if name == "time" else column[source])[kept] for name, column in table.items()}
+    assert re.search(r"ATTITUDE changes only at 1\d\.\d Hz", refused_for(changed(telemetry, "ATTITUDE", **fields)))
+
+
+def test_motors_that_stand_still_because_they_are_rounded_are_not_held():
+    """A command that moves by less than a step from message to message repeats whole rows, and then goes on by one."""
+    whole = in_whole_pulses(Hover(command=2.0).telemetry())
+    rows = np.column_stack([whole.messages["SERVO_OUTPUT_RAW"][f"servo{n}_raw"] for n in (1, 2, 3, 4)])
+    assert np.mean((np.diff(rows, axis=0) == 0).all(axis=1)) > 0.8
+    verdict = verdict_of(Signals(whole))
+    assert verdict.learnable and verdict.figures.motor_fresh == pytest.approx(100)
+
+
+def with_steps(step: float, telemetry: Telemetry) -> Telemetry:
+    table = telemetry.messages["ATTITUDE"]
+    return changed(
+        telemetry, "ATTITUDE", **{name: np.round(table[name] / step) * step for name in ("roll", "rollspeed")}
+    )
+
+
+def test_an_attitude_near_its_resolution_is_doubted_and_at_it_refused():
+    doubted = verdict_of(Signals(with_steps(0.05, HOVER.telemetry())))
+    assert doubted.learnable
+    assert any("angle or rate is near the resolution" in caution for caution in doubted.cautions)
+    assert doubted.figures.angle_step == pytest.approx(0.05) and doubted.figures.rate_step == pytest.approx(0.05)
+    time = np.arange(0, 40, 0.01)
+    change = HOVER.roll(time + 0.2) - HOVER.roll(time)
+    assert doubted.figures.output_snr == pytest.approx(change.var() / (0.05**2 / 6), rel=0.3)
+    time = HOVER.stamps(100.0)
+    slow = changed(HOVER.telemetry(), "ATTITUDE", roll=0.3 * np.sin(0.3 * time), rollspeed=0.09 * np.cos(0.3 * time))
+    assert verdict_of(Signals(slow)).learnable
+    assert "rounding to steps of 0.05 rad" in refused_for(with_steps(0.05, slow))
+    assert not any(
+        "angle or rate" in caution for caution in verdict_of(Signals(with_steps(0.001, HOVER.telemetry()))).cautions
+    )
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("fields", [("yawspeed",), ("roll", "pitch", "rollspeed", "pitchspeed", "yawspeed")])
+def test_an_attitude_that_is_no_number_is_refused_as_that(wrong, fields):
+    telemetry = HOVER.telemetry()
+    nowhere = np.full(len(telemetry.messages["ATTITUDE"]["time"]), wrong)
+    reason = refused_for(changed(telemetry, "ATTITUDE", **dict.fromkeys(fields, nowhere)))
+    assert "ATTITUDE holds no finite roll angle and rate" in reason
+
+
+@pytest.mark.parametrize(("field", "wrong"), [("rollspeed", 100.0), ("roll", 1e30), ("pitch", -50.0)])
+def test_a_message_that_cannot_be_is_left_out_and_reported(field, wrong):
+    telemetry = HOVER.telemetry()
+    values = telemetry.messages["ATTITUDE"][field].copy()
+    values[3000] = wrong
+    verdict = verdict_of(Signals(changed(telemetry, "ATTITUDE", **{field: values})))
+    assert verdict.learnable
+    assert any(f"1 of {len(values)} ATTITUDE messages were left out, for" in caution for caution in verdict.cautions)
+    flight = align(Signals(changed(telemetry, "ATTITUDE", **{field: values})), verdict.segment)
+    assert np.abs(flight.outputs).max() < 1
+
+
+def test_one_wild_rate_does_not_speak_for_the_whole():
+    telemetry = Hover(sway=0.01).telemetry()
+    rate = telemetry.messages["ATTITUDE"]["rollspeed"].copy()
+    rate[3000] = 30.0
+    assert verdict_of(Signals(changed(telemetry, "ATTITUDE", rollspeed=rate))).figures.consistency > 0.99
+
+
+def test_degrees_are_reported_as_such():
+    telemetry = Hover(sway=0.15).telemetry()
+    degrees = {name: np.degrees(telemetry.messages["ATTITUDE"][name]) for name in ("roll", "rollspeed")}
+    assert "not in radians" in refused_for(changed(telemetry, "ATTITUDE", **degrees))
+
+
+def remedy_for(translated_from: str, without_demand: bool = False, **fields: object) -> str:
+    """What to do about a log at 4 Hz whose autopilot had these parameters, firmware and lost messages."""
+    telemetry = Hover().telemetry(4.0, 4.0)
+    if not without_demand:
+        stamps = Hover().stamps(4.0)
+        telemetry = changed(telemetry, DEMAND_MESSAGE, **columns(stamps, controls=np.zeros((len(stamps), 8))))
+    return verdict_of(Signals(dataclasses.replace(telemetry, translated_from=translated_from, **fields))).remedy
+
+
+def test_no_remedy_is_in_force_already_in_a_dataflash_log():
+    assert "is 176126 in this log: set it to 176127" in remedy_for("DataFlash", parameters={"LOG_BITMASK": 176126.0})
+    assert remedy_for("DataFlash", parameters={"LOG_BITMASK": -6146.0}).startswith("LOG_BITMASK is -6146 in this log")
+    assert remedy_for("DataFlash").startswith("If it is not set (the log does not show it), set bit 0 of LOG_BITMASK")
+    in_force = {"LOG_BITMASK": 32767.0}
+    for firmware, cure in (
+        ("ArduCopter V3.3-dev (a5a72a84)", "install ArduCopter 3.3 or later"),
+        ("", "give the log as the autopilot wrote it, or fly anew with a firmware that logs it"),
+        ("ArduCopter V3.3.3 (acf3e3d)", "give the log as the autopilot wrote it"),
+    ):
+        remedy = remedy_for("DataFlash", without_demand=True, parameters=in_force, firmware=firmware)
+        assert firmware in remedy and cure in remedy and "already" in remedy
+    old = remedy_for("DataFlash", without_demand=True, parameters={"LOG_BITMASK": 830.0}, firmware="ArduCopter V3.2.1")
+    assert "install ArduCopter 3.3 or later" in old and "already" not in old
+    limits = {"LOG_FILE_RATEMAX": 10.0, "LOG_BLK_RATEMAX": 20.0, "LOG_MAV_RATEMAX": 100.0}
+    limited = remedy_for("DataFlash", parameters={**in_force, **limits})
+    assert "set LOG_FILE_RATEMAX, 10 Hz in this log, to 0, and LOG_BLK_RATEMAX, 20 Hz" in limited
+    assert "LOG_MAV" not in limited and "et bit 0" not in limited
+    assert "LOG_BLK" not in remedy_for("DataFlash", parameters={**limits, "LOG_BACKEND_TYPE": 1.0})
+    assert "no room for 12 messages" in remedy_for("DataFlash", parameters=in_force, dropouts=12)
+
+
+def test_no_remedy_is_in_force_already_in_a_ulog():
+    assert "SDLOG_PROFILE is 131 in this log: set it to 147" in remedy_for("ULog", parameters={"SDLOG_PROFILE": 131.0})
+    assert "this PX4 has no such parameter" in remedy_for("ULog", parameters={"SDLOG_MODE": 0.0})
+    in_force = {"SDLOG_PROFILE": 17.0}
+    assert "logger_topics.txt" in remedy_for("ULog", parameters=in_force)
+    assert "dropped out 3 times" in remedy_for("ULog", parameters=in_force, dropouts=3)
+
+
+def test_no_remedy_is_in_force_already_in_a_stream():
+    assert "SRn_EXTRA1 and SRn_RC_CHAN to 100" in remedy_for("", parameters={"SR0_EXTRA1": 4.0, "SR0_RC_CHAN": 4.0})
+    assert "the telemetry port's MAVn_EXTRA1 and MAVn_RC_CHAN to 100" in remedy_for("", parameters={"MAV1_EXTRA1": 4.0})
+    fast = {"SR0_EXTRA1": 4.0, "SR0_RC_CHAN": 4.0, "SR1_EXTRA1": 100.0, "SR1_RC_CHAN": 50.0, "SR2_EXTRA1": 100.0}
+    remedy = remedy_for("", parameters=fast)
+    assert remedy.startswith("SR1_EXTRA1 and SR1_RC_CHAN are 40 or more already") and "SR2" not in remedy

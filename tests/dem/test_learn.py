@@ -8,11 +8,7 @@ from scipy.ndimage import gaussian_filter1d
 from simulated import DT, GAIN, RATE, simulated
 
 from mavdem import Flight, Forecaster, Learned, Settings, evaluate, learn
-from mavdem.dem.engine.free_energy import free_energy_action
-from mavdem.dem.engine.generative import GeneralizedMoments, SufficientStatistics
 from mavdem.dem.engine.model import discretize
-from mavdem.dem.engine.steps import d_step, e_step, m_step
-from mavdem.dem.fitting import fit, generalized
 from mavdem.dem.learning import PARAMETER_PRECISIONS, choices
 from mavdem.dem.priors import derivative_pairs
 from mavdem.dem.record import Record
@@ -36,57 +32,7 @@ def test_a_clean_system_is_recovered_and_forecast():
     np.testing.assert_allclose(model.B[1], GAIN, rtol=0.1)
     np.testing.assert_allclose(model.A[0], [0, 1], atol=0.05)
     assert evaluate.relative_mspe(train, test, learned.forecast(test.inputs)) < 0.02
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        Settings(forecasts="model", horizon=None),
-        Settings.paper(),
-        Settings(order=2, window=9, forecasts="model", horizon=None),
-    ],
-)
-def test_the_physical_model_makes_the_forecast(settings):
-    flight = simulated(wind=0.5)
-    learned = learn(flight[:700], settings)
-    model = learned.model
-    start = np.linalg.pinv(model.C[:, :2]) @ (flight.outputs[699] - model.output_trim)
-    state = np.append(start, np.zeros(len(model.A) - 2))
-    step = discretize(model.A, np.hstack([model.B, model.offset[:, None]]), DT)
-    inputs = np.hstack([flight.inputs[699:] - model.input_trim, np.ones((151, 1))])
-    forecast = []
-    for now, then in zip(inputs[:-1], inputs[1:], strict=True):
-        state = step.state @ state + step.input_now @ now + step.input_next @ then
-        forecast.append(model.C @ state + model.output_trim)
-    # Where a hidden state starts only the filter knows; its lag has passed after half a second.
-    hidden = len(model.A) > 2
-    late, tolerance = (slice(50, None), 0.15) if hidden else (slice(None), 0.01)
-    spread = flight.outputs.std(axis=0)
-    ours = learned.forecast(flight.inputs[700:])
-    np.testing.assert_allclose((ours / spread)[late], (np.array(forecast) / spread)[late], atol=tolerance)
-
-
-def test_one_step_predictions_use_only_what_came_before():
-    flight = simulated(wind=0.5)
-    learned = learn(flight[:300], QUICK)
-    ahead = learned.one_step()
-    assert ahead.shape == flight[:300].outputs.shape
-    later = learned.record.outputs.copy()
-    later[200:] += 1.0
-    changed = replace(learned, record=replace(learned.record, outputs=later)).one_step()
-    np.testing.assert_array_equal(changed[:201], ahead[:201])
-    assert np.abs(changed[201:] - ahead[201:]).max() > 0.1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("lag", [0.0, 0.06])
-def test_wind_and_lag_leave_a_useful_forecast(lag):
-    ratios = []
-    for seed in range(3):
-        flight = simulated(seed, wind=0.5, lag=lag)
-        learned = learn(flight[:700])
-        ratios.append(evaluate.relative_mspe(flight[:700], flight[700:], learned.forecast(flight[700:].inputs)))
-    assert np.median(ratios) < 0.5
+    assert isinstance(learned, Forecaster) and learned.stable
 
 
 def test_units_of_the_stream_do_not_matter():
@@ -129,12 +75,6 @@ def test_the_memory_layout_of_the_data_does_not_matter():
     for other in (two, three):
         np.testing.assert_array_equal(other.forecast(np.asfortranarray(ahead)), one.forecast(ahead))
         np.testing.assert_array_equal(other.theta_covariance, one.theta_covariance)
-
-
-@pytest.mark.parametrize("train", [None, "flight", np.zeros((100, 2)), {"dt": 1}])
-def test_something_else_is_no_flight(train):
-    with pytest.raises(ValueError, match="^train must be a Flight"):
-        learn(train)
 
 
 @pytest.mark.parametrize(("rate", "window"), [(50, 5), (100, 9), (120, 11), (200, 19), (250, 23), (400, 37)])
@@ -279,25 +219,6 @@ def test_derivative_pairs_are_found_whatever_their_places_and_noise():
     assert derivative_pairs(alone(rng.standard_normal((300, 2)))) == ()
 
 
-@pytest.mark.slow
-def test_default_fits_settle_where_no_step_leads_higher():
-    flight = simulated(wind=0.5)[:700]
-    learned = learn(flight)
-    assert learned.converged
-    fitted = fit(Record.of(flight), learned.settings)
-    model, belief = fitted.model, fitted.ascent.belief
-    scaling = fitted.scaling
-    samples = SufficientStatistics.of(*generalized(learned.settings, scaling, Record.of(flight)))
-    height = free_energy_action(model, samples, belief)
-    state_map = d_step(model, belief.theta, belief.theta_covariance, belief.lambda_, belief.lambda_covariance)
-    for other in (
-        belief._replace(theta=e_step(model, samples, belief)),
-        belief._replace(lambda_=m_step(model, samples, belief)),
-        belief._replace(moments=GeneralizedMoments.of(model, samples, state_map)),
-    ):
-        assert free_energy_action(model, samples, other) - height < 0.1
-
-
 def test_an_ascent_that_broke_off_where_no_step_increased_it_has_not_converged(monkeypatch):
     monkeypatch.setattr("mavdem.dem.engine.ascent.NEWTON_SHARES", ())
     learned = learn(simulated(wind=0.5)[:700], Settings(window=9, parameter_precision=1.0, horizon=None))
@@ -331,36 +252,21 @@ def test_a_forecast_begins_from_the_last_training_input():
     np.testing.assert_allclose(pushed.forecast(ahead)[0] - learned.forecast(ahead)[0], expected, rtol=1e-6)
 
 
-@pytest.mark.slow
-def test_a_hidden_state_has_the_unit_of_the_last_output():
-    learned = learn(simulated(wind=0.5)[:400], Settings(order=4, window=5, parameter_precision=1.0))
-    scale = learned.scaling.output_scale
-    np.testing.assert_array_equal(learned.scaling.state_scale(4), [*scale, scale[1], scale[1]])
-    # What feeds the rate from its lag has then one unit on both sides: 1/s, as the prior has it.
-    assert learned.model.A[1, 2] == pytest.approx(20.0, rel=0.2)
-
-
-def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest():
-    flight = simulated()
-    learned = learn(flight[:700], MODEL_ALONE)
+@pytest.mark.parametrize("settings", [MODEL_ALONE, replace(Settings.paper(), order=2), replace(MODEL_ALONE, order=3)])
+def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physical_model(settings):
+    flight = simulated(wind=0.5)
+    learned = learn(flight[:700], settings)
+    n = settings.order
     inputs = flight.inputs[700:]
     phi, gamma0, gamma1 = discretize(learned.model.A, learned.model.B, learned.dt)
-    drift = np.linalg.solve(learned.model.A, (phi - np.eye(2)) @ learned.model.offset)
-    states, pushes = [np.zeros(2)], inputs - learned.model.input_trim
+    drift = np.linalg.solve(learned.model.A, (phi - np.eye(n)) @ learned.model.offset)
+    states, pushes = [np.zeros(n)], inputs - learned.model.input_trim
     for now, following in pairwise(pushes):
         states.append(phi @ states[-1] + gamma0 @ now + gamma1 @ following + drift)
     expected = np.array(states) @ learned.model.C.T + learned.model.output_trim
     forecast = learned.forecast(inputs, from_zero=True)
     np.testing.assert_allclose(forecast, expected, atol=1e-8 * np.abs(expected).max())
     assert learned.forecast(inputs[:0], from_zero=True).shape == (0, 2)
-
-
-def test_learned_is_a_forecaster_that_says_whether_it_is_stable():
-    learned = learn(simulated()[:700], Settings(order=2))
-    assert isinstance(learned, Forecaster)
-    n = learned.settings.order
-    radius = np.abs(np.linalg.eigvals(learned.predictor.A[:n, :n])).max()
-    assert learned.stable and learned.spectral_radius == pytest.approx(radius)
 
 
 def test_a_fit_that_starts_at_an_earlier_one_arrives_at_the_same_model_sooner():

@@ -65,13 +65,6 @@ def found(flight: Flight) -> np.ndarray:
     return turning
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
-def test_an_x_is_found_by_what_rolls_it(seed):
-    turning = found(simulated(wind=0.5, lag=0.05, seed=seed)[:700])
-    assert abs(turning @ [-0.5, 0.5, 0.5, -0.5]) == pytest.approx(1)
-
-
 def test_an_x_is_found_where_nothing_but_roll_is_flown():
     """Then the layouts that hold the very combination that moves must not win by holding it."""
     flight = simulated(wind=0.5, lag=0.05)[:700]

@@ -146,13 +146,6 @@ def test_the_wind_may_be_an_unknown_input_beside_motors_that_are_known():
     assert np.std(estimated[:, 4]) == pytest.approx(np.std(moment[places]), rel=0.3)
 
 
-def test_known_inputs_are_the_recorded_ones():
-    flight = simulated(wind=0.5)[:400]
-    learned = learn(flight, Settings(order=2, window=3, parameter_precision=1.0))
-    places, estimated = learned.estimated_inputs()
-    np.testing.assert_allclose(estimated, flight.inputs[places], atol=0.5)
-
-
 def test_noise_precisions_may_be_shared_by_groups():
     groups = Settings(noise_groups=((0, 1), (0, 0, 1)), lambda_z=(1, 2), lambda_log_precision=(25.0, (3.0, 4.0)))
     of_outputs, of_states = hyperparameter_groups(groups, 3, 2)
@@ -170,9 +163,7 @@ def test_noise_precisions_may_be_shared_by_groups():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("p", "d"), [(0, 0), (0, 6), (6, 0), (6, 6), *((n, n + 1) for n in range(1, 5)), (3, 1), (5, 2)]
-)
+@pytest.mark.parametrize(("p", "d"), [(0, 0), (0, 6), (6, 0), (6, 6), (2, 3), (3, 1)])
 def test_every_order_from_zero_to_six_can_be_learnt(p, d):
     window = max(p, d) + 1
     settings = Settings(
@@ -218,25 +209,15 @@ def test_settings_that_do_not_fit_the_flight_are_named(settings, named):
         learn(simulated()[:200], Settings(order=2, window=3, parameter_precision=1.0, **settings))
 
 
-@pytest.mark.parametrize(
-    ("field", "value", "named"),
-    [
+def test_what_is_no_generative_model_is_named():
+    model = random_model(3, 2, 2, 1, 2, 1, drop=False, groups=False)
+    for field, value, named in (
         ("output_correlation", np.eye(2), "^output_correlation must have shape"),
         ("state_correlation", -np.eye(3), "^state_correlation must be positive definite"),
         ("input_precision", np.full((4, 4), np.nan), "^input_precision must be finite"),
-        ("q", 3, "^n and m"),
         ("n", 0, "^n and m"),
-    ],
-)
-def test_what_is_no_generative_model_is_named(field, value, named):
-    model = random_model(3, 2, 2, 1, 2, 1, drop=False, groups=False)
-    with pytest.raises(ValueError, match=named):
-        replace(model, **{field: value})
-
-
-@pytest.mark.parametrize("field", ["theta_mean", "theta_precision", "lambda_mean", "lambda_precision"])
-def test_a_prior_of_the_wrong_size_is_named(field):
-    model = random_model(3, 2, 2, 1, 2, 1, drop=False, groups=False)
-    wrong = getattr(model.prior, field)[:1, ...]
-    with pytest.raises(ValueError, match=f"^prior.{field} must"):
-        replace(model, prior=model.prior._replace(**{field: wrong}))
+        ("prior", model.prior._replace(theta_mean=model.prior.theta_mean[:1]), "^prior.theta_mean must"),
+        ("prior", model.prior._replace(lambda_precision=np.eye(1)), "^prior.lambda_precision must"),
+    ):
+        with pytest.raises(ValueError, match=named):
+            replace(model, **{field: value})

@@ -1,4 +1,4 @@
-"""A record of several segments: their statistics add up, and nothing looks across a gap."""
+"""The training data: nothing looks across a gap between segments, and inputs that are no motors are named."""
 
 from dataclasses import replace
 
@@ -6,11 +6,8 @@ import numpy as np
 import pytest
 from simulated import DT, GAIN, RATE, simulated
 
-from mavdem import Flight, Learned, Settings, evaluate, learn
-from mavdem.dem.engine.coordinates import embed
-from mavdem.dem.fitting import generalized
-from mavdem.dem.record import Record
-from mavdem.dem.scaling import Scaling
+from mavdem import Flight, Settings, evaluate, learn
+from mavdem.dem.record import Record, folds
 
 CLEAN = Settings(order=2, parameter_precision=0.01, window=5)
 
@@ -21,17 +18,6 @@ def gapped(cut=400, missing=60):
     return flight, [flight[:cut], flight[cut + missing : 700]]
 
 
-def test_each_segment_is_embedded_by_itself():
-    _, segments = gapped()
-    record = Record.of(segments)
-    scaling = Scaling.of(*record.spread, CLEAN)
-    complete = replace(CLEAN, d=2)
-    for data, segment in zip(generalized(complete, scaling, record), segments, strict=True):
-        outputs = embed(scaling.scale_outputs(segment.outputs), 2, DT, 5, 2)
-        inputs = embed(scaling.scale_inputs(segment.inputs), 2, DT, 5, 2)
-        np.testing.assert_array_equal(data, np.hstack([outputs, inputs]))
-
-
 def test_a_gap_does_no_harm():
     flight, segments = gapped()
     learned = learn(segments, CLEAN)
@@ -39,17 +25,6 @@ def test_a_gap_does_no_harm():
     np.testing.assert_allclose(learned.model.B[1], GAIN, rtol=0.1)
     forecast = learned.forecast(flight.inputs[700:])
     assert evaluate.relative_mspe(flight[:700], flight[700:], forecast) < 0.02
-
-    # The same samples as if there were no gap: the jump is taken for motion, and takes the model with it.
-    glued = learn(
-        Flight(
-            DT * np.arange(640),
-            np.vstack([segment.inputs for segment in segments]),
-            np.vstack([segment.outputs for segment in segments]),
-        ),
-        CLEAN,
-    )
-    assert np.abs(glued.model.B[1] - GAIN).max() > 3 * np.abs(learned.model.B[1] - GAIN).max()
 
 
 def test_predictions_and_noise_belong_to_their_segments():
@@ -61,20 +36,14 @@ def test_predictions_and_noise_belong_to_their_segments():
     places, noise = learned.process_noise()
     np.testing.assert_array_equal(places, np.r_[2:398, 402:638])
     assert noise.shape == (len(places), 2)
-    # What is predicted in the second segment does not depend on the first.
+    # What is predicted in the second segment depends neither on the first nor on later samples.
     record = learned.record
     outputs = record.outputs.copy()
     outputs[:400] += 1.0
+    outputs[500:] += 1.0
     changed = replace(learned, record=replace(record, outputs=outputs)).one_step()
-    np.testing.assert_array_equal(changed[400:], ahead[400:])
-
-
-def test_segments_survive_the_document():
-    _, segments = gapped()
-    learned = learn(segments, CLEAN)
-    again = Learned.from_json(learned.to_json())
-    assert again.record.lengths == (400, 240)
-    np.testing.assert_array_equal(again.one_step(), learned.one_step())
+    np.testing.assert_array_equal(changed[400:501], ahead[400:501])
+    assert np.abs(changed[501:] - ahead[501:]).max() > 0.1
 
 
 def test_halves_cut_the_segment_in_the_middle():
@@ -121,9 +90,47 @@ def test_time_that_does_not_increase_is_refused(time):
         (lambda flight: [flight[:300], Flight(flight.time, flight.inputs[:, :3], flight.outputs)], "^inputs"),
         (lambda flight: [flight[:300], Flight(flight.time, flight.inputs, flight.outputs[:, :1])], "^outputs"),
         (lambda flight: [flight[:300], None], "^train must be a Flight"),
+        (lambda flight: {"dt": 1}, "^train must be a Flight"),
         (lambda flight: [flight[i : i + 6] for i in range(0, 600, 6)], "^train must be longer"),
     ],
 )
 def test_segments_that_do_not_belong_together_are_named(segments, named):
     with pytest.raises(ValueError, match=named):
         learn(segments(simulated()), CLEAN)
+
+
+FLIGHT = simulated(wind=1.0)[:700]
+
+
+def cautions(inputs, names=()):
+    return Record(inputs, FLIGHT.outputs, FLIGHT.dt, (len(inputs),), input_names=names).input_cautions
+
+
+def test_a_motor_that_hardly_moves_is_named():
+    assert cautions(FLIGHT.inputs) == ()
+    inputs = FLIGHT.inputs.copy()
+    inputs[:, 2] = 1500 + 0.001 * (inputs[:, 2] - 1500)
+    (caution,) = cautions(inputs, ("M1", "M2", "M3", "M4"))
+    assert caution.startswith("M3 hardly moves")
+
+
+def test_demands_are_not_motors_and_learning_says_so():
+    inputs = FLIGHT.inputs - FLIGHT.inputs.mean(axis=0)
+    (caution,) = cautions(inputs)
+    assert caution.startswith("input 1 has both signs")
+    assert any("has both signs" in caution for caution in learn(Flight(FLIGHT.time, inputs, FLIGHT.outputs)).cautions)
+
+
+def test_motors_that_never_move_are_refused_with_what_to_do():
+    inputs = FLIGHT.inputs.copy()
+    inputs[:, 2] = 1500
+    with pytest.raises(ValueError, match="^inputs column 2 must vary: .* Leave out a motor that is missing"):
+        learn(Record(inputs, FLIGHT.outputs, FLIGHT.dt, (700,)))
+    with pytest.raises(ValueError, match="^inputs column 0 must vary: constant samples determine no model$"):
+        learn(Record(np.full_like(inputs, 1500.0), FLIGHT.outputs, FLIGHT.dt, (700,)))
+
+
+def test_folds_are_parts_of_equal_length_in_pieces_of_one_segment():
+    parts = folds([100, 7, 60], 4)
+    assert [sum(stop - start for _, start, stop in part) for part in parts] == [41, 42, 42, 42]
+    assert parts[2] == [(0, 83, 100), (1, 0, 7), (2, 0, 18)]

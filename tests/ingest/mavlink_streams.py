@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from pathlib import Path
 from typing import Any
@@ -10,11 +9,11 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import all as dialect
 from pymavlink.generator.mavcrc import x25crc
+from recorded_flights import SHARED
 
 from mavdem.ingest.mavlink.definitions import seeds
 from mavdem.ingest.mavlink.framing import Frames, concatenated, find_frames
 
-SHARED = Path(os.environ.get("MAVDEM_SHARED_DATA", Path(__file__).parents[3] / "shared/data"))
 SAMPLES = Path(__file__).parents[2] / "logs"
 NOW = 1_700_000_000_000_000
 ANOTHER_FLIGHT_OF_THE_SAME = {

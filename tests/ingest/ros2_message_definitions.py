@@ -57,7 +57,7 @@ _PLAIN = {
         "uint64 timestamp; uint8 NUM_ACTUATOR_OUTPUTS = 16; uint8 NUM_ACTUATOR_OUTPUT_GROUPS = 4; uint32 noutputs; "
         "float32[16] output"
     ),
-    "px4_msgs/msg/VehicleTorqueSetpoint": ("uint64 timestamp; uint64 timestamp_sample; float32[3] xyz"),
+    "px4_msgs/msg/VehicleTorqueSetpoint": "uint64 timestamp; uint64 timestamp_sample; float32[3] xyz",
     "px4_msgs/msg/VehicleAttitudeSetpoint": (
         "uint32 MESSAGE_VERSION = 1; uint64 timestamp; float32 yaw_sp_move_rate; float32[4] q_d; float32[3] thrust_body"
     ),
@@ -69,64 +69,49 @@ _PLAIN = {
         "uint32 MESSAGE_VERSION = 1; uint64 timestamp; bool connected; float32 voltage_v; float32 current_a"
     ),
     "px4_msgs/msg/VehicleImuStatus": (
-        "uint64 timestamp; uint32[3] accel_clipping; uint32[3] gyro_clipping; float32 accel_vibration_metric; "
-        "float32 gyro_vibration_metric"
+        "uint64 timestamp; uint32[3] accel_clipping; float32 accel_vibration_metric; float32 gyro_vibration_metric"
     ),
-    "px4_msgs/msg/SensorGps": ("uint64 timestamp; uint64 time_utc_usec; uint8 satellites_used"),
+    "px4_msgs/msg/SensorGps": "uint64 timestamp; uint64 time_utc_usec; uint8 satellites_used",
     "px4_msgs/msg/ManualControlSetpoint": (
         "uint32 MESSAGE_VERSION = 0; uint64 timestamp; uint64 timestamp_sample; bool valid; uint8 SOURCE_UNKNOWN = "
         "0; uint8 SOURCE_RC = 1; uint8 data_source; float32 roll; float32 pitch; float32 yaw; float32 throttle"
     ),
-    "px4_msgs/msg/VehicleThrustSetpoint": ("uint64 timestamp; uint64 timestamp_sample; float32[3] xyz"),
+    "px4_msgs/msg/VehicleThrustSetpoint": "uint64 timestamp; uint64 timestamp_sample; float32[3] xyz",
     "px4_msgs/msg/VehicleStatus": (
-        "uint32 MESSAGE_VERSION = 1; uint64 timestamp; uint64 armed_time; uint64 takeoff_time; uint8 arming_state; "
-        "uint8 ARMING_STATE_DISARMED = 1; uint8 ARMING_STATE_ARMED = 2; uint8 latest_arming_reason; uint8 "
-        "latest_disarming_reason; uint8 ARM_DISARM_REASON_STICK_GESTURE = 1; uint8 ARM_DISARM_REASON_RC_SWITCH = 2; "
-        "uint64 nav_state_timestamp; uint8 nav_state_user_intention; uint8 nav_state; uint8 NAVIGATION_STATE_POSCTL "
-        "= 2; uint8 NAVIGATION_STATE_OFFBOARD = 14; uint8 executor_in_charge; uint32 valid_nav_states_mask; uint32 "
-        "can_set_nav_states_mask; uint16 failure_detector_status; uint16 FAILURE_NONE = 0; uint16 FAILURE_ROLL = 1; "
-        "uint8 hil_state; uint8 HIL_STATE_OFF = 0; uint8 vehicle_type; uint8 VEHICLE_TYPE_UNSPECIFIED = 0; uint8 "
-        "VEHICLE_TYPE_ROTARY_WING = 1; uint8 VEHICLE_TYPE_FIXED_WING = 2; bool failsafe; bool "
-        "failsafe_and_user_took_over; uint8 failsafe_defer_state; bool gcs_connection_lost; uint8 "
-        "gcs_connection_lost_counter; bool high_latency_data_link_lost; bool is_vtol; bool is_vtol_tailsitter; bool "
-        "in_transition_mode; bool in_transition_to_fw; uint8 system_type; uint8 system_id; uint8 component_id; bool "
-        "pre_flight_checks_pass"
+        "uint32 MESSAGE_VERSION = 1; uint64 timestamp; uint64 armed_time; uint8 arming_state; uint8 "
+        "ARMING_STATE_ARMED = 2; uint8 nav_state; uint8 vehicle_type; uint8 VEHICLE_TYPE_FIXED_WING = 2; bool "
+        "failsafe; uint8 system_type; uint8 system_id; uint8 component_id; bool pre_flight_checks_pass"
     ),
     "px4_msgs/msg/VehicleLandDetected": (
-        "uint64 timestamp; bool freefall; bool ground_contact; bool maybe_landed; bool landed; bool "
-        "in_ground_effect; bool in_descend; bool has_low_throttle; bool vertical_movement; bool "
-        "horizontal_movement; bool rotational_movement; bool close_to_ground_or_skipped_check; bool at_rest"
+        "uint64 timestamp; bool freefall; bool ground_contact; bool maybe_landed; bool landed; bool at_rest"
     ),
     "px4_msgs/msg/VehicleControlMode": (
-        "uint64 timestamp; bool flag_armed; bool flag_multicopter_position_control_enabled; bool "
-        "flag_control_manual_enabled; bool flag_control_auto_enabled; bool flag_control_offboard_enabled"
+        "uint64 timestamp; bool flag_armed; bool flag_control_manual_enabled; bool flag_control_auto_enabled"
     ),
     "px4_msgs/msg/PositionSetpointTriplet": (
         "uint64 timestamp; PositionSetpoint previous; PositionSetpoint current; PositionSetpoint next; "
         "================================================================================; MSG: "
-        "px4_msgs/PositionSetpoint; uint64 timestamp; uint8 SETPOINT_TYPE_POSITION=0; uint8 "
-        "SETPOINT_TYPE_TAKEOFF=3; uint8 SETPOINT_TYPE_LAND=4; bool valid; uint8 type; float32 vx; float64 lat; "
-        "float32 yaw; bool gliding_enabled"
+        "px4_msgs/PositionSetpoint; uint64 timestamp; uint8 SETPOINT_TYPE_LAND=4; bool valid; uint8 type; float32 "
+        "vx; float64 lat"
     ),
     "px4_msgs/msg/VehicleLocalPosition": (
         "uint32 MESSAGE_VERSION = 0; uint64 timestamp; uint64 timestamp_sample; bool xy_valid; bool z_valid; bool "
-        "v_xy_valid; bool v_z_valid; float32 x; float32 y; float32 z; float32[2] delta_xy; uint8 xy_reset_counter; "
-        "float32 delta_z; uint8 z_reset_counter; float32 vx; float32 vy; float32 vz; float32 z_deriv; uint64 "
-        "ref_timestamp; float64 ref_lat; float32 dist_bottom"
+        "v_xy_valid; bool v_z_valid; float32 x; float32 y; float32 z; float32 vx; float32 vy; float32 vz; float32 "
+        "z_deriv"
     ),
     "sensor_msgs/msg/Imu": (
         "std_msgs/Header header; geometry_msgs/Quaternion orientation; float64[9] orientation_covariance; "
         "geometry_msgs/Vector3 angular_velocity; float64[9] angular_velocity_covariance; geometry_msgs/Vector3 "
         "linear_acceleration; float64[9] linear_acceleration_covariance; @HEADER; @QUATERNION; @VECTOR"
     ),
-    "mavros_msgs/msg/RCOut": ("std_msgs/Header header; uint16[] channels; @HEADER"),
-    "mavros_msgs/msg/RCIn": ("std_msgs/Header header; uint8 rssi; uint16[] channels; @HEADER"),
+    "mavros_msgs/msg/RCOut": "std_msgs/Header header; uint16[] channels; @HEADER",
+    "mavros_msgs/msg/RCIn": "std_msgs/Header header; uint8 rssi; uint16[] channels; @HEADER",
     "mavros_msgs/msg/AttitudeTarget": (
         "std_msgs/Header header; uint8 type_mask; uint8 IGNORE_ROLL_RATE = 1; uint8 IGNORE_ATTITUDE = 128; "
         "geometry_msgs/Quaternion orientation; geometry_msgs/Vector3 body_rate; float32 thrust; @HEADER; "
         "@QUATERNION; @VECTOR"
     ),
-    "sensor_msgs/msg/BatteryState": ("std_msgs/Header header; float32 voltage; float32 temperature; @HEADER"),
+    "sensor_msgs/msg/BatteryState": "std_msgs/Header header; float32 voltage; float32 temperature; @HEADER",
     "mavros_msgs/msg/State": (
         "std_msgs/Header header; bool connected; bool armed; bool guided; bool manual_input; string mode; uint8 "
         "system_status; string MODE_APM_COPTER_STABILIZE = STABILIZE; string MODE_PX4_OFFBOARD = OFFBOARD; @HEADER"
@@ -140,10 +125,10 @@ _PLAIN = {
     ),
     "geometry_msgs/msg/TwistStamped": (
         "std_msgs/Header header; Twist twist; @HEADER; "
-        "================================================================================; MSG: "
-        "geometry_msgs/Twist; Vector3 linear; Vector3 angular; @VECTOR"
+        "================================================================================; MSG: geometry_msgs/Twist; "
+        "Vector3 linear; Vector3 angular; @VECTOR"
     ),
-    "sensor_msgs/msg/CompressedImage": ("std_msgs/Header header; string format; uint8[] data; @HEADER"),
+    "sensor_msgs/msg/CompressedImage": "std_msgs/Header header; string format; uint8[] data; @HEADER",
 }
 """Fields, constants and, behind lines of "=", the messages within; "@" names one of the above."""
 

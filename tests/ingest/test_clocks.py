@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mavdem.ingest.mavlink import clocks
 from mavdem.ingest.mavlink.clocks import Sent, boot_clock, far_off
 
 WRAP_US = 2.0**32 / 1e6
@@ -160,11 +159,6 @@ def test_messages_without_a_clock_take_the_last_before_them() -> None:
     assert clock(stamps, np.full(6, np.nan)).time.tolist() == [7.0, 7.0, 7.0, 7.1, 7.2, 7.2]
 
 
-def test_without_any_stamp_there_is_no_time() -> None:
-    made = clock_of(np.zeros(5))
-    assert np.isnan(made.time).all() and not made.boot.any()
-
-
 @given(st.lists(st.floats(0, 4e6), min_size=1, max_size=60), st.booleans())
 def test_any_stamps_at_all_give_finite_times(times: list[float], servo: bool) -> None:
     values = np.array(times)
@@ -209,24 +203,3 @@ def test_what_is_far_off_is_so_by_the_median_of_those_around(times: list[float],
     around = np.pad(values, window // 2, mode="reflect")
     medians = np.array([np.median(around[row : row + window]) for row in range(len(values))])
     assert far_off(values, window, limit).tolist() == (np.abs(values - medians) > limit).tolist()
-
-
-@given(st.lists(st.tuples(st.sampled_from("ASH"), st.floats(0, 300)), min_size=1, max_size=60), st.integers(1, 9))
-def test_batches_change_nothing(messages: list[tuple[str, float]], batch: int) -> None:
-    """ATTITUDE, SERVO_OUTPUT_RAW and messages without a stamp in any order and at any times, wraps and reboots too."""
-    letters = np.array([letter for letter, _ in messages])
-    seconds = np.cumsum([step for _, step in messages]) % 900
-    kinds = [
-        Stamps(name, np.flatnonzero(letters == letter), seconds[letters == letter], period)
-        for letter, name, period in (("A", "ATTITUDE", WRAP_MS), ("S", "SERVO_OUTPUT_RAW", 700.0))
-        if letter in letters
-    ]
-    if not kinds:
-        return
-    received = 1e9 + np.cumsum([step for _, step in messages])
-    whole = clock(kinds, received)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(clocks, "BATCH", batch)
-        in_parts = clock(kinds, received)
-    assert np.array_equal(whole.time, in_parts.time, equal_nan=True) and whole.repairs == in_parts.repairs
-    assert np.array_equal(whole.boot, in_parts.boot)

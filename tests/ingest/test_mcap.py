@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import random
 import struct
-import time
 from pathlib import Path
 from typing import Any
 
@@ -14,21 +13,18 @@ import pytest
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mavlink_streams import NOW, SAMPLES, beginning, flight, heartbeat, message, real_logs, tlog
+from mavlink_streams import NOW, SAMPLES, beginning, flight, heartbeat, tlog
 from mcap.reader import NonSeekingReader
 from mcap.writer import CompressionType
-from mcap_files import HEARTBEAT, Recorder, converted, json_only
+from mcap_files import Recorder, converted, json_only
 
 from mavdem.errors import Unreadable
 from mavdem.ingest import Log, read_log
-from mavdem.ingest.mavlink.definitions import FrameSender
 from mavdem.ingest.mcap import records as mcap_records
-from mavdem.ingest.mcap.json_topics import JsonTopic, JsonTopics
 from mavdem.ingest.mcap.log import mcap_stream, read_mcap
-from mavdem.ingest.mcap.records import MAGIC, Channel, McapMessage, McapRecording
-from mavdem.ingest.mcap.writer import MAX_STAMP, write_series
+from mavdem.ingest.mcap.records import MAGIC, McapRecording
 from mavdem.ingest.telemetry import Component
-from mavdem.ingest.tlog import read_tlog, tlog_stream, write_tlog
+from mavdem.ingest.tlog import write_tlog
 
 TIMES = [20 + 0.01 * row for row in range(300)]
 COMPRESSIONS = list(CompressionType)
@@ -60,20 +56,6 @@ def back_to_tlog(mcap: Path) -> bytes:
     with path.open("wb") as file:
         write_tlog(file, mcap_stream(mcap))
     return path.read_bytes()
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("log", [log for log in real_logs() if log not in SAMPLE_LOGS], ids=lambda log: log.stem)
-def test_there_and_back_other_logs_keep_every_frame_and_stamp(log: Path, tmp_path: Path) -> None:
-    log = beginning(log, tmp_path)
-    whole = tlog_stream(log)
-    back = tmp_path / "back.tlog"
-    back.write_bytes(back_to_tlog(converted(log, tmp_path)))
-    again = tlog_stream(back)
-    kept = [(stamp, frame) for stamp, frame in whole.stamped_frames() if 0 < stamp <= MAX_STAMP]
-    assert len(kept) >= len(whole.frames) - 1
-    assert kept == [both for both in again.stamped_frames() if both[0] <= MAX_STAMP][-len(kept) :]
-    assert_same(read_tlog(back), read_mcap(tmp_path / f"{log.stem}.mcap"))
 
 
 @pytest.mark.slow
@@ -138,11 +120,8 @@ def test_blueos(tmp_path: Path) -> None:
     assert vehicle.messages["SYS_STATUS"]["onboard_control_sensors_enabled"].tolist() == [0]
 
 
-@pytest.mark.parametrize("repeat", [True, False])
-@pytest.mark.parametrize("own", [True, False])
+@pytest.mark.parametrize(("own", "repeat"), [(True, True), (True, False), (False, True)])
 def test_each_message_counts_once_wherever_it_stands(own: bool, repeat: bool, tmp_path: Path) -> None:
-    if not (own or repeat):
-        return
     path = tmp_path / "once.mcap"
     with Recorder(path) as recorder:
         recorder.flight(TIMES, own=own, repeat=repeat)
@@ -241,18 +220,6 @@ def test_a_dialect_nobody_knows_is_counted(tmp_path: Path) -> None:
     assert any("SECRET_TOO" in repair for repair in log.vehicles[0].repairs)
 
 
-@pytest.mark.parametrize("columns", [{}, {"x": np.arange(3.0)}])
-def test_a_recording_of_something_else_is_said_in_one_sentence(columns: dict[str, Any], tmp_path: Path) -> None:
-    path = tmp_path / "other.mcap"
-    with path.open("wb") as file:
-        write_series(file, {"flight/outputs": (np.arange(3.0), columns)} if columns else {})
-    with pytest.raises(Unreadable) as failure:
-        read_log(path)
-    sentence = str(failure.value)
-    assert "MCAP" in sentence and "\n" not in sentence and str(path) in sentence
-    assert ("flight/outputs" in sentence) == bool(columns)
-
-
 @pytest.mark.parametrize("topic", ["two\nlines", "\x1b[2Jcleared", "\u202etnorf ot kcab", "long" * 10_000])
 def test_a_topic_may_be_called_anything(topic: str, tmp_path: Path) -> None:
     path = tmp_path / "odd.mcap"
@@ -261,18 +228,6 @@ def test_a_topic_may_be_called_anything(topic: str, tmp_path: Path) -> None:
     with pytest.raises(Unreadable) as failure:
         read_mcap(path)
     assert str(failure.value).isprintable() and len(str(failure.value)) < 300 + len(str(path))
-
-
-@pytest.mark.slow
-def test_topics_of_many_senders_take_no_long(tmp_path: Path) -> None:
-    """Each sender's topics were once looked for among all."""
-    topics = JsonTopics((), ())
-    for number in range(1 << 14):
-        kind = JsonTopic(FrameSender(number >> 8, number & 0xFF), "SECRET")
-        topics.add(kind, number, McapMessage(Channel("", "json", 1), 1, b"{}", True))
-    began = time.perf_counter()
-    assert list(topics.parts()) == [] and "16384 JSON messages" in topics.sentences()[0]
-    assert time.perf_counter() - began < 10
 
 
 # Damage and malice
@@ -304,26 +259,19 @@ def attitudes(path: Path) -> list[int] | None:
     return stamps
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("frames", [True, False])
-@pytest.mark.parametrize("compression", COMPRESSIONS)
-def test_a_cut_recording_is_read_up_to_the_cut(compression: CompressionType, frames: bool, tmp_path: Path) -> None:
-    content = small(tmp_path, compression, frames)
+def test_a_cut_recording_is_read_up_to_the_cut(frames: bool, tmp_path: Path) -> None:
+    content = small(tmp_path, CompressionType.ZSTD if frames else CompressionType.LZ4, frames)
     path = tmp_path / "cut.mcap"
     whole = [round(time * 1e3) for time in TIMES[: 60 if frames else 30]]
     fewest = 0
-    for cut in [*range(40), *range(40, len(content), 211), len(content)]:
+    for cut in [*range(0, 40, 5), *range(40, len(content), 211), len(content)]:
         path.write_bytes(content[:cut])
         read = attitudes(path) or []
         assert read == whole[: len(read)]
         assert len(read) >= fewest
         fewest = len(read)
     assert fewest == len(whole)
-
-
-def test_a_cut_is_reported(tmp_path: Path) -> None:
-    content = small(tmp_path, CompressionType.ZSTD, frames=False)
-    path = tmp_path / "cut.mcap"
     path.write_bytes(content[: len(content) // 2])
     assert any("cut off" in repair for repair in read_mcap(path).vehicles[0].repairs)
 
@@ -373,8 +321,6 @@ def test_what_a_damaged_chunk_says_in_json_is_not_believed(tmp_path: Path) -> No
 BODIES = [
     b"",
     b"null",
-    b'"ATTITUDE"',
-    b"{",
     b"\xff\xfe\x00",
     b"[" * 100_000,
     b'{"a":' * 100_000,
@@ -384,8 +330,6 @@ BODIES = [
     b'{"message":{"type":"ATTITUDE","roll":{"type":{"type":1}}}}',
     b'{"message":{"type":"ATTITUDE","roll":1e400,"time_boot_ms":-1}}',
     b'{"message":{"type":"ATTITUDE","time_boot_ms":4294967296}}',
-    b'{"message":{"type":"ATTITUDE","time_boot_ms":1.5}}',
-    b'{"message":{"type":"ATTITUDE","roll":' + b"9" * 400 + b"}}",
     b'{"message":{"type":"ATTITUDE","roll":' + b"9" * 10_000 + b"}}",
     b'{"message":{"type":"ATTITUDE","roll":1e39}}',
     b'{"message":{"type":"ATTITUDE","roll":true,"time_boot_ms":"MAV_NO_SUCH"}}',
@@ -408,9 +352,7 @@ def test_a_hostile_body_costs_itself_only(body: bytes, tmp_path: Path) -> None:
     assert "STATUSTEXT" not in vehicle.messages
 
 
-@pytest.mark.parametrize(
-    "header", ["5", "{}", '{"sequence":"x"}', '{"sequence":-1,"system_id":1e9}', '{"sequence":1e400}']
-)
+@pytest.mark.parametrize("header", ["5", "{}", '{"sequence":-1,"system_id":1e9}', '{"sequence":1e400}'])
 def test_without_a_header_the_topic_tells_who_sent_it(header: str, tmp_path: Path) -> None:
     path = tmp_path / "headless.mcap"
     with Recorder(path) as recorder:
@@ -436,21 +378,18 @@ def chunk(packed: bytes, compression: bytes = b"zstd", size: int = 0, length: in
         record(1, b"", 2**64 - 1),
         record(4, struct.pack("<HHI", 1, 0, 2**32 - 1)),
         record(4, struct.pack("<HHI", 1, 0, 1) + b"a" + struct.pack("<I", 2**31)),
-        record(4, b""),
         record(5, b"\0" * 21),
         record(6, b""),
         record(6, struct.pack("<QQQII", 0, 0, 2**63, 0, 2**32 - 1)),
         chunk(b"nonsense"),
-        chunk(b"nonsense", b"lz4"),
         chunk(b"nonsense", b"bz2"),
         chunk(b"", size=2**63, length=2**63),
-        b"\0" * 1_000_000,
         b"\x05" * 200_000,
         b"\x05\0\0\0\0\0\0\0\0" * 50_000,
         (record(0x0F, b"")[:-1] + b"\x01") * 20_000,
         MAGIC * 1000,
     ],
-    ids=range(16),
+    ids=range(13),
 )
 def test_absurd_lengths_do_no_harm(content: bytes, tmp_path: Path) -> None:
     path = tmp_path / "absurd.mcap"
@@ -482,15 +421,8 @@ def test_what_chunks_unpack_to_is_bounded(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_numbers_come_in_other_words(tmp_path: Path) -> None:
     path = tmp_path / "words.mcap"
+    body = {"time_boot_ms": 5.0, "roll": "NaN", "pitch": "-Infinity", "yaw": "1.5", "rollspeed": 2, "yawspeed": False}
     with Recorder(path) as recorder:
-        body = {
-            "time_boot_ms": 5.0,
-            "roll": "NaN",
-            "pitch": "-Infinity",
-            "yaw": "1.5",
-            "rollspeed": 2,
-            "yawspeed": False,
-        }
         recorder.write("/mavlink/1/1/ATTITUDE", json.dumps(body).encode())
         recorder.write("/mavlink/1/1/ATTITUDE", json.dumps({"time_boot_ms": "6", "roll": "level"}).encode())
     (vehicle,) = read_log(path).vehicles
@@ -498,20 +430,13 @@ def test_numbers_come_in_other_words(tmp_path: Path) -> None:
     assert np.array_equal(row, [5, np.nan, -np.inf, 1.5, 2, 0], equal_nan=True)
 
 
-def test_texts_and_heartbeats_of_json_are_as_on_the_wire(tmp_path: Path) -> None:
+def test_texts_of_json_are_as_on_the_wire(tmp_path: Path) -> None:
     path = tmp_path / "texts.mcap"
     with Recorder(path) as recorder:
         recorder.flight(TIMES[:5])
         for text in ('"hello"', '["h","e","l","l","o","\\u0000"]', "[104,101,108,108,111,0,0]"):
             recorder.blueos("STATUSTEXT", f'"severity":{{"type":"MAV_SEVERITY_INFO"}},"text":{text}')
-        recorder.blueos("HEARTBEAT", HEARTBEAT)
         recorder.blueos("STATUSTEXT", f'"text":"{51 * "x"}"')
     (vehicle,) = read_log(path).vehicles
     assert vehicle.messages["STATUSTEXT"]["text"].tolist() == [b"hello"] * 3
     assert vehicle.messages["STATUSTEXT"]["severity"].tolist() == [6] * 3
-    wire = tmp_path / "wire.tlog"
-    beat = message("HEARTBEAT", type=2, autopilot=3, base_mode=209, custom_mode=5, system_status=4, mavlink_version=3)
-    wire.write_bytes(tlog([beat, *flight(TIMES[:5])]))
-    (theirs,) = read_log(wire).vehicles
-    for field in ("type", "autopilot", "base_mode", "custom_mode", "system_status", "mavlink_version"):
-        assert vehicle.messages["HEARTBEAT"][field][0] == theirs.messages["HEARTBEAT"][field][0], field

@@ -61,20 +61,15 @@ def test_frames_of_random_content_from_the_vehicle_itself_raise_nothing(seed):
         np.testing.assert_allclose(np.diff([row.time for row in rows]), made.setups[number].dt, atol=1e-9)
 
 
-def test_values_that_make_no_sense_are_left_out():
-    odd = [
-        (time + 0.0001, message("ATTITUDE", time_boot_ms=round(time * 1e3) + 5, roll=value))
-        for time, value in zip(np.arange(8.0, 18.0, 0.5), [float("nan"), 1e38, float("inf"), -700.0] * 5, strict=True)
-    ]
-    np.testing.assert_array_equal(replay(among(FLIGHT.frames(end=20.0), odd)).table(), usual_rows())
-
-
-def test_stray_stamps_are_left_out():
-    odd = [
-        (time, message("ATTITUDE", time_boot_ms=stamp, roll=0.5))
-        for time, stamp in zip(np.arange(8.0, 18.0, 0.5), [1, 2**32 - 1, 900_000, 123_456_789] * 5, strict=True)
-    ]
-    odd += [(time + 0.1, message("SERVO_OUTPUT_RAW", time_usec=2**31)) for time in np.arange(8.0, 18.0, 0.5)]
+def test_impossible_values_stray_stamps_and_too_many_ports_change_nothing():
+    odd = []
+    values, stamps = [float("nan"), 1e38, float("inf"), -700.0] * 5, [1, 2**32 - 1, 900_000, 123_456_789] * 5
+    for time, value, stamp in zip(np.arange(8.0, 18.0, 0.5), values, stamps, strict=True):
+        odd.append((time + 0.0001, message("ATTITUDE", time_boot_ms=round(time * 1e3) + 5, roll=value)))
+        odd.append((time, message("ATTITUDE", time_boot_ms=stamp, roll=0.5)))
+        odd.append((time + 0.1, message("SERVO_OUTPUT_RAW", time_usec=2**31)))
+    for port, time in zip(range(1, 251), np.linspace(1.0, 19.0, 250), strict=True):
+        odd.append((time, message("SERVO_OUTPUT_RAW", time_usec=round(time * 1e6), port=port, servo1_raw=1500)))
     made = replay(among(FLIGHT.frames(end=20.0), odd))
     np.testing.assert_array_equal(made.table(), usual_rows())
     assert not any("rebooted" in sentence for sentence in made.sentences)
@@ -150,30 +145,15 @@ def test_stamps_however_close_together_take_no_more_memory_than_so_many_samples(
     assert samples.count(samples.time[-1]) <= MAX_SAMPLES + 64
 
 
-def test_ports_beyond_those_that_are_kept_are_left_out():
-    frames = FLIGHT.frames(end=20.0)
-    forged = [
-        (time, message("SERVO_OUTPUT_RAW", time_usec=round(time * 1e6), port=port, servo1_raw=1500))
-        for port, time in zip(range(1, 251), np.linspace(1.0, 19.0, 250), strict=True)
-    ]
-    np.testing.assert_array_equal(replay(among(frames, forged)).table(), usual_rows())
-
-
 @pytest.mark.parametrize("arguments", [{"axis": "yaw"}, {"inputs": "sticks"}])
 def test_other_axes_and_inputs_are_refused(arguments):
     with pytest.raises(ValueError, match="must be one of"):
         LiveStream(**arguments)
 
 
-@pytest.mark.slow
 def test_a_flood_of_heartbeats_forged_under_its_own_ids_makes_the_vehicle_no_other():
-    frames = Flight().frames()
-    early = len(frames) // 5
-    forged = [message("HEARTBEAT", 1, sequence=n % 256, type=GCS, autopilot=8) for n in range(5000)]
-    made = replay([*frames[:early], *[(frames[early][0], each) for each in forged], *frames[early:]])
-    assert (
-        made.stream.status().vehicle == "1:1"
-        and made.stream.status().obstacle == replay(frames).stream.status().obstacle
-    )
+    forged = [(5.0, message("HEARTBEAT", 1, sequence=n % 256, type=GCS, autopilot=8)) for n in range(5000)]
+    made = replay(among(FLIGHT.frames(end=20.0), forged))
+    assert made.stream.status().vehicle == "1:1"
     assert not any("GCS" in sentence for sentence in made.sentences)
-    np.testing.assert_array_equal(made.table(), replay(frames).table())
+    np.testing.assert_array_equal(made.table(), usual_rows())

@@ -35,7 +35,7 @@ def shifted(frames: Timed, later: float) -> Timed:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("silence", [0.15, 1.0, 4.0, 60.0, 300.0])
+@pytest.mark.parametrize("silence", [0.15, 4.0, 300.0])
 def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     frames = FLIGHT.frames(end=18.0)
     # The vehicle flew on meanwhile.
@@ -45,10 +45,7 @@ def test_a_gap_begins_a_new_segment_with_the_same_step(silence):
     assert made.setups[0].dt == made.setups[1].dt == 0.01
     assert made.segments()[1][0].time == pytest.approx(18.0 + silence, abs=0.02)
     assert all(row.settled for row in made.segments()[1])
-    assert (
-        sum("a new segment starts" in sentence or "Nothing was received" in sentence for sentence in made.sentences)
-        >= 1
-    )
+    assert any("a new segment starts" in said or "Nothing was received" in said for said in made.sentences)
     settled_uniform(made)
     same_as_offline(made, frames + rest)
 
@@ -98,18 +95,6 @@ def test_after_a_reboot_everything_begins_anew():
     same_as_offline(made, first + shifted(FLIGHT.frames(end=18.0), 20.0))
 
 
-def test_a_clock_that_jumps_forward_begins_a_new_segment():
-    jumped = Flight(hover=FLIGHT.hover, clock=1000.0).frames(start=18.0, end=22.0)
-    made = replay(FLIGHT.frames(end=18.0) + jumped)
-    assert made.segments().keys() == {0, 1}
-    assert {setup.boot for setup in made.setups.values()} == {0}
-    assert made.segments()[1][0].time == pytest.approx(1018.0, abs=0.02)
-    assert any(
-        one == "Nothing was received for 1000.0 s of the vehicle's clock, from 18.0 s on." for one in made.sentences
-    )
-    settled_uniform(made)
-
-
 def test_motors_whose_clock_wraps_in_flight_go_on():
     frames = Flight(hover=FLIGHT.hover, clock=2**32 / 1e6 - 15.0).frames(end=20.0)
     made = replay(frames)
@@ -143,8 +128,7 @@ def test_a_rate_that_comes_back_has_the_step_it_had():
     assert steps[0] == steps[-1] == 0.01 and 0.02 in steps
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("before", "after"), [(100.0, 50.0), (50.0, 100.0), (200.0, 80.0)])
+@pytest.mark.parametrize(("before", "after"), [(50.0, 100.0), (200.0, 80.0)])
 def test_another_rate_in_flight_decides_the_step_anew(before, after):
     slow = Flight(hover=FLIGHT.hover, attitude=before, motors=before).frames(end=18.0)
     fast = Flight(hover=FLIGHT.hover, attitude=after, motors=after).frames(start=18.0, end=26.0)
@@ -169,10 +153,6 @@ def test_a_stream_that_is_too_slow_is_reported_with_the_remedy_and_gives_no_rows
     assert "Attitude and motor outputs come fast enough now." in cured.sentences
     assert cured.rows[0].time < 20.6
     assert all(row.settled for row in cured.rows)
-    obstacle = replay(slow[: len(slow) // 2], asked=True).stream.status().obstacle
-    assert obstacle.endswith("better 100."), "who asks for rates is not advised to"
-    bare = [(time, data) for time, data in FLIGHT.frames(end=10.0) if data[7] != 36]
-    assert "There is no message with motor outputs." in replay(bare).sentences
     obstacle = replay(slow[: len(slow) // 2], asked=True).stream.status().obstacle
     assert obstacle.endswith("better 100."), "who asks for rates is not advised to"
     bare = [(time, data) for time, data in FLIGHT.frames(end=10.0) if data[7] != 36]
@@ -226,14 +206,6 @@ def test_messages_out_of_order_are_put_in_order_or_counted():
     assert made.stream.status().late < 100
     count = min(len(made.rows), len(usual.rows))
     np.testing.assert_allclose(made.table()[-count:, 5], usual.table()[-count:, 5], atol=0.01)
-
-
-def test_a_take_off_at_full_thrust_without_arming_heard_is_a_take_off():
-    flight = Flight(hover=FLIGHT.hover, attitude=200.0)
-    made = replay([(time, data) for time, data in flight.frames(end=20.0) if data[7] not in (0, 32)])
-    # No word of being armed, no vertical speed: five seconds after the motors began to carry.
-    settled = [row.time for row in made.rows if row.settled]
-    assert 6.0 + 5.0 - 1.0 <= settled[0] <= 6.0 + 5.0 + 1.5
 
 
 def test_attaching_in_flight_settled_is_settled_from_the_first_row():

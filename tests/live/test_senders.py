@@ -60,13 +60,6 @@ def test_the_one_that_is_named_is_followed():
         assert made.rows
 
 
-def test_one_stranger_that_speaks_first_under_the_ids_of_the_one_that_is_named_does_not_say_what_it_is():
-    made = replay([(0.0, heartbeat(kind=18, autopilot=8)), *Flight().frames(end=14.0)], vehicle="1:1")
-    (me,) = made.stream._senders
-    assert (me.kind, me.autopilot) == ("QUADROTOR", "ARDUPILOTMEGA")
-    assert made.rows
-
-
 def test_one_that_comes_later_is_reported_once_and_not_followed():
     later = [(time + 6.0, data) for time, data in Flight(system=4).frames(end=8.0)]
     made = replay(sorted(Flight().frames(end=14.0) + later, key=lambda entry: entry[0]))
@@ -74,15 +67,6 @@ def test_one_that_comes_later_is_reported_once_and_not_followed():
     assert [sentence for sentence in made.sentences if "4:1" in sentence] == [
         "Vehicle 4:1 (QUADROTOR, ARDUPILOTMEGA) found too; still following 1:1."
     ]
-
-
-def test_two_with_the_same_ids_are_said_where_their_clocks_contradict_each_other():
-    other = Flight(clock=5000.0).frames(start=4.0, end=14.0)
-    made = replay(sorted(Flight().frames(end=14.0) + other, key=lambda entry: entry[0]))
-    assert sum("two vehicles may send with the same ids" in sentence for sentence in made.sentences) == 1
-    assert made.rows and all(row.time < 100.0 for row in made.rows), "the first is followed"
-    alone = replay(Flight().frames(end=14.0))
-    assert not any("contradict" in sentence for sentence in alone.sentences)
 
 
 def test_one_without_heartbeats_is_followed_as_what_it_is_unknown():
@@ -101,12 +85,6 @@ def test_one_that_sends_nothing_but_heartbeats_is_followed_so_that_it_can_be_ask
     assert made.stream.status().obstacle == (
         "There is no ATTITUDE or ATTITUDE_QUATERNION message. Ask for more with `--request-rate 100`."
     )
-
-
-def test_one_that_sends_attitude_is_preferred_to_one_that_has_sent_nothing_but_heartbeats():
-    later = [(time + 1.0, data) for time, data in Flight(system=4).frames(end=10.0)]
-    made = replay(sorted(only_heartbeats() + later, key=lambda entry: entry[0]))
-    assert made.stream.status().vehicle == "4:1"
 
 
 def test_a_plane_that_is_named_is_reported_to_be_none():

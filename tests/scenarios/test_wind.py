@@ -12,7 +12,6 @@ from sitl_scenarios.scenario import (
     Scenario,
     SteadyWind,
     VonKarmanWind,
-    towards,
 )
 from sitl_scenarios.wind import Weather, gust_speed, jet_speed, turbulence
 
@@ -22,11 +21,6 @@ DT = 0.004
 
 def weather(samples=500, **sections):
     return Weather(Scenario(**sections), DT, DT * np.arange(samples))
-
-
-@pytest.mark.parametrize("direction, to", [(0, (-1, 0, 0)), (90, (0, -1, 0)), (180, (1, 0, 0)), (270, (0, 1, 0))])
-def test_wind_comes_from_its_direction(direction, to):
-    assert towards(direction) == pytest.approx(to, abs=1e-12)
 
 
 def test_a_gust_rises_stays_and_falls():

@@ -38,7 +38,9 @@ from mavdem.dem.scaling import Scaling
 
 LONGEST_FORECAST_SECONDS = 1.5  # the paper's 150 samples at 100 Hz
 MAX_STARTS = 200  # of the plant's forecasts of the training data
-LEFT_OUT_STARTS = 80  # of the autoregressions' forecasts of what was left out
+WHOLE_STARTS, LEFT_OUT_STARTS = 8, 80
+"""Of forecasts of what was left out: of each block, of full length, with inputs known; of all, as long as there is
+something to compare with, with inputs unknown."""
 FOLDS = 4  # parts of the training data, each left out in turn
 VAR_LAGS, AXIS_LAGS = 10, 20  # samples: of the autoregression of all inputs, and of the combination that turns the axis
 MEASURED_RIDGE, PREDICTED_RIDGE = 1e-4, 3e-4
@@ -68,19 +70,23 @@ class BandedForecast(NamedTuple):
 def mixture(forecasts: Sequence[Forecast], steps: int) -> Forecast:
     """Returns the mixture of forecasts (H, m) that begin at every ``steps``-th sample.
 
-    Weights are inverse squares of the mean squared error to expect from a forecast's beginning on. A forecast that
+    Weights are inverse cubes of the mean squared error to expect from a forecast's beginning on. A forecast that
     overflows has no weight; the last one must not.
     """
     means, variances = (np.array(values) for values in zip(*forecasts, strict=True))
     lost = ~(np.isfinite(means) & np.isfinite(variances))
     means, variances = np.where(lost, means[-1], means), np.where(lost, np.inf, variances)
-    errors = np.maximum([running_mean(values, steps) for values in variances], LEAST_ERROR)
-    weights = errors ** -float(WEIGHT_POWER)
-    weights /= weights.sum(axis=0)
+    weights = mixture_weights(np.array([running_mean(values, steps) for values in variances]))
     mean = (weights * means).sum(axis=0)
     with np.errstate(over="ignore"):
         spread = np.where(weights > 0, variances + (means - mean) ** 2, 0.0)
     return Forecast(mean, (weights * spread).sum(axis=0))
+
+
+def mixture_weights(errors: Array) -> Array:
+    """Returns weights, of sum 1 over the first axis, that fall with the squared ``errors`` to expect."""
+    weights = np.maximum(errors, LEAST_ERROR) ** -float(WEIGHT_POWER)
+    return np.asarray(weights / weights.sum(axis=0))
 
 
 def running_mean(values: Array, steps: int) -> Array:
@@ -278,7 +284,7 @@ class PlantForecasts:
 
 
 class LeftOutErrors(NamedTuple):
-    """Mean squared errors by length (L, m) of forecasts of what was left out, not smaller than of shorter ones.
+    """Mean squared errors by length (L, m) of forecasts of what was left out.
 
     Of the autoregression with the inputs measured and unknown, of the last sample held, and of the mean.
     """
@@ -299,7 +305,7 @@ def left_out_errors(record: Record, lags: int) -> LeftOutErrors | None:
     segments = units.segments(record)
     steps, stride = max(1, round(LONGEST_FORECAST_SECONDS / record.dt)), -(-len(record) // LEFT_OUT_STARTS)
     whole, total = LagStatistics.of(segments, lags), np.sum([channels.sum(axis=0) for channels in segments], axis=0)
-    squares = []
+    known, unknown = [], []
     for parts in folds([len(channels) for channels in segments], FOLDS):
         fold = [(segments[i], start, stop) for i, start, stop in parts]
         left = whole - LagStatistics.of([table[max(0, start - lags) : stop] for table, start, stop in fold], lags)
@@ -309,26 +315,41 @@ def left_out_errors(record: Record, lags: int) -> LeftOutErrors | None:
         out = np.concatenate([channels[start:stop] for channels, start, stop in fold])
         mean = ((total - out.sum(axis=0)) / (len(record) - len(out)))[:m]
         for channels, start, stop in fold:
-            begins = np.arange(max(start, lags), stop, stride)
-            if not len(begins):
+            first = max(start, lags)
+            if first >= stop:
                 continue
-            ahead = begins[:, None] + np.arange(steps)
-            following, past = channels[np.minimum(ahead, stop - 1)], channels[begins[:, None] + np.arange(-lags, 0)]
-            answers = (
-                measured.infer(past, following[..., m:]).mean,
-                predicted.predict(past, steps).mean[..., :m],
-                np.broadcast_to(past[:, -1:, :m], (*ahead.shape, m)),
-                np.broadcast_to(mean, (*ahead.shape, m)),
-            )
-            with np.errstate(over="ignore", invalid="ignore"):
-                errors = np.nan_to_num((following[..., :m] - np.array(answers)) ** 2, nan=LARGEST_ERROR)
-            squares.append(np.where((ahead < stop)[..., None], np.minimum(errors, LARGEST_ERROR), np.nan))
-    if not squares:
+            whole_ones = np.unique(np.linspace(first, max(first, stop - steps), WHOLE_STARTS).astype(int))
+            past, following = _cut(channels, whole_ones, lags, steps, stop)
+            known.append(_squares(following, measured.infer(past, np.nan_to_num(following[..., m:])).mean))
+            past, following = _cut(channels, np.arange(first, stop, stride), lags, steps, stop)
+            answers = predicted.predict(past, steps).mean[..., :m], past[:, -1:, :m], mean
+            unknown.append([_squares(following, answer) for answer in answers])
+    if not known:
         return None
-    table = np.concatenate(squares, axis=1)
-    table = table[:, :, np.isfinite(table).any(axis=(0, 1, 3))]
-    errors = np.maximum.accumulate(np.nanmean(table, axis=1), axis=1) * units.scale[:m] ** 2
-    return LeftOutErrors(*map(np.ascontiguousarray, errors))
+    # With inputs unknown a longer forecast is no better than a shorter one.
+    tables = [_by_length(known), *(np.maximum.accumulate(_by_length(table)) for table in zip(*unknown, strict=True))]
+    return LeftOutErrors(*(np.ascontiguousarray(table * units.scale[:m] ** 2) for table in tables))
+
+
+def _cut(channels: Array, begins: NDArray[np.intp], lags: int, steps: int, stop: int) -> tuple[Array, Array]:
+    """(S, lags, k) the samples before ``begins``, and (S, steps, k) those after, NaN from ``stop`` on."""
+    ahead = begins[:, None] + np.arange(steps)
+    following = np.where((ahead < stop)[..., None], channels[np.minimum(ahead, stop - 1)], np.nan)
+    return channels[begins[:, None] + np.arange(-lags, 0)], following
+
+
+def _squares(following: Array, answers: Array) -> Array:
+    """(S, steps, m) squared errors, NaN where nothing follows; one that explodes counts no more than a large one."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        errors = (following[..., : answers.shape[-1]] - answers) ** 2
+    exploded = np.isfinite(following[..., :1]) & ~(errors < LARGEST_ERROR)
+    return np.where(exploded, LARGEST_ERROR, errors)
+
+
+def _by_length(squares: Sequence[Array]) -> Array:
+    """(L, m) the mean of tables (S, steps, m), up to the last length that is in any."""
+    table = np.concatenate(squares)
+    return np.asarray(np.nanmean(table[:, np.isfinite(table).any(axis=(0, 2))], axis=0))
 
 
 class Member(NamedTuple):

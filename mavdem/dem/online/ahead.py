@@ -1,9 +1,9 @@
 """Predictions of a stream with its future inputs unknown: one vector autoregression that forgets, or the last sample.
 
 Nothing is known of future inputs: they follow from the motion, since the autopilot answers it. The autoregression of
-outputs and inputs is fitted again every second to sums that are forgotten exponentially. The last sample is held before
-the first fit, and at horizons where it lately erred less. No prediction is farther from the last sample than the
-vehicle lately went in as many samples.
+outputs and inputs is fitted again every half second to sums that are forgotten exponentially. It is mixed with the last
+sample, which is held before the first fit, and with the mean so far, by their latest errors. No prediction is farther
+from the last sample than the vehicle lately went in as many samples.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from mavdem.dem.engine.linalg import Array, one_thread_if_free
+from mavdem.dem.forecast.forecasts import mixture_weights
 from mavdem.dem.forecast.var import LagStatistics, Var, initial_lags
 from mavdem.dem.online.memory import Memory, MemoryBlock
 
@@ -23,7 +24,7 @@ FEWEST_LAGS, MOST_LAGS = 4, 16
 MOST_REGRESSORS = 100  # a fit of so many takes a millisecond
 MEMORY_SECONDS = 30.0  # time constant of forgetting
 RIDGE = 0.002  # of the autoregression's prior, for its channels in units of what is remembered
-REFIT_SECONDS = 1.0  # of samples before the first fit, and from one fit to the next
+FIRST_SECONDS, REFIT_SECONDS = 1.0, 0.5  # of samples before the first fit, and from one fit to the next
 SMALLEST_SCALE = 1e-6  # of a channel that became still, in units of its first second
 LARGEST_SECONDS = 20.0  # of samples whose largest change over a horizon bounds the next
 ERROR_SECONDS = 10.0  # time constant of the squared errors that are compared
@@ -98,10 +99,13 @@ class PredictionsAhead:
             past = ((initial_lags(np.hstack([outputs, inputs]), self.lags) - center) / scale)[::-1].ravel()
             with np.errstate(over="ignore", invalid="ignore"):
                 ahead = center[:m] + scale[:m] * (lags @ past + constant)
-            ahead = np.where(np.isfinite(ahead), ahead, latest)
-            predicted = np.clip(ahead, latest - self._largest, latest + self._largest)
-        shown = np.where(self._squared[..., 3] > self._squared[..., 1], held, predicted)
-        self._ring[self._place] = np.stack([shown, held, np.broadcast_to(self._mean, held.shape), predicted], axis=-1)
+            predicted = np.where(np.isfinite(ahead), ahead, latest)
+        members = np.stack([held, np.broadcast_to(self._mean, held.shape), predicted])
+        bounded = np.clip(members, latest - self._largest, latest + self._largest)
+        known = np.isfinite(self._squared).all(axis=-1)
+        weights = mixture_weights(np.where(known, np.moveaxis(self._squared[..., 1:], -1, 0), 1.0))
+        shown = np.where(known, (weights * bounded).sum(axis=0), held)
+        self._ring[self._place] = np.stack([shown, *members[:2], bounded[2]], axis=-1)
         self._place = (self._place + 1) % len(self._ring)
         return shown
 
@@ -110,7 +114,7 @@ class PredictionsAhead:
         if not self._waiting:
             return
         if self._units is None:
-            if sum(len(block.outputs) for block in self._waiting) * self._dt < REFIT_SECONDS:
+            if sum(len(block.outputs) for block in self._waiting) * self._dt < FIRST_SECONDS:
                 return
             channels = np.concatenate([np.hstack([block.outputs, block.inputs]) for block in self._waiting])
             scale = channels.std(axis=0)
