@@ -26,8 +26,6 @@ FLIGHT_TIME = "flight time"
 """Timeline of a recording, seconds since the first sample that is shown."""
 BOOT_CLOCK = "boot clock"
 """Timeline of a live flight, s: the boot clock of its first boot, which goes on where a later one begins."""
-ITERATION = "iteration"
-"""Timeline of what was learned by iteration; 0 is the prior."""
 
 LEGEND_ROOM = 1.16
 """Length of a time axis, in lengths of its lines: the legend stands beside them."""
@@ -55,29 +53,25 @@ class Lines:
 
     def send_style(self, recording: rr.RecordingStream) -> None:
         """Sends how the lines are drawn; once a recording."""
-        names, colours = list(self.names), [palette.channels(colour) for colour in self.colours]
-        widths = [FILL_WIDTH if self.filled else self.width] * len(names)
-        style: rr.SeriesPoints | rr.SeriesLines
-        if self.marked:
-            style = rr.SeriesPoints(names=names, colors=colours, marker_sizes=widths, markers=["circle"] * len(names))
-        else:
-            # Averaging within a pixel would hide gusts, and make a point of a stroke.
-            policy = rr.components.AggregationPolicy.Off
-            style = rr.SeriesLines(names=names, colors=colours, widths=widths, aggregation_policy=policy)
+        look: dict[str, Any] = {"names": self.names, "colors": [palette.channels(colour) for colour in self.colours]}
+        widths, count = [FILL_WIDTH if self.filled else self.width] * len(self.names), len(self.names)
+        # Averaging within a pixel would hide gusts, and make a point of a stroke.
+        policy = rr.components.AggregationPolicy.Off
+        style = (
+            rr.SeriesPoints(marker_sizes=widths, markers=["circle"] * count, **look)
+            if self.marked
+            else rr.SeriesLines(widths=widths, aggregation_policy=policy, **look)
+        )
         recording.log(self.path, style, static=True)
 
     def send(self, recording: rr.RecordingStream, time: Array, values: Array, timeline: str = BOOT_CLOCK) -> None:
-        """Sends values (N, k), or edges (N, 2), at times (N,), s or iterations; NaN breaks a line."""
+        """Sends values (N, k), or edges (N, 2), at times (N,), s; NaN breaks a line."""
         if not len(time):
             return
         if self.filled:
             time, values = np.repeat(time, 2), values.reshape(-1, 1)
         columns = rr.Scalars.columns(scalars=values.ravel()).partition([len(self.names)] * len(time))
-        if timeline == ITERATION:
-            index = rr.TimeColumn(timeline, sequence=time.astype(np.int64))
-        else:
-            index = rr.TimeColumn(timeline, duration=time)
-        recording.send_columns(self.path, [index], columns)
+        recording.send_columns(self.path, [rr.TimeColumn(timeline, duration=time)], columns)
 
 
 @dataclass(eq=False)

@@ -19,7 +19,6 @@ CONNECT_SECONDS = 0.3  # time limit for a viewer to accept a connection
 LOOPBACK = "127.0.0.1"
 VIEWER_MEMORY, SERVER_MEMORY = "1GB", "256MB"  # the server keeps data for later viewers; the oldest go first
 NO_SCREEN = "There is no screen here: use --rrd FILE to record, or --serve for browsers"
-INVALID_URL = "{!r} is not the address of a Rerun viewer, which looks like rerun+http://127.0.0.1:9876/proxy"
 WATCHDOG = """
 import os, signal, subprocess, sys, threading
 def kill_at_end_of_input():
@@ -137,14 +136,14 @@ class Viewer(Sink):
 
     def __init__(self, url: str = f"rerun+http://{LOOPBACK}:9876/proxy") -> None:
         self.url = self.name = url
-        try:
+        with suppress(ValueError):
             parts = urlsplit(url)
             self._address = parts.hostname or "", parts.port or 0
-        except ValueError as error:
-            raise ValueError(INVALID_URL.format(url)) from error
-        schemes = ("rerun", "rerun+http", "rerun+https")
-        if parts.scheme not in schemes or parts.path != "/proxy" or not all(self._address):
-            raise ValueError(INVALID_URL.format(url))
+            schemes = ("rerun", "rerun+http", "rerun+https")
+            if parts.scheme in schemes and parts.path == "/proxy" and all(self._address):
+                return
+        form = "the address of a Rerun viewer, which looks like rerun+http://127.0.0.1:9876/proxy"
+        raise ValueError(f"{url!r} is not {form}")
 
     def open(self, recording: rr.RecordingStream) -> bool:
         """Sends the recording to the viewer, if it is there; see :class:`Sink`."""
@@ -198,15 +197,14 @@ def sinks_for(rrd: str | os.PathLike[str] | None = None, serve: bool = False, co
         sinks.append(Viewer(connect))
     if serve:
         sinks.append(WebServer())
-    if not serve and connect is None:
-        if has_screen():
-            # A window, which stays open after the process ends.
-            with socket.socket() as probe:
-                probe.bind((LOOPBACK, 0))
-                port = int(probe.getsockname()[1])
-            limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", VIEWER_MEMORY)
-            _start(*limits, "--port", str(port), "--expect-data-soon", "--hide-welcome-screen")
-            sinks.append(Viewer(f"rerun+http://{LOOPBACK}:{port}/proxy"))
-        elif rrd is None:
-            raise ValueError(NO_SCREEN)
+    if connect is None and not serve and has_screen():
+        # A window, which stays open after the process ends.
+        with socket.socket() as probe:
+            probe.bind((LOOPBACK, 0))
+            port = int(probe.getsockname()[1])
+        limits = ("--server-memory-limit", SERVER_MEMORY, "--memory-limit", VIEWER_MEMORY)
+        _start(*limits, "--port", str(port), "--expect-data-soon", "--hide-welcome-screen")
+        sinks.append(Viewer(f"rerun+http://{LOOPBACK}:{port}/proxy"))
+    if not sinks:
+        raise ValueError(NO_SCREEN)
     return sinks

@@ -124,36 +124,6 @@ def test_gusts_are_shaded_when_they_blew(learned: mavdem.Learned) -> None:
     assert (time.min(), time.max()) == pytest.approx((start, start + 0.5))
 
 
-def iterations(path: Path) -> dict[str, np.ndarray]:
-    """Values (I + 1, k) of the lines of each entity by iteration."""
-    return {
-        name.removeprefix("learning/"): np.array(batch.column("Scalars:scalars").to_pylist())
-        for name, chunk, batch in chunks(path)
-        if "iteration" in chunk.timeline_names
-    }
-
-
-def test_what_is_free_is_drawn_by_iteration_in_degrees(recording: Path, learned: mavdem.Learned) -> None:
-    drawn, theta = iterations(recording), learned.learning.theta
-    # θ = [vec(Aᵀ); vec(Bᵀ); …]: the rate's row of A and of B; that a rate is a rate is known beforehand.
-    np.testing.assert_allclose(drawn["parameters/A"], theta[:, 2:4], rtol=1e-9)
-    np.testing.assert_allclose(drawn["parameters/B"], np.degrees(theta[:, 8:12]), rtol=1e-9)
-    assert set(drawn) == {"free_energy", "lambda", "parameters/A", "parameters/B"}
-    terms = np.stack([learned.free_energy.total, *learned.free_energy.terms.values()], axis=-1)
-    np.testing.assert_allclose(drawn["free_energy"], terms - terms[-1], atol=1e-9)
-    # The prior fixes those of the measurement noise.
-    np.testing.assert_allclose(drawn["lambda"], learned.learning.lambda_[:, 2:], rtol=1e-9)
-    assert documents(recording)["/learning/details"] == markdown(detail_blocks(learned))
-
-
-@pytest.mark.slow
-def test_under_a_prior_that_knows_nothing_every_entry_is_drawn(tmp_path: Path) -> None:
-    path = tmp_path / "flight.rrd"
-    write(path, mavdem.learn(PARTS, mavdem.Settings.paper()))
-    assert [iterations(path)[f"parameters/{name}"].shape[1] for name in "ABC"] == [2 * 2, 2 * 4, 2 * 2]
-    assert {"process_noise/state 1", "process_noise/state 2"} <= lines(path).keys()
-
-
 def test_a_precision_that_the_prior_fixes_is_distinguished_from_one_that_is_learnt(learned: mavdem.Learned) -> None:
     # One λ for each of two outputs and two states; the default prior is sure of measurement noise only.
     assert prior_outweighs_data(learned).tolist() == [True, True, False, False]
@@ -174,6 +144,7 @@ def test_a_forecast_beyond_all_numbers_leaves_the_measured_in_sight(learned: mav
 
 def test_the_words_are_those_of_the_screen(recording: Path, learned: mavdem.Learned) -> None:
     found, held_out = documents(recording), held_out_test(PARTS[-1], TEST, learned)
+    assert found["/learning/details"] == markdown(detail_blocks(learned))
     assert found["/report"] == markdown([title(PARTS), *screen(learned, held_out)])
     for i, (name, value) in enumerate(key_figures(learned, held_out)):
         assert name[1:] in found[f"/figures/{i}"] and value.split(" (")[0] in found[f"/figures/{i}"]
@@ -182,7 +153,7 @@ def test_the_words_are_those_of_the_screen(recording: Path, learned: mavdem.Lear
 def test_the_one_blueprint_in_the_file_shows_what_is_there(recording: Path) -> None:
     shown = views(recording)
     entities = {str(chunk.entity_path).replace("\\", "") for chunk in RrdReader(recording).stream()}
-    assert {"outputs/roll", "wind", "command", "effect/bars", "learning/gap", "learning/parameters/B"} <= set(shown)
+    assert {"outputs/roll", "wind", "command", "effect/bars", "learning/gap"} <= set(shown)
     for origin in shown:
         assert any(f"{entity}/".startswith(f"/{origin.strip('/')}/") for entity in entities), (
             f"the view of {origin} is empty"

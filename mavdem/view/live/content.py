@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections import defaultdict, deque
-from collections.abc import Callable, Sequence
+from collections import deque
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -140,17 +140,12 @@ class LiveWriter:
     def _outputs(
         self, recording: rr.RecordingStream, rows: list[ViewRow], time: Array, breaks: NDArray[np.intp]
     ) -> None:
-        h, nothing = self._horizon, np.full(len(self._channels.output_names), np.nan)
-
-        def column(part: Callable[[Estimate], Array]) -> Array:
-            return np.array([nothing if row.estimate is None else part(row.estimate) for row in rows])
-
-        ahead, half = column(lambda now: now.ahead[h]), column(lambda now: now.ahead_band[h])
-        measured = np.array([row.outputs for row in rows])
-        horizon = self._channels.horizons[h] * self._channels.dt
-        later = np.array(
-            [row.time + horizon if row.estimate is None else row.estimate.ahead_times[h] + row.shift for row in rows]
-        )
+        h, measured = self._horizon, np.array([row.outputs for row in rows])
+        ahead, half = np.full((2, *measured.shape), np.nan)
+        later = time + self._channels.horizons[h] * self._channels.dt
+        for i, row in enumerate(rows):
+            if (now := row.estimate) is not None:
+                ahead[i], half[i], later[i] = now.ahead[h], now.ahead_band[h], now.ahead_times[h] + row.shift
         for i, (name, unit) in enumerate(zip(self._channels.output_names, self._units, strict=True)):
             plot, drawn = rr.new_entity_path(["outputs", name]), unit.scale * measured[:, i]
             then = unit.scale * np.stack([ahead[:, i] - half[:, i], ahead[:, i] + half[:, i], ahead[:, i]], axis=-1)
@@ -174,9 +169,8 @@ class LiveWriter:
         for now, shift in estimates:
             if np.isfinite(now.wind_time):
                 torques.append((now.wind_time + shift, now.wind_torque, now.wind_torque_band))
-                if np.isfinite(now.wind_torque):
-                    self._torques.append(torques[-1])
-                else:
+                self._torques.append(torques[-1])
+                if not np.isfinite(now.wind_torque):
                     self._torques.clear()
         self._log_gusts(recording)
         if torques:
@@ -214,25 +208,22 @@ class LiveWriter:
 
     def _models(self, recording: rr.RecordingStream, rows: list[ViewRow]) -> None:
         """Draws F̄, λ and what the prior leaves free of A, B and C: a point for each new model."""
-        points: dict[Lines, list[tuple[float, Array]]] = defaultdict(list)
         for row in rows:
             now = row.estimate
             if now is None or now.model is None or now.model is self._model:
                 continue
             self._model = now.model
-            action = Lines("free_energy_action", ("F̄",), (MEASURED,), 2.0)
-            points[action].append((row.time, np.array([now.free_energy_action])))
+            drawn: list[tuple[str, tuple[str, ...], Array]] = []
+            drawn.append(("free_energy_action", ("F̄",), np.array([now.free_energy_action])))
             if row.learned is not None:
                 noise = free_precisions(self._channels, row.learned)
-                drawn = [("noise_precisions", noise, now.log_precisions)]
+                drawn.append(("noise_precisions", noise.names, noise.shown(now.log_precisions)))
                 for matrix, entries in free_parameters(self._channels, row.learned).items():
-                    drawn.append((f"parameters/{matrix}", entries, pack(*now.model[:3])))
-                for path, entries, values in drawn:
-                    lines = Lines(path, entries.names, tuple(map(distinct, range(len(entries.names)))), 2.0)
-                    points[lines].append((row.time, entries.shown(values)))
-        for lines, dated in points.items():
-            lines = lines.under(self.root)
-            if self.lines.get(lines.path) != lines:
-                self.lines[lines.path] = lines
-                lines.send_style(recording)
-            lines.send(recording, np.array([time for time, _ in dated]), np.array([values for _, values in dated]))
+                    drawn.append((f"parameters/{matrix}", entries.names, entries.shown(pack(*now.model[:3]))))
+            for path, names, values in drawn:
+                colours = (MEASURED,) if len(names) == 1 else tuple(map(distinct, range(len(names))))
+                lines = Lines(path, names, colours, 2.0).under(self.root)
+                if self.lines.get(lines.path) != lines:
+                    self.lines[lines.path] = lines
+                    lines.send_style(recording)
+                lines.send(recording, np.array([row.time]), values)
