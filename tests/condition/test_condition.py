@@ -19,8 +19,7 @@ from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import verdict_of
 from mavdem.condition import condition_of, identity_of
-from mavdem.condition.condition import LEVEL, mean_interval
-from mavdem.condition.hover import hover_of_log
+from mavdem.condition.condition import LEVEL, hover_of_log, mean_interval
 from mavdem.condition.inventory import Tier, inventory, tier_of
 from mavdem.errors import NotLearnable
 from mavdem.ingest import Log, read_log

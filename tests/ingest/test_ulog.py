@@ -35,7 +35,7 @@ from ulog_files import (
 )
 
 import mavdem
-from mavdem.alignment.signals import Signals, setpoints, voltage
+from mavdem.alignment.signals import Signals, setpoints
 from mavdem.errors import Unreadable
 from mavdem.ingest import contents as files
 from mavdem.ingest import read_log
@@ -169,7 +169,7 @@ def test_setpoints_keep_their_own_stamps(tmp_path: Path) -> None:
 
 def test_the_battery(tmp_path: Path) -> None:
     pieces = flight(TIMES) + [data("battery_status", 20 + row, 16 - row, 99) for row in range(3)]
-    signal = voltage(vehicle_of(log(*pieces), tmp_path))
+    signal = Signals(vehicle_of(log(*pieces), tmp_path)).voltage
     assert signal is not None and signal.values.tolist() == pytest.approx([16, 15, 14])
     assert signal.time.tolist() == pytest.approx([20, 21, 22])
 
