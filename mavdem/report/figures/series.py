@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator
 
-from mavdem.condition.hover import HoverFigures
+from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL, quantile
 from mavdem.dem import Learned
 from mavdem.dem.engine.linalg import Array
@@ -55,8 +55,7 @@ MAX_BEYOND_MEASURED = 0.5  # spans of the measured values, how far the band of a
 BOUND_LEVEL = 0.99  # share of the correlations at different lags that lie within the bounds by chance
 LAG_SECONDS = 0.5
 HIGHEST_HERTZ = 10.0  # of the spectrum: what is faster is noise of the sensors
-MIN_RANGE, MAX_RANGE = 1e2, 1e5
-"""Of the spectrum's axis, below its largest value."""
+MIN_RANGE, MAX_RANGE = 1e2, 1e5  # of the spectrum's axis, below its largest value
 GUST_OPACITY = 0.3
 LEAST_IMBALANCE = 5.0  # percent, that the axis shows at least: less is not worth a look
 ROW, AROUND = 0.3, 0.95  # inches: a motor, and what is above and below
@@ -68,12 +67,9 @@ SMALLEST_GAIN = 1e-3  # nats: less is no more learning
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Plots(SystemPlots):
-    """The figures of a learned model; each method returns a ``matplotlib.figure.Figure``.
+    """The figures of the model ``learned``; each method returns a ``matplotlib.figure.Figure``.
 
     Notebooks show them, and ``savefig`` writes them: as PNG or, with text that stays text, as SVG.
-
-    Attributes:
-        learned: the model with its training data.
     """
 
     learned: Learned
@@ -87,8 +83,7 @@ class Plots(SystemPlots):
 
         Args:
             held_out: the flight right after the training data, as one window; or the windows of
-                ``mavdem.evaluate.held_out_windows``; those of the training data, for which five models are trained,
-                unless given.
+                ``mavdem.evaluate.held_out_windows``, for which five models are trained unless given.
             output: which, in the order of the flight's outputs.
         """
         record, labels = self.learned.record, Labels.of(self.learned)
@@ -186,15 +181,13 @@ class Plots(SystemPlots):
             below.set(xscale="log", yscale="log", xlabel="frequency (Hz)", ylabel=f"({unit.name})²/Hz")
             top = unit.scale**2 * float(max(density.max(), model.max()))
             below.set_ylim(np.clip(below.get_ylim()[0], top / MAX_RANGE, top / MIN_RANGE), 2 * top)
-            below.xaxis.set_major_formatter("{x:g}")
+            for axis in (below.xaxis, below.yaxis):
+                axis.set_major_formatter("{x:g}")
             legend_above(below)
             if learned.physical is not None and not learned.physical.identifiable:
                 note(figure, "Control effectiveness is not identifiable in this flight, and so the wind torque is not.")
             elif wind.reason is not None:
-                note(
-                    figure,
-                    "Not resolved in this flight: expect errors about as large as the torque itself.",
-                )
+                note(figure, "Not resolved in this flight: expect errors about as large as the torque itself.")
         return figure
 
     def motors(self, hover: HoverFigures | None = None) -> Figure:
@@ -258,6 +251,7 @@ class Plots(SystemPlots):
             action.plot(gap, color=PREDICTED, marker="o", markersize=2.5)
             title = f"F̄ below its maximum of {energy.total.max():,.0f} nats".replace("-", "−")
             action.set(yscale="log", ylabel="nats", title=title)
+            action.yaxis.set_major_formatter("{x:g}")
 
             # Those that change most, less their last value: where F̄ increases, the sum of all does.
             change = {name: term - term[-1] for name, term in energy.terms.items()}
@@ -268,6 +262,7 @@ class Plots(SystemPlots):
             terms.set(ylabel="nats", title="terms of F̄, less their last value")
             terms.yaxis.set_major_locator(FixedLocator([-1e6, -1e3, 0, 1e3, 1e6]))
             terms.yaxis.set_minor_locator(NullLocator())
+            terms.yaxis.set_major_formatter("{x:g}")
 
             (n, r), m = learned.model.B.shape, len(learned.model.C)
             values = np.vstack([learned.learning.theta, pack(*learned.model[:3])])
@@ -295,13 +290,7 @@ class Plots(SystemPlots):
 def forecast(held: HeldOut, labels: Labelled, output: int = 0, windows: int = WINDOWS) -> Figure:
     """Draws an output beside its forecasts in some windows that no model saw, and the error in every window.
 
-    Shown in full are neighbouring windows whose errors are nearest to the median of all, not the best ones.
-
-    Args:
-        held: the windows.
-        labels: names and units of the outputs.
-        output: which, in the order of ``labels``.
-        windows: how many are shown in full.
+    Shown in full are ``windows`` neighbours whose errors are nearest to the median of all, not the best ones.
 
     Raises:
         ValueError: no windows.
@@ -376,13 +365,7 @@ def _bars(axes: Axes, values: Array, half: Array, least: float, colour: str) -> 
 
 
 def live_flight(history: LiveHistory, name: str) -> Figure:
-    """Draws the first output with its predictions and their 90 % band; below, the wind torque.
-
-    What was trained on is shaded.
-
-    Args:
-        history: of the flight.
-        name: of the output, an angle.
+    """Draws the first output, an angle of this ``name``, with its predictions; below, the wind torque.
 
     Raises:
         ValueError: there was no row.

@@ -46,9 +46,7 @@ REMARK: dict[str, Any] = {"textcoords": "offset points", "fontsize": 7.5}
 class Systems(NamedTuple):
     """N linear systems ẋ = A x + b c, y = C x that one command c drives, ``delay`` seconds late.
 
-    The first is the estimate; others are draws from its uncertainty.
-
-    A (N, n, n), b (N, n), C (N, m, n), delay (N,).
+    The first is the estimate; others are draws from its uncertainty. A (N, n, n), b (N, n), C (N, m, n), delay (N,).
     """
 
     A: Array
@@ -216,12 +214,11 @@ class SystemPlots:
             inside = (drawn.real > left) & (drawn.real < right) & (drawn.imag > bottom) & (drawn.imag < top)
             cloud: dict[str, Any] = {"color": PREDICTED, "alpha": 0.45, "markersize": 3, "markeredgewidth": 0}
             axes.plot(drawn[inside].real, drawn[inside].imag, ".", **cloud)
-            axes.plot(
-                values.real, values.imag, "x", color=PREDICTED, markersize=7, markeredgewidth=2, label="DEM's model"
-            )
             _physical(axes, learned.physical)
-            if len(true):
-                axes.plot(true.real, true.imag, "+", color=TRUTH, markersize=9, markeredgewidth=2, label="truth")
+            crosses = ("x", 7, PREDICTED, "DEM's model", values), ("+", 9, TRUTH, "truth", true)
+            for marker, size, colour, label, at in crosses[: 1 + bool(len(true))]:
+                style: dict[str, Any] = {"color": colour, "markersize": size, "markeredgewidth": 2, "label": label}
+                axes.plot(at.real, at.imag, marker, **style)
             axes.set(xlabel="real part (1/s)", ylabel="imaginary part (rad/s)")
             _label(axes, values[slow])
             if not slow.all():
@@ -240,11 +237,8 @@ def _curves(learned: Learned, motors: Array, truth: Truth | None) -> Iterator[tu
     yield "DEM's model", PREDICTED, model_systems(learned, motors)
     if truth is not None:
         A, B, delay = truth
-        yield (
-            "truth",
-            TRUTH,
-            Systems(A[None], (B @ motors)[None], np.eye(outputs, len(A))[None], np.array([float(delay)])),
-        )
+        known = A, B @ motors, np.eye(outputs, len(A)), np.array(delay)
+        yield "truth", TRUTH, Systems(*(one[None] for one in known))
 
 
 def _draw(axes: Axes, x: Array, values: Array, name: str, colour: str) -> None:
