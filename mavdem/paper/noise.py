@@ -31,9 +31,8 @@ from mavdem.dem import Learned, learn
 from mavdem.dem.engine.linalg import Array
 from mavdem.evaluate.windows import Window
 from mavdem.paper import figures
-from mavdem.paper.claims import NOISE
 from mavdem.paper.flights import REAL
-from mavdem.paper.runner import PAPER, Check, Item, Result, Runner
+from mavdem.paper.runner import PAPER, Check, Result, Runner
 from mavdem.report.blocks import Block, Sentence, Table
 from mavdem.report.numbers import rounded
 from mavdem.report.page import Picture
@@ -144,9 +143,6 @@ def _table(learned: dict[str, Noise], known: dict[str, Noise]) -> tuple[Block, .
     header = ["flight, model", "sd, rad/s²", "skewness", "excess kurtosis", "p Gaussian", "p Gaussian if white"]
     title = Sentence("of 700 samples, by flight and model.", "Process noise w^φ̇")
     return title, Table([*header, "p white", "s, ms"], rows)
-
-
-ITEM = Item(NOISE, run)
 
 
 MIN_VALUES = 20  # with fewer values no test of shape or colour has power

@@ -88,11 +88,9 @@ class ScalarSettings:
 
     def samples(self, world: ScalarWorld, seed: int) -> SufficientStatistics:
         """The data that the engine gets."""
-        outputs, inputs = (derivatives[:, 0] for derivatives in world.generalized(0, seed))
         # Inputs are embedded in the order of the outputs, so that the errors of both are of one filter and cancel.
-        outputs, inputs = (
-            embed(signal[:, None], self.p, world.step, self.p + 1, self.p // 2) for signal in (outputs, inputs)
-        )
+        signals = world.generalized(0, seed)
+        outputs, inputs = (embed(signal, self.p, world.step, self.p + 1, self.p // 2) for signal in signals)
         every = round(self.spacing / world.step)
         return SufficientStatistics.of(np.hstack([outputs[::every], inputs[::every, : self.d + 1]]))
 

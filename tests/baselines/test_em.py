@@ -5,11 +5,8 @@ import pytest
 from innovation_systems import random_system
 from oracle import load, needs_oracle
 from peculiar_flights import (
-    FLIGHT,
-    NOTHING_NEW,
     TRAIN,
     growing,
-    with_inputs,
 )
 from scipy.stats import chi2
 
@@ -103,25 +100,10 @@ def test_the_authors_em_is_matched_within_its_spread_over_starts():
     assert evaluate.mspe(test.outputs, em.forecast(test.inputs)).total < np.median(theirs["mspe_x0last_aligned"])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("more", NOTHING_NEW)
-def test_inputs_that_tell_nothing_new_change_nothing(more):
-    # The random starts know how many inputs there are and of what kind; of one start the iterations must be the same.
-    records = [Record.of(flight[:700]) for flight in (FLIGHT, with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs)))]
-    one, two = (all_fits(Units.of(record).segments(record), 2, iterations=20)[0].log_likelihoods for record in records)
-    np.testing.assert_allclose(two, one, rtol=1e-6)
-
-
 def test_what_has_not_settled_is_said(monkeypatch):
     monkeypatch.setattr(sys.modules["mavdem.baselines.expectation_maximization"], "TRIAL_ITERATIONS", 3)
     monkeypatch.setattr(sys.modules["mavdem.baselines.expectation_maximization"], "MAX_ITERATIONS", 5)
     assert any("still rising after 5 iterations" in caution for caution in baselines.em(TRAIN, 2).cautions)
-
-
-@pytest.mark.slow
-def test_the_same_seed_gives_the_same_model():
-    one, two = (baselines.em(TRAIN[:300], 2, seed=3).model for _ in range(2))
-    np.testing.assert_array_equal(one.A, two.A)
 
 
 @pytest.mark.parametrize("breakdowns", [STARTS - 1, STARTS])

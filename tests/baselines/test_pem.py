@@ -4,12 +4,8 @@ import numpy as np
 import pytest
 from innovation_systems import flown, random_system
 from peculiar_flights import (
-    FLIGHT,
-    NOTHING_NEW,
-    TEST,
     TRAIN,
     growing,
-    with_inputs,
 )
 from scipy.stats import chi2
 from standard_errors import Bound
@@ -70,17 +66,6 @@ def test_errors_are_never_above_those_of_any_subspace_model(order, train):
     pem = baselines.pem(train, order)
     assert determinant(pem) < min(starts) + 1e-9
     assert np.abs(np.linalg.eigvals(pem.model.A - pem.model.K @ pem.model.C)).max() < 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("more", NOTHING_NEW)
-def test_inputs_that_tell_nothing_new_change_nothing(more):
-    more_inputs = with_inputs(FLIGHT, NOTHING_NEW[more](FLIGHT.inputs))
-    one, two = (baselines.pem(flight[:700], 2) for flight in (FLIGHT, more_inputs))
-    # Both have converged to a tenth of a nat, and so their forecasts to a part of what chance leaves open.
-    assert abs(determinant(one) - determinant(two)) * 700 / 2 < 0.1
-    difference = two.forecast(more_inputs.inputs[700:]) - one.forecast(TEST.inputs)
-    assert np.abs(difference).max() < 0.01 * TEST.outputs.std()
 
 
 def test_what_has_not_settled_is_said(monkeypatch):

@@ -9,7 +9,7 @@ from simulated import simulated
 from mavdem import Flight
 from mavdem.dem.online.ahead import FEWEST_LAGS, PredictionsAhead
 from mavdem.dem.online.learner import BLOCK_SECONDS, HORIZONS
-from mavdem.dem.online.memory import Memory, MemoryBlock
+from mavdem.dem.online.memory import Memory
 from mavdem.dem.online.tracker import ErrorBands
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
@@ -140,23 +140,6 @@ def test_no_lag_and_no_error_reaches_across_a_gap():
         if row >= 1255:
             assert (ahead.error_ratio[:-1] < 2).all()
             assert np.nanmax(ahead._largest) < 100
-
-
-def test_what_is_taken_back_is_not_learned_from():
-    flight = controlled(8, 1020)
-    memory, (ahead, anew) = Memory(0.01, 10, 200, 4, 2), (PredictionsAhead(0.01, 10, HORIZONS, 4, 2) for _ in "12")
-    for row in range(1000):
-        memory.add(flight.inputs[row], flight.outputs[row], flight.time[row])
-    blocks = list(memory.blocks)
-    landed = [MemoryBlock(np.full((10, 4), 1000.0), np.zeros((10, 2)), False, 10.0 + 0.1 * at) for at in range(20)]
-    for block in [*blocks, *landed]:
-        ahead.add(block)
-        ahead.advance()
-    for predictor in (ahead, anew):
-        predictor.begin_with(blocks)
-        predictor.advance()
-        predictor._largest[:] = np.inf
-    np.testing.assert_allclose(ahead.predict(memory), anew.predict(memory))
 
 
 def test_a_still_vehicle_is_no_error():

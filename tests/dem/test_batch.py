@@ -81,15 +81,6 @@ def test_a_given_executor_does_the_work_and_is_left_open(expected):
         assert executor.submit(int, "3").result() == 3
 
 
-@pytest.mark.slow
-def test_closing_early_ends_the_processes(two_workers):
-    answers = learn_many(repeat(JOBS[0]))
-    next(answers)
-    assert multiprocessing.active_children()
-    answers.close()
-    assert not multiprocessing.active_children()
-
-
 def test_what_jobs_raise_is_raised():
     def broken():
         yield JOBS[0]

@@ -29,11 +29,6 @@ def test_derivatives_of_polynomials_are_exact(order, extra, dt, data):
     np.testing.assert_allclose(derivatives * per_step, expected * per_step, atol=1e-7)
 
 
-def test_two_samples_give_a_backward_difference_and_three_a_central_one():
-    np.testing.assert_allclose(taylor_weights(1, 0.5, 2, 1), [[0, 1], [-2, 2]], atol=1e-12)
-    np.testing.assert_allclose(taylor_weights(2, 0.5, 3, 1), [[0, 1, 0], [-1, 0, 1], [4, -8, 4]], atol=1e-12)
-
-
 @pytest.mark.parametrize(("window", "at"), [(2, 1), (3, 1), (4, 2), (9, 4)])
 def test_embedding_is_the_weights_applied_to_each_window(window, at):
     samples = np.random.default_rng(0).standard_normal((30, 2))

@@ -27,8 +27,11 @@ def random_gaussian_model(seed, n, k, m, radius=0.9):
     )
 
 
-def joint(model, start, inputs, outputs):
-    """Mean and covariance of all states given all outputs, and the outputs' log-likelihood."""
+def joint(model, start, inputs, outputs, spread=None):
+    """Mean and covariance of all states given all outputs, and the outputs' log-likelihood.
+
+    ``spread`` (n, n) is the covariance of the first state, one unless given.
+    """
     A, B, offset, C, D, trim, Q, R = model
     samples, n = len(outputs), len(A)
     # States are a linear map of the first one and all noises.
@@ -40,7 +43,7 @@ def joint(model, start, inputs, outputs):
         means.append(A @ means[-1] + B @ u + offset)
     effects = effects.reshape(samples * n, samples * n)
     noises = np.kron(np.eye(samples), Q)
-    noises[:n, :n] = np.eye(n)
+    noises[:n, :n] = np.eye(n) if spread is None else spread
     prior, mean = effects @ noises @ effects.T, np.concatenate(means)
     seen, targets = np.kron(np.eye(samples), C), (outputs - inputs @ D.T - trim).ravel()
     of_targets = seen @ prior @ seen.T + np.kron(np.eye(samples), R)

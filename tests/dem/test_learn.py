@@ -252,15 +252,6 @@ def test_a_forecast_begins_from_the_last_training_input():
     np.testing.assert_allclose(pushed.forecast(ahead)[0] - learned.forecast(ahead)[0], expected, rtol=1e-6)
 
 
-@pytest.mark.slow
-def test_a_hidden_state_has_the_unit_of_the_last_output():
-    learned = learn(simulated(wind=0.5)[:400], Settings(order=4, window=5, parameter_precision=1.0))
-    scale = learned.scaling.output_scale
-    np.testing.assert_array_equal(learned.scaling.state_scale(4), [*scale, scale[1], scale[1]])
-    # What feeds the rate from its lag has then one unit on both sides: 1/s, as the prior has it.
-    assert learned.model.A[1, 2] == pytest.approx(20.0, rel=0.2)
-
-
 @pytest.mark.parametrize("settings", [MODEL_ALONE, replace(Settings.paper(), order=2), replace(MODEL_ALONE, order=3)])
 def test_from_zero_row_0_is_the_trim_and_the_inputs_move_the_rest_by_the_physical_model(settings):
     flight = simulated(wind=0.5)

@@ -11,8 +11,6 @@ from simulated import simulated
 
 from mavdem import Flight
 from mavdem.dem.order_choice import FlightOrders, OrderChoice, choose_order, orders_of
-from mavdem.dem.order_search import BlackBox, embedding_order, kernel_width
-from mavdem.dem.record import Record
 
 
 def choice(*flights):
@@ -100,17 +98,6 @@ def test_nobody_s_inputs_are_not_looked_at():
 def test_what_is_no_argument_is_named(arguments, wrong):
     with pytest.raises(ValueError, match=wrong):
         choose_order(paper_flight(1, 0, samples=200), **arguments)
-
-
-def test_the_data_are_read_for_the_largest_model_and_counted_by_their_noise():
-    assert [embedding_order(outputs, 6) for outputs in (1, 2, 3, 4, 9)] == [8, 4, 2, 2, 2]
-    record = Record.of(random_flight(2, 1, 0))
-    box = BlackBox.of(record, 6, known_inputs=True, input_precision=1.0)
-    assert box.width == kernel_width(record)
-    once, twice = box.counted(0.0), box.counted(np.sqrt(3) * box.width)
-    assert once.number == pytest.approx(2 * twice.number)
-    assert once.number == pytest.approx(box.data.number * box.dt / (np.sqrt(2 * np.pi) * box.width))
-    np.testing.assert_allclose(once.gram / once.number, box.data.gram / box.data.number)
 
 
 @pytest.mark.slow

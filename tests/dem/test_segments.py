@@ -7,10 +7,7 @@ import pytest
 from simulated import DT, GAIN, RATE, simulated
 
 from mavdem import Flight, Settings, evaluate, learn
-from mavdem.dem.engine.coordinates import embed
-from mavdem.dem.fitting import generalized
 from mavdem.dem.record import Record, folds
-from mavdem.dem.scaling import Scaling
 
 CLEAN = Settings(order=2, parameter_precision=0.01, window=5)
 
@@ -19,17 +16,6 @@ def gapped(cut=400, missing=60):
     """A flight, and the two segments that are left of it when a stretch is lost."""
     flight = simulated()
     return flight, [flight[:cut], flight[cut + missing : 700]]
-
-
-def test_each_segment_is_embedded_by_itself():
-    _, segments = gapped()
-    record = Record.of(segments)
-    scaling = Scaling.of(*record.spread, CLEAN)
-    complete = replace(CLEAN, d=2)
-    for data, segment in zip(generalized(complete, scaling, record), segments, strict=True):
-        outputs = embed(scaling.scale_outputs(segment.outputs), 2, DT, 5, 2)
-        inputs = embed(scaling.scale_inputs(segment.inputs), 2, DT, 5, 2)
-        np.testing.assert_array_equal(data, np.hstack([outputs, inputs]))
 
 
 def test_a_gap_does_no_harm():

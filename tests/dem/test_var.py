@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags, lagged
+from mavdem.dem.forecast.var import ChannelUnits, LagStatistics, Var, initial_lags
 from mavdem.dem.record import Record
 
 OUTPUTS, INPUTS, LAGS, STEPS = 2, 3, 3, 12
@@ -199,9 +199,3 @@ def test_the_maps_ahead_are_the_model_s_own_steps():
     maps, constant = true.ahead((1, 30), OUTPUTS)
     ahead = true.predict(samples[-LAGS:], 30).mean[:, :OUTPUTS]
     np.testing.assert_allclose(maps @ samples[: -LAGS - 1 : -1].ravel() + constant, ahead[[0, 29]], rtol=1e-9)
-
-
-def test_rows_of_lags_have_the_latest_first():
-    table = np.arange(12.0).reshape(6, 2)
-    np.testing.assert_array_equal(lagged(table, 2)[0], [2, 3, 0, 1])
-    assert lagged(table, 2).shape == (4, 4) and lagged(table[:1], 2).shape == (0, 4)

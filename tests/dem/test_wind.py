@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from simulated import simulated
+from test_kalman import joint
 from test_physical import settled
 
-from mavdem import Flight
-from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, Plant, delayed, plant, smooth
+from mavdem import Flight, OnlineLearner, Settings
+from mavdem.dem.engine.kalman import GaussianModel
+from mavdem.dem.graybox.likelihood import FIRST_ORDER, Coloured, delayed, plant, smooth
 from mavdem.dem.graybox.wind import _Spectra, gusts, wind
+from mavdem.dem.online.memory import MemoryBlock
+from mavdem.dem.online.wind import DELAY_SECONDS, FILTER_SECONDS, FIRST_FIT_SECONDS, OnlineWind, _Tracked, wind_filter
 from mavdem.dem.record import Record
 from sitl_scenarios.files import load
 
@@ -57,41 +64,26 @@ def flown(seed: int, samples: int, known: Parameters, steady: float = 0.0) -> tu
     return Flight(DT * np.arange(samples), inputs, outputs), torque
 
 
-def joint_posterior(
-    of: Plant, noise: float, commanded: np.ndarray, steps: float, rate: np.ndarray, spread: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and variance (T,) of the wind's torque given all rates, by the covariance of all states of all samples."""
-    samples, n = len(rate), len(of.wind)
-    early, late = delayed(commanded[:, None], steps)
-    mean = np.zeros((samples, n))
-    mean[0, :2] = rate.mean(), commanded[0]
-    covariance = np.zeros((samples, samples, n, n))
-    now = of.stationary.copy()
-    now[0, 0] = spread
-    for k in range(samples):
-        across = now
-        for later in range(k, samples):
-            covariance[later, k], covariance[k, later] = across, across.T
-            across = of.step.state @ across
-        now = of.step.state @ now @ of.step.state.T + of.process
-        if k + 1 < samples:
-            pushes = of.step.input_now[:, 0] * early[k] + of.step.input_next[:, 0] * late[k]
-            mean[k + 1] = of.step.state @ mean[k] + pushes
-    measured = covariance[:, :, 0, 0] + noise**2 * np.eye(samples)
-    across = np.einsum("i,tsi->ts", of.wind, covariance[:, :, :, 0])
-    own = np.einsum("i,ttij,j->t", of.wind, covariance, of.wind)
-    gain = np.linalg.solve(measured, across.T).T
-    return mean @ of.wind + gain @ (rate - mean[:, 0]), own - np.einsum("ts,ts->t", gain, across)
-
-
 @pytest.mark.parametrize("damping", [-0.5, 2.0])
-@pytest.mark.parametrize("components", [TURBULENCE[:1], TURBULENCE, (TURBULENCE[1], TURBULENCE[1])], ids=str)
+@pytest.mark.parametrize("components", [TURBULENCE[:1], TURBULENCE, (TURBULENCE[1], TURBULENCE[1])], ids="123")
 def test_the_smoother_is_the_posterior_of_the_joint_gaussian(components, damping):
     rng = np.random.default_rng(0)
     commanded, rate, noise = rng.standard_normal(90), 0.2 * rng.standard_normal(90), 0.02
     of = plant(damping, 0.05, components, 0.02)
     found = of.smoothed(noise, commanded, 0.7, rate)
-    mean, variance = joint_posterior(of, noise, commanded, 0.7, rate, np.var(rate) + of.filter(noise).variance)
+    early, late = delayed(commanded[:, None], 0.7)
+    pushed = np.column_stack([of.step.input_now[:, 0], of.step.input_next[:, 0]])
+    n = len(of.wind)
+    one, nothing = np.eye(1, n), np.zeros(n)
+    model = GaussianModel(
+        of.step.state, pushed, nothing, one, np.zeros((1, 2)), np.zeros(1), of.process, np.array([[noise**2]])
+    )
+    start, spread = nothing.copy(), of.stationary.copy()
+    start[:2] = rate.mean(), commanded[0]
+    spread[0, 0] = np.var(rate) + of.filter(noise).variance
+    pushes = np.append(np.column_stack([early, late]), [[0.0, 0.0]], axis=0)[:90]
+    means, covariances, _ = joint(model, start, pushes, rate[:, None], spread)
+    mean, variance = means @ of.wind, np.einsum("i,titj,j->t", of.wind, covariances, of.wind)
     np.testing.assert_allclose(found.mean, mean, atol=1e-8 * np.abs(mean).max())
     np.testing.assert_allclose(found.variance, variance, atol=1e-8 * variance.max())
 
@@ -242,3 +234,86 @@ def test_it_is_the_truth_of_a_simulated_flight_by_its_true_parameters(name):
     assert found.sd == pytest.approx(torque.std(), rel=0.2)
     assert found.mean == pytest.approx(torque.mean(), rel=0.1, abs=0.05)
     assert found.resolved
+
+
+WINDY = simulated(samples=3000, wind=2.0, lag=0.05)
+LAG = round(DELAY_SECONDS / WINDY.dt)
+BEGINS = round((FILTER_SECONDS + DELAY_SECONDS) / WINDY.dt)
+
+
+def followed(online: OnlineWind, flight: Flight, block: int = 10) -> np.ndarray:
+    """(T, 2) what each update returns."""
+    found = np.empty((len(flight), 2))
+    for k, (inputs, outputs) in enumerate(zip(flight.inputs, flight.outputs, strict=True)):
+        found[k] = online.update(inputs, outputs)
+        if (k + 1) % block == 0:
+            rows = slice(k + 1 - block, k + 1)
+            online.add(MemoryBlock(flight.inputs[rows], flight.outputs[rows], k + 1 == block, float(flight.time[k])))
+    return found
+
+
+@pytest.mark.slow
+def test_it_is_the_smoother_s_but_for_what_later_samples_add():
+    of = wind_filter(Record.of(WINDY))
+    tracked = _Tracked(of, WINDY.dt, WINDY.inputs[:1], WINDY.outputs[:1])
+    live = np.full(len(WINDY), np.nan)
+    for k in range(1, len(WINDY)):
+        tracked.add(WINDY.inputs[k], WINDY.outputs[k])
+        if k >= LAG:
+            live[k - LAG] = tracked.torque[0]
+    commanded = (WINDY.inputs - of.trim) @ of.physical.effect + of.constant
+    rate = WINDY.outputs[:, of.column]
+    whole = of.axis.smoothed(of.physical.noise, commanded, of.physical.delay / WINDY.dt, rate).mean + of.level
+    far = slice(500, -LAG)
+    weights = of.steady.weights(1000, of.axis.wind)
+    added = np.sqrt(np.sum(weights[LAG + 1 :] ** 2) * of.steady.variance)
+    assert np.std(live[far] - whole[far]) == pytest.approx(added, rel=0.5, abs=1e-9)
+    assert np.std(live[far] - whole[far]) < 0.1 * whole.std()
+
+
+@pytest.mark.slow
+def test_it_is_known_from_the_first_fit_on_and_anew_after_a_gap():
+    online = OnlineWind(WINDY.dt, 10, None, None)
+    found = followed(online, WINDY)
+    first = round(FIRST_FIT_SECONDS / WINDY.dt)
+    assert np.isnan(found[:first]).all()
+    assert np.isfinite(found[first:]).all()
+    online.end_segment()
+    after = followed(online, WINDY[:300])
+    assert np.isnan(after[:BEGINS]).all()
+    assert np.isfinite(after[BEGINS + 1 :]).all()
+
+
+@pytest.mark.slow
+def test_a_fit_in_an_executor_makes_no_sample_wait():
+    pending: Future = Future()
+    online = OnlineWind(WINDY.dt, 10, Mock(**{"submit.return_value": pending}), None)
+    assert np.isnan(followed(online, WINDY[:900])).all()
+    pending.set_result(wind_filter(Record.of(WINDY[:800])))
+    assert np.isfinite(followed(online, WINDY[900:1000])[-1]).all()
+
+
+def test_a_fit_that_fails_leaves_the_last_one():
+    still = Flight(WINDY.time, np.full_like(WINDY.inputs, 1500.0), WINDY.outputs)
+    online = OnlineWind(WINDY.dt, 10, None, None)
+    assert np.isnan(followed(online, still)).all()
+    assert online.filter is None
+    with ThreadPoolExecutor(1) as executor:
+        gone = OnlineWind(WINDY.dt, 10, executor, None)
+    assert np.isnan(followed(gone, WINDY[:900])).all()
+
+
+def test_samples_that_were_taken_back_are_not_fitted_to():
+    online = OnlineWind(WINDY.dt, 10, Mock(**{"submit.return_value": Future()}), None)
+    followed(online, WINDY[:600])
+    online.drop_since(float(WINDY.time[300]))
+    assert online._blocks[-1].until <= WINDY.time[300]
+
+
+@pytest.mark.slow
+def test_an_estimate_has_it_and_says_of_when():
+    online = OnlineLearner(Settings(order=3, d=2, window=9, parameter_precision=1.0), dt=WINDY.dt)
+    for time, outputs, inputs in zip(WINDY.time[:1000], WINDY.outputs, WINDY.inputs, strict=False):
+        estimate = online.update(time, outputs, inputs)
+    assert estimate.wind_time == pytest.approx(estimate.time - DELAY_SECONDS)
+    assert np.isfinite([estimate.wind_torque, estimate.wind_torque_band]).all()

@@ -34,7 +34,7 @@ from ulog_files import roll
 
 import mavdem
 from mavdem.alignment import signals
-from mavdem.alignment.signals import Signals, setpoints, voltage
+from mavdem.alignment.signals import Signals, setpoints
 from mavdem.alignment.verdict import verdict_of
 from mavdem.errors import MissingExtra, NotLearnable, Unreadable
 from mavdem.ingest import read_log
@@ -452,7 +452,7 @@ def test_the_battery_of_either_bridge(tmp_path: Path) -> None:
             recorder.mavros("battery", "sensor_msgs/msg/BatteryState", UNIX + 20.0 + row, **volts)
 
     for vehicle in read_log(written(tmp_path, write)).vehicles:
-        signal = voltage(vehicle)
+        signal = Signals(vehicle).voltage
         assert signal is not None and signal.values.tolist() == pytest.approx([16, 15, 14])
         assert np.diff(signal.time) == pytest.approx([1, 1], abs=1e-6)
 
