@@ -98,13 +98,6 @@ def test_states_come_to_the_exact_ones_as_measurement_noise_vanishes():
     assert departure(decay(4, 0.1), Embedding(2, 1)) < departure(decay(4, 0.2), Embedding(2, 1)) / 4
 
 
-@pytest.mark.parametrize("smoothness", [1, 2])
-def test_higher_orders_bring_states_nearer_the_exact_ones(smoothness):
-    """An analytic path is all in its derivatives: at p → ∞ each sample's posterior is that of the whole path."""
-    orders = [departure(decay(smoothness, 0.1), Embedding(p, p - 1)) for p in (1, 2, 4)]
-    assert orders[0] > orders[1] > orders[2]
-
-
 @pytest.mark.parametrize("smoothness", [1, 2, 4])
 @pytest.mark.parametrize("outputs", [1, 2], ids=["rate hidden", "both measured"])
 def test_states_err_by_what_they_say_when_noise_is_as_it_is_read(smoothness, outputs):

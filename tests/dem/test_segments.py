@@ -54,14 +54,6 @@ def test_halves_cut_the_segment_in_the_middle():
     assert (record.windows(3), record.windows(4), record.longest) == (1 + 2 + 1, 1, 4)
 
 
-def test_a_short_segment_is_of_no_use_and_no_harm():
-    flight = simulated()
-    short = flight[500:503]
-    alone, beside = learn(flight[:400], CLEAN), learn([short, flight[:400]], CLEAN)
-    # Too short for a window, it only enters the scaling.
-    np.testing.assert_allclose(beside.model.B[1], alone.model.B[1], rtol=1e-3)
-
-
 def test_a_flight_is_cut_at_its_gaps():
     whole, kept = simulated(), np.r_[0:300, 330:331, 400:700]
     segments = Flight.segments(

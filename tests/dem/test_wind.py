@@ -303,13 +303,6 @@ def test_a_fit_that_fails_leaves_the_last_one():
     assert np.isnan(followed(gone, WINDY[:900])).all()
 
 
-def test_samples_that_were_taken_back_are_not_fitted_to():
-    online = OnlineWind(WINDY.dt, 10, Mock(**{"submit.return_value": Future()}), None)
-    followed(online, WINDY[:600])
-    online.drop_since(float(WINDY.time[300]))
-    assert online._blocks[-1].until <= WINDY.time[300]
-
-
 @pytest.mark.slow
 def test_an_estimate_has_it_and_says_of_when():
     online = OnlineLearner(Settings(order=3, d=2, window=9, parameter_precision=1.0), dt=WINDY.dt)
