@@ -59,18 +59,6 @@ def test_covariance_is_that_of_the_closed_form_and_of_twice_the_nodes(smoothness
     np.testing.assert_allclose(replace(system, nodes=12).state_moments[1], covariance, atol=1e-9 * variance)
 
 
-def test_score_is_the_gradient_of_the_likelihood():
-    system = roll(1, 0.1)
-    outputs = draw(system, 1)[1][0]
-    at, step = system.theta[system.free], 1e-2
-    slopes = [
-        (system.at(at + e).log_likelihood(outputs) - system.at(at - e).log_likelihood(outputs)) / (2 * step)
-        for e in step * np.eye(len(at))
-    ]
-    # Both are central differences with that step, of different functions of it.
-    np.testing.assert_allclose(system.score(outputs), slopes, atol=step**2 * np.diag(system.information).max())
-
-
 @pytest.mark.parametrize("outputs", [1, 2])
 def test_exact_states_err_by_what_they_say(outputs):
     system = roll(2, 0.1, outputs=outputs)

@@ -233,11 +233,8 @@ def test_still_channels_are_an_obstacle_and_the_model_stays():
     [
         ({"settings": 3}, "settings must"),
         ({"dt": 0.0}, "dt must"),
-        ({"dt": "x"}, "dt must"),
         ({"n_inputs": 0}, "n_inputs"),
-        ({"n_outputs": None}, "n_outputs"),
         ({"memory": 0.5}, "memory must"),
-        ({"horizons": ()}, "horizons must"),
         ({"horizons": (5, 1)}, "horizons must"),
     ],
 )
@@ -250,7 +247,6 @@ def test_arguments_that_cannot_be_are_named(given, said):
     ("time", "outputs", "inputs", "said"),
     [
         (np.nan, [0, 0], [0] * 4, "time"),
-        (0.0, [0], [0] * 4, "outputs"),
         (0.0, [0, np.inf], [0] * 4, "outputs"),
         (0.0, [0, 0], [0] * 3, "inputs"),
         (0.0, [0, 1e51], [0] * 4, "outputs must not be larger"),

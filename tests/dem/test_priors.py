@@ -177,13 +177,10 @@ def test_every_order_from_zero_to_six_can_be_learnt(p, d):
 @pytest.mark.parametrize(
     ("mean", "precision", "named"),
     [
-        ([[1.0]], 1.0, "^mean"),
         ([np.nan], 1.0, "^mean"),
         ([1.0, 2.0], [[1.0]], "^precision must have shape"),
         ([1.0, 2.0], [[1.0, 2.0], [2.0, 1.0]], "^precision must be positive definite"),
         ([1.0, 2.0], [[1.0, 0.5], [0.0, 1.0]], "^precision must be symmetric"),
-        ([1.0, 2.0], [1.0, -1.0], "^precision must be positive definite"),
-        ([1.0], [[np.inf]], "^precision must be finite"),
     ],
 )
 def test_what_is_no_gaussian_is_named(mean, precision, named):
@@ -198,7 +195,6 @@ def test_what_is_no_gaussian_is_named(mean, precision, named):
         ({"prior": Gaussian([0.0] * 16, 1.0)}, '^correlation must be "continuous" with a prior that leaves C free'),
         ({"noise_groups": ((0, 0, 0), (0, 0))}, "^noise_groups must be 2 group numbers"),
         ({"known_inputs": (True, False), "prior": roll_prior()}, "^known_inputs must say it of 4 inputs"),
-        ({"input_precision": (1.0, 2.0)}, "^input_precision must be of 4 inputs, or"),
         ({"input_precision": ((1.0,),)}, "^input_precision must be of 4 inputs, or of their 3 orders"),
     ],
 )
@@ -213,7 +209,6 @@ def test_what_is_no_generative_model_is_named():
         ("output_correlation", np.eye(2), "^output_correlation must have shape"),
         ("state_correlation", -np.eye(3), "^state_correlation must be positive definite"),
         ("input_precision", np.full((4, 4), np.nan), "^input_precision must be finite"),
-        ("n", 0, "^n and m"),
         ("prior", model.prior._replace(theta_mean=model.prior.theta_mean[:1]), "^prior.theta_mean must"),
         ("prior", model.prior._replace(lambda_precision=np.eye(1)), "^prior.lambda_precision must"),
     ):

@@ -9,7 +9,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from simulated import simulated
-from test_kalman import joint
+from test_model import joint
 from test_physical import settled
 
 from mavdem import Flight, OnlineLearner, Settings
