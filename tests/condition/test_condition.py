@@ -1,4 +1,4 @@
-"""Condition figures of made-up flights at rates down to 1 Hz, against what the flights were made of."""
+"""Condition, hover, identity and tier of made-up flights, against what they were made of, at rates down to 1 Hz."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ from mavdem.alignment.read import usable_segments
 from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import verdict_of
 from mavdem.condition import condition_of, identity_of
-from mavdem.condition.condition import LEVEL, mean_interval
-from mavdem.condition.hover import hover_of_log
+from mavdem.condition.condition import LEVEL, hover_of_log, mean_interval
 from mavdem.condition.inventory import Tier, inventory, tier_of
 from mavdem.errors import NotLearnable
 from mavdem.ingest import Log, read_log

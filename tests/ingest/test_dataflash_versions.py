@@ -12,7 +12,7 @@ from pymavlink.DFReader import DFReader_binary
 from pyulog import ULog
 from recorded_flights import shared
 
-from mavdem.alignment.signals import Signals, setpoints, voltage
+from mavdem.alignment.signals import Signals, setpoints
 from mavdem.errors import Unreadable
 from mavdem.ingest import read_log
 from mavdem.ingest.dataflash.log import read_dataflash
@@ -155,11 +155,11 @@ def test_recorded_logs_of_old_versions(name: str, notes: int) -> None:
 @pytest.mark.parametrize("battery", ["BAT", "CURR"])
 def test_the_battery_in_volts_and_in_the_hundredths_of_old_logs(tmp_path: Path, battery: str) -> None:
     vehicle = log(tmp_path, battery=battery)
-    signal = voltage(vehicle)
+    signal = Signals(vehicle).voltage
     assert signal is not None and len(signal.time) == len(TIMES)
     np.testing.assert_allclose(signal.values, 15.25)
     assert vehicle.called("SYS_STATUS") == battery
-    assert voltage(log(tmp_path)) is None
+    assert Signals(log(tmp_path)).voltage is None
 
 
 SECONDS = [20 + 0.1 * n for n in range(50)]

@@ -134,7 +134,7 @@ class DataFlash(Format):
 
 class ULog(Format):
     suffix, header, modes = ".ulg", ulog_files.HEADER, 4
-    sizes = {ulog_files.NUMBERS[name]: struct.calcsize(layout) for name, layout in ulog_files.LAYOUTS.items()}
+    sizes = {number: struct.calcsize("<" + ulog_files.layout(name)) for name, number in ulog_files.NUMBERS.items()}
 
     def file(self, mode: int, pieces: list[bytes]) -> bytes:
         start = ulog_files.definitions() + ulog_files.subscriptions() if mode > 1 else b""
