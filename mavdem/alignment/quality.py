@@ -112,9 +112,8 @@ def of_segment(signals: Signals, segment: Segment, flight: Flight, log: QualityF
     motion = np.column_stack([angle, attitude.rate[here]])
     steps = np.array([_step(column) for column in motion.T])
     measured = slice(-flight.outputs.shape[1], None)  # not the angle of yaw
-    output_snrs = [
-        _snr_of_changes(time, column, step) for column, step in zip(motion.T[measured], steps[measured], strict=True)
-    ]
+    stepped = zip(motion.T[measured], steps[measured], strict=True)
+    output_snrs = [_snr_of_changes(time, column, step) for column, step in stepped]
     combination, rounding = _turning(motors, flight.inputs, signals.axis)
     share = motors.scale.fraction(flight.inputs)
     limited = (share >= FULL_THROTTLE) | (share <= IDLE_THROTTLE)
@@ -155,10 +154,7 @@ def _turning(motors: Motors, inputs: NDArray[np.float64], axis: str) -> tuple[ND
 
 
 def _step(values: NDArray[np.float64]) -> float:
-    """The quantisation step: the median difference between neighbouring values of those seen, 0 for a constant.
-
-    A few values between the steps do not change the median. Of values that are not rounded it is next to nothing.
-    """
+    """The quantisation step: the median difference between neighbouring values; next to nothing where not rounded."""
     distinct = np.unique(values)
     return float(np.median(np.diff(distinct))) if len(distinct) > 1 else 0.0
 

@@ -47,8 +47,7 @@ HIGH_RATE_PROFILE = 1 << 4  # of PX4's SDLOG_PROFILE
 def ask_for_rate(telemetry: Telemetry, rate: int = 100, components: Sequence[Component] = ()) -> str:
     """Returns how to get attitude and motors at ``rate`` Hz out of this autopilot, by the settings that its log shows.
 
-    Where one of the ``components`` asks for rates, which hold whatever the autopilot was set to, how to end that comes
-    first.
+    How to stop one of the ``components`` from asking for rates comes first: those hold whatever the settings.
     """
     kept = _kept_from_asking(telemetry, components)
     recorder = telemetry.translated_from
@@ -67,12 +66,10 @@ def _kept_from_asking(telemetry: Telemetry, components: Sequence[Component]) -> 
         off = f"switch that off (in MAVProxy with {STREAMS_OFF})"
         return f"A ground station ({asking}) sets rates with {REQUEST}: {off}. "
     replies = telemetry.messages.get("COMMAND_ACK")
-    if replies is not None and (np.asarray(replies["command"]) == SET_MESSAGE_INTERVAL).any():
-        return (
-            "Somebody asks for rates with SET_MESSAGE_INTERVAL, which the vehicle acknowledged: let them ask for more, "
-            "or for none. "
-        )
-    return ""
+    if replies is None or not (np.asarray(replies["command"]) == SET_MESSAGE_INTERVAL).any():
+        return ""
+    acknowledged = "Somebody asks for rates with SET_MESSAGE_INTERVAL, which the vehicle acknowledged"
+    return f"{acknowledged}: let them ask for more, or for none. "
 
 
 def _stream_rates(telemetry: Telemetry, rate: int) -> str:
@@ -108,11 +105,9 @@ def _dataflash(telemetry: Telemetry) -> str:
         if not found:
             return f"{missing}: {give}, or fly anew with a firmware that logs it, such as ArduCopter from 3.3 on."
         bit = "; LOG_BITMASK has bit 0 (fast attitude) set already"
-        return (
-            f"{firmware} did not log the controller's demand (RATE with ROut): install ArduCopter "
-            f"{'.'.join(map(str, DEMAND_SINCE))} or later, which APM 2 boards cannot run, and fly again"
-            f"{bit if is_set else ' with bit 0 of LOG_BITMASK (fast attitude) set'}."
-        )
+        anew = f"and fly again{bit if is_set else ' with bit 0 of LOG_BITMASK (fast attitude) set'}."
+        since = f"install ArduCopter {'.'.join(map(str, DEMAND_SINCE))} or later, which APM 2 boards cannot run"
+        return f"{firmware} did not log the controller's demand (RATE with ROut): {since}, {anew}"
     backends = int(telemetry.parameters.get("LOG_BACKEND_TYPE", 7))
     limits = {name: telemetry.parameters.get(name, 0.0) for name, backend in RATE_LIMITS.items() if backend & backends}
     low = [f"{name}, {limit:g} Hz in this log, to 0" for name, limit in limits.items() if 0 < limit < MINIMUM_RATE]
@@ -125,10 +120,8 @@ def _dataflash(telemetry: Telemetry) -> str:
     if low:
         return f"{already}, but the rate of messages is limited: set {', and '.join(low)}; fly anew."
     if telemetry.dropouts:
-        return (
-            f"{already}, but the logger had no room for {telemetry.dropouts} messages: use a faster card, raise "
-            "LOG_FILE_BUFSIZE or clear other bits of LOG_BITMASK; fly anew."
-        )
+        card = "use a faster card, raise LOG_FILE_BUFSIZE or clear other bits of LOG_BITMASK; fly anew."
+        return f"{already}, but the logger had no room for {telemetry.dropouts} messages: {card}"
     return (
         f"{already}, and the log does not show why messages come no faster: fly anew if the bit was set after this "
         "flight began, and look at the load of the board (PM) and at what else the log was passed through."

@@ -19,7 +19,7 @@ from mavdem.alignment.signals import Signals
 from mavdem.alignment.verdict import Verdict
 from mavdem.analysis.findings import Finding
 from mavdem.condition import Condition, Identity
-from mavdem.condition.hover import HoverFigures, hover_of
+from mavdem.condition.condition import HoverFigures, hover_of
 from mavdem.condition.inventory import Tier
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, NotIdentifiable, Physical, WindTorque, physical

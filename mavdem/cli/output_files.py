@@ -90,10 +90,7 @@ def result_files(with_model: bool = True) -> tuple[str, ...]:
 
 @contextmanager
 def files_in(folder: Path, names: Sequence[str]) -> Iterator[tuple[Path, ...]]:
-    """Yields paths to write instead of these files; at the end all are moved into ``folder``, which is made if missing.
-
-    An ``OSError`` becomes ``Unreadable``.
-    """
+    """Yields paths to write instead of these files, which then replace them; raises ``Unreadable`` if not."""
     try:
         with _made(folder), atomic_writes(*(folder / name for name in names)) as files:
             yield files

@@ -62,11 +62,7 @@ class Tier(NamedTuple):
 
 
 def tier_of(verdict: Verdict, condition: Condition) -> Tier:
-    """Returns the tier of a vehicle with a ``verdict`` on one axis and the ``condition`` of its settled flight.
-
-    It goes by the rates. In the second tier a model may still be refused, such as for rates and angles that contradict
-    each other; :func:`mavdem.analysis.analyse` says.
-    """
+    """Returns the tier by the rates; in the second a model may be refused: :func:`mavdem.analysis.analyse` says."""
     figures = verdict.figures
     slower = min(figures.attitude_rate or 0.0, figures.motor_rate or 0.0)
     if verdict.learnable:
@@ -147,10 +143,7 @@ def _vehicle(
 
 
 def _rate(columns: Columns) -> float | None:
-    """Messages a second from the first to the last of each boot; None where no two are apart in time.
-
-    Of a message that comes once for each port or group, those of one: the port or group that has most.
-    """
+    """Messages a second between the first and the last of each boot, of the port or group that has most."""
     for field in ("port", "group_mlx"):
         if field in columns:
             instances, of = np.unique(columns[field], return_inverse=True)

@@ -13,7 +13,7 @@ import numpy as np
 
 from mavdem.analysis import AxisFigures, LogAnalysis, VehicleFigures
 from mavdem.analysis.findings import HALF_WIDTH, Finding, findings, known_wind, next_step, warnings_of
-from mavdem.condition.hover import HoverFigures
+from mavdem.condition.condition import HoverFigures
 from mavdem.confidence import LEVEL
 from mavdem.dem import Learned, Physical, WindTorque
 from mavdem.evaluate.held_out import BASELINES, FORECAST, PREDICTION, HeldOut

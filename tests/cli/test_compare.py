@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 import csv
-import json
 import multiprocessing
 import os
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import psutil
 import pytest
+from command_line import FLIGHT, LOGS, SLOW, strict_json
 
 from mavdem import baselines
 from mavdem.cli.commands import main
 from mavdem.evaluate.comparison import METHODS, Method
 
-LOGS = Path(__file__).parents[2] / "logs"
-FLIGHT, OTHER, SLOW = (
-    str(LOGS / f"{name}.tlog") for name in ("ardupilot_wind5_steps", "px4_wind5_steps", "ardupilot_default_rates")
-)
+FLIGHT, SLOW, OTHER = str(FLIGHT), str(SLOW), str(LOGS / "px4_wind5_steps.tlog")
 FEW = (
     Method("hold last", baselines.hold),
     Method("constant mean", baselines.constant_mean),
@@ -35,13 +31,6 @@ def quick(monkeypatch):
     """Methods that take no time, in this process."""
     monkeypatch.setattr("mavdem.cli.compare.METHODS", FEW)
     monkeypatch.setattr("mavdem.dem.parallel.spare_cores", lambda: 1)
-
-
-def strict_json(text: str) -> dict:
-    def unknown(name: str) -> None:
-        raise AssertionError(f"{name} is not JSON")
-
-    return json.loads(text, parse_constant=unknown)
 
 
 SCHEMA = {

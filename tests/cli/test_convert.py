@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from command_line import FLIGHT, LOGS, refused
 from hover import Hover
 
 from mavdem import read_flight
@@ -18,24 +19,12 @@ from mavdem.cli.commands import main
 from mavdem.export import conversion
 from mavdem.ingest.telemetry import log_of_vehicles
 
-LOGS = Path(__file__).parents[2] / "logs"
-FLIGHT = LOGS / "ardupilot_wind5_steps.tlog"
-
 
 def convert(capsys, *words: object) -> dict:
     assert main(["convert", *map(str, words), "--json"]) == 0
     said = capsys.readouterr()
     assert said.err == ""
     return json.loads(said.out)
-
-
-def refused(capsys, code: int, *words: object) -> str:
-    assert main(["convert", *map(str, words)]) == code
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("\n") == 1 and said.err.startswith("mavdem: ")
-    assert "should not have happened" not in said.err
-    return said.err
 
 
 @pytest.mark.parametrize("log", sorted(LOGS.glob("*.tlog")), ids=lambda log: log.stem)
@@ -87,7 +76,7 @@ def test_the_input_is_never_overwritten(how, tmp_path, capsys):
         out.symlink_to(source)
     else:
         out.hardlink_to(source)
-    assert "is the input" in refused(capsys, 2, source, out)
+    assert "is the input" in refused(capsys, 2, "convert", source, out)
     assert source.read_bytes() == FLIGHT.read_bytes()
 
 
@@ -96,7 +85,7 @@ def test_the_input_is_never_overwritten(how, tmp_path, capsys):
     [("flight.txt", ".parquet"), ("flight", ".parquet"), ("again.tlog", ".tlog already"), ("none/flight.mcap", "none")],
 )
 def test_bad_usage_names_what_is_wrong(out, named, tmp_path, capsys):
-    assert named in refused(capsys, 2, FLIGHT, tmp_path / out)
+    assert named in refused(capsys, 2, "convert", FLIGHT, tmp_path / out)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -105,7 +94,7 @@ def test_unreadable_input_writes_nothing_and_replaces_nothing(kind, tmp_path, ca
     source, out = tmp_path / "text.tlog", tmp_path / f"out{kind}"
     source.write_bytes(b"a letter\n" * 50)
     out.write_text("kept")
-    assert str(source) in refused(capsys, 2, source, out)
+    assert str(source) in refused(capsys, 2, "convert", source, out)
     assert out.read_text() == "kept"
 
 
@@ -155,7 +144,7 @@ def test_a_log_of_one_stream_is_a_table_and_of_none_is_refused(message, tmp_path
     log = log_of_vehicles((hover.telemetry(7.0, 7.0, without=without),), 1, 0)
     monkeypatch.setattr(conversion, "read_log", lambda source, progress: log)
     if message == "neither":
-        assert "There is no ATTITUDE" in refused(capsys, 1, "made-up.tlog", tmp_path / "none.csv")
+        assert "There is no ATTITUDE" in refused(capsys, 1, "convert", "made-up.tlog", tmp_path / "none.csv")
         assert list(tmp_path.iterdir()) == []
         return
     told = convert(capsys, "made-up.tlog", tmp_path / "one.csv")

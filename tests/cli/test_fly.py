@@ -3,37 +3,23 @@
 from __future__ import annotations
 
 import json
-import signal
-import socket
-import subprocess
-import sys
 import tomllib
 
 import numpy as np
 import pytest
+from command_line import refused
 from rerun.chunk import RrdReader
 
 from mavdem.cli.commands import main
 from mavdem.ingest import read_log
 from sitl_scenarios.files import in_toml, in_words, load, names, scenario_of
 
-MAVDEM = [sys.executable, "-c", "import sys; from mavdem.__main__ import run; sys.exit(run())"]
 SHORT = ["--duration", "20"]
-PATIENCE = 300.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
 
 
 def fly(capsys, *words: object) -> dict:
     assert main(["fly", *map(str, words), "--json"]) == 0
     return json.loads(capsys.readouterr().out)
-
-
-def refused(capsys, *words: object) -> str:
-    assert main(["fly", *map(str, words)]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("\n") == 1 and said.err.startswith("mavdem: ")
-    assert "should not have happened" not in said.err
-    return said.err
 
 
 @pytest.mark.slow
@@ -164,7 +150,7 @@ def test_a_description_of_whatever_characters_reads_back_and_sends_none_to_the_t
 )
 def test_bad_usage_names_what_is_wrong(words, named, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    assert named in refused(capsys, *words)
+    assert named in refused(capsys, 2, "fly", *words)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -175,25 +161,8 @@ def test_files_that_fail_to_be_written_leave_those_that_were_there(tmp_path, cap
     monkeypatch.setattr("mavdem.cli.fly.write_truth", fails)
     (tmp_path / "f.rrd").write_bytes(b"old")
     words = ["hover_blower", "--out", tmp_path / "f.tlog", "--rrd", tmp_path / "f.rrd", *SHORT]
-    assert "No space left" in refused(capsys, *words)
+    assert "No space left" in refused(capsys, 2, "fly", *words)
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
-
-
-@pytest.mark.slow
-def test_live_in_a_process_of_its_own_until_ctrl_c():
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ground:
-        ground.bind(("127.0.0.1", 0))
-        ground.settimeout(PATIENCE)
-        address = f"127.0.0.1:{ground.getsockname()[1]}"
-        words = [*MAVDEM, "fly", "hover_blower", "--udp", address, "--speed", "2", "--json"]
-        with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as running:
-            assert all(ground.recv(300)[0] == 0xFD for _ in range(500))
-            running.send_signal(signal.SIGINT)
-            out, said = running.communicate(timeout=PATIENCE)
-    assert running.returncode == 0, said
-    told = json.loads(out)
-    assert told["stopped"] and told["frames"] > 100 and told["flown"] > 0.5
-    assert "Traceback" not in said and "Stopped after" in said
 
 
 def test_describing_prints_every_value_with_what_it_means_and_may_be(capsys, tmp_path):

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
+from command_line import LOGS
 
 from mavdem.cli.commands import main
 from mavdem.ingest import read_log
-
-LOGS = Path(__file__).parents[2] / "logs"
 
 
 def info(capsys, *words: str) -> tuple[int, dict]:

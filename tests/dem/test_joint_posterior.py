@@ -8,10 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dem_posterior import Embedding, parameters_of, states_of
+from dem_posterior import DT, Embedding, decay, parameters_of, roll, states_of, weak_prior
 from joint_gaussian import parameters_given
 from scipy.special import erfc
-from systems import DT, decay, roll, weak_prior
 
 from mavdem.dem.engine.coordinates import temporal_precision
 

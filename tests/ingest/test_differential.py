@@ -1,6 +1,6 @@
 """Any stream reads as pymavlink reads it, message for message, and better where that is known to stumble.
 
-``test_framing`` sees to single frames and ``test_against_pymavlink`` to real logs; here whole logs are made up.
+``test_framing`` sees to single frames and to real logs; here whole logs are made up.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,8 +36,7 @@ STATUSES = ("reported", "biased", "not identifiable")
 LEVEL = 0.9
 
 
-def log(text: str) -> None:
-    click.echo(text, err=True)
+log = partial(click.echo, err=True)
 
 
 def table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -53,9 +53,10 @@ def estimate_of(found: Physical, name: str) -> tuple[float, float]:
     return float(getattr(found, name)), float(getattr(found.interval(LEVEL), name))
 
 
-def windows_of(flight: Flight) -> list[Flight]:
+def parts_of(flight: Flight) -> dict[int | None, Flight]:
+    """The whole flight, and its windows by number."""
     size = round(WINDOW_SECONDS / flight.dt)
-    return [flight[start : start + size] for start in range(0, len(flight) - size + 1, size)]
+    return {None: flight} | {i: flight[i * size : (i + 1) * size] for i in range(len(flight) // size)}
 
 
 class Estimate(NamedTuple):
@@ -79,8 +80,7 @@ class Estimate(NamedTuple):
 
     def inside_by_motor(self) -> list[bool]:
         """Whether the interval of each motor's effect does."""
-        held = abs(self.found.effect - self.true["effect"]) <= self.found.interval(LEVEL).effect
-        return [bool(inside) for inside in held]
+        return list(abs(self.found.effect - self.true["effect"]) <= self.found.interval(LEVEL).effect)
 
     def __str__(self) -> str:
         errors = [(name, *self.error(name)) for name in PARAMETERS]
@@ -98,7 +98,7 @@ def estimates(bank: Sequence[Case]) -> Iterator[Estimate]:
         except (NotLearnable, Unreadable) as reason:
             log(f"{case}: refused: {reason}")
             continue
-        for window, part in [(None, flight.flight), *enumerate(windows_of(flight.flight))]:
+        for window, part in parts_of(flight.flight).items():
             found = physical(part)
             if isinstance(found, NotIdentifiable):
                 log(f"{case}: refused: {found.reason}")
@@ -237,8 +237,8 @@ def crazyflie() -> None:
                 time, np.stack(motors, 1), turning[:, None], dt=1 / rate, effect_directions=np.array(directions)
             )
             log(f"{axis}, {rate:.0f} Hz")
-            rows.append(row_of([axis, "whole"], flight))
-            rows += [row_of(["", f"7 s, no. {number}"], part) for number, part in enumerate(windows_of(flight), 1)]
+            for window, part in parts_of(flight).items():
+                rows.append(row_of([axis, "whole"] if window is None else ["", f"7 s, no. {window + 1}"], part))
     title = f"**Crazyflie** (effect in rad/s² per unit of command; published: {EXPECTED} for roll)"
     table(title, ["axis", "of", *HEADS], rows)
 

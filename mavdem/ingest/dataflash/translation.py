@@ -182,7 +182,7 @@ class Translation:
 
 
 def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int] | None = None) -> Translation:
-    """Returns MAVLink's messages, of DataFlash's (``tables``, one at least); one without logged data is left out.
+    """Returns the messages of MAVLink that DataFlash's ``tables``, one at least, have data of.
 
     ``kind`` is the vehicle's MAV_TYPE, for HEARTBEAT; ``version`` that of ArduCopter, None for others.
     """
@@ -195,34 +195,29 @@ def translated(tables: Mapping[str, Columns], kind: int, version: tuple[int, int
     changes = [_changes(tables, "EV", "Id", ARMED_EVENTS), _changes(tables, "ARM", "ArmState", ARM_STATES)]
     armed = _each_second(tables, np.concatenate(changes))
     landed = _each_second(tables, _changes(tables, "EV", "Id", LANDED_EVENTS), undefined=True)
-    messages: dict[str, Columns | None] = {
-        "ATTITUDE": attitude,
-        "SERVO_OUTPUT_RAW": _servos(tables),
-        "ACTUATOR_CONTROL_TARGET": demands,
-        "ATTITUDE_TARGET": targets,
-        "RC_CHANNELS": _sticks(tables),
-        "SYS_STATUS": volts,
-        "VIBRATION": vibration(tables),
-        "SYSTEM_TIME": calendar_time(tables),
-        "LOCAL_POSITION_NED": position,
-        "VFR_HUD": None if climb is None else stamped(climb, "", {"climb": values(climb, ("CRt",))[:, 0] / 100}),
-        "HEARTBEAT": {"time": armed[0], "boot": armed[1], **heartbeat_fields(kind, ARDUPILOT, armed[2])},
-        "EXTENDED_SYS_STATE": dict(zip(("time", "boot", "landed_state"), landed, strict=True)),
+    rising = None if climb is None else stamped(climb, "", {"climb": values(climb, ("CRt",))[:, 0] / 100})
+    named_columns: dict[str, tuple[str, Columns | None]] = {
+        "ATTITUDE": (named, attitude),
+        "SERVO_OUTPUT_RAW": ("RCOU", _servos(tables)),
+        "ACTUATOR_CONTROL_TARGET": ("RATE", demands),
+        "ATTITUDE_TARGET": (asked, targets),
+        "RC_CHANNELS": ("RCIN", _sticks(tables)),
+        "SYS_STATUS": (measured, volts),
+        "VIBRATION": ("VIBE", vibration(tables)),
+        "SYSTEM_TIME": ("GPS", calendar_time(tables)),
+        "LOCAL_POSITION_NED": (positioned, position),
+        "VFR_HUD": ("CTUN", rising),
+        "HEARTBEAT": ("", {"time": armed[0], "boot": armed[1], **heartbeat_fields(kind, ARDUPILOT, armed[2])}),
+        "EXTENDED_SYS_STATE": ("", dict(zip(("time", "boot", "landed_state"), landed, strict=True))),
     }
-    names = {"ATTITUDE": named, "SERVO_OUTPUT_RAW": "RCOU", "ACTUATOR_CONTROL_TARGET": "RATE", "VFR_HUD": "CTUN"}
-    names |= {"LOCAL_POSITION_NED": positioned, "ATTITUDE_TARGET": asked, "RC_CHANNELS": "RCIN", "SYS_STATUS": measured}
-    names |= {"VIBRATION": "VIBE", "SYSTEM_TIME": "GPS"}
-    there = {name: columns for name, columns in messages.items() if columns is not None and len(columns["time"])}
-    return Translation(there, names, (*notes, *scaled))
+    there = {name: made for name, (_, made) in named_columns.items() if made is not None and len(made["time"])}
+    return Translation(there, {name: own for name, (own, _) in named_columns.items() if own}, (*notes, *scaled))
 
 
 def _attitude(
     tables: Mapping[str, Columns], version: tuple[int, int] | None
 ) -> tuple[Columns | None, str, tuple[str, ...]]:
-    """At the stamps of the slower of angles and rates, so that neither is interpolated from too few samples.
-
-    With the name of the slower message, and what is odd about RATE.
-    """
+    """At the stamps of the slower of angles and rates; with the name of that message, and what is odd about RATE."""
     named = _faster_angles(tables, ANGLES)
     angles, gyros = having(tables, named, ANGLES), instance(having(tables, "IMU", GYROS), "I", 0)
     columns = next((names for names in RATES if having(tables, "RATE", names) is not None), RATES[0])
@@ -270,8 +265,7 @@ def _in_centidegrees(rates: Columns, speeds: Values, gyros: Columns | None, vers
 
 
 def _servos(tables: Mapping[str, Columns]) -> Columns | None:
-    pulses = _channels(tables, "RCOU")
-    if not pulses:
+    if not (pulses := _channels(tables, "RCOU")):
         return None
     none = np.zeros(len(tables["RCOU"]["time"]), dtype=np.uint16)
     outputs = {f"servo{n}_raw": pulses.get(n, none) for n in range(1, 17)}
@@ -279,22 +273,16 @@ def _servos(tables: Mapping[str, Columns]) -> Columns | None:
 
 
 def _sticks(tables: Mapping[str, Columns]) -> Columns | None:
-    pulses = _channels(tables, "RCIN")
-    if not pulses:
-        return None
-    return stamped(tables["RCIN"], "time_boot_ms", {f"chan{n}_raw": column for n, column in pulses.items()})
+    pulses = {f"chan{n}_raw": column for n, column in _channels(tables, "RCIN").items()}
+    return stamped(tables["RCIN"], "time_boot_ms", pulses) if pulses else None
 
 
 def _channels(tables: Mapping[str, Columns], name: str) -> dict[int, NDArray[np.uint16]]:
     """The pulse widths (N,), µs, of a message's channels by their numbers."""
-    logged = tables.get(name, {})
+    logged, most = tables.get(name, {}), np.iinfo(np.uint16).max
     fields = {n: field for n in range(1, 17) for field in (f"C{n}", f"Ch{n}", f"Chan{n}") if field in logged}
-    return {
-        n: np.clip(np.nan_to_num(np.asarray(logged[field], dtype=np.float64)), 0, np.iinfo(np.uint16).max).astype(
-            np.uint16
-        )
-        for n, field in fields.items()
-    }
+    pulses = {n: np.nan_to_num(np.asarray(logged[field], dtype=np.float64)) for n, field in fields.items()}
+    return {n: np.clip(column, 0, most).astype(np.uint16) for n, column in pulses.items()}
 
 
 def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> tuple[Columns | None, str]:
@@ -315,15 +303,10 @@ def _targets(tables: Mapping[str, Columns], version: tuple[int, int] | None) -> 
         q = quaternion(*np.radians(values(angles, DESIRED_ANGLES)).T)
         parts.append(_target(angles, np.full((len(q), 3), np.nan), q, RATES_IGNORED))
         names.append(named)
-    return _merged(parts), " and ".join(names) or "RATE"
-
-
-def _merged(parts: list[Columns]) -> Columns | None:
-    """Parts of one message in the order of time; None without any."""
     if not parts:
-        return None
+        return None, "RATE"
     together = joined(parts)
-    return selected(together, np.lexsort((together["time"], together["boot"])))
+    return selected(together, np.lexsort((together["time"], together["boot"]))), " and ".join(names)
 
 
 def _target(logged: Columns, rates: Values, q: Values, type_mask: int) -> Columns:
