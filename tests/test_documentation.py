@@ -1,4 +1,4 @@
-"""What the documentation shows to be typed runs."""
+"""Pages, docstrings and notebooks: what they show to be typed runs, and what they must say is said."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Condition figures of made-up flights at rates down to 1 Hz, against what the flights were made of."""
+"""Condition, hover, identity and tier of made-up flights, against what they were made of, at rates down to 1 Hz."""
 
 from __future__ import annotations
 
