@@ -94,9 +94,6 @@ def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> Hove
     Raises:
         Unreadable: the log cannot be read.
         NotLearnable: it holds no vehicle, or several and none was chosen, or no settled flight with motor outputs.
-
-    See Also:
-        :func:`mavdem.hover_figures`: the same of flights; :func:`mavdem.read_flight`.
     """
     return hover_of_log(read_log(path), vehicle)
 
