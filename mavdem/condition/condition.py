@@ -289,6 +289,8 @@ def condition_of(signals: Signals) -> Condition:
     intervals, command = ((), {}) if hover is None else _balance(signals, settled)
     armed = sum(total(both([(part.start, part.end)], phases.armed(signals, part.boot))) for part in span)
     lean, tilt = _leaning(signals, settled)
+    statistics = {"tilt_mean": np.mean, "tilt_sd": np.std, "tilt_max": np.max}
+    tilts = {name: float(of(tilt)) if len(tilt) else None for name, of in statistics.items()}
     return Condition(
         duration=_seconds(span),
         armed=None if signals.armed is None else float(armed),
@@ -297,9 +299,7 @@ def condition_of(signals: Signals) -> Condition:
         share_interval=intervals,
         command=command,
         lean=lean,
-        tilt_mean=float(tilt.mean()) if len(tilt) else None,
-        tilt_sd=float(tilt.std()) if len(tilt) else None,
-        tilt_max=float(tilt.max()) if len(tilt) else None,
+        **tilts,
         vibration=_vibration(signals, settled),
         battery=_battery(signals, settled or span),
     )

@@ -149,8 +149,8 @@ def calendar_time(tables: Mapping[str, Columns]) -> Columns | None:
     logged = selected(logged, (logged["Status"] >= FIX_3D) & (logged["GWk"] > 0))
     week, milliseconds = values(logged, ("GWk", "GMS")).T
     seconds = GPS_EPOCH + WEEK * week + milliseconds / 1e3
-    begins, ahead = zip(*LEAP_SECONDS, strict=True)
-    seconds = seconds - np.array(ahead)[np.searchsorted(begins, seconds, side="right") - 1]
+    begins, ahead = np.array(LEAP_SECONDS).T
+    seconds = seconds - ahead[np.searchsorted(begins, seconds, side="right") - 1]
     unix = np.rint(1e6 * np.where(np.isfinite(seconds), seconds, 0.0)).astype(np.uint64)
     return stamped(logged, "time_boot_ms", {"time_unix_usec": unix})
 
