@@ -45,6 +45,9 @@ class Flight(FlightDownstream):
 
     Raises:
         ValueError: names the argument whose shape, order or values are wrong.
+
+    See Also:
+        :func:`mavdem.read_flight`: a flight from a log; :meth:`segments`: from arrays with gaps.
     """
 
     time: NDArray[np.float64]
@@ -134,6 +137,9 @@ class Flight(FlightDownstream):
 
         Raises:
             ValueError: as for a ``Flight``; segments of a single sample are left out.
+
+        See Also:
+            :func:`mavdem.read_segments`: the segments of a log.
         """
         stamps = _column(time, "time")
         tables = [_table(values, name, len(stamps)) for values, name in ((inputs, "inputs"), (outputs, "outputs"))]

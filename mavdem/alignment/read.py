@@ -44,6 +44,9 @@ def read_flight(
         Unreadable: the log cannot be read.
         NotLearnable: it holds no vehicle, or several and none was chosen, or the verdict is no.
         ValueError: ``path`` is no path, or an axis, inputs or a tier that is none.
+
+    See Also:
+        :func:`mavdem.read_segments`: all usable segments; :class:`mavdem.Flight`: what it is; :func:`mavdem.learn`.
     """
     if tier not in TIERS:
         raise ValueError(f"tier must be one of {', '.join(TIERS)}, not {tier!r}")
@@ -68,6 +71,9 @@ def read_segments(
 
     Raises:
         Unreadable, NotLearnable, ValueError: as :func:`read_flight`.
+
+    See Also:
+        :func:`mavdem.read_flight`: the longest segment; :func:`mavdem.learn`, which takes them together.
     """
     log = read_log(path)
     flights, verdict = usable_segments(Signals(choose_vehicle(log.vehicles, vehicle), axis, inputs), log.components)

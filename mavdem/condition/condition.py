@@ -94,6 +94,9 @@ def hover(path: str | bytes | PathLike[str], vehicle: str | None = None) -> Hove
     Raises:
         Unreadable: the log cannot be read.
         NotLearnable: it holds no vehicle, or several and none was chosen, or no settled flight with motor outputs.
+
+    See Also:
+        :func:`mavdem.hover_figures`: the same of flights; :func:`mavdem.read_flight`.
     """
     return hover_of_log(read_log(path), vehicle)
 
@@ -289,8 +292,7 @@ def condition_of(signals: Signals) -> Condition:
     intervals, command = ((), {}) if hover is None else _balance(signals, settled)
     armed = sum(total(both([(part.start, part.end)], phases.armed(signals, part.boot))) for part in span)
     lean, tilt = _leaning(signals, settled)
-    statistics = {"tilt_mean": np.mean, "tilt_sd": np.std, "tilt_max": np.max}
-    tilts = {name: float(of(tilt)) if len(tilt) else None for name, of in statistics.items()}
+    tilts = (float(tilt.mean()), float(tilt.std()), float(tilt.max())) if len(tilt) else (None,) * 3
     return Condition(
         duration=_seconds(span),
         armed=None if signals.armed is None else float(armed),
@@ -299,7 +301,9 @@ def condition_of(signals: Signals) -> Condition:
         share_interval=intervals,
         command=command,
         lean=lean,
-        **tilts,
+        tilt_mean=tilts[0],
+        tilt_sd=tilts[1],
+        tilt_max=tilts[2],
         vibration=_vibration(signals, settled),
         battery=_battery(signals, settled or span),
     )

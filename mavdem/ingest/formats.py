@@ -42,6 +42,9 @@ def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = N
     Raises:
         Unreadable: the file cannot be opened, has another format, or contains no flight.
         ValueError: ``path`` is not a path.
+
+    See Also:
+        :func:`mavdem.read_flight`: what a model is learnt from; :class:`mavdem.Telemetry`.
     """
     name, kind = _name_and_format(path)
     if kind == TLOG:
