@@ -62,15 +62,6 @@ def test_a_vehicle_that_cannot_be_chosen_is_refused_with_those_that_can(words, r
     assert reason in capsys.readouterr().err
 
 
-def test_nothing_to_compare_is_one_document_with_the_reason(tmp_path, capsys):
-    write_rows(tmp_path / "quad", flown("alpha", range(2)))
-    six = {"motors": tuple("123456"), "trim_share": None, "effect": None}
-    write_rows(tmp_path / "hexa", flown("alpha", range(2), **six))
-    assert main(["diff", str(tmp_path / "quad"), str(tmp_path / "hexa"), "--json"]) == 1
-    document = json.loads(capsys.readouterr().out)
-    assert document["changes"] == [] and "other vehicles" in document["incomparable"][0]["reason"]
-
-
 def test_logs_are_read_and_a_log_without_a_flight_says_why(monkeypatch, tmp_path, capsys):
     rows = {"a.bin": flown("alpha", [0]), "b.bin": [FlightRow(file="b.bin", status="It is empty.")]}
     monkeypatch.setattr("mavdem.cli.diff.rows_of_log", lambda path, *_: (rows[path.name], {}))
@@ -106,9 +97,3 @@ def test_another_json_file_is_refused_in_one_sentence(text, tmp_path, capsys):
     assert main(["diff", str(path), str(path)]) == 2
     said = capsys.readouterr().err
     assert said.count("\n") == 1 and "cannot be read" in said and "should not have happened" not in said
-
-
-def test_a_link_and_a_missing_log_are_bad_input(capsys):
-    assert main(["diff", "udpin:127.0.0.1:14550", "x.bin"]) == 2
-    assert main(["diff", "missing.bin", "missing.bin"]) == 2
-    assert "should not have happened" not in capsys.readouterr().err

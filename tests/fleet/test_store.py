@@ -50,21 +50,6 @@ def test_rows_come_back_as_they_were(tmp_path):
     assert FULL.effect_interval == (0.02, None) and rows[2].file == "odd\\udcff\n.bin"
 
 
-def test_the_columns_that_scripts_rely_on_have_their_types():
-    schema = row_schema()
-    numbers = ("duration", "damping", "lag", "wind_torque_sd", "residual_mean", "error_ratio")
-    texts = ("file", "vehicle", "axis", "tier", "health", "status")
-    lists = ("effect", "effect_interval", "trim_share")
-    expected = {
-        **dict.fromkeys(numbers, "double"),
-        **dict.fromkeys(texts, "string"),
-        **dict.fromkeys(lists, "list<item: double>"),
-        "suspect_motor": "int64",
-        "warnings": "list<item: string>",
-    }
-    assert {name: str(schema.field(name).type).replace("element", "item") for name in expected} == expected
-
-
 def test_logs_in_another_order_give_the_same_bytes(tmp_path):
     rows = [FlightRow(file=f"{n}.bin", key=f"{n}-1", vehicle=f"quad {n % 5}", axis="roll") for n in range(20)]
     for name, order in (("one", rows), ("other", rows[::-1])):
@@ -80,13 +65,8 @@ def test_logs_in_another_order_give_the_same_bytes(tmp_path):
 def test_the_examples_of_the_documentation_answer(tmp_path, monkeypatch, capsys):
     make_logs(tmp_path / "logs", 1, "damaged")
     track(tmp_path / "fleet", tmp_path / "logs")
-    known = {
-        "vehicle": "7",
-        "axis": "roll",
-        "motors": ("1", "2"),
-        "trim_share": (1.1, 0.9),
-        "health_reason": "Motor 1.",
-    }
+    known = {"vehicle": "7", "axis": "roll", "motors": ("1", "2"), "trim_share": (1.1, 0.9)}
+    known["health_reason"] = "Motor 1."
     days = ((1, "ok"), (2, "fault"))
     flown = [FlightRow(file=f"{day}.bin", date=f"2026-11-0{day}", health=health, **known) for day, health in days]
     write_rows(tmp_path / "fleet", [*flown, *read_rows(tmp_path / "fleet")])

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
-from simulated import simulated
 
 import mavdem
 from mavdem.analysis.figures import model_figures
@@ -56,19 +55,6 @@ def told(learned: mavdem.Learned) -> list[Block]:
 
 def words(blocks: list[Block]) -> str:
     return "\n".join(f"{block.lead} {block.text}" for block in blocks if isinstance(block, Sentence))
-
-
-@pytest.mark.slow
-def test_which_rotors_work_against_which_is_reported():
-    made = simulated(wind=0.5, lag=0.05)
-    train, test = made[:700], made[700:]
-    learned = mavdem.learn(train, mavdem.Settings(order=3, d=2, window=9, parameter_precision=1.0))
-    report = model_figures([train], learned, held_out_test(train, test, learned))
-    assert "input 1 and input 4 against input 2 and input 3." in words(detail_blocks(learned, report))
-
-
-def test_cautions_come_first(learned):
-    assert told(altered(learned, cautions=("It is raining.",)))[0] == Sentence("It is raining.", "Caution:")
 
 
 def test_the_model_can_be_used_from_what_is_reported(learned):
@@ -125,7 +111,6 @@ def test_poles_have_a_frequency_and_a_damping_ratio_or_a_time_constant():
     )
 
 
-@pytest.mark.slow
 def test_it_says_how_far_ahead_predictions_without_the_inputs_are_worth_something(learned):
     report = model_figures([TRAIN], learned, held_out_test(TRAIN, TEST, learned))
     assert report["prediction"]["half_explained_seconds"] == (learned.prediction.useful_steps(0.5) * DT).tolist()
