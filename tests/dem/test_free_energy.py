@@ -1,4 +1,4 @@
-"""Every step and every precision is checked against the one function that says what F̄ is."""
+"""Every step, rate and precision is checked against the one function that says what F̄ is."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Learning in small steps arrives where learning at once does, and predicts, judges and forgets as it goes."""
+"""Learning in small steps arrives where learning at once does; its bands, surprise and marks are honest."""
 
 from __future__ import annotations
 
