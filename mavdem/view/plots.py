@@ -157,8 +157,8 @@ def free_parameters(labels: Labelled, learned: Learned) -> dict[str, FreeEntries
     """Returns the entries of A, B and C that the prior leaves free, by the name of the matrix; in degrees."""
     rows = [readable(unit).scale for unit in state_rate_units(labels, learned)]
     inputs, outputs = [1.0] * len(labels.input_names), [readable(unit).scale for unit in labels.output_units]
-    factors = [np.divide.outer(*pair) for pair in ((rows, rows), (rows, inputs), (outputs, rows))]
-    scale, free, first = pack(*factors), {}, 0
+    scale = pack(*(np.divide.outer(*pair) for pair in ((rows, rows), (rows, inputs), (outputs, rows))))
+    free, first = {}, 0
     for matrix, left in left_free(learned).items():
         cells, places = entries(labels, learned)[matrix], np.flatnonzero(left)
         names = tuple(f"{place(cells[i][0])} ← {place(cells[i][1])}" for i in places)
@@ -187,10 +187,8 @@ def free_precisions(labels: Labelled, learned: Learned) -> FreeEntries:
 
 def prior_outweighs_data(learned: Learned) -> NDArray[np.bool_]:
     """Returns which λ, (g,), have more precision from the prior than from the data: the prior fixes them in effect."""
-    posterior = 1 / learned.learning.lambda_sd[-1] ** 2
-    m, n = learned.model.C.shape
-    _, prior = hyperparameter_prior(learned.settings, n, m)
-    return np.asarray(posterior < 2 * np.diag(prior))
+    _, prior = hyperparameter_prior(learned.settings, *reversed(learned.model.C.shape))
+    return np.asarray(1 / learned.learning.lambda_sd[-1] ** 2 < 2 * np.diag(prior))
 
 
 def with_gaps(parts: Sequence[Array] | Array, last: bool = False) -> Array:
@@ -202,9 +200,8 @@ def with_gaps(parts: Sequence[Array] | Array, last: bool = False) -> Array:
 
 def faint(colour: str, opacity: float) -> str:
     """Returns the colour of the palette that one with this opacity has on the viewer's dark ground."""
-    pairs = zip(palette.channels(colour), palette.channels(palette.PAPER_DARK), strict=True)
-    mixed = (opacity * over + (1 - opacity) * under for over, under in pairs)
-    return "#" + bytes(map(round, mixed)).hex()
+    over, under = (np.array(palette.channels(one)) for one in (colour, palette.PAPER_DARK))
+    return "#" + bytes(np.round(opacity * over + (1 - opacity) * under).astype(np.uint8)).hex()
 
 
 def blueprint(view: rrb.Container, time: rrb.TimePanel | None = None, **options: Any) -> rrb.Blueprint:

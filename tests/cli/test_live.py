@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-import shutil
 import signal
 import socket
 import subprocess
@@ -28,7 +27,6 @@ OFTEN = "import mavdem.cli.live; mavdem.cli.live.STATUS_SECONDS = 0.2; "
 """Lets a status line follow the other, so that nobody waits long for what it says."""
 PATIENCE = 300.0  # Seconds that a slow, busy machine may take for anything; on others nothing waits for them
 PATIENTLY = f"import mavdem.view.live.live_view; mavdem.view.live.live_view.CLOSE_SECONDS = {PATIENCE}; "
-MAVPROXY = shutil.which("mavproxy.py") or shutil.which("mavproxy.py", path=Path(sys.executable).parent)
 
 
 @pytest.fixture(autouse=True)

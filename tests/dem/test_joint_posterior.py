@@ -58,18 +58,6 @@ def test_covariance_is_that_of_the_closed_form_and_of_twice_the_nodes(smoothness
     np.testing.assert_allclose(replace(system, nodes=12).state_moments[1], covariance, atol=1e-9 * variance)
 
 
-def test_score_is_the_gradient_of_the_likelihood():
-    system = roll(1, 0.1)
-    outputs = draw(system, 1)[1][0]
-    at, step = system.theta[system.free], 1e-2
-    slopes = [
-        (system.at(at + e).log_likelihood(outputs) - system.at(at - e).log_likelihood(outputs)) / (2 * step)
-        for e in step * np.eye(len(at))
-    ]
-    # Both are central differences with that step, of different functions of it.
-    np.testing.assert_allclose(system.score(outputs), slopes, atol=step**2 * np.diag(system.information).max())
-
-
 @pytest.mark.parametrize("outputs", [1, 2])
 def test_exact_states_err_by_what_they_say(outputs):
     system = roll(2, 0.1, outputs=outputs)
@@ -95,13 +83,6 @@ def test_states_come_to_the_exact_ones_as_measurement_noise_vanishes():
     next_order = 0.05**2 * (9 / (2 * 0.4**2) + 1)
     assert half == pytest.approx(1 / 2, rel=next_order)
     assert departure(decay(4, 0.1), Embedding(2, 1)) < departure(decay(4, 0.2), Embedding(2, 1)) / 4
-
-
-@pytest.mark.parametrize("smoothness", [1, 2])
-def test_higher_orders_bring_states_nearer_the_exact_ones(smoothness):
-    """An analytic path is all in its derivatives: at p → ∞ each sample's posterior is that of the whole path."""
-    orders = [departure(decay(smoothness, 0.1), Embedding(p, p - 1)) for p in (1, 2, 4)]
-    assert orders[0] > orders[1] > orders[2]
 
 
 @pytest.mark.parametrize("smoothness", [1, 2, 4])

@@ -1,4 +1,4 @@
-"""Learning in small steps arrives where learning at once does, and predicts, judges and forgets as it goes."""
+"""Learning in small steps arrives where learning at once does; its bands, surprise and marks are honest."""
 
 from __future__ import annotations
 
@@ -29,9 +29,6 @@ from mavdem.dem.online.tracker import (
     Estimate,
     Surprise,
 )
-from sitl_scenarios.dynamics import Four
-from sitl_scenarios.scenario import Scenario
-from sitl_scenarios.simulation import Simulation
 
 pytestmark = pytest.mark.usefixtures("without_wind_fits")
 COMPLETE = Settings(order=3, d=2, window=9, parameter_precision=1.0)
@@ -97,10 +94,7 @@ def test_it_arrives_where_learning_at_once_does(horizon):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("milliseconds", "samples"),
-    [(2.5, 859), (10, 258), (30, 125), (100, 125)],
-)
+@pytest.mark.parametrize(("milliseconds", "samples"), [(2.5, 859), (10, 258), (30, 125), (100, 125)])
 def test_at_any_rate_the_first_model_comes_after_so_many_samples(milliseconds, samples):
     flight = mavdem.read_flight(Path(__file__).parents[2] / "logs" / "ardupilot_wind5_steps.tlog")
     dt = milliseconds / 1e3
@@ -109,17 +103,12 @@ def test_at_any_rate_the_first_model_comes_after_so_many_samples(milliseconds, s
         np.column_stack([np.interp(time, flight.time, channel) for channel in table.T])
         for table in (flight.outputs, flight.inputs)
     )
-    online, said, first = OnlineLearner(dt=dt), [], None
-    for sample, row in enumerate(zip(time, outputs, inputs, strict=True), start=1):
-        estimate = online.update(*row)
-        if estimate.model is not None:
-            first = sample
-            break
+    online, said, rows = OnlineLearner(dt=dt), [], zip(time, outputs, inputs, strict=True)
+    while online.update(*next(rows)).model is None:
         said.append(online.obstacle)
-    assert first is not None and first <= 1.1 * samples
     begins = max(round(LEARNING_SECONDS / dt), 2 * FEWEST_SAMPLES)
     assert set(said[: begins - 1]) == {TOO_FEW}
-    assert len(said) == begins
+    assert len(said) == begins < 1.1 * samples
     assert online.obstacle == said[-1] == ""
 
 
@@ -244,11 +233,8 @@ def test_still_channels_are_an_obstacle_and_the_model_stays():
     [
         ({"settings": 3}, "settings must"),
         ({"dt": 0.0}, "dt must"),
-        ({"dt": "x"}, "dt must"),
         ({"n_inputs": 0}, "n_inputs"),
-        ({"n_outputs": None}, "n_outputs"),
         ({"memory": 0.5}, "memory must"),
-        ({"horizons": ()}, "horizons must"),
         ({"horizons": (5, 1)}, "horizons must"),
     ],
 )
@@ -261,7 +247,6 @@ def test_arguments_that_cannot_be_are_named(given, said):
     ("time", "outputs", "inputs", "said"),
     [
         (np.nan, [0, 0], [0] * 4, "time"),
-        (0.0, [0], [0] * 4, "outputs"),
         (0.0, [0, np.inf], [0] * 4, "outputs"),
         (0.0, [0, 0], [0] * 3, "inputs"),
         (0.0, [0, 1e51], [0] * 4, "outputs must not be larger"),
@@ -275,7 +260,6 @@ def test_samples_that_cannot_be_are_refused_and_cost_nothing(time, outputs, inpu
 
 
 DT = 0.01
-QUARTER_SECOND = 3  # its place among the horizons
 
 
 def fed(bands: ErrorBands, errors: np.ndarray, block: int = 10) -> np.ndarray:
@@ -378,53 +362,16 @@ def test_nothing_is_marked_before_there_are_peaks_to_compare_with():
     assert not AnomalyMarks(DT).add(np.nan)
 
 
-class TwiceFailing(Simulation):
-    """Motor 1 loses a third of its thrust, and 20 s later motor 4 does."""
-
-    FAILURES = ((40.0, 0), (60.0, 3))
-
-    def _targets(self, outputs: Four, battery: float) -> Four:
-        speeds = list(super()._targets(outputs, battery))
-        for at, motor in self.FAILURES:
-            if self._now * self.cycle >= at:
-                speeds[motor] *= np.sqrt(2 / 3)
-        return tuple(speeds)
-
-
-def judged(time: np.ndarray, outputs: np.ndarray, inputs: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Times of marks, half widths of the band of roll a quarter second ahead, and its errors, as of the samples."""
-    online = mavdem.OnlineLearner(dt=DT)
-    estimates = [online.update(*row) for row in zip(time, outputs, inputs, strict=True)]
-    ahead, band = (
-        np.array([part[QUARTER_SECOND, 0] for part in parts])
-        for parts in ([each.ahead for each in estimates], [each.ahead_band for each in estimates])
-    )
-    return time[[each.unusual for each in estimates]], band[:-25], np.abs(outputs[25:, 0] - ahead[:-25])
-
-
 @pytest.mark.slow
 def test_of_two_failures_both_are_marked_and_bands_recover_within_seconds():
-    scenario = Scenario.model_validate(
-        {
-            "duration": 100,
-            "seed": 1,
-            "wind": ({"kind": "dryden", "speed": 4.0},),
-            "moments": ({"sd": 0.03, "s": 0.1},),
-            "stream": {"speaks": "px4"},
-        }
-    )
-    simulation = TwiceFailing(scenario)
-    motion = simulation.advance(round(75.0 / simulation.cycle))
-    w, x, y, z = motion.known_attitude.T
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    time = np.arange(14.0, 75.0 - DT, DT)
-    outputs = np.column_stack([np.interp(time, motion.time, each) for each in (roll, motion.known_rates[:, 0])])
-    rows = np.searchsorted(motion.time, time, side="right") - 1
-    marks, band, error = judged(time, outputs, motion.outputs[rows])
-    assert len(marks) == 2
-    assert (np.abs(marks - [at for at, _ in TwiceFailing.FAILURES]) < 1.5).all()
-    quiet = (time[:-25] > 25.0) & (time[:-25] < 39.0)
-    assert 0.85 <= np.mean(error[quiet] <= band[quiet]) <= 0.95
-    for at, _ in TwiceFailing.FAILURES:
-        after = (time[:-25] > at + 10.0) & (time[:-25] < at + 15.0)
-        assert np.median(band[after]) < 2 * np.median(band[quiet])
+    """Motor 1, and 20 s later motor 4, is told to work harder, and the vehicle flies on as if it had not been told."""
+    flight, failures = simulated(samples=5500, wind=0.5), np.array([20.0, 40.0])
+    told = flight.inputs + 150.0 * (flight.time[:, None] >= np.array([20.0, np.inf, np.inf, 40.0]))
+    estimates = flown(OnlineLearner(dt=DT), Flight(flight.time, told, flight.outputs))
+    marks = flight.time[[each.unusual for each in estimates]]
+    assert len(marks) == 2 and (np.abs(marks - failures) < 1.5).all()
+    ahead, band = (np.array([getattr(each, name)[3] for each in estimates]) for name in ("ahead", "ahead_band"))
+    inside = np.abs(flight.outputs[25:] - ahead[:-25]) <= band[:-25]  # a quarter second ahead
+    assert 0.85 <= inside[1000:1950].mean() <= 0.95
+    for at in np.array(100 * failures, int):
+        assert (np.median(band[at + 1000 : at + 1500], axis=0) < 2 * np.median(band[1000:1950], axis=0)).all()

@@ -1,4 +1,7 @@
-"""Physical parameters: the filter is the Kalman filter it says it is, and flights that steer give their truth back."""
+"""Physical parameters: the filter is the Kalman filter it says it is, flights that steer give their truth back.
+
+And what commanded motors would do: the plant alone, beside a plant that is commanded.
+"""
 
 from __future__ import annotations
 
@@ -36,20 +39,6 @@ MOTORS = np.array([-0.06, 0.06, 0.06, -0.06])
 FINE = 10
 
 
-def moved(
-    state: tuple[float, float, float, float], before: np.ndarray, now: np.ndarray, wind: float, rng: np.random.Generator
-) -> tuple[float, float, float, float]:
-    """Angle, rate, the motors' torque and the wind's a sample later; commands (4,) act half a sample late."""
-    angle, rate, torque, drift = state
-    keeps = np.exp(-DT / FINE / 0.5)
-    for step in range(FINE):
-        torque += DT / FINE / LAG * (MOTORS @ (now if step >= 5 else before) - torque)
-        drift = keeps * drift + np.sqrt(1 - keeps**2) * wind * rng.standard_normal()
-        rate += DT / FINE * (torque - DAMPING * rate + drift)
-        angle += DT / FINE * rate
-    return angle, rate, torque, drift
-
-
 def flown(
     seed: int, steering: float, samples: int = 700, wind: float = 1.0, commanded: np.ndarray | None = None
 ) -> Flight:
@@ -59,17 +48,20 @@ def flown(
     """
     rng = np.random.default_rng(seed)
     reference = steering * np.sign(np.sin(2 * np.pi * np.arange(samples) * DT / 1.3))
-    state = (0.0,) * 4
+    angle = rate = torque = drift = 0.0
+    keeps, fine = np.exp(-DT / FINE / 0.5), DT / FINE
     commands, outputs = np.zeros((samples, 4)), np.empty((samples, 2))
     for k in range(samples):
-        angle, rate, *_ = state
-        measured = rate + 0.005 * rng.standard_normal()
-        outputs[k] = angle, measured
-        wanted = 12 * (reference[k] - 3 * angle - measured)
+        outputs[k] = angle, rate + 0.005 * rng.standard_normal()
+        wanted = 12 * (reference[k] - 3 * angle - outputs[k, 1])
         commands[k] = wanted * MOTORS / (MOTORS @ MOTORS) + rng.standard_normal(4)
         if commanded is not None and k >= samples - len(commanded):
             commands[k] = commanded[k - samples]
-        state = moved(state, commands[max(k - 1, 0)], commands[k], wind, rng)
+        for step in range(FINE):  # commands act half a sample late
+            torque += fine / LAG * (MOTORS @ commands[k if step >= 5 else max(k - 1, 0)] - torque)
+            drift = keeps * drift + np.sqrt(1 - keeps**2) * wind * rng.standard_normal()
+            rate += fine * (torque - DAMPING * rate + drift)
+            angle += fine * rate
     return Flight(DT * np.arange(samples), 1500 + commands, outputs)
 
 
@@ -160,16 +152,11 @@ def test_no_command_helps_to_predict_the_sample_that_it_answers(steps):
     np.testing.assert_allclose(after[5:, 0], np.minimum(now + 1 - steps, now)[5:])
 
 
-def windowed(flight: Flight, count: int) -> FlightWindows:
-    length = len(flight) // count
-    inputs = flight.inputs[: count * length].reshape(count, length, -1)
-    rate = flight.outputs[: count * length, 1].reshape(count, -1)
-    return FlightWindows(inputs - inputs.mean(axis=(0, 1)), rate, DT, np.zeros(count), 1.0)
-
-
 def test_scores_of_windows_are_the_slopes_of_their_likelihoods():
     """Central differences of the log likelihood itself, window by window."""
-    windows = windowed(flown(2, steering=1.0, samples=900), 3)
+    flight = flown(2, steering=1.0, samples=900)
+    inputs = (flight.inputs - flight.inputs.mean(axis=0)).reshape(3, 300, -1)
+    windows = FlightWindows(inputs, flight.outputs[:, 1].reshape(3, -1), DT, np.zeros(3), 1.0)
     plain, start = directed(windows, np.sign(MOTORS))
     fit = fitted(plain._replace(wind=WINDS[1]), windows, np.append(start, np.zeros(2))[: len(start) + 2])
     parameters, theta = fit.parameters, fit.theta
@@ -204,15 +191,6 @@ def test_directions_that_count_turns_the_other_way_round_are_turned():
     flight = flown(0, steering=1.0)
     turned = Flight(flight.time, flight.inputs, flight.outputs, effect_directions=-np.sign(MOTORS))
     np.testing.assert_array_equal(np.sign(physical(turned).effect), np.sign(MOTORS))
-
-
-@pytest.mark.slow
-def test_nothing_is_identifiable_where_motors_only_react_to_the_wind():
-    found = physical(flown(0, steering=0.0, wind=3.0))
-    assert found.status == dict.fromkeys(PARAMETERS, "not identifiable")
-    assert np.isnan(np.append(*found.interval()[:2])).all()
-    assert "steer" in found.reasons["effect"] or "quick inputs" in found.reasons["effect"]
-    assert "not identifiable" in str(found.caution)
 
 
 SOUND = limits.IdentifiabilityFigures(
@@ -406,9 +384,14 @@ def test_bands_hold_commanded_flights():
 
 
 @pytest.mark.slow
-def test_where_motors_are_not_identifiable_it_says_so_and_gives_no_band():
+def test_nothing_is_identifiable_where_motors_only_react_to_the_wind_and_there_is_no_band():
     flight = flown(0, steering=0.0, wind=3.0)
     learned = mavdem.learn(flight, SETTINGS)
+    found = learned.physical
+    assert found.status == dict.fromkeys(PARAMETERS, "not identifiable")
+    assert np.isnan(np.append(*found.interval()[:2])).all()
+    assert "steer" in found.reasons["effect"] or "quick inputs" in found.reasons["effect"]
+    assert "not identifiable" in str(found.caution)
     with pytest.warns(UserWarning, match="may be far off.*not identifiable"):
         assert learned.simulate(flight.inputs[:20]).shape == (20, 2)
     with pytest.raises(ValueError, match="no band.*not identifiable"):

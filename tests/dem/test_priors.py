@@ -9,7 +9,7 @@ from scipy.linalg import expm
 from scipy.ndimage import gaussian_filter1d
 from simulated import DT, GAIN, RATE, simulated
 
-from mavdem import Flight, Learned, Settings, learn
+from mavdem import Flight, Settings, learn
 from mavdem.dem import Gaussian
 from mavdem.dem.engine.coordinates import temporal_precision
 from mavdem.dem.engine.model import pack, unpack
@@ -111,8 +111,6 @@ def test_unknown_inputs_are_estimated():
     np.testing.assert_allclose(learned.predictor.K, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
     # Nothing is known of inputs to come, whatever is handed in.
     np.testing.assert_array_equal(learned.forecast(np.ones((20, 1))), learned.forecast(np.zeros((20, 1))))
-    again = Learned.from_json(learned.to_json())
-    np.testing.assert_array_equal(again.estimated_inputs()[1], estimated)
 
 
 def test_the_wind_may_be_an_unknown_input_beside_motors_that_are_known():
@@ -179,13 +177,10 @@ def test_every_order_from_zero_to_six_can_be_learnt(p, d):
 @pytest.mark.parametrize(
     ("mean", "precision", "named"),
     [
-        ([[1.0]], 1.0, "^mean"),
         ([np.nan], 1.0, "^mean"),
         ([1.0, 2.0], [[1.0]], "^precision must have shape"),
         ([1.0, 2.0], [[1.0, 2.0], [2.0, 1.0]], "^precision must be positive definite"),
         ([1.0, 2.0], [[1.0, 0.5], [0.0, 1.0]], "^precision must be symmetric"),
-        ([1.0, 2.0], [1.0, -1.0], "^precision must be positive definite"),
-        ([1.0], [[np.inf]], "^precision must be finite"),
     ],
 )
 def test_what_is_no_gaussian_is_named(mean, precision, named):
@@ -200,7 +195,6 @@ def test_what_is_no_gaussian_is_named(mean, precision, named):
         ({"prior": Gaussian([0.0] * 16, 1.0)}, '^correlation must be "continuous" with a prior that leaves C free'),
         ({"noise_groups": ((0, 0, 0), (0, 0))}, "^noise_groups must be 2 group numbers"),
         ({"known_inputs": (True, False), "prior": roll_prior()}, "^known_inputs must say it of 4 inputs"),
-        ({"input_precision": (1.0, 2.0)}, "^input_precision must be of 4 inputs, or"),
         ({"input_precision": ((1.0,),)}, "^input_precision must be of 4 inputs, or of their 3 orders"),
     ],
 )
@@ -215,7 +209,6 @@ def test_what_is_no_generative_model_is_named():
         ("output_correlation", np.eye(2), "^output_correlation must have shape"),
         ("state_correlation", -np.eye(3), "^state_correlation must be positive definite"),
         ("input_precision", np.full((4, 4), np.nan), "^input_precision must be finite"),
-        ("n", 0, "^n and m"),
         ("prior", model.prior._replace(theta_mean=model.prior.theta_mean[:1]), "^prior.theta_mean must"),
         ("prior", model.prior._replace(lambda_precision=np.eye(1)), "^prior.lambda_precision must"),
     ):

@@ -1,4 +1,4 @@
-"""How far estimates scatter, and what the data did not determine."""
+"""How far estimates scatter, what the data did not determine, and how smooth the noise is."""
 
 import calibration
 import numpy as np
@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from random_models import models, random_belief
+from scipy.signal import lfilter
 from simulated import simulated
 
 from mavdem import Flight, Settings, learn
@@ -61,10 +62,7 @@ def test_the_sum_of_an_autoregression_scatters_as_it_must():
     rng = np.random.default_rng(0)
     estimates, freedoms = [], []
     for _ in range(runs):
-        rows = np.zeros((number, 2))
-        shocks = rng.standard_normal((number, 2))
-        for t in range(1, number):
-            rows[t] = rho * rows[t - 1] + shocks[t]
+        rows = lfilter([1.0], [1.0, -rho], rng.standard_normal((number, 2)), axis=0)
         covariance, freedom = long_run_covariance([rows])
         estimates.append(covariance / number * (1 - rho) ** 2)
         freedoms.append(freedom)
@@ -208,14 +206,6 @@ def test_the_free_energy_is_highest_where_it_says_and_flatter_with_less_data():
     assert (np.diff(long.tried) > 0).all()
     # Four times the samples tell four times as much.
     assert short.log_sd / long.log_sd == pytest.approx(2, rel=0.2)
-
-
-def test_noise_that_is_white_to_the_samples_is_said_to_be():
-    rng = np.random.default_rng(0)
-    outputs = rng.standard_normal((2000, 1))
-    inputs = np.sin(0.05 * np.arange(2000))[:, None]
-    estimate = estimate_smoothness(Record(inputs, outputs, DT, (2000,)))
-    assert estimate.smoothness < 1.0 * DT
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The wind's torque: the smoother against a joint Gaussian, its band, its numbers, and simulated flights' truth."""
+"""The wind's torque, offline and live: the smoother against a joint Gaussian, bands, gusts, simulated truth."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from simulated import simulated
-from test_kalman import joint
+from test_model import joint
 from test_physical import settled
 
 from mavdem import Flight, OnlineLearner, Settings
@@ -301,13 +301,6 @@ def test_a_fit_that_fails_leaves_the_last_one():
     with ThreadPoolExecutor(1) as executor:
         gone = OnlineWind(WINDY.dt, 10, executor, None)
     assert np.isnan(followed(gone, WINDY[:900])).all()
-
-
-def test_samples_that_were_taken_back_are_not_fitted_to():
-    online = OnlineWind(WINDY.dt, 10, Mock(**{"submit.return_value": Future()}), None)
-    followed(online, WINDY[:600])
-    online.drop_since(float(WINDY.time[300]))
-    assert online._blocks[-1].until <= WINDY.time[300]
 
 
 @pytest.mark.slow

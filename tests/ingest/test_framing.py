@@ -1,4 +1,4 @@
-"""Frames are found in any stream, whatever lies between them, and decode as pymavlink decodes them."""
+"""Frames are found in any stream and in real logs, and decode as pymavlink decodes them, field for field."""
 
 from __future__ import annotations
 

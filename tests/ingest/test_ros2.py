@@ -35,7 +35,6 @@ from ulog_files import roll
 import mavdem
 from mavdem.alignment import signals
 from mavdem.alignment.signals import Signals, setpoints
-from mavdem.alignment.verdict import verdict_of
 from mavdem.errors import MissingExtra, NotLearnable, Unreadable
 from mavdem.ingest import read_log
 from mavdem.ingest.mcap.log import mcap_stream
@@ -176,28 +175,6 @@ def test_several_vehicles_are_listed_and_chosen(tmp_path: Path) -> None:
 
 
 # Clocks
-
-
-def test_unix_time_counts_from_the_recordings_first_second(tmp_path: Path) -> None:
-    vehicle = vehicle_of(tmp_path, lambda recorder: px4_flight(recorder, UNIX + TIMES))
-    columns = vehicle.messages["ATTITUDE_QUATERNION"]
-    assert np.array_equal(np.rint((columns["time"] - 1) * 1e6), np.rint((TIMES - TIMES[0]) * 1e6))
-    assert any(f"count from {UNIX + 19} s" in repair for repair in vehicle.repairs)
-    seen = signals.attitude(vehicle, "roll")
-    assert seen is not None and np.allclose(seen.angle, roll(UNIX + TIMES)[0], atol=1e-5)
-
-
-def test_a_reboot_is_another_boot(tmp_path: Path) -> None:
-    def write(recorder: Ros2Recorder) -> None:
-        px4_flight(recorder, 500 + TIMES)
-        px4_flight(recorder, TIMES)
-
-    vehicle = vehicle_of(tmp_path, write)
-    for name in ("ATTITUDE_QUATERNION", "HIL_ACTUATOR_CONTROLS"):
-        columns = vehicle.messages[name]
-        assert columns["boot"].tolist() == [0] * 300 + [1] * 300
-        assert np.allclose(columns["time"], np.concatenate([500 + TIMES, TIMES]))
-    assert any("rebooted once" in repair for repair in vehicle.repairs)
 
 
 def test_stamps_that_are_missing_or_astray_are_left_out(tmp_path: Path) -> None:
@@ -401,26 +378,6 @@ def test_other_encapsulations_and_languages_of_definition_are_not_read(
         recorder._writer.add_message(channel, 1, beginning + bytes(80) if beginning else b"", 1)
     with pytest.raises(Unreadable, match="no message of a flight in it can be decoded"):
         read_log(path)
-
-
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf"), 1e38])
-def test_numbers_that_are_none_make_no_error(value: float, tmp_path: Path) -> None:
-    def write(recorder: Ros2Recorder) -> None:
-        px4_flight(recorder)
-        for at in (20.001 + 0.01 * np.arange(300)).tolist():
-            recorder.px4("vehicle_angular_velocity", at, xyz=[value] * 3)
-            recorder.px4("vehicle_attitude", at, q=[value] * 4)
-            recorder.px4("actuator_outputs", at, noutputs=4, output=[value] * 16)
-            recorder.px4("vehicle_local_position", at, vz=value, v_z_valid=True)
-        mavros_flight(recorder, node="/uav/mavros")
-        for at in (UNIX + 20.001 + 0.01 * np.arange(300)).tolist():
-            orientation = dict.fromkeys("xyzw", value)
-            recorder.mavros("imu/data", "sensor_msgs/msg/Imu", at, "/uav/mavros", orientation=orientation)
-
-    log = read_log(written(tmp_path, write))
-    assert len(log.vehicles) == 2
-    for vehicle in log.vehicles:
-        verdict_of(Signals(vehicle))
 
 
 def test_setpoints_of_px4_are_those_that_it_reports(tmp_path: Path) -> None:

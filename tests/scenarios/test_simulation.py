@@ -160,13 +160,3 @@ def test_a_thrust_curve_changes_commands_and_not_the_flight(curve):
     assert curved.outputs[quiet].mean() == pytest.approx(1000 + 1000 * expected, abs=2)
     assert plain.outputs[quiet].mean() == pytest.approx(1699, abs=2)
     assert np.abs(np.degrees(curved.rates - plain.rates))[hover].std() < 1.0
-
-
-def test_power_takes_its_share_of_the_voltage():
-    motion = fly(brief(wind=(), duration=15.0, height=2.0, vehicle=VehicleSpec(battery_load=0.08)))
-    hover = motion.landed_state == 2
-    assert motion.battery[0] == 1.0
-    assert motion.battery[hover].mean() == pytest.approx(0.92, abs=0.002)
-    idle = motion.armed & (motion.landed_state == 1) & (motion.time > 2.5) & (motion.time < 3.0)
-    # Power goes with the cube of the speed: 200 of 799 rad/s.
-    assert 1 - motion.battery[idle].mean() == pytest.approx(0.08 * (200 / 799) ** 3, rel=0.05)
