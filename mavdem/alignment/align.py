@@ -93,10 +93,8 @@ def is_sampled(attitude: Attitude, motors: Motors, segment: Segment) -> bool:
 
 def _fast(time: NDArray[np.float64]) -> Intervals:
     """Where the stamps (N,) of one boot come at ``MINIMUM_RATE`` or faster and without gaps."""
-    if len(time) < 2:
-        return []
     steps = np.diff(time)
-    return unbroken(time, _usually_slow(steps) | (steps > MAX_GAP_SECONDS))
+    return unbroken(time, _usually_slow(steps) | (steps > MAX_GAP_SECONDS)) if len(time) > 1 else []
 
 
 def slow_runs(time: NDArray[np.float64]) -> Intervals:
@@ -110,10 +108,8 @@ def _usually_slow(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 def _at_any_rate(time: NDArray[np.float64]) -> Intervals:
     """Where the stamps (N,) of one boot come without gaps, by the measure of their own usual step."""
-    if len(time) < 2:
-        return []
     steps = np.diff(time)
-    return unbroken(time, steps > max(MAX_GAP_SECONDS, 3 * float(np.median(steps))))
+    return unbroken(time, steps > max(MAX_GAP_SECONDS, 3 * float(np.median(steps)))) if len(time) > 1 else []
 
 
 LOW_PASS_RATIO = 1.5
@@ -240,9 +236,8 @@ def kept_rows(grid: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[n
     """Rows of ``time`` (N,) at each point of ``grid`` (T,); None unless all differ and lie within ``STAMP_SECONDS``."""
     after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
     nearest = np.where(grid - time[after - 1] < time[after] - grid, after - 1, after)
-    if np.all(np.abs(time[nearest] - grid) <= STAMP_SECONDS) and np.all(np.diff(nearest) > 0):
-        return nearest
-    return None
+    kept = np.all(np.abs(time[nearest] - grid) <= STAMP_SECONDS) and np.all(np.diff(nearest) > 0)
+    return nearest if kept else None
 
 
 def is_low_passed(time: NDArray[np.float64], dt: float) -> bool:

@@ -134,11 +134,9 @@ def verdict_of(signals: Signals, components: Sequence[Component] = (), least_rat
         return Verdict(axis, False, reason, remedy, (), None, figures or QualityFigures())
 
     if telemetry.vehicle not in (*MULTIROTORS, "UNKNOWN"):
-        return refused(
-            f"{'The log' if telemetry.translated_from else 'HEARTBEAT'} reports the type {telemetry.vehicle}; mavdem "
-            "learns multirotors only.",
-            "Give a multirotor's log, or name another vehicle of this log with `--vehicle`.",
-        )
+        source = "The log" if telemetry.translated_from else "HEARTBEAT"
+        reason = f"{source} reports the type {telemetry.vehicle}; mavdem learns multirotors only."
+        return refused(reason, "Give a multirotor's log, or name another vehicle of this log with `--vehicle`.")
     attitude, drive = signals.attitude, signals.drive
     if attitude is None:
         return refused(NO_ATTITUDE.get(telemetry.translated_from, NO_ATTITUDE[""]), ask_for_rate(telemetry))
@@ -153,10 +151,8 @@ def verdict_of(signals: Signals, components: Sequence[Component] = (), least_rat
             "Check what wrote the log: MAVLink's attitude is in rad and rad/s, DataFlash's in degrees.",
         )
     if not len(attitude.time):
-        return refused(
-            f"{telemetry.called(attitude.message)} holds no finite {_measured(axis, 'and')}.",
-            "Check the autopilot's estimator and what wrote the log.",
-        )
+        reason = f"{telemetry.called(attitude.message)} holds no finite {_measured(axis, 'and')}."
+        return refused(reason, "Check the autopilot's estimator and what wrote the log.")
     found = settled_segments(signals)
     figures = quality.of_log(signals, len(found))
     if figures.armed == 0:
@@ -165,9 +161,8 @@ def verdict_of(signals: Signals, components: Sequence[Component] = (), least_rat
         return refused(*_grounded(signals, figures), figures)
     log = _Evidence(signals, attitude, drive, components, figures, least_rate)
     if not found:
-        return refused(
-            *(_too_slow(log, figures) or _slowed_down(log) or _too_short(figures, telemetry.translated_from)), figures
-        )
+        objection = _too_slow(log, figures) or _slowed_down(log) or _too_short(figures, telemetry.translated_from)
+        return refused(*objection, figures)
     refusals: list[Verdict] = []
     for segment in found:
         if refusals and segment.duration < MINIMUM_DURATION:
@@ -248,11 +243,9 @@ def _objection(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
     if not figures.rate_sd or not (figures.angle_sd or axis not in TILT_AXES):
         return f"The {_measured(axis, 'or')} never changes.", "Check that the stream is not a replay of one message."
     if figures.output_snr is not None and figures.output_snr < REFUSED_SNR:
-        return (
-            f"Over {CONSISTENCY_SPAN} s the {_measured(axis, 'or')} changes by no more than rounding to steps of "
-            f"{_steps(axis, figures)} makes.",
-            f"Record the attitude as the autopilot sends it, or excite {axis} with the stick.",
-        )
+        rounding = f"changes by no more than rounding to steps of {_steps(axis, figures)} makes."
+        remedy = f"Record the attitude as the autopilot sends it, or excite {axis} with the stick."
+        return f"Over {CONSISTENCY_SPAN} s the {_measured(axis, 'or')} {rounding}", remedy
     if figures.consistency is not None and figures.consistency < REFUSED_CONSISTENCY:
         if axis not in TILT_AXES:
             return (
@@ -269,11 +262,9 @@ def _objection(log: _Evidence, figures: QualityFigures) -> Obstacle | None:
         )
     if figures.input_snr is not None and figures.input_snr < REFUSED_SNR:
         command = f"{figures.input_sd:.2g} {log.drive.scale.unit}".rstrip()
-        return (
-            f"The standard deviation of the motors' {axis} command, {command}, is no more than rounding to steps of "
-            f"{figures.input_step:.2g} makes.",
-            f"Fly in wind, or excite {axis} with the stick.",
-        )
+        rounding = f"is no more than rounding to steps of {figures.input_step:.2g} makes."
+        reason = f"The standard deviation of the motors' {axis} command, {command}, {rounding}"
+        return reason, f"Fly in wind, or excite {axis} with the stick."
     return None
 
 

@@ -13,8 +13,6 @@ from mavdem.condition.inventory import inventory
 from mavdem.report.blocks import Block, Sentence
 from mavdem.report.condition import sender, stream_contents, vehicle_contents
 
-WRAP_COLUMNS = 100  # columns to which the list of messages is wrapped
-
 
 @click.command("info")
 @source_options()
@@ -55,4 +53,4 @@ def _print(blocks: Iterable[Block]) -> None:
             say(f"{block.lead} {block.text}".lstrip())
         else:
             for rate, names in block.rows:
-                say(click.wrap_text(f"{rate}: {names}", WRAP_COLUMNS, "  ", "    "))
+                say(click.wrap_text(f"{rate}: {names}", 100, "  ", "    "))

@@ -26,8 +26,6 @@ from mavdem.report.flights import truth_blocks
 from mavdem.report.page import log_page
 from mavdem.report.screen import analysis_blocks, title, vehicle_blocks
 
-UNSUPPORTED = 1  # the exit code of a log that holds no model
-
 
 def _seconds(context: click.Context, parameter: click.Parameter, value: str) -> float:
     try:
@@ -155,7 +153,7 @@ def learn_command(
             say_aside(f"Look: {shlex.join(['rerun', f'{place}/{RECORDING}'])}")
     if learned is None:
         complain(analysis.reason, analysis.remedy, as_json=False)
-        raise click.exceptions.Exit(UNSUPPORTED)
+        raise click.exceptions.Exit(1)  # no model
 
 
 def named_after(source: str) -> Path:

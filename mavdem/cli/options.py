@@ -18,7 +18,6 @@ from mavdem.evaluate.windows import TEST_SECONDS, Length
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
-VEHICLE_PATTERN = re.compile(r"\d{1,3}(:\d{1,3})?", re.ASCII)  # MAVLink's ids
 MAX_STATES = 10  # A roll model has a few states; the memory of a fit increases with the fourth power of their number
 AXIS_OUTPUTS = 2  # of an axis: its angle and its rate
 
@@ -43,12 +42,9 @@ def no_option(context: click.Context, parameter: click.Parameter, value: Value) 
 
 def _vehicle(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
     no_option(context, parameter, value)
-    if value is not None and not VEHICLE_PATTERN.fullmatch(value):
-        raise click.BadParameter(
-            f"{value!r} is no vehicle: give its MAVLink system id, or system and component as in 1:1.",
-            context,
-            parameter,
-        )
+    if value is not None and not re.fullmatch(r"\d{1,3}(:\d{1,3})?", value, re.ASCII):
+        what = f"{value!r} is no vehicle: give its MAVLink system id, or system and component as in 1:1."
+        raise click.BadParameter(what, context, parameter)
     return value
 
 
@@ -105,30 +101,24 @@ def model_options(command: Command) -> Command:
 def chosen_settings(preset: str, order: int | None) -> Settings:
     """The settings of --preset and --order; raises ``BadParameter`` for an order that the preset does not have."""
     if order is not None and order not in ORDERS[preset]:
-        raise click.BadParameter(
-            f"{order} is not in {_spoken(ORDERS[preset])}, the numbers of states of --preset {preset}.",
-            param_hint="--order",
-        )
+        what = f"{order} is not in {_spoken(ORDERS[preset])}, the numbers of states of --preset {preset}."
+        raise click.BadParameter(what, param_hint="--order")
     settings = Settings.paper() if preset == "paper" else Settings()
     return settings if order is None else replace(settings, order=order)
-
-
-LENGTH_PATTERN = re.compile(r"(?P<number>\d{1,9}(\.\d{1,9})?)(?P<unit>s?)", re.ASCII)
-LONGEST_SECONDS = 1e6
 
 
 def _length(fewest: int, context: click.Context, parameter: click.Parameter, value: str | None) -> Length | None:
     """Seconds, as in ``7s``, or samples, as in ``700``; the latter at least ``fewest``."""
     if value is None:
         return None
-    found = LENGTH_PATTERN.fullmatch(value)
-    number, in_seconds = (float(found["number"]), bool(found["unit"])) if found else (0.0, False)
+    found = re.fullmatch(r"(\d{1,9}(?:\.\d{1,9})?)(s?)", value, re.ASCII)
+    number, in_seconds = (float(found[1]), bool(found[2])) if found else (0.0, False)
     wrong = ""
     if found is None:
         wrong = f"{value!r} is no length: give seconds, as in 7s, or samples, as in 700."
     elif not in_seconds and (number != round(number) or number < fewest):
         wrong = f"{value} is not a whole number of at least {fewest} samples."
-    elif in_seconds and not 0 < number < LONGEST_SECONDS:
+    elif in_seconds and not 0 < number < 1e6:
         wrong = f"{value} is not a length of flight."
     if wrong:
         raise click.BadParameter(wrong, context, parameter)

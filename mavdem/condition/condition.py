@@ -292,6 +292,7 @@ def condition_of(signals: Signals) -> Condition:
     intervals, command = ((), {}) if hover is None else _balance(signals, settled)
     armed = sum(total(both([(part.start, part.end)], phases.armed(signals, part.boot))) for part in span)
     lean, tilt = _leaning(signals, settled)
+    tilts = (float(tilt.mean()), float(tilt.std()), float(tilt.max())) if len(tilt) else (None,) * 3
     return Condition(
         duration=_seconds(span),
         armed=None if signals.armed is None else float(armed),
@@ -300,9 +301,9 @@ def condition_of(signals: Signals) -> Condition:
         share_interval=intervals,
         command=command,
         lean=lean,
-        tilt_mean=float(tilt.mean()) if len(tilt) else None,
-        tilt_sd=float(tilt.std()) if len(tilt) else None,
-        tilt_max=float(tilt.max()) if len(tilt) else None,
+        tilt_mean=tilts[0],
+        tilt_sd=tilts[1],
+        tilt_max=tilts[2],
         vibration=_vibration(signals, settled),
         battery=_battery(signals, settled or span),
     )

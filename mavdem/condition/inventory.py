@@ -17,20 +17,18 @@ from mavdem.ingest import Log
 from mavdem.ingest.telemetry import Columns, Telemetry, selected
 
 SLOWEST_RATE = 1.0  # Hz, of attitude and motor outputs, down to which their means, spreads and limits are known
-ALLOWS = {
+ALLOWS = {  # by tier
     "a": "everything: the model, the vehicle's physical parameters, the wind, and the vehicle's condition",
     "b": "the slow motion, if a model predicts it better than none does, and the vehicle's condition: balance, limits, "
     "lean and steady disturbance; not motors' effect, damping, lag, the wind's torque and poles, which show at several "
     "Hz",
     "c": "the vehicle's condition: balance, headroom, saturation, lean, vibration and battery; no model",
 }
-"""What each tier allows."""
-NEEDS = {
+NEEDS = {  # by tier
     "a": f"{MINIMUM_RATE:.0f} Hz of attitude and of motor outputs or demand, better 100",
     "b": f"{SLOW_MOTION_RATE:.0f} Hz of attitude and of motor outputs or demand",
     "c": "settled flight of a multirotor, with attitude",
 }
-"""What each tier needs."""
 
 
 class Tier(NamedTuple):

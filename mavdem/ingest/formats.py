@@ -24,8 +24,6 @@ ARCHIVES = {b"\x1f\x8b": "a gzip archive", b"PK\x03\x04": "a zip archive"}
 
 STAMPS = range(946_684_800_000_000, 4_102_444_800_000_000)  # µs since 1970, of the years 2000 to 2099
 
-LFS_POINTER = b"version https://git-lfs.github.com/spec/"
-
 
 def read_log(path: str | bytes | os.PathLike[str], progress: Progress | None = None) -> Log:
     """Reads a recorded flight.
@@ -97,7 +95,7 @@ def _name_and_format(path: str | bytes | os.PathLike[str]) -> tuple[str, str]:
     kind = next((kind for first, kind in BEGINNINGS.items() if beginning.startswith(first)), "")
     if kind or is_dataflash_text(beginning):
         return name, kind or DATAFLASH
-    if beginning.startswith(LFS_POINTER):
+    if beginning.startswith(b"version https://git-lfs.github.com/spec/"):
         raise Unreadable(f"{name} is a pointer of Git LFS, not the log itself: fetch that with `git lfs pull`.")
     other = next((other for first, other in ARCHIVES.items() if beginning.startswith(first)), None)
     if other is None:

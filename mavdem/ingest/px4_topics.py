@@ -15,7 +15,18 @@ from numpy.typing import NDArray
 
 from mavdem.ingest.motors import motor_geometry
 from mavdem.ingest.telemetry import Columns, joined, selected
-from mavdem.ingest.vocabulary import ARMED, CUSTOM_MODE, IN_AIR, LANDING, ON_GROUND, PX4, TAKING_OFF, heartbeat_fields
+from mavdem.ingest.vocabulary import (
+    ARMED,
+    CUSTOM_MODE,
+    IN_AIR,
+    LANDING,
+    ON_GROUND,
+    PX4,
+    TAKING_OFF,
+    angles_target,
+    heartbeat_fields,
+    rates_target,
+)
 
 Px4Topic = Mapping[str, NDArray[Any]]
 """The fields of one topic by pyulog's names ("q[0]"), (N,) each, and beside them ``time`` (N,) s since boot."""
@@ -45,7 +56,6 @@ NEEDED: Mapping[str, tuple[str, ...]] = {
 """The topics that are read, and the fields of each beside ``timestamp``, arrays with their length."""
 SETPOINTS = frozenset({"vehicle_attitude_setpoint", "vehicle_rates_setpoint", "manual_control_setpoint"})
 """Those that a companion may send as well."""
-RATES_IGNORED, ATTITUDE_IGNORED = 1 | 2 | 4, 128  # Bits of ATTITUDE_TARGET.type_mask
 STICK_RANGE, NO_STICK = 1000.0, 32767.0  # Full deflection in MANUAL_CONTROL, and what stands for none
 MAX_ATTITUDE_STEP = 0.1
 """Longest step, s, of the attitude that is interpolated: half a period at 5 Hz, the band of the roll dynamics."""
@@ -251,20 +261,14 @@ def _attitude_target(topics: Topics) -> dict[str, NDArray[Any]] | None:
     attitude, rates = _first(topics, "vehicle_attitude_setpoint"), _first(topics, "vehicle_rates_setpoint")
     if attitude is not None and _has(attitude, "q_d", 4):
         attitude = selected(attitude, _valid(attitude, "q_d_valid"))
-        none = np.full((len(attitude["time"]), 3), np.nan)
-        parts.append(_target(attitude, _array(attitude, "q_d", 4), none, RATES_IGNORED))
+        parts.append({"time": attitude["time"], **angles_target(_array(attitude, "q_d", 4))})
     if rates is not None and all(axis in rates for axis in ("roll", "pitch", "yaw")):
         asked = np.column_stack([rates[axis] for axis in ("roll", "pitch", "yaw")]).astype(np.float64)
-        parts.append(_target(rates, np.full((len(asked), 4), np.nan), asked, ATTITUDE_IGNORED))
+        parts.append({"time": rates["time"], **rates_target(asked)})
     if not parts:
         return None
     together = joined(parts)
     return selected(together, np.argsort(together["time"], kind="stable"))
-
-
-def _target(topic: Px4Topic, q: NDArray[Any], rates: NDArray[Any], type_mask: int) -> dict[str, NDArray[Any]]:
-    fields = dict(zip(("body_roll_rate", "body_pitch_rate", "body_yaw_rate"), rates.T, strict=True))
-    return {"time": topic["time"], "type_mask": np.full(len(q), type_mask, dtype=np.uint8), "q": q, **fields}
 
 
 def _manual_control(topics: Topics) -> dict[str, NDArray[Any]] | None:

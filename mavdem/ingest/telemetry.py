@@ -112,7 +112,7 @@ class Component:
 
 @dataclass(frozen=True)
 class Unread:
-    """Frames of one message from one component, by their headers: so many ``frames`` ``of`` all cannot be read.
+    """Frames of ``message_id`` from ``system`` and ``component``: so many ``frames`` ``of`` all cannot be read.
 
     ``cause`` is "another dialect" when none agrees with the dialect's definition, "damage" when some do.
     """

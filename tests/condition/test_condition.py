@@ -132,7 +132,6 @@ def test_a_series_too_short_has_no_interval():
     assert np.isinf(mean_interval(np.arange(8.0)[:, None], 8.0)).all()
 
 
-LEVEL_HOVER = Hover()
 PULSES = OutputScale("PWM", "µs", 1000.0, 2000.0, 1.0)
 
 
@@ -142,7 +141,7 @@ def log_of(telemetry: Telemetry) -> Log:
 
 def leaning(motor_rate: float = 100.0) -> Telemetry:
     """A hover about 10° of roll and -4° of pitch, motor 1 at 1800 µs and, every fourth message, at 1995 µs."""
-    telemetry = LEVEL_HOVER.telemetry(motor_time=motor_rate)
+    telemetry = HOVER.telemetry(motor_time=motor_rate)
     attitude, motors = telemetry.messages["ATTITUDE"], telemetry.messages["SERVO_OUTPUT_RAW"]
     tilt = {"roll": attitude["roll"] + np.radians(10), "pitch": attitude["roll"] - np.radians(4)}
     telemetry = changed(telemetry, "ATTITUDE", **tilt, pitchspeed=attitude["rollspeed"])
@@ -169,7 +168,7 @@ def test_figures_are_those_of_the_flight_however_slowly_the_motors_come(motor_ra
     assert found.at_upper_limit == pytest.approx([0.25, 0, 0, 0], abs=0.01)
     assert found.at_lower_limit == (0, 0, 0, 0)
     assert (found.roll, found.pitch) == pytest.approx((10, -4), abs=0.2)
-    assert found.seconds == pytest.approx(LEVEL_HOVER.hovering, abs=1.5)
+    assert found.seconds == pytest.approx(HOVER.hovering, abs=1.5)
     assert json.loads(json.dumps(found.as_dict(), allow_nan=False))["imbalance"] == pytest.approx(found.imbalance)
 
 

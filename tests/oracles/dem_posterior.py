@@ -1,4 +1,4 @@
-"""Small systems in smooth noise that test the engine: one state that decays, and a stabilised roll angle."""
+"""DEM of series from known systems, one state that decays and a stabilised roll angle: states and parameters."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from mavdem.dem.priors import KNOWN
 Array = NDArray[np.float64]
 
 DT = 0.1  # seconds; both systems respond within about one second
+LEAD = 40  # samples before the first at which the states start
 KINEMATIC_NOISE = 0.03  # of the relation that makes the rate the derivative of the roll angle, rad/s
 
 
@@ -26,38 +27,18 @@ def decay(
     smoothness: float, output_noise: float, *, gain: float = 0.0, process_noise: float = 1.0, samples: int = 90
 ) -> System:
     """ẋ = −x + gain·u + w, y = x + z, with the rate of decay free, and the gain too where there is one."""
-    return System(
-        A=np.array([[-1.0]]),
-        B=np.array([[gain]]),
-        C=np.eye(1),
-        state_noise=np.array([process_noise]),
-        output_noise=np.array([output_noise]),
-        smoothness=smoothness * DT,
-        dt=DT,
-        samples=samples,
-        lead=40,
-        start_sd=np.array([1.0]),
-        inputs=doublets,
-        free=np.arange(2 if gain else 1),
-    )
+    A, B, C = np.array([[-1.0]]), np.array([[gain]]), np.eye(1)
+    noise = np.array([process_noise]), np.array([output_noise])
+    free, start = np.arange(2 if gain else 1), np.array([1.0])
+    return System(A, B, C, *noise, smoothness * DT, DT, samples, LEAD, start, doublets, free)
 
 
 def roll(smoothness: float, output_noise: float, *, outputs: int = 2, process_noise: float = 3.0) -> System:
     """φ̇ = rate; the rate has stiffness, damping and gain, which are free, and noise; one output is the angle alone."""
-    return System(
-        A=np.array([[0.0, 1.0], [-4.0, -1.2]]),
-        B=np.array([[0.0], [4.0]]),
-        C=np.eye(outputs, 2),
-        state_noise=np.array([KINEMATIC_NOISE, process_noise]),
-        output_noise=np.full(outputs, output_noise),
-        smoothness=smoothness * DT,
-        dt=DT,
-        samples=90,
-        lead=40,
-        start_sd=np.array([1.0, 2.0]),
-        inputs=doublets,
-        free=np.array([2, 3, 5]),
-    )
+    A, B, C = np.array([[0.0, 1.0], [-4.0, -1.2]]), np.array([[0.0], [4.0]]), np.eye(outputs, 2)
+    noise = np.array([KINEMATIC_NOISE, process_noise]), np.full(outputs, output_noise)
+    free, start = np.array([2, 3, 5]), np.array([1.0, 2.0])
+    return System(A, B, C, *noise, smoothness * DT, DT, 90, LEAD, start, doublets, free)
 
 
 def doublets(times: Array) -> Array:
@@ -126,17 +107,9 @@ def generative_model(system: System, embedding: Embedding, prior: ParameterPrior
     else:
         output_correlation = temporal_precision(p, system.smoothness)
         state_correlation = temporal_precision(q, system.smoothness)
+    correlations = output_correlation, state_correlation
+    groups, inputs = (np.arange(m), m + np.arange(n)), KNOWN * np.eye(r * (p + 1))
+    of_noise = lambda_mean, KNOWN * np.eye(m + n)
     return GenerativeModel(
-        n,
-        r,
-        m,
-        p,
-        p,
-        q,
-        output_correlation,
-        state_correlation,
-        np.arange(m),
-        m + np.arange(n),
-        KNOWN * np.eye(r * (p + 1)),
-        Prior(theta_mean, theta_precision, lambda_mean, KNOWN * np.eye(m + n)),
+        n, r, m, p, p, q, *correlations, *groups, inputs, Prior(theta_mean, theta_precision, *of_noise)
     )

@@ -14,7 +14,9 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -188,40 +190,30 @@ EXPECTED = "318–403"  # rad/s² of roll per unit of one motor's command, by pu
 
 def usdlog(path: Path) -> dict[str, Array]:
     """Columns of the fixed-frequency event of a Crazyflie's log, version 2, and ``time``, s; units as logged."""
-    data, at = path.read_bytes(), 1
-
-    def text() -> str:
-        nonlocal at
-        end = data.index(0, at)
-        at, begin = end + 1, at
-        return data[begin:end].decode()
+    file = BytesIO(path.read_bytes()[1:])
 
     def numbers(form: str) -> tuple[Any, ...]:
-        nonlocal at
-        found = struct.unpack_from(f"<{form}", data, at)
-        at += struct.calcsize(f"<{form}")
-        return found
+        return struct.unpack(f"<{form}", file.read(struct.calcsize(f"<{form}")))
 
+    def text() -> str:
+        return b"".join(iter(partial(file.read, 1), b"\0")).decode()
+
+    events: dict[int, tuple[str, list[str], list[tuple[Any, ...]]]] = {}
     _, kinds = numbers("HH")
-    forms: dict[int, str] = {}
-    names: dict[int, tuple[str, list[str]]] = {}
-    rows: dict[int, list[tuple[Any, ...]]] = {}
     for _ in range(kinds):
-        (kind,) = numbers("H")
-        event, (count,) = text(), numbers("H")
-        # A variable is called name(letter).
-        variables = [text() for _ in range(count)]
-        forms[kind] = "Q" + "".join(each[-2] for each in variables)
-        names[kind], rows[kind] = (event, [each[:-3] for each in variables]), []
-    # A checksum, shorter than any event, ends it.
-    while at + struct.calcsize("<HQ") <= len(data):
-        (kind,) = numbers("H")
-        if at + struct.calcsize(f"<{forms[kind]}") > len(data):
-            break
-        rows[kind].append(numbers(forms[kind]))
-    kind = next(kind for kind, (event, _) in names.items() if event == "fixedFrequency")
-    columns = np.array(rows[kind]).T
-    return {"time": columns[0] / 1e6, **dict(zip(names[kind][1], columns[1:], strict=True))}
+        (kind,), event, (count,) = numbers("H"), text(), numbers("H")
+        events[kind] = event, [text() for _ in range(count)], []
+    # A variable is called name(letter); a checksum, shorter than any event, ends the file.
+    with suppress(struct.error, KeyError):
+        while True:
+            _, variables, rows = events[numbers("H")[0]]
+            rows.append(numbers("Q" + "".join(each[-2] for each in variables)))
+    variables, rows = next(rest for event, *rest in events.values() if event == "fixedFrequency")
+    columns = np.array(rows).T
+    return {
+        "time": columns[0] / 1e6,
+        **{name[:-3]: values for name, values in zip(variables, columns[1:], strict=True)},
+    }
 
 
 def crazyflie() -> None:

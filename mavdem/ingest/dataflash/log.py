@@ -141,7 +141,7 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
     counts = numbers(recording.table("DSF")).columns.get("Dp", np.zeros(0)).astype(np.float64)
     dropouts = int(np.nansum(np.maximum(np.diff(counts), 0)))
     version = next((found for text in texts if (found := _COPTER_VERSION.match(text))), None)
-    made = translated(tables, kind, (int(version[1]), int(version[2])) if version else None)
+    messages, names, notes = translated(tables, kind, (int(version[1]), int(version[2])) if version else None)
     if recording.bytes_skipped:
         repairs = (f"{recording.bytes_skipped} bytes that belong to no message were skipped.", *repairs)
     lost = (dropouts, f"The logger had no room for {dropouts} messages (DSF): they are missing.")
@@ -151,14 +151,14 @@ def read_dataflash(path: str | os.PathLike[str], progress: Progress | None = Non
         component=AUTOPILOT_COMPONENT,
         vehicle=UNNAMED if kind == UNKNOWN else enum_name("MAV_TYPE", kind),
         autopilot=enum_name("MAV_AUTOPILOT", ARDUPILOT),
-        messages=made.messages,
+        messages=messages,
         parameters=parameters,
         source=source,
-        repairs=recording.repairs + repairs + made.notes + repair_sentences(lost),
+        repairs=recording.repairs + repairs + notes + repair_sentences(lost),
         translated_from="DataFlash",
         firmware=next((text.strip() for text in texts if _FIRMWARE.match(text)), ""),
         dropouts=dropouts,
-        names=made.names,
+        names=names,
         board=board_number_in_texts(texts),
     )
     frames = sum(recording.counts.values())
