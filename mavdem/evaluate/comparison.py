@@ -233,9 +233,7 @@ class Comparison:
         left = {(one.flight, one.start, one.method): one for one in outcomes}
         methods = tuple(dict.fromkeys(method for _, _, method in left))
         try:
-            rows = tuple(
-                tuple(left.pop((window.flight, window.start, method)) for method in methods) for window in windows
-            )
+            rows = tuple(tuple(left.pop((one.flight, one.start, name)) for name in methods) for one in windows)
         except KeyError as missing:
             raise ValueError(f"outcomes must hold every method on every window; {missing} is missing") from None
         if left or not (windows and methods):
@@ -258,8 +256,9 @@ class Comparison:
 
     def of_flight(self, flight: str) -> Comparison:
         """Returns the part of one ``flight``, by its name."""
-        own = [i for i, window in enumerate(self.windows) if window.flight == flight]
-        return Comparison(tuple(self.windows[i] for i in own), self.methods, tuple(self.outcomes[i] for i in own))
+        own = [pair for pair in zip(self.windows, self.outcomes, strict=True) if pair[0].flight == flight]
+        windows, outcomes = zip(*own, strict=True)
+        return Comparison(windows, self.methods, outcomes)
 
     def summaries(self, flight: str, question: str = KNOWN) -> tuple[dict[str, Any], ...]:
         """Returns each method's summary of a ``question`` on the ``flight`` of that name, the lowest error first.
@@ -325,12 +324,11 @@ class Comparison:
         lost = []
         for flight, rows in self._summaries[question].items():
             ours = next(row for row in rows if row["method"] == self.methods_of(question)[0])
-            for row in rows:
-                for our, at in zip(ours["horizons"], row["horizons"], strict=True):
-                    if our["relative"] > at["relative"]:
-                        over = float(error_over(our["relative"], at["relative"]))
-                        names = {"flight": flight, "method": row["method"], "steps": at["steps"]}
-                        lost.append({**names, "ratio": over, "paired": at["reference"]})
+            for row, place in product(rows, range(len(ours["horizons"]))):
+                at = row["horizons"][place]
+                if (over := float(error_over(ours["horizons"][place]["relative"], at["relative"]))) > 1:
+                    names = {"flight": flight, "method": row["method"], "steps": at["steps"]}
+                    lost.append({**names, "ratio": over, "paired": at["reference"]})
         return sorted(lost, key=lambda loss: -loss["ratio"])
 
     def verdicts(self, question: str = KNOWN) -> dict[str, Paired]:
@@ -341,8 +339,12 @@ class Comparison:
         first, *others = self.methods_of(question)
         if len(self.flights) >= FEWEST_PAIRS:
             return {row["method"]: row["reference"] for row in self.over_flights(question) if row["method"] != first}
-        columns = {column[0].method: column for column in zip(*self.outcomes, strict=True)}
-        whole = {name: [float(ratio(one.of(question)[-1:])[0]) for one in columns[name]] for name in (first, *others)}
+        columns = zip(self.methods, zip(*self.outcomes, strict=True), strict=True)
+        whole = {
+            name: [float(ratio(one.of(question))[-1]) for one in column]
+            for name, column in columns
+            if name in (first, *others)
+        }
         return {name: paired(whole[first], whole[name], self.windows) for name in others}
 
     def over_flights(self, question: str = KNOWN) -> tuple[dict[str, Any], ...]:
@@ -351,11 +353,9 @@ class Comparison:
         ``relative`` and ``horizons``, those that all have, are geometric means of the flights' medians, ``inside`` is a
         mean, ``COUNTS`` and ``mspe_total`` are sums; of ``reference`` each flight is one pair.
         """
-        by_method: dict[str, list[dict[str, Any]]] = {}
-        for row in (row for rows in self._summaries[question].values() for row in rows):
-            by_method.setdefault(row["method"], []).append(row)
-        overall = []
-        for method, rows in by_method.items():
+        summaries, overall = [row for rows in self._summaries[question].values() for row in rows], []
+        for method in self.methods_of(question):
+            rows = [row for row in summaries if row["method"] == method]
             shared = min(len(row["horizons"]) for row in rows)
             # The last is the whole test part, on whatever number of horizons before it.
             columns = [[row["horizons"][i] for row in rows] for i in (*range(shared - 1), -1)]
@@ -380,17 +380,18 @@ class Comparison:
         Of forecasts given the inputs, the same of predictions without them is in ``predictions``.
         """
         predicted = question != UNKNOWN and self.methods_of(UNKNOWN)
-        document = {
-            "reference": self.methods_of(question)[0],
-            "methods": list(self.methods_of(question)),
-            "start": "zero" if question == FROM_ZERO else "data",
-            "verdicts": self.verdicts(question),
-            "losses": self.losses(question),
-            "over_flights": list(self.over_flights(question)),
-            "flights": [self._flight(flight, question) for flight in self.flights],
-            "predictions": self.to_dict(UNKNOWN) if predicted else None,
-        }
-        values: dict[str, Any] = _plain(document)
+        values: dict[str, Any] = _plain(
+            {
+                "reference": self.methods_of(question)[0],
+                "methods": list(self.methods_of(question)),
+                "start": "zero" if question == FROM_ZERO else "data",
+                "verdicts": self.verdicts(question),
+                "losses": self.losses(question),
+                "over_flights": list(self.over_flights(question)),
+                "flights": [self._flight(flight, question) for flight in self.flights],
+                "predictions": self.to_dict(UNKNOWN) if predicted else None,
+            }
+        )
         return values
 
     def _flight(self, flight: str, question: str) -> dict[str, Any]:

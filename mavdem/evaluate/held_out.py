@@ -78,8 +78,7 @@ class HeldOut:
 
     def error_ratio(self, name: str = FORECAST) -> float:
         """Returns the mean squared error of the forecast ``name`` over that of the constant mean, of all windows."""
-        ours, theirs = (self._sizes(each).mean() for each in (name, CONSTANT_MEAN))
-        return float(error_over(ours, theirs))
+        return float(error_over(self._sizes(name).mean(), self._sizes(CONSTANT_MEAN).mean()))
 
     def error_ratios(self, name: str = FORECAST, baseline: str = CONSTANT_MEAN) -> Array:
         """Returns the mean squared error of the forecast ``name`` over that of the ``baseline``, by window (W,)."""
@@ -145,7 +144,7 @@ def held_out_windows(
         settings: of the fits; ``Settings()`` unless given.
         steps: samples of a window; those of 1.5 s unless given.
         progress: called with the share done.
-        start: a model of all the flights, at whose estimates the five fits begin: they take half the time.
+        start: a model of all the flights, at whose estimates the fits begin.
 
     Raises:
         ValueError: too little flight for a window in any part.
@@ -158,7 +157,8 @@ def held_out_windows(
             model = learn(training, settings, start)
         except ValueError as error:
             failures = (str(error),)
-        for flight, first, stop in ((flights[i], first, stop) for i, first, stop in fold):
+        for i, first, stop in fold:
+            flight = flights[i]
             # The filter finds its state in whole windows before the first that counts.
             lead = steps * ceil(samples_in(TEST_SECONDS, flight.dt) / steps)
             first = max(first, lead)
@@ -184,12 +184,11 @@ def held_out_test(train: Flight, test: Flight, learned: Learned) -> HeldOut:
 def _others(flights: Sequence[Flight], fold: Sequence[tuple[int, int, int]]) -> list[Flight]:
     """The pieces of the flights outside a fold that are long enough to learn from."""
     inside = {i: (first, stop) for i, first, stop in fold}
-    pieces = []
+    least, pieces = max(MIN_PIECE_SECONDS / flights[0].dt, 1), []
     for i, flight in enumerate(flights):
         first, stop = inside.get(i, (len(flight), len(flight)))
-        pieces += [(flight, 0, first), (flight, stop, len(flight))]
-    least = MIN_PIECE_SECONDS / flights[0].dt
-    return [flight[first:stop] for flight, first, stop in pieces if stop - first >= max(least, 1)]
+        pieces += [flight[a:b] for a, b in ((0, first), (stop, len(flight))) if b - a >= least]
+    return pieces
 
 
 def _forecast(

@@ -29,14 +29,6 @@ def of_nfoursid(flight: Flight, system: StateSpace) -> StateSpace:
     return StateSpace(found.a, found.b, found.c, found.d, K, offset, *trims)
 
 
-def of_sippy(flight: Flight, system: StateSpace) -> StateSpace:
-    methods = pytest.importorskip("sippy_unipi.OLSims_methods")
-    order, trims = len(system.A), (system.input_trim, system.output_trim)
-    inputs, outputs = (flight.inputs - trims[0]).T, (flight.outputs - trims[1]).T
-    A, B, C, D, _, _, _, _, K = methods.OLSims(outputs, inputs, HORIZON, "MOESP", fixed_order=order)[:9]
-    return StateSpace(A, B, C, D, K, np.zeros(order), *trims)
-
-
 def of_mavdem(flight: Flight, order: int, monkeypatch: pytest.MonkeyPatch) -> StateSpace:
     """With the same horizon as theirs."""
     module = importlib.import_module("mavdem.baselines.subspace_identification")
@@ -55,13 +47,3 @@ def test_without_noise_nfoursid_finds_the_same_system(order, monkeypatch):
     theirs = input_answers(of_nfoursid(flight, system))
     ours = input_answers(of_mavdem(flight, order, monkeypatch))
     np.testing.assert_allclose(ours, theirs, atol=1e-6 * np.abs(theirs).max())
-
-
-@pytest.mark.parametrize("order", [1, 2, 3])
-def test_moesp_is_sippy_s(order, monkeypatch):
-    """But for the last windows, of which it uses one less, and the mean: a tenth of a standard error of an answer."""
-    system = random_system(order, order)
-    flight, _ = flown(system, 1, 4000)
-    theirs = input_answers(of_sippy(flight, system))
-    ours = input_answers(of_mavdem(flight, order, monkeypatch))
-    assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.1 * 0.1 / np.sqrt(4000)

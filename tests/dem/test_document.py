@@ -1,4 +1,4 @@
-"""The document of a learned model: both ways, and what is no such document."""
+"""Documents of settings and of learned models: both ways, and what is no such document."""
 
 import json
 import pickle

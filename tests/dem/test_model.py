@@ -1,3 +1,5 @@
+"""Linear algebra, generalized coordinates, linear systems and their filters, against SciPy and by brute force."""
+
 from math import factorial
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""Where this engine ends, against where the paper's authors' own code does."""
+"""This engine beside the code of the paper's authors: its steps on their X, θ and λ, and where both end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Physical parameters: the filter is the Kalman filter it says it is, and flights that steer give their truth back."""
+"""Physical parameters: the filter is the Kalman filter it says it is, flights that steer give their truth back.
+
+And what commanded motors would do: the plant alone, beside a plant that is commanded.
+"""
 
 from __future__ import annotations
 
@@ -188,15 +191,6 @@ def test_directions_that_count_turns_the_other_way_round_are_turned():
     flight = flown(0, steering=1.0)
     turned = Flight(flight.time, flight.inputs, flight.outputs, effect_directions=-np.sign(MOTORS))
     np.testing.assert_array_equal(np.sign(physical(turned).effect), np.sign(MOTORS))
-
-
-@pytest.mark.slow
-def test_nothing_is_identifiable_where_motors_only_react_to_the_wind():
-    found = physical(flown(0, steering=0.0, wind=3.0))
-    assert found.status == dict.fromkeys(PARAMETERS, "not identifiable")
-    assert np.isnan(np.append(*found.interval()[:2])).all()
-    assert "steer" in found.reasons["effect"] or "quick inputs" in found.reasons["effect"]
-    assert "not identifiable" in str(found.caution)
 
 
 SOUND = limits.IdentifiabilityFigures(
@@ -390,9 +384,14 @@ def test_bands_hold_commanded_flights():
 
 
 @pytest.mark.slow
-def test_where_motors_are_not_identifiable_it_says_so_and_gives_no_band():
+def test_nothing_is_identifiable_where_motors_only_react_to_the_wind_and_there_is_no_band():
     flight = flown(0, steering=0.0, wind=3.0)
     learned = mavdem.learn(flight, SETTINGS)
+    found = learned.physical
+    assert found.status == dict.fromkeys(PARAMETERS, "not identifiable")
+    assert np.isnan(np.append(*found.interval()[:2])).all()
+    assert "steer" in found.reasons["effect"] or "quick inputs" in found.reasons["effect"]
+    assert "not identifiable" in str(found.caution)
     with pytest.warns(UserWarning, match="may be far off.*not identifiable"):
         assert learned.simulate(flight.inputs[:20]).shape == (20, 2)
     with pytest.raises(ValueError, match="no band.*not identifiable"):

@@ -1,4 +1,4 @@
-"""How far estimates scatter, and what the data did not determine."""
+"""How far estimates scatter, what the data did not determine, and how smooth the noise is."""
 
 import calibration
 import numpy as np

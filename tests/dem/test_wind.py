@@ -1,4 +1,4 @@
-"""The wind's torque: the smoother against a joint Gaussian, its band, its numbers, and simulated flights' truth."""
+"""The wind's torque, offline and live: the smoother against a joint Gaussian, bands, gusts, simulated truth."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +9,6 @@ from rerun.chunk import RrdReader
 from rerun_file import chunks, views
 
 import mavdem
-from mavdem.dem.graybox.wind import DetectedGust
 from mavdem.evaluate import held_out_test
 from mavdem.report.blocks import markdown
 from mavdem.report.details import detail_blocks
@@ -107,20 +105,6 @@ def test_the_command_and_the_wind_s_torque_are_over_the_training_data(recording:
         times, shown = without_gaps(drawn[line])
         np.testing.assert_allclose(times, TIME, atol=1e-8)
         np.testing.assert_allclose(shown, values, atol=1e-9)
-
-
-def test_gusts_are_shaded_when_they_blew(learned: mavdem.Learned) -> None:
-    assert learned.wind is not None
-    gusty = replace(learned.wind, gusts=(DetectedGust(400, 4.0, 0.5, 3.0),))
-    series = FlightSeries(PARTS, learned, held_out_test(PARTS[-1], TEST, learned))
-    series.learned = SimpleNamespace(wind=gusty, physical=SimpleNamespace(identifiable=False))
-    assert series.wind() is None  # it is what the motors' effect leaves of the torque
-    series.learned.physical.identifiable = True
-    plot = series.wind()
-    assert plot is not None
-    (time,) = [time for lines, time, _ in plot.lines if lines.names[0].startswith("gust")]
-    start = PARTS[1].time[20] - START  # sample 400 of both parts
-    assert (time.min(), time.max()) == pytest.approx((start, start + 0.5))
 
 
 def test_a_precision_that_the_prior_fixes_is_distinguished_from_one_that_is_learnt(learned: mavdem.Learned) -> None:

@@ -56,7 +56,7 @@ BOUND_LEVEL = 0.99  # share of the correlations at different lags that lie withi
 LAG_SECONDS = 0.5
 HIGHEST_HERTZ = 10.0  # of the spectrum: what is faster is noise of the sensors
 MIN_RANGE, MAX_RANGE = 1e2, 1e5  # of the spectrum's axis, below its largest value
-GUST_OPACITY = 0.3
+
 LEAST_IMBALANCE = 5.0  # percent, that the axis shows at least: less is not worth a look
 ROW, AROUND = 0.3, 0.95  # inches: a motor, and what is above and below
 END = 1.06  # of the iterations, where the final parameters stand
@@ -103,10 +103,7 @@ class Plots(SystemPlots):
 
         Correlations beyond the 99 % bounds are what the model leaves: of white residuals that do not depend on the
         command, one in a hundred would be. The bounds of the second allow for autocorrelation of both (Ljung, System
-        Identification, 2nd ed., sec. 16.6).
-
-        Args:
-            output: which, in the order of the flight's outputs; the last one, a rate, unless given.
+        Identification, 2nd ed., sec. 16.6). The ``output`` is the last one, a rate, unless given.
         """
         learned = self.learned
         labels, command, record = Labels.of(learned), AxisCommand.of(learned), learned.record
@@ -128,13 +125,10 @@ class Plots(SystemPlots):
             time, shown = with_gaps(record, sample_times(record)), with_gaps(record, unit.scale * errors)
             axes["time"].plot(time, shown, color=PREDICTED, linewidth=0.6)
             largest = 1.15 * float(np.nanmax(np.abs(shown)))
-            title = f"one-step residual of {name}: RMS {unit.scale * np.nanstd(errors):.2g} {unit.name}"
             axes["time"].set(xlabel="time since boot (s)", ylabel=f"residual ({unit.name})", ylim=(-largest, largest))
-            axes["time"].set_title(title)
-            for panel, shift, values, bound in (
-                (axes["auto"], lag[1:], auto[1:], width),
-                (axes["across"], lag, across, width * joint),
-            ):
+            axes["time"].set_title(f"one-step residual of {name}: RMS {unit.scale * np.nanstd(errors):.2g} {unit.name}")
+            panels = (axes["auto"], lag[1:], auto[1:], width), (axes["across"], lag, across, width * joint)
+            for panel, shift, values, bound in panels:
                 panel.axhspan(-bound, bound, color=BOUND, alpha=2 * HELD_OUT_OPACITY, linewidth=0)
                 panel.axhline(0, **HAIRLINE)
                 panel.vlines(shift, 0, values, color=PREDICTED, linewidth=1.3)
@@ -146,10 +140,7 @@ class Plots(SystemPlots):
         return figure
 
     def disturbance(self, truth: Array | None = None) -> Figure:
-        """Draws the wind torque over time with its 90 % band and gusts, and its spectral density.
-
-        Args:
-            truth: (T,) rad/s², of a simulated flight at the training samples.
+        """Draws the wind torque over time with band and gusts, its spectral density, and the ``truth`` (T,), rad/s².
 
         Raises:
             ValueError: there is no wind torque, since no physical parameters can be fitted.
@@ -170,7 +161,7 @@ class Plots(SystemPlots):
             above.plot(time, torque, color=DISTURBANCE, linewidth=THIN, label="wind torque")
             for number, gust in enumerate(wind.gusts):
                 ends = clock[gust.sample], clock[gust.sample] + gust.length
-                above.axvspan(*ends, color=GUST, alpha=GUST_OPACITY, linewidth=0, label="" if number else "gust")
+                above.axvspan(*ends, color=GUST, alpha=0.3, linewidth=0, label="" if number else "gust")
             above.set(xlabel="time since boot (s)", ylabel=f"wind torque ({unit.name})")
             legend_above(above)
             frequency, density, model = wind.spectrum
@@ -191,10 +182,7 @@ class Plots(SystemPlots):
         return figure
 
     def motors(self, hover: HoverFigures | None = None) -> Figure:
-        """Draws a row a motor: its control effectiveness and, where known, its trim deviation and its headroom.
-
-        Args:
-            hover: of ``mavdem.hover`` or ``mavdem.hover_figures``, for the same motors.
+        """Draws a row a motor: its control effectiveness and, by ``mavdem.hover``, its trim deviation and its headroom.
 
         Raises:
             ValueError: there are no physical parameters, and no ``hover``.
@@ -334,13 +322,11 @@ def forecast(held: HeldOut, labels: Labelled, output: int = 0, windows: int = WI
 
 def typical_windows(held: HeldOut, windows: int) -> slice:
     """Returns the neighbouring windows, without a gap, whose median error ratio is nearest to that of all."""
-    ratios = np.nan_to_num(held.error_ratios(), posinf=np.finfo(float).max)
-    count = min(windows, len(held))
-    overall = np.median(ratios)
-    starts = np.arange(len(held) - count + 1)
-    gaps = np.diff(held.time[:, 0]) > 2 * held.seconds  # less is left over at the end of a part
-    broken = np.array([gaps[start : start + count - 1].any() for start in starts])
-    off = np.array([abs(np.median(ratios[start : start + count]) - overall) for start in starts])
+    ratios, count = np.nan_to_num(held.error_ratios(), posinf=np.finfo(float).max), min(windows, len(held))
+    neighbours = np.lib.stride_tricks.sliding_window_view
+    off = np.abs(np.median(neighbours(ratios, count), axis=1) - np.median(ratios))
+    gaps = np.append(np.diff(held.time[:, 0]) > 2 * held.seconds, False)  # less is left over at the end of a part
+    broken = neighbours(gaps, count)[:, : count - 1].any(axis=1)
     start = int(np.argmin(np.where(broken & ~broken.all(), np.inf, off)))
     return slice(start, start + count)
 

@@ -26,7 +26,6 @@ from mavdem.report.palette import BAD, HELD_OUT_OPACITY, PHYSICAL, PREDICTED, TR
 
 Complex = NDArray[np.complex128]
 Truth = tuple[Array, Array, float]
-"""A (n, n) and B (n, r) of a simulated vehicle, whose first states are the outputs, and its delay, s."""
 
 DRAWS = 400
 EDGES = 50 * (1 - LEVEL), 50 * (1 + LEVEL)  # percentiles of draws: of the 90 % band
@@ -126,13 +125,11 @@ class SystemPlots:
     learned: Learned
 
     def bode(self, output: int = -1, truth: Truth | None = None) -> Figure:
-        """Draws magnitude and phase of an output over frequency, from the axis's command, with 90 % bands.
+        """Draws magnitude and phase of an ``output`` over frequency, from the axis's command, with 90 % bands.
 
-        Of the model and, where all of them are reported, of the physical parameters.
-
-        Args:
-            output: which, in the order of the flight's outputs; the last one, a rate, unless given.
-            truth: A (n, n) and B (n, r) of a simulated vehicle, whose first states are the outputs, and its delay, s.
+        Of the model and, where all of them are reported, of the physical parameters. The output is the last one, a
+        rate, unless given; ``truth`` is A (n, n) and B (n, r) of a simulated vehicle, whose first states are the
+        outputs, and its delay, s.
         """
         learned = self.learned
         command, labels = AxisCommand.of(learned), Labels.of(learned)
@@ -144,12 +141,11 @@ class SystemPlots:
             magnitudes, phases = [], []
             for name, colour, systems in _curves(learned, command.motors, truth):
                 response = systems.over_frequency(frequency, output)
-                magnitude = unit.scale * np.abs(response)
-                phase = np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0]))
-                _draw(above, frequency, magnitude, name, colour)
-                _draw(below, frequency, phase, name, colour)
-                magnitudes.append(magnitude[0])
-                phases.append(phase[0])
+                magnitudes.append(unit.scale * np.abs(response))
+                phases.append(np.degrees(np.unwrap(np.angle(response[0])) + np.angle(response / response[0])))
+                _draw(above, frequency, magnitudes[-1], name, colour)
+                _draw(below, frequency, phases[-1], name, colour)
+            magnitudes, phases = ([one[0] for one in curves] for curves in (magnitudes, phases))
             above.set(xscale="log", yscale="log")
             above.set_ylabel(f"{labels.output_names[output]} by {command.name}\n({per(unit.name, command.unit)})")
             lowest, highest = np.min(magnitudes) / MAX_WIDER, np.max(magnitudes) * MAX_WIDER
@@ -166,10 +162,8 @@ class SystemPlots:
     def step(self, truth: Truth | None = None) -> Figure:
         """Draws each output after a step of the axis's command at 0 s, from trim, with 90 % bands.
 
-        The step is as large as the standard deviation of the command in the flight, to one digit.
-
-        Args:
-            truth: A (n, n) and B (n, r) of a simulated vehicle, whose first states are the outputs, and its delay, s.
+        The step is as large as the standard deviation of the command in the flight, to one digit; ``truth`` is as for
+        :meth:`bode`.
         """
         learned = self.learned
         command, labels = AxisCommand.of(learned), Labels.of(learned)
@@ -177,10 +171,8 @@ class SystemPlots:
         time, outputs = np.linspace(0.0, STEP_SECONDS, STEP_POINTS), len(labels.output_names)
         with picture(1.5 + 1.2 * outputs) as figure:
             rows = np.atleast_1d(figure.subplots(outputs, 1, sharex=True))
-            curves = [
-                (name, colour, size * systems.after_step(time))
-                for name, colour, systems in _curves(learned, command.motors, truth)
-            ]
+            drawn = _curves(learned, command.motors, truth)
+            curves = [(name, colour, size * systems.after_step(time)) for name, colour, systems in drawn]
             for output, axes in zip(reversed(range(outputs)), rows, strict=True):
                 unit = readable(labels.output_units[output])
                 axes.axhline(0, **HAIRLINE)
@@ -188,8 +180,8 @@ class SystemPlots:
                     _draw(axes, time, unit.scale * values[..., output], name, colour)
                 axes.set_ylabel(f"{labels.output_names[output]} ({unit.name})")
                 not_blown_up(axes, [unit.scale * values[0, :, output] for *_, values in curves])
-            unit_of_step = f" {command.unit}" if command.unit else ""
-            rows[-1].set_xlabel(f"time after a step of {size:g}{unit_of_step} in the {command.name} (s)")
+            step = f"{size:g} {command.unit}".rstrip()
+            rows[-1].set_xlabel(f"time after a step of {step} in the {command.name} (s)")
             legend_above(rows[0])
             note(figure, _remark(learned))
         return figure
@@ -197,8 +189,7 @@ class SystemPlots:
     def poles(self, truth: Array | None = None) -> Figure:
         """Draws the slow poles of the model, with draws from their uncertainty; fast ones are named at the edge.
 
-        Args:
-            truth: A (n, n) of a simulated vehicle, for its poles.
+        ``truth`` is A (n, n) of a simulated vehicle.
         """
         learned = self.learned
         systems = model_systems(learned, np.ones(learned.model.B.shape[1]))
